@@ -1,0 +1,1 @@
+//! Simulated plants and scenarios for tesaki.

@@ -1,0 +1,142 @@
+use super::{ErrorObserver, FrictionFeedforward, JointPoint, ObserverState, Pid, PidState, ServoMode};
+use crate::math;
+use crate::model::JointModel;
+use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
+
+/// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3, section 4, figure 6).
+///
+/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference, [`JointServo::update`] the
+/// torque; between them the caller computes the model's torque for the references of all joints.
+#[derive(Clone, Copy, Debug)]
+pub struct JointServo {
+    filter: TrajectoryFilter,
+    filter_time: f32,
+    pid: Pid,
+    observer: ErrorObserver,
+    friction: FrictionFeedforward,
+    rotor_inertia: f32,
+    torque_limit: f32,
+    torque_rate: RateLimiter,
+}
+
+/// State of a [`JointServo`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointServoState {
+    trajectory: TrajectoryState,
+    pid: PidState,
+    observer: ObserverState,
+    /// Torque of the last tick [N·m].
+    torque: f32,
+}
+
+/// What a [`JointServo`] puts out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServoOutput {
+    /// Torque within every limit [N·m].
+    pub torque: f32,
+    /// The part of it that the feed-forward does not account for [N·m].
+    pub effort: f32,
+}
+
+impl JointServoState {
+    /// At rest at `position` [rad], nothing learnt.
+    pub const fn at(position: f32) -> Self {
+        Self {
+            trajectory: TrajectoryState::at(position),
+            pid: PidState::at(position),
+            observer: ObserverState::new(),
+            torque: 0.0,
+        }
+    }
+
+    /// Where the reference comes to rest soonest without turning back [rad].
+    pub const fn resting_point(&self) -> f32 {
+        self.trajectory.resting_point()
+    }
+
+    /// Starts the reference anew, at rest at `position` [rad]; what was learnt about disturbances stays.
+    pub const fn rebase(&mut self, position: f32) {
+        self.trajectory = TrajectoryState::at(position);
+        self.observer.forget_motion();
+    }
+
+    /// The torque went to zero from outside.
+    pub const fn release(&mut self) {
+        self.torque = 0.0;
+    }
+}
+
+impl JointServo {
+    /// The servo of a joint of a validated model.
+    pub fn new(joint: &JointModel) -> Self {
+        let current_torque = joint.motor.current_limit * joint.motor.torque_constant;
+        Self {
+            filter: TrajectoryFilter::new(joint.servo.filter_time),
+            filter_time: joint.servo.filter_time,
+            pid: Pid::new(&joint.servo.pid),
+            observer: ErrorObserver::new(&joint.servo.observer, &joint.motor),
+            friction: FrictionFeedforward::new(&joint.friction, joint.servo.coulomb_share),
+            rotor_inertia: joint.motor.rotor_inertia,
+            torque_limit: joint.limits.torque.min(current_torque),
+            torque_rate: RateLimiter::new(joint.limits.torque_rate),
+        }
+    }
+
+    /// The reference of this tick on the way to `goal` [rad], through the trajectory filter.
+    #[inline]
+    pub const fn approach(&self, state: &mut JointServoState, goal: f32) -> JointPoint {
+        let position = self.filter.update(&mut state.trajectory, goal);
+        JointPoint {
+            position,
+            velocity: self.filter.velocity(&state.trajectory),
+            acceleration: self.filter.acceleration(&state.trajectory, goal),
+        }
+    }
+
+    /// The reference of this tick is `point`; the trajectory filter is carried along, so that a later
+    /// [`JointServo::approach`] continues without a jump.
+    #[inline]
+    pub const fn follow(&self, state: &mut JointServoState, point: JointPoint) -> JointPoint {
+        state.trajectory = TrajectoryState::moving(point.position, point.velocity, self.filter_time);
+        point
+    }
+
+    /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is what the
+    /// links need for that by the model [N·m]; rotor and friction are added here.
+    #[inline]
+    pub fn update(
+        &self,
+        state: &mut JointServoState,
+        mode: ServoMode,
+        reference: &JointPoint,
+        measured: f32,
+        model_torque: f32,
+    ) -> ServoOutput {
+        let feedforward = model_torque
+            + self.rotor_inertia * reference.acceleration
+            + self.friction.torque(reference.velocity);
+        match mode {
+            ServoMode::Pid => {
+                let wanted = feedforward + self.pid.output(&mut state.pid, reference, measured);
+                let torque = self.limit(state, wanted);
+                self.pid.settle(&mut state.pid, wanted, torque);
+                ServoOutput { torque, effort: torque - feedforward }
+            }
+            ServoMode::Observer => {
+                let effort = self.observer.effort(&mut state.observer, reference.position - measured);
+                let torque = self.limit(state, feedforward + effort);
+                self.observer.settle(&mut state.observer, torque - feedforward);
+                ServoOutput { torque, effort: torque - feedforward }
+            }
+        }
+    }
+
+    /// The torque [N·m] nearest to `wanted` within torque, current and torque-rate limits. Every torque passes here
+    /// last.
+    #[inline]
+    pub const fn limit(&self, state: &mut JointServoState, wanted: f32) -> f32 {
+        let wanted = math::clamp(wanted, -self.torque_limit, self.torque_limit);
+        state.torque = self.torque_rate.limit(state.torque, wanted);
+        state.torque
+    }
+}

@@ -1,0 +1,36 @@
+//! Control of single joints. Chains and tasks build on it.
+
+mod friction;
+mod joint_servo;
+mod observer;
+mod pid;
+
+pub use friction::FrictionFeedforward;
+pub use joint_servo::{JointServo, JointServoState, ServoOutput};
+pub use observer::{ErrorObserver, ObserverState};
+pub use pid::{Pid, PidState};
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// One point of a joint's trajectory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JointPoint {
+    /// Angle [rad].
+    pub position: f32,
+    /// Its first derivative [rad/s].
+    pub velocity: f32,
+    /// Its second derivative [rad/s²].
+    pub acceleration: f32,
+}
+
+/// How a joint servo damps and how it learns about disturbances.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ServoMode {
+    /// 0: PID with pseudo-differentiator, as in the Hand3 paper, section 4.
+    Pid,
+    /// 1: state feedback on an observer of velocity and disturbance.
+    Observer,
+}

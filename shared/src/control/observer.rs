@@ -1,0 +1,98 @@
+use crate::model::{Motor, ObserverGains};
+use crate::{TICK, math};
+
+/// State feedback on an observer of error, error velocity and disturbance: the model-based stand-in for PID.
+///
+/// The feed-forward moves the nominal joint exactly along its reference. What is left is the error `e = reference −
+/// angle` with `J·ë = d − u`: `u` is the *effort*, the torque beyond the feed-forward, and `d` the disturbance that it
+/// has to make up for (unmodelled friction, gravity, inertia, coupling). Because the observer works on the error it
+/// has no lag on the reference.
+///
+/// - Observer: one prediction with the effort that really acted (after every limit, shifted by the delay of the
+///   motor's inner loop), then a correction with three equal poles at `e^(−ω_o·T)`, the critically damped fading-memory
+///   filter (Morrison 1969).
+/// - Feedback: `u = d + J·(k₁·e + k₂·ė)` with two equal poles at `γ = e^(−ω·T)` for the held-input double integrator:
+///   `k₁ = (1−γ)²/T²`, `k₂ = (1−γ)(3+γ)/(2T)`.
+#[derive(Clone, Copy, Debug)]
+pub struct ErrorObserver {
+    /// `T/J`.
+    velocity_per_effort: f32,
+    /// Corrections of error, velocity and disturbance by the innovation.
+    correction: [f32; 3],
+    proportional: f32,
+    derivative: f32,
+    /// Share of the last period's effort that still acts in this one.
+    carry: f32,
+}
+
+/// State of an [`ErrorObserver`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ObserverState {
+    /// Predicted error [rad] and its velocity [rad/s] at the next tick.
+    error: f32,
+    velocity: f32,
+    /// Estimated disturbance [N·m].
+    disturbance: f32,
+    /// Effort of the last tick [N·m].
+    effort: f32,
+}
+
+impl ObserverState {
+    /// No error and no disturbance.
+    pub const fn new() -> Self {
+        Self { error: 0.0, velocity: 0.0, disturbance: 0.0, effort: 0.0 }
+    }
+
+    /// The reference starts anew where the joint is; what was learnt about the disturbance stays.
+    pub const fn forget_motion(&mut self) {
+        (self.error, self.velocity, self.effort) = (0.0, 0.0, 0.0);
+    }
+
+    /// The estimated disturbance torque [N·m].
+    pub const fn disturbance(&self) -> f32 {
+        self.disturbance
+    }
+}
+
+impl ErrorObserver {
+    /// With the gains and the motor of a validated model.
+    pub fn new(gains: &ObserverGains, motor: &Motor) -> Self {
+        let inertia = gains.inertia;
+        let beta = math::exp(-gains.observer_bandwidth * TICK);
+        let gamma = math::exp(-gains.bandwidth * TICK);
+        let (b, g) = (1.0 - beta, 1.0 - gamma);
+        let lag = motor.delay + 1.0 / (core::f32::consts::TAU * motor.bandwidth);
+        Self {
+            velocity_per_effort: TICK / inertia,
+            correction: [
+                1.0 - beta * beta * beta,
+                1.5 * b * b * (1.0 + beta) / TICK,
+                b * b * b * inertia / (TICK * TICK),
+            ],
+            proportional: inertia * g * g / (TICK * TICK),
+            derivative: inertia * g * (3.0 + gamma) / (2.0 * TICK),
+            carry: math::clamp(lag / TICK, 0.0, 1.0),
+        }
+    }
+
+    /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit.
+    #[inline]
+    pub const fn effort(&self, state: &mut ObserverState, error: f32) -> f32 {
+        let innovation = error - state.error;
+        let [c0, c1, c2] = self.correction;
+        state.error += c0 * innovation;
+        state.velocity += c1 * innovation;
+        state.disturbance += c2 * innovation;
+        state.disturbance + self.proportional * state.error + self.derivative * state.velocity
+    }
+
+    /// Closes the tick: predicts the next one from the effort that is `applied` after every limit [N·m].
+    #[inline]
+    pub const fn settle(&self, state: &mut ObserverState, applied: f32) {
+        let acting = applied + self.carry * (state.effort - applied);
+        let change = self.velocity_per_effort * (state.disturbance - acting);
+        state.error += TICK * (state.velocity + 0.5 * change);
+        state.velocity += change;
+        state.effort = applied;
+    }
+}

@@ -1,0 +1,86 @@
+use super::JointPoint;
+use crate::TICK;
+use crate::model::PidGains;
+use crate::signal::PseudoDifferentiator;
+
+/// PID on a joint angle with a pseudo-differentiator (Hand3, section 4).
+///
+/// `u = K_p·e + ∫ K_i·e + K_d·H(e)`, `e = reference − measured`. `H` never sees a jump of the reference's position: it
+/// takes the reference's own velocity and the measured change, so neither the first sample nor a stepping set-point
+/// kicks.
+///
+/// The torque passes its limits *after* [`Pid::output`]; [`Pid::settle`] then tells the integrator what became of it.
+///
+/// ```
+/// use tesaki::{control::{JointPoint, Pid, PidState}, model::PidGains};
+/// let pid = Pid::new(&PidGains { proportional: 2.0, integral: 0.0, derivative: 0.0, cutoff: 30.0 });
+/// let mut state = PidState::at(0.5);
+/// let reference = JointPoint { position: 0.75, ..Default::default() };
+/// assert_eq!(pid.output(&mut state, &reference, 0.5), 0.5);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Pid {
+    proportional: f32,
+    derivative: f32,
+    differentiator: PseudoDifferentiator,
+    /// `K_i·T`.
+    integral_step: f32,
+    /// Share of the torque that was cut off by the limits and leaves the integrator each tick.
+    unwind: f32,
+}
+
+/// State of a [`Pid`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PidState {
+    integral: f32,
+    derivative: f32,
+    measured: f32,
+    error: f32,
+}
+
+impl PidState {
+    /// At rest at the measured angle.
+    pub const fn at(measured: f32) -> Self {
+        Self { integral: 0.0, derivative: 0.0, measured, error: 0.0 }
+    }
+
+    /// The integrator's torque [N·m].
+    pub const fn integral(&self) -> f32 {
+        self.integral
+    }
+}
+
+impl Pid {
+    /// With the gains of a validated model.
+    pub fn new(gains: &PidGains) -> Self {
+        let integral_step = gains.integral * TICK;
+        // The integrator gives back what the limits cut off with the time constant K_p/K_i, the usual choice.
+        let unwind =
+            if gains.proportional > 0.0 { (integral_step / gains.proportional).min(1.0) } else { 1.0 };
+        Self {
+            proportional: gains.proportional,
+            derivative: gains.derivative,
+            differentiator: PseudoDifferentiator::new(gains.cutoff),
+            integral_step,
+            unwind,
+        }
+    }
+
+    /// The torque [N·m] wanted at the `measured` angle [rad], before any limit.
+    #[inline]
+    pub const fn output(&self, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
+        let error = reference.position - measured;
+        let change = reference.velocity * TICK - (measured - state.measured);
+        let rate = self.differentiator.update(&mut state.derivative, change);
+        state.measured = measured;
+        state.error = error;
+        self.proportional * error + state.integral + self.derivative * rate
+    }
+
+    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off. `wanted` and
+    /// `applied` are the torque before and after *every* limit [N·m].
+    #[inline]
+    pub const fn settle(&self, state: &mut PidState, wanted: f32, applied: f32) {
+        state.integral += self.integral_step * state.error + self.unwind * (applied - wanted);
+    }
+}

@@ -1,0 +1,83 @@
+use nalgebra::{Matrix3, Vector3};
+
+use super::Chain;
+use crate::math;
+use crate::model::MAX_CHAIN_JOINTS;
+
+/// What the outward pass leaves for the inward pass.
+#[derive(Clone, Copy)]
+struct Pass {
+    sine: f32,
+    cosine: f32,
+    force: Vector3<f32>,
+    moment: Vector3<f32>,
+}
+
+impl Chain {
+    /// Inverse dynamics by the recursive Newton–Euler algorithm (Luh, Walker and Paul 1980): the joint torques [N·m]
+    /// that give the accelerations `qdd` [rad/s²] at angles `q` [rad] and velocities `qd` [rad/s] under `gravity`
+    /// [m/s², base frame].
+    ///
+    /// The slices hold one value a joint, base to tip; what is missing counts as 0 in none of them: the shortest
+    /// decides how many joints are computed. Rotor inertia and friction are not included.
+    pub fn inverse_dynamics(
+        &self,
+        gravity: &Vector3<f32>,
+        q: &[f32],
+        qd: &[f32],
+        qdd: &[f32],
+        torques: &mut [f32],
+    ) {
+        let zero = Vector3::zeros();
+        let mut passes = [Pass { sine: 0.0, cosine: 1.0, force: zero, moment: zero }; MAX_CHAIN_JOINTS];
+
+        // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its own
+        // frame. Gravity enters as an upward acceleration of the base.
+        let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
+        for ((((link, pass), &q), &qd), &qdd) in self.links.iter().zip(&mut passes).zip(q).zip(qd).zip(qdd) {
+            (pass.sine, pass.cosine) = math::sin_cos(q);
+            acceleration += alpha.cross(&link.translation) + omega.cross(&omega.cross(&link.translation));
+            acceleration = pass.to_link(&link.rotation, &acceleration);
+            omega = pass.to_link(&link.rotation, &omega);
+            alpha = pass.to_link(&link.rotation, &alpha);
+            // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
+            alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
+            omega.z += qd;
+
+            let center = acceleration
+                + alpha.cross(&link.center_of_mass)
+                + omega.cross(&omega.cross(&link.center_of_mass));
+            pass.force = center * link.mass;
+            pass.moment = link.inertia * alpha
+                + omega.cross(&(link.inertia * omega))
+                + link.center_of_mass.cross(&pass.force);
+        }
+
+        // Inwards: force and moment at each joint; the torque is the moment's part along the axis.
+        let (mut force, mut moment) = (zero, zero);
+        let count = self.links.len().min(q.len()).min(qd.len()).min(qdd.len()).min(torques.len());
+        let joints = self.links.iter().zip(&passes).zip(torques).take(count);
+        for ((link, pass), torque) in joints.rev() {
+            force += pass.force;
+            moment += pass.moment;
+            *torque = moment.z;
+            force = pass.to_parent(&link.rotation, &force);
+            moment = pass.to_parent(&link.rotation, &moment) + link.translation.cross(&force);
+        }
+    }
+}
+
+impl Pass {
+    /// A vector of the parent link's frame in this link's frame.
+    #[inline]
+    fn to_link(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
+        let v = rotation.tr_mul(v);
+        Vector3::new(self.cosine * v.x + self.sine * v.y, self.cosine * v.y - self.sine * v.x, v.z)
+    }
+
+    /// A vector of this link's frame in the parent link's frame.
+    #[inline]
+    fn to_parent(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
+        rotation * Vector3::new(self.cosine * v.x - self.sine * v.y, self.sine * v.x + self.cosine * v.y, v.z)
+    }
+}

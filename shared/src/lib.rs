@@ -1,0 +1,54 @@
+//! tesaki: the control core of robot hands and arms.
+//!
+//! One core, written once, `no_std`, without allocation, free of I/O and of clocks. A board, a simulator and a replay
+//! tool call the same code and get the same bits:
+//!
+//! ```text
+//!          bytes                    Request                   SensorFrame
+//!  serial ───────► codec ─────────► Node::handle ──┐      board or plant ──┐
+//!         ◄─────── (COBS, CRC) ◄─── Reply,       ◄─┴── Node::tick ◄────────┘
+//!                                   Telemetry            │ ActuatorFrame
+//!                                                        └────────────► board or plant
+//! ```
+//!
+//! The modules are layers, each using only those before it:
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`math`] | the one door to elementary functions |
+//! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter |
+//! | [`model`] | what a robot is, as data |
+//! | [`dynamics`] | Newton–Euler for a chain |
+//! | [`control`] | PID, observer, friction feed-forward, joint servo |
+//! | [`protocol`] | messages and their framing |
+//! | [`node`] | modes, limits, faults, tick |
+//!
+//! *Configuration* (checked once by a `try_new`, immutable) and *state* are different types throughout. SI units;
+//! single precision; period [`TICK`].
+
+#![cfg_attr(not(test), no_std)]
+
+pub mod control;
+pub mod dynamics;
+pub mod math;
+pub mod model;
+pub mod node;
+pub mod protocol;
+pub mod signal;
+
+/// The control period `T` [s].
+pub const TICK: f32 = 0.01;
+
+/// Version of this crate: major, minor, patch.
+pub const VERSION: [u8; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+const fn number(text: &str) -> u8 {
+    match u8::from_str_radix(text, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("a part of the crate's version is larger than 255"),
+    }
+}

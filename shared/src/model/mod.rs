@@ -1,0 +1,237 @@
+//! What a robot *is*, as data: joints, chains, motors, encoders, limits, gains.
+//!
+//! A [`RobotModel`] is what travels to a board and what is stored. It can hold nonsense; [`RobotModel::validate`]
+//! says where, naming the joint and the field. Only a validated model becomes a [`crate::node::Robot`].
+//!
+//! Glossary
+//! - *joint*: one rotary degree of freedom together with the link that it moves;
+//! - *chain*: joints in series from the base (a finger, an arm); chains split the joint list into consecutive runs;
+//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in the
+//!   frame of the link before it;
+//! - *reflected*: seen from the joint, that is, through the gear.
+
+mod error;
+mod validate;
+
+pub use error::{Field, ModelError, Problem};
+
+use heapless::{String, Vec};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Most joints that one node drives.
+pub const MAX_JOINTS: usize = 16;
+/// Most joints of one chain.
+pub const MAX_CHAIN_JOINTS: usize = 7;
+/// Most chains of one robot.
+pub const MAX_CHAINS: usize = 6;
+/// Longest name of a robot or joint in bytes.
+pub const MAX_NAME: usize = 32;
+
+/// A robot as data: everything the control core knows about the machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct RobotModel {
+    /// Name of the robot, as in its URDF.
+    pub name: String<MAX_NAME>,
+    /// Acceleration of gravity in the base frame [m/s²], for instance `[0, 0, −9.81]` for an upright base.
+    pub gravity: [f32; 3],
+    /// The chains, in the order of the joints.
+    pub chains: Vec<ChainModel, MAX_CHAINS>,
+    /// The joints, chain after chain, each chain from base to tip.
+    pub joints: Vec<JointModel, MAX_JOINTS>,
+    /// What the node watches, and what it does when something is wrong.
+    pub safety: Safety,
+}
+
+/// A run of consecutive joints in series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct ChainModel {
+    /// Number of joints, 1 to [`MAX_CHAIN_JOINTS`].
+    pub joints: u8,
+}
+
+/// One rotary joint, the link that it moves, and the drive that moves it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct JointModel {
+    /// Name, as in the URDF.
+    pub name: String<MAX_NAME>,
+    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle 0.
+    pub origin: Pose,
+    /// Axis of rotation in the joint frame; a unit vector.
+    pub axis: [f32; 3],
+    /// Mass distribution of the link, in the joint frame.
+    pub link: Inertial,
+    /// The drive.
+    pub motor: Motor,
+    /// Friction of joint and gear.
+    pub friction: Friction,
+    /// The angle sensor.
+    pub encoder: Encoder,
+    /// What the joint may do.
+    pub limits: JointLimits,
+    /// Gains of the servo.
+    pub servo: ServoGains,
+}
+
+/// A position and an orientation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Pose {
+    /// Position [m].
+    pub translation: [f32; 3],
+    /// Orientation as a unit quaternion, `[x, y, z, w]`.
+    pub rotation: [f32; 4],
+}
+
+impl Pose {
+    /// No translation and no rotation.
+    pub const IDENTITY: Self = Self { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+}
+
+/// Mass distribution of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Inertial {
+    /// Mass [kg]; 0 for a link without mass.
+    pub mass: f32,
+    /// Centre of mass in the joint frame [m].
+    pub center_of_mass: [f32; 3],
+    /// Inertia about the centre of mass, axes parallel to the joint frame:
+    /// `[ixx, iyy, izz, ixy, ixz, iyz]` [kg·m²].
+    pub inertia: [f32; 6],
+}
+
+/// The drive of a joint: motor, gear, and the current loop in its amplifier.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Motor {
+    /// Reflected inertia of rotor and gear [kg·m²].
+    pub rotor_inertia: f32,
+    /// Joint torque for one ampere [N·m/A].
+    pub torque_constant: f32,
+    /// Largest current [A]; a higher measured one is a fault.
+    pub current_limit: f32,
+    /// Current for one count of the current sensor [A].
+    pub current_resolution: f32,
+    /// Bandwidth of the inner (current) loop [Hz].
+    pub bandwidth: f32,
+    /// From the sensors' sampling to the moment when a new torque starts to act [s].
+    pub delay: f32,
+}
+
+/// Friction of a joint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Friction {
+    /// Coulomb friction [N·m].
+    pub coulomb: f32,
+    /// Viscous friction [N·m·s/rad].
+    pub viscous: f32,
+}
+
+/// The angle sensor of a joint. Angle = (count − `zero`) · `direction` · 2π / `counts_per_turn`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Encoder {
+    /// Counts for one turn of the *joint*.
+    pub counts_per_turn: f32,
+    /// `true` when the count falls as the angle grows.
+    pub reversed: bool,
+    /// Count at angle 0, for an absolute encoder.
+    pub zero: i32,
+    /// `true` when the count is arbitrary after power-on: the joint must be homed before arming.
+    pub relative: bool,
+}
+
+/// What a joint may do. A command outside is refused; a measurement outside is a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct JointLimits {
+    /// Smallest angle [rad].
+    pub lower: f32,
+    /// Largest angle [rad].
+    pub upper: f32,
+    /// Largest speed [rad/s].
+    pub velocity: f32,
+    /// Largest torque [N·m].
+    pub torque: f32,
+    /// Fastest change of torque [N·m/s].
+    pub torque_rate: f32,
+    /// Largest distance between reference and joint [rad].
+    pub following_error: f32,
+}
+
+/// Gains of a joint servo. Both modes share the feed-forward.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct ServoGains {
+    /// Time constant `T_f` of the trajectory filter `1/(T_f s + 1)²` [s].
+    pub filter_time: f32,
+    /// Gains of the PID.
+    pub pid: PidGains,
+    /// Gains of the observer mode.
+    pub observer: ObserverGains,
+    /// Share of the Coulomb friction that is fed forward, 0 to 1.
+    pub coulomb_share: f32,
+}
+
+/// Gains of [`crate::control::Pid`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct PidGains {
+    /// Proportional gain [N·m/rad].
+    pub proportional: f32,
+    /// Integral gain [N·m/(rad·s)].
+    pub integral: f32,
+    /// Derivative gain [N·m·s/rad].
+    pub derivative: f32,
+    /// Cut-off `ω` of the pseudo-differentiator `sω/(s + ω)` [rad/s].
+    pub cutoff: f32,
+}
+
+/// Gains of [`crate::control::ErrorObserver`] and of the state feedback behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct ObserverGains {
+    /// Inertia that the feedback sees [kg·m²]: rotor and the links that the joint moves.
+    pub inertia: f32,
+    /// Bandwidth of the position loop [rad/s].
+    pub bandwidth: f32,
+    /// Bandwidth of the observer [rad/s].
+    pub observer_bandwidth: f32,
+}
+
+/// What the node watches besides the joints, and how it reacts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Safety {
+    /// Armed without a command for longer than this is a fault [s]; at least one control period.
+    pub command_timeout: f32,
+    /// What the joints do after a fault that leaves the sensors trustworthy.
+    pub reaction: Reaction,
+    /// Damping torque per speed under [`Reaction::Damp`] [N·m·s/rad].
+    pub damping: f32,
+    /// Lowest supply voltage [V].
+    pub supply_min: f32,
+    /// Highest supply voltage [V].
+    pub supply_max: f32,
+}
+
+/// What the joints do after a fault. Faults of the sensors themselves always end in [`Reaction::Off`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reaction {
+    /// 0: no torque.
+    Off,
+    /// 1: a torque against the motion.
+    Damp,
+    /// 2: the servo holds the place where the fault found the joint.
+    Hold,
+}
+
+impl RobotModel {
+    /// The joint's name, for messages; `"?"` when there is no such joint.
+    pub fn joint_name(&self, joint: usize) -> &str {
+        self.joints.get(joint).map_or("?", |joint| joint.name.as_str())
+    }
+
+    /// The chains as ranges of joint indices. Meaningful for a validated model.
+    pub fn chain_ranges(&self) -> impl Iterator<Item = core::ops::Range<usize>> + '_ {
+        let mut first = 0;
+        self.chains.iter().map(move |chain| {
+            let range = first..first + usize::from(chain.joints);
+            first = range.end;
+            range
+        })
+    }
+}

@@ -1,0 +1,255 @@
+use core::f32::consts::TAU;
+
+use crate::TICK;
+use crate::control::{JointPoint, JointServo, JointServoState, ServoMode};
+use crate::math::abs;
+use crate::model::{JointLimits, JointModel};
+use crate::protocol::{FaultCause, Refusal};
+use crate::signal::PseudoDifferentiator;
+
+/// Cut-off of the velocity that is watched and shown [rad/s].
+const VELOCITY_CUTOFF: f32 = 100.0;
+/// Counts by which a sound encoder may err between two ticks.
+const COUNT_NOISE: f32 = 2.0;
+/// A motion this many times faster than the velocity limit is the encoder's, not the joint's.
+const JUMP_FACTOR: f32 = 2.0;
+/// Ticks without a change of the count under a torque that should move the joint.
+const STUCK_TICKS: u16 = 10;
+
+/// What a joint is, made ready for the tick.
+#[derive(Clone, Debug)]
+pub(super) struct JointConfig {
+    pub servo: JointServo,
+    limits: JointLimits,
+    /// Signed.
+    radians_per_count: f32,
+    amperes_per_count: f32,
+    current_limit: f32,
+    /// Count at angle 0 of an absolute encoder.
+    zero: Option<i32>,
+    velocity: PseudoDifferentiator,
+    /// Torque beyond the feed-forward that surely moves the joint [N·m].
+    breakaway: f32,
+}
+
+/// What a joint does.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct JointState {
+    /// Count at angle 0, once homed.
+    zero: Option<i32>,
+    count: i32,
+    /// Angle, velocity [rad, rad/s].
+    pub position: f32,
+    pub velocity: f32,
+    /// Change of the angle in the last tick [rad].
+    change: f32,
+    /// Torque of the last tick [N·m], and the part of it that the feed-forward does not explain.
+    pub torque: f32,
+    pub effort: f32,
+    /// Ticks since the count changed.
+    still: u16,
+    pub goal: f32,
+    pub streamed: JointPoint,
+    pub reference: JointPoint,
+    pub servo: JointServoState,
+}
+
+impl JointConfig {
+    pub fn new(joint: &JointModel) -> Self {
+        let turn = TAU / joint.encoder.counts_per_turn;
+        Self {
+            servo: JointServo::new(joint),
+            limits: joint.limits,
+            radians_per_count: if joint.encoder.reversed { -turn } else { turn },
+            amperes_per_count: joint.motor.current_resolution,
+            current_limit: joint.motor.current_limit,
+            zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
+            velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
+            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+        }
+    }
+
+    /// Whether the angle may be commanded.
+    pub fn check_position(&self, joint: u8, value: f32) -> Result<(), Refusal> {
+        let JointLimits { lower, upper, .. } = self.limits;
+        if !value.is_finite() {
+            Err(Refusal::NotFinite { joint })
+        } else if value < lower || value > upper {
+            Err(Refusal::OutsideLimits { joint, value, lower, upper })
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Whether the streamed point may follow `reference`.
+    pub fn check_point(&self, joint: u8, point: &JointPoint, reference: &JointPoint) -> Result<(), Refusal> {
+        self.check_position(joint, point.position)?;
+        if !point.velocity.is_finite() || !point.acceleration.is_finite() {
+            return Err(Refusal::NotFinite { joint });
+        }
+        if abs(point.velocity) > self.limits.velocity {
+            return Err(Refusal::TooFast { joint, value: point.velocity, limit: self.limits.velocity });
+        }
+        let distance = abs(point.position - reference.position);
+        if distance > self.limits.following_error {
+            return Err(Refusal::Jump { joint, value: distance, limit: self.limits.following_error });
+        }
+        Ok(())
+    }
+}
+
+impl JointState {
+    pub const fn new() -> Self {
+        const REST: JointPoint = JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 };
+        Self {
+            zero: None,
+            count: 0,
+            position: 0.0,
+            velocity: 0.0,
+            change: 0.0,
+            torque: 0.0,
+            effort: 0.0,
+            still: 0,
+            goal: 0.0,
+            streamed: REST,
+            reference: REST,
+            servo: JointServoState::at(0.0),
+        }
+    }
+
+    pub const fn is_homed(&self, config: &JointConfig) -> bool {
+        self.zero.is_some() || config.zero.is_some()
+    }
+
+    /// The joint stands at `position` now.
+    pub fn home(&mut self, config: &JointConfig, position: f32) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "saturates; the angle was checked against the limits"
+        )]
+        let counts = libm::roundf(position / config.radians_per_count) as i32;
+        self.zero = Some(self.count.wrapping_sub(counts));
+        self.restart(config);
+    }
+
+    /// Takes the encoder's count for the first time, or anew after a pause: no change, no velocity.
+    pub fn first_read(&mut self, config: &JointConfig, count: i32) {
+        self.count = count;
+        self.restart(config);
+    }
+
+    fn restart(&mut self, config: &JointConfig) {
+        self.position = self.angle(config, self.count);
+        (self.change, self.velocity, self.still) = (0.0, 0.0, 0);
+        self.hold_still();
+    }
+
+    /// Takes the encoder's count of this tick.
+    pub fn read(&mut self, config: &JointConfig, count: i32) {
+        self.still = if count == self.count { self.still.saturating_add(1) } else { 0 };
+        self.count = count;
+        let position = self.angle(config, count);
+        self.change = position - self.position;
+        self.position = position;
+        config.velocity.update(&mut self.velocity, self.change);
+    }
+
+    fn angle(&self, config: &JointConfig, count: i32) -> f32 {
+        let zero = self.zero.or(config.zero).unwrap_or(0);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "exact up to 2²⁴ counts from zero, and no joint turns further"
+        )]
+        let counts = count.wrapping_sub(zero) as f32;
+        counts * config.radians_per_count
+    }
+
+    /// What is wrong with the joint's readings, if anything.
+    pub fn inspect(&self, config: &JointConfig, current: i16) -> Option<(FaultCause, f32, f32)> {
+        let limits = &config.limits;
+        let jump = JUMP_FACTOR * limits.velocity * TICK + COUNT_NOISE * abs(config.radians_per_count);
+        if abs(self.change) > jump {
+            return Some((FaultCause::EncoderJump, self.change, jump));
+        }
+        let current = f32::from(current) * config.amperes_per_count;
+        // A sensor reads a little beyond what the current loop was asked for.
+        let current_limit = 1.25 * config.current_limit;
+        if abs(current) > current_limit {
+            return Some((FaultCause::OverCurrent, current, current_limit));
+        }
+        if abs(self.velocity) > limits.velocity {
+            return Some((FaultCause::VelocityLimit, self.velocity, limits.velocity));
+        }
+        if self.is_homed(config) {
+            let (lower, upper) =
+                (limits.lower - limits.following_error, limits.upper + limits.following_error);
+            if self.position < lower {
+                return Some((FaultCause::PositionLimit, self.position, limits.lower));
+            }
+            if self.position > upper {
+                return Some((FaultCause::PositionLimit, self.position, limits.upper));
+            }
+        }
+        None
+    }
+
+    /// What is wrong with the joint under control, if anything.
+    pub fn supervise(&self, config: &JointConfig) -> Option<(FaultCause, f32, f32)> {
+        let error = self.reference.position - self.position;
+        if abs(error) > config.limits.following_error {
+            return Some((FaultCause::FollowingError, error, config.limits.following_error));
+        }
+        if self.still >= STUCK_TICKS && abs(self.effort) > config.breakaway {
+            return Some((FaultCause::EncoderStuck, self.effort, config.breakaway));
+        }
+        None
+    }
+
+    /// The reference of this tick.
+    pub fn advance(&mut self, config: &JointConfig, streaming: bool) {
+        self.reference = if streaming {
+            let point = self.streamed;
+            // A point that no other follows is one to stand at.
+            self.streamed = JointPoint { velocity: 0.0, acceleration: 0.0, ..point };
+            config.servo.follow(&mut self.servo, point)
+        } else {
+            config.servo.approach(&mut self.servo, self.goal)
+        };
+    }
+
+    /// The torque of this tick, given the model's torque for the reference.
+    pub fn control(&mut self, config: &JointConfig, mode: ServoMode, model_torque: f32) {
+        let output = config.servo.update(&mut self.servo, mode, &self.reference, self.position, model_torque);
+        self.torque = output.torque;
+        self.effort = output.effort;
+    }
+
+    /// The torque against the motion.
+    pub fn damp(&mut self, config: &JointConfig, damping: f32) {
+        self.torque = config.servo.limit(&mut self.servo, -damping * self.velocity);
+        self.effort = 0.0;
+    }
+
+    /// No torque.
+    pub fn release(&mut self) {
+        (self.torque, self.effort) = (0.0, 0.0);
+        self.servo.release();
+    }
+
+    /// At rest where the joint is, everything learnt forgotten.
+    pub fn hold_still(&mut self) {
+        self.goal = self.position;
+        self.reference = JointPoint { position: self.position, ..JointPoint::default() };
+        self.streamed = self.reference;
+        self.servo = JointServoState::at(self.position);
+        (self.torque, self.effort, self.still) = (0.0, 0.0, 0);
+    }
+
+    /// Comes to rest: where the joint is, or else along the reference.
+    pub fn hold(&mut self, at_once: bool) {
+        self.goal = if at_once { self.position } else { self.servo.resting_point() };
+        if at_once {
+            self.servo.rebase(self.position);
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Everything that a controller board decides: modes, limits, faults, tick.
+//!
+//! ```text
+//!              Arm                    fault, Stop
+//!  Disarmed ─────────► Armed(task) ─────────────────► Fault
+//!     ▲ ▲  Disarm           │                          │
+//!     │ └───────────────────┘      ClearFaults, Disarm │
+//!     └────────────────────────────────────────────────┘
+//! ```
+//!
+//! A [`Node`] never reads a clock, waits or touches a pin. [`Node::tick`] is a function of its state, one
+//! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
+
+mod handle;
+mod joint;
+mod robot;
+mod tick;
+mod transfer;
+
+pub use robot::Robot;
+
+use heapless::Vec;
+
+use crate::control::ServoMode;
+use crate::model::{MAX_JOINTS, Reaction};
+use crate::protocol::{Fault, FaultLog, Mode, Telemetry};
+use joint::JointState;
+use transfer::Transfer;
+
+/// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
+#[derive(Clone, Debug)]
+pub struct Node {
+    robot: Option<Robot>,
+    model_checksum: u32,
+    transfer: Transfer,
+    /// Whether a hello with our schema key came.
+    agreed: bool,
+    mode: Mode,
+    /// What the outputs do in [`Mode::Fault`].
+    reaction: Reaction,
+    servo_mode: ServoMode,
+    /// Sequence number of the last sensor frame.
+    tick: Option<u32>,
+    /// What the last sensor frame showed that would be a fault when armed.
+    alarm: Option<Fault>,
+    /// Ticks since the last accepted command.
+    silence: u32,
+    /// Whether references come point by point instead of through the trajectory filter.
+    streaming: bool,
+    joints: [JointState; MAX_JOINTS],
+    faults: FaultLog,
+    telemetry_every: u16,
+}
+
+impl Default for Node {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Node {
+    /// A disarmed node without a robot.
+    pub const fn new() -> Self {
+        Self {
+            robot: None,
+            model_checksum: 0,
+            transfer: Transfer::new(),
+            agreed: false,
+            mode: Mode::Disarmed,
+            reaction: Reaction::Off,
+            servo_mode: ServoMode::Pid,
+            tick: None,
+            alarm: None,
+            silence: 0,
+            streaming: false,
+            joints: [JointState::new(); MAX_JOINTS],
+            faults: FaultLog::new(),
+            telemetry_every: 0,
+        }
+    }
+
+    /// The mode.
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The robot, once a model was accepted.
+    pub const fn robot(&self) -> Option<&Robot> {
+        self.robot.as_ref()
+    }
+
+    /// The faults so far.
+    pub const fn faults(&self) -> &FaultLog {
+        &self.faults
+    }
+
+    /// Takes over the faults from before a reset and adds what the board found at boot. Before the first tick.
+    pub fn restore_faults(&mut self, log: FaultLog) {
+        self.faults = log;
+    }
+
+    /// Adds a fault that the board found and that does not concern the mode, for instance the cause of a reset.
+    pub fn record_fault(&mut self, fault: Fault) {
+        self.faults.record(fault);
+    }
+
+    /// Whether the last tick is one after which telemetry goes out.
+    pub const fn telemetry_due(&self) -> bool {
+        match (self.telemetry_every, self.tick) {
+            (0, _) | (_, None) => false,
+            (every, Some(tick)) => tick % every as u32 == 0,
+        }
+    }
+
+    /// The state after the last tick.
+    pub fn telemetry(&self) -> Telemetry {
+        let count = self.joint_count();
+        // `collect` cannot overflow: there are as many states as places.
+        let list = |value: fn(&JointState) -> f32| -> Vec<f32, MAX_JOINTS> {
+            self.joints.iter().take(count).map(value).collect()
+        };
+        Telemetry {
+            tick: self.tick.unwrap_or(0),
+            mode: self.mode,
+            faults: self.faults.total,
+            positions: list(|joint| joint.position),
+            velocities: list(|joint| joint.velocity),
+            references: list(|joint| joint.reference.position),
+            torques: list(|joint| joint.torque),
+        }
+    }
+
+    fn joint_count(&self) -> usize {
+        self.robot.as_ref().map_or(0, |robot| robot.joints.len())
+    }
+
+    /// Records a fault and reacts to it.
+    fn fail(&mut self, fault: Fault) {
+        let reaction = match &self.robot {
+            Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
+            _ => Reaction::Off,
+        };
+        match self.mode {
+            Mode::Disarmed => return,
+            // A fault is answered once; only one that takes more away counts after it.
+            Mode::Fault if reaction != Reaction::Off || self.reaction == Reaction::Off => return,
+            Mode::Fault => {}
+            Mode::Armed(_) => {
+                if reaction == Reaction::Hold {
+                    let at_once = fault.cause.means_motion_is_wrong();
+                    for state in &mut self.joints {
+                        state.hold(at_once);
+                    }
+                }
+            }
+        }
+        self.faults.record(fault);
+        self.mode = Mode::Fault;
+        self.reaction = reaction;
+        self.streaming = false;
+    }
+}

@@ -1,0 +1,173 @@
+use super::Node;
+use crate::TICK;
+use crate::math::abs;
+use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
+use crate::protocol::{ActuatorFrame, Fault, FaultCause, Mode, SensorFrame};
+
+impl Node {
+    /// One control period: reads `sensors`, looks for faults, computes the torques.
+    ///
+    /// Bounded, without allocation, and without a way to panic.
+    pub fn tick(&mut self, sensors: &SensorFrame) -> ActuatorFrame {
+        let found = self.observe(sensors);
+        self.alarm = found;
+        if let Some(fault) = found {
+            self.fail(fault);
+        }
+        if let Some(fault) = self.watch() {
+            self.fail(fault);
+        }
+        self.act();
+        if let Some(fault) = self.find_not_finite() {
+            self.fail(fault);
+            self.release();
+        }
+        let enabled = match self.mode {
+            Mode::Disarmed => false,
+            Mode::Armed(_) => true,
+            Mode::Fault => self.reaction != Reaction::Off,
+        };
+        let count = self.joint_count();
+        ActuatorFrame {
+            sequence: sensors.sequence,
+            enabled,
+            torques: self.joints.iter().take(count).map(|joint| joint.torque).collect(),
+        }
+    }
+
+    /// Takes over the sensors and says what is wrong with them.
+    fn observe(&mut self, sensors: &SensorFrame) -> Option<Fault> {
+        let tick = sensors.sequence;
+        let last = self.tick.replace(tick);
+        let robot = self.robot.as_ref()?;
+        let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
+        let expected = robot.joints.len();
+        for got in [sensors.encoders.len(), sensors.currents.len()] {
+            if got != expected {
+                self.tick = last; // not a reading
+                #[expect(clippy::cast_precision_loss, reason = "at most 16")]
+                return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
+            }
+        }
+        let readings = robot.joints.iter().zip(&mut self.joints).zip(&sensors.encoders);
+        let Some(last) = last else {
+            readings.for_each(|((config, state), &count)| state.first_read(config, count));
+            return None;
+        };
+        readings.for_each(|((config, state), &count)| state.read(config, count));
+
+        let safety = &robot.model().safety;
+        let supply = f32::from(sensors.supply) * 1e-3;
+        if sensors.flags.emergency_stop() {
+            return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
+        }
+        if supply < safety.supply_min {
+            return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
+        }
+        if supply > safety.supply_max {
+            return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
+        }
+        let joints = robot.joints.iter().zip(&self.joints).zip(&sensors.currents);
+        for (index, ((config, state), &current)) in (0..).zip(joints) {
+            if let Some((cause, value, limit)) = state.inspect(config, current) {
+                return fault(cause, Some(index), value, limit);
+            }
+        }
+        let elapsed = tick.wrapping_sub(last);
+        if elapsed != 1 {
+            #[expect(clippy::cast_precision_loss, reason = "a figure for people")]
+            return fault(FaultCause::LateTick, None, elapsed.cast_signed() as f32, 1.0);
+        }
+        None
+    }
+
+    /// What is wrong with the control so far, while armed.
+    fn watch(&mut self) -> Option<Fault> {
+        let (Mode::Armed(_), Some(robot), Some(tick)) = (self.mode, &self.robot, self.tick) else {
+            return None;
+        };
+        for (index, (config, state)) in (0..).zip(robot.joints.iter().zip(&self.joints)) {
+            if let Some((cause, value, limit)) = state.supervise(config) {
+                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            }
+        }
+        self.silence = self.silence.saturating_add(1);
+        #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
+        let silence = self.silence as f32 * TICK;
+        let limit = robot.model().safety.command_timeout;
+        if silence > limit + 0.5 * TICK {
+            return Some(Fault {
+                cause: FaultCause::CommandTimeout,
+                joint: None,
+                value: silence,
+                limit,
+                tick,
+            });
+        }
+        None
+    }
+
+    /// Computes the torques.
+    fn act(&mut self) {
+        let reaction = match self.mode {
+            Mode::Disarmed => Reaction::Off,
+            Mode::Armed(_) => Reaction::Hold,
+            Mode::Fault => self.reaction,
+        };
+        match (reaction, &self.robot) {
+            (Reaction::Off, _) | (_, None) => self.release(),
+            (Reaction::Damp, Some(robot)) => {
+                let damping = robot.model().safety.damping;
+                for (config, state) in robot.joints.iter().zip(&mut self.joints) {
+                    state.damp(config, damping);
+                }
+            }
+            (Reaction::Hold, Some(robot)) => {
+                let joints = || robot.joints.iter();
+                for (config, state) in joints().zip(&mut self.joints) {
+                    state.advance(config, self.streaming);
+                }
+                let mut first = 0;
+                for chain in &robot.chains {
+                    let (mut q, mut qd, mut qdd) =
+                        ([0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS]);
+                    let states = self.joints.iter().skip(first);
+                    for (((q, qd), qdd), state) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(states) {
+                        (*q, *qd, *qdd) = (
+                            state.reference.position,
+                            state.reference.velocity,
+                            state.reference.acceleration,
+                        );
+                    }
+                    let mut torques = [0.0; MAX_CHAIN_JOINTS];
+                    chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
+                    let states = self.joints.iter_mut().skip(first);
+                    for ((config, state), torque) in
+                        joints().skip(first).zip(states).zip(torques).take(chain.len())
+                    {
+                        state.control(config, self.servo_mode, torque);
+                    }
+                    first += chain.len();
+                }
+            }
+        }
+    }
+
+    fn release(&mut self) {
+        self.joints.iter_mut().for_each(super::joint::JointState::release);
+    }
+
+    fn find_not_finite(&self) -> Option<Fault> {
+        let (index, state) = (0..).zip(&self.joints).find(|(_, joint)| !joint.torque.is_finite())?;
+        let tick = self.tick.unwrap_or(0);
+        Some(Fault {
+            cause: FaultCause::NotFinite,
+            joint: Some(index),
+            value: abs(state.torque),
+            limit: 0.0,
+            tick,
+        })
+    }
+}
+
+const _: () = assert!(MAX_JOINTS <= u8::MAX as usize);

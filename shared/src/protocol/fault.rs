@@ -1,0 +1,171 @@
+use core::fmt;
+
+use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// How many faults a [`FaultLog`] remembers.
+pub const MAX_FAULTS: usize = 16;
+
+/// Why the node left what it was doing. The number is what travels and what documentation cites; it is never reused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FaultCause {
+    /// 0: armed, and no command for too long. Value and limit in s.
+    CommandTimeout,
+    /// 1: a joint is outside its limits. Value and limit in rad.
+    PositionLimit,
+    /// 2: a joint is too fast. Value and limit in rad/s.
+    VelocityLimit,
+    /// 3: a joint is too far from its reference. Value and limit in rad.
+    FollowingError,
+    /// 4: an angle changed faster in one tick than the joint can move. Value and limit in rad.
+    EncoderJump,
+    /// 5: torque beyond the friction, and the count stands still: a dead encoder or a blocked joint. Value: the
+    /// torque; limit: the torque that should have moved it [N·m].
+    EncoderStuck,
+    /// 6: a computed torque was not finite. Value: NaN.
+    NotFinite,
+    /// 7: a tick came late or twice. Value: sensor frames since the last tick; limit 1.
+    LateTick,
+    /// 8: a sensor frame with the wrong number of joints. Value and limit: numbers of joints.
+    SensorCount,
+    /// 9: the emergency stop is pressed.
+    EmergencyStop,
+    /// 10: supply voltage too low. Value and limit in V.
+    SupplyLow,
+    /// 11: supply voltage too high. Value and limit in V.
+    SupplyHigh,
+    /// 12: a motor current is beyond its limit. Value and limit in A.
+    OverCurrent,
+    /// 13: the watchdog reset the board: no healthy tick for too long.
+    WatchdogReset,
+    /// 14: the firmware panicked and reset. Value: line number; the message is in [`super::BoardStatus`].
+    Panic,
+    /// 15: a CPU fault reset the board. Value: the program counter.
+    HardFault,
+    /// 16: the clock fell back to a less exact source at boot. Value: the [`super::ClockSource`]'s number. Arming
+    /// is still possible.
+    ClockFallback,
+    /// 17: the supervisor asked for an immediate stop.
+    Stop,
+}
+
+impl FaultCause {
+    /// The number on the wire and in the documentation.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// Whether angles and velocities can still be relied on after this fault. If not, the outputs go off whatever
+    /// reaction is configured.
+    pub const fn leaves_sensors_trustworthy(self) -> bool {
+        !matches!(
+            self,
+            Self::EncoderJump
+                | Self::EncoderStuck
+                | Self::NotFinite
+                | Self::SensorCount
+                | Self::EmergencyStop
+                | Self::SupplyHigh
+                | Self::OverCurrent
+        )
+    }
+
+    /// Whether the joints are not where their reference says, so that they must stop where they are instead of
+    /// coming to rest along the reference.
+    pub const fn means_motion_is_wrong(self) -> bool {
+        matches!(self, Self::PositionLimit | Self::VelocityLimit | Self::FollowingError)
+    }
+
+    /// The unit of [`Fault::value`] and [`Fault::limit`]; empty for a plain number.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::CommandTimeout => "s",
+            Self::PositionLimit | Self::FollowingError | Self::EncoderJump => "rad",
+            Self::VelocityLimit => "rad/s",
+            Self::EncoderStuck | Self::NotFinite => "N·m",
+            Self::SupplyLow | Self::SupplyHigh => "V",
+            Self::OverCurrent => "A",
+            _ => "",
+        }
+    }
+
+    /// What happened, in words, for people.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::CommandTimeout => "no command from the supervisor for too long",
+            Self::PositionLimit => "outside its position limit",
+            Self::VelocityLimit => "faster than its velocity limit",
+            Self::FollowingError => "too far from its reference",
+            Self::EncoderJump => "the encoder jumped further than the joint can move in one tick",
+            Self::EncoderStuck => "torque beyond friction and no motion: encoder dead or joint blocked",
+            Self::NotFinite => "a computed torque was not a finite number",
+            Self::LateTick => "the control tick came late, early or twice",
+            Self::SensorCount => "a sensor frame has the wrong number of joints",
+            Self::EmergencyStop => "the emergency stop is pressed",
+            Self::SupplyLow => "supply voltage too low",
+            Self::SupplyHigh => "supply voltage too high",
+            Self::OverCurrent => "motor current beyond its limit",
+            Self::WatchdogReset => "the watchdog reset the board",
+            Self::Panic => "the firmware panicked and was reset",
+            Self::HardFault => "a CPU fault reset the board",
+            Self::ClockFallback => "the clock fell back to a less exact source",
+            Self::Stop => "stopped by the supervisor",
+        }
+    }
+}
+
+/// One fault: what, where, how much, against which limit, when.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Fault {
+    /// Why.
+    pub cause: FaultCause,
+    /// Index of the joint, if it concerns one.
+    pub joint: Option<u8>,
+    /// The offending value, see [`FaultCause`].
+    pub value: f32,
+    /// The limit that it broke.
+    pub limit: f32,
+    /// The tick in which it was found.
+    pub tick: u32,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "fault {} in tick {}: ", self.cause.number(), self.tick)?;
+        if let Some(joint) = self.joint {
+            write!(f, "joint {joint}: ")?;
+        }
+        let unit = self.cause.unit();
+        write!(f, "{} (value {} {unit}, limit {} {unit})", self.cause.description(), self.value, self.limit)
+    }
+}
+
+/// The last [`MAX_FAULTS`] faults, oldest first. Survives a reset: the board keeps it in memory that a reset leaves
+/// alone.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+pub struct FaultLog {
+    /// Faults since power-on, those no longer remembered included.
+    pub total: u32,
+    /// The latest ones, oldest first.
+    pub faults: Vec<Fault, MAX_FAULTS>,
+}
+
+impl FaultLog {
+    /// No faults.
+    pub const fn new() -> Self {
+        Self { total: 0, faults: Vec::new() }
+    }
+
+    /// Adds a fault; the oldest is forgotten when there is no room.
+    pub fn record(&mut self, fault: Fault) {
+        self.total = self.total.saturating_add(1);
+        if self.faults.is_full() {
+            self.faults.remove(0);
+        }
+        // Cannot fail: a place was just freed.
+        let _ = self.faults.push(fault);
+    }
+}

@@ -1,0 +1,60 @@
+use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::RequestFrame;
+use crate::model::MAX_JOINTS;
+
+/// What the sensors of all joints read at one instant. Raw counts: SI conversion happens once, in the node.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SensorFrame {
+    /// Counts control periods; every tick is one more than the last.
+    pub sequence: u32,
+    /// Switches and states.
+    pub flags: SensorFlags,
+    /// Supply voltage [mV].
+    pub supply: u16,
+    /// Encoder counts, a joint each.
+    pub encoders: Vec<i32, MAX_JOINTS>,
+    /// Motor currents in counts of [`crate::model::Motor::current_resolution`], a joint each.
+    pub currents: Vec<i16, MAX_JOINTS>,
+}
+
+/// Bits of [`SensorFrame::flags`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SensorFlags(pub u8);
+
+impl SensorFlags {
+    /// Bit 0: the emergency stop is pressed.
+    pub const EMERGENCY_STOP: u8 = 1;
+
+    /// Whether the emergency stop is pressed.
+    pub const fn emergency_stop(self) -> bool {
+        self.0 & Self::EMERGENCY_STOP != 0
+    }
+}
+
+/// What the drives of all joints are to do until the next tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ActuatorFrame {
+    /// [`SensorFrame::sequence`] of the sensors that it answers.
+    pub sequence: u32,
+    /// Whether the power stages are on. Off, a joint moves freely.
+    pub enabled: bool,
+    /// Joint torques [N·m], within the limits of the model, always finite; all 0 when not enabled.
+    pub torques: Vec<f32, MAX_JOINTS>,
+}
+
+/// One entry of a recording from which a run can be repeated: what the node was told and what it answered, in order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum LogRecord {
+    /// 0: a request that was handled before the next tick.
+    Request(RequestFrame),
+    /// 1: a tick's input.
+    Sensors(SensorFrame),
+    /// 2: the tick's output.
+    Actuators(ActuatorFrame),
+}

@@ -1,0 +1,435 @@
+use core::fmt;
+
+use heapless::{String, Vec};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::codec::FrameCounts;
+use super::fault::{Fault, FaultLog};
+use crate::control::{JointPoint, ServoMode};
+use crate::model::{MAX_JOINTS, MAX_NAME, ModelError};
+
+/// Most bytes of a model in one [`Request::ModelChunk`].
+pub const MODEL_CHUNK: usize = 192;
+
+/// A request with the number by which its reply is known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct RequestFrame {
+    /// Chosen by the sender, repeated in the reply.
+    pub sequence: u16,
+    /// The request.
+    pub request: Request,
+}
+
+/// What the supervisor asks of the board. Every request has one [`Reply`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum Request {
+    /// 0: who are you? Its layout never changes. Answered by [`Reply::Hello`].
+    Hello {
+        /// The sender's [`super::SCHEMA_KEY`].
+        schema: u64,
+    },
+    /// 1: a robot model follows in chunks. Only while disarmed; the model in use stays until the commit.
+    ModelBegin {
+        /// Length of the model's postcard encoding in bytes.
+        length: u32,
+        /// Its [`super::codec::checksum`].
+        checksum: u32,
+    },
+    /// 2: a piece of the model; pieces come in order, and one that came already may come again.
+    ModelChunk {
+        /// Where it belongs.
+        offset: u32,
+        /// The bytes.
+        data: Vec<u8, MODEL_CHUNK>,
+    },
+    /// 3: check the model and use it from now on.
+    ModelCommit,
+    /// 4: the joints stand at these angles now [rad]. Homes relative encoders; only while disarmed.
+    Home {
+        /// An angle for each joint.
+        positions: Vec<f32, MAX_JOINTS>,
+    },
+    /// 5: start a task; the joints hold where they are until a set-point comes.
+    Arm {
+        /// The task.
+        task: Task,
+    },
+    /// 6: outputs off. Always granted.
+    Disarm,
+    /// 7: where to go. Says the whole aim, so it may be repeated; it also tells the node that the supervisor lives.
+    SetPoint(SetPoint),
+    /// 8: stop now: fault [`super::FaultCause::Stop`] with the configured reaction. Always granted.
+    Stop,
+    /// 9: answered by [`Reply::Status`].
+    ReadStatus,
+    /// 10: answered by [`Reply::Faults`].
+    ReadFaults,
+    /// 11: leave the fault mode. Needs proof that the faults were read.
+    ClearFaults {
+        /// [`FaultLog::total`] as read.
+        total: u32,
+    },
+    /// 12: send [`Telemetry`] every so many ticks; 0 stops it.
+    SetTelemetry {
+        /// Ticks from one to the next.
+        every: u16,
+    },
+}
+
+/// What an armed node does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Task {
+    /// 0: every joint follows its own set-point.
+    JointServo(ServoMode),
+}
+
+/// Where the joints are to go.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum SetPoint {
+    /// 0: angles [rad], approached through the trajectory filter.
+    Goal {
+        /// An angle for each joint.
+        positions: Vec<f32, MAX_JOINTS>,
+    },
+    /// 1: one point of a trajectory that the sender shapes itself, past the trajectory filter. One a tick.
+    Stream {
+        /// A point for each joint.
+        points: Vec<JointPoint, MAX_JOINTS>,
+    },
+}
+
+/// Everything that a board sends to the supervisor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum FromBoard {
+    /// 0: the answer to a request.
+    Reply(ReplyFrame),
+    /// 1: the state, unasked, at the rate of [`Request::SetTelemetry`]; may be lost.
+    Telemetry(Telemetry),
+}
+
+/// A reply.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct ReplyFrame {
+    /// [`RequestFrame::sequence`] of the request.
+    pub sequence: u16,
+    /// The last tick before the answer.
+    pub tick: u32,
+    /// The answer.
+    pub reply: Reply,
+}
+
+/// The answer to a request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum Reply {
+    /// 0: answers [`Request::Hello`]. Its layout never changes.
+    Hello {
+        /// The board's [`super::SCHEMA_KEY`].
+        schema: u64,
+        /// Version of the firmware: major, minor, patch.
+        firmware: [u8; 3],
+    },
+    /// 1: done.
+    Done,
+    /// 2: not done, and nothing changed.
+    Refused(Refusal),
+    /// 3: answers [`Request::ReadStatus`].
+    Status {
+        /// The node's part.
+        node: NodeStatus,
+        /// The board's part.
+        board: BoardStatus,
+    },
+    /// 4: answers [`Request::ReadFaults`].
+    Faults(FaultLog),
+}
+
+/// Why a request was refused, with what it takes to mend it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// 0: no hello with the board's own schema key came before.
+    SchemaMismatch {
+        /// The board's key.
+        board: u64,
+    },
+    /// 1: the board has no robot model.
+    NoModel,
+    /// 2: the model holds nonsense.
+    Model(ModelError),
+    /// 3: a chunk that does not continue the transfer, or none was begun.
+    ModelTransfer {
+        /// Bytes received so far.
+        received: u32,
+        /// Bytes announced.
+        announced: u32,
+    },
+    /// 4: the model arrived damaged.
+    ModelChecksum {
+        /// Checksum of what arrived.
+        received: u32,
+        /// Checksum announced.
+        announced: u32,
+    },
+    /// 5: the model is longer than the board can hold, or is not a model of this schema.
+    ModelUnreadable {
+        /// Bytes.
+        length: u32,
+        /// Most bytes.
+        limit: u32,
+    },
+    /// 6: not in this mode.
+    WrongMode(Mode),
+    /// 7: a relative encoder that was not homed since power-on.
+    NotHomed {
+        /// The joint.
+        joint: u8,
+    },
+    /// 8: there are faults that were not read.
+    FaultsUnread {
+        /// Their number since power-on.
+        total: u32,
+    },
+    /// 9: a list with the wrong number of joints.
+    JointCount {
+        /// Joints in the request.
+        got: u8,
+        /// Joints of the robot.
+        expected: u8,
+    },
+    /// 10: a number that is not finite.
+    NotFinite {
+        /// The joint.
+        joint: u8,
+    },
+    /// 11: an angle outside the limits [rad].
+    OutsideLimits {
+        /// The joint.
+        joint: u8,
+        /// The angle.
+        value: f32,
+        /// Smallest.
+        lower: f32,
+        /// Largest.
+        upper: f32,
+    },
+    /// 12: a speed beyond the limit [rad/s].
+    TooFast {
+        /// The joint.
+        joint: u8,
+        /// The speed.
+        value: f32,
+        /// The limit.
+        limit: f32,
+    },
+    /// 13: a streamed point too far from the reference so far [rad].
+    Jump {
+        /// The joint.
+        joint: u8,
+        /// The distance.
+        value: f32,
+        /// The limit.
+        limit: f32,
+    },
+    /// 14: no sensor frame has come yet.
+    NoSensors,
+    /// 15: the last sensor frame shows a state that would be a fault at once.
+    Unsafe(Fault),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SchemaMismatch { board } => write!(
+                f,
+                "board and supervisor speak different versions of the protocol (board {board:016x}, here {:016x}): \
+                 flash the firmware of this version, or use the tool of the board's version",
+                super::SCHEMA_KEY
+            ),
+            Self::NoModel => write!(f, "the board has no robot model: push one first"),
+            Self::Model(error) => write!(f, "the robot model was refused: {error}"),
+            Self::ModelTransfer { received, announced } => {
+                write!(
+                    f,
+                    "model transfer out of step ({received} of {announced} bytes arrived): begin it again"
+                )
+            }
+            Self::ModelChecksum { received, announced } => write!(
+                f,
+                "the model arrived damaged (checksum {received:08x}, announced {announced:08x}): push it again"
+            ),
+            Self::ModelUnreadable { length, limit } => {
+                write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")
+            }
+            Self::WrongMode(mode) => write!(f, "not possible while the board is {mode}"),
+            Self::NotHomed { joint } => {
+                write!(
+                    f,
+                    "joint {joint} has a relative encoder and was not homed since power-on: home it first"
+                )
+            }
+            Self::FaultsUnread { total } => {
+                write!(
+                    f,
+                    "{total} faults since power-on, not all of them read: read the faults, then clear them"
+                )
+            }
+            Self::JointCount { got, expected } => write!(f, "{got} joints given, the robot has {expected}"),
+            Self::NotFinite { joint } => write!(f, "joint {joint}: not a finite number"),
+            Self::OutsideLimits { joint, value, lower, upper } => {
+                write!(f, "joint {joint}: {value} rad is outside its limits {lower} to {upper} rad")
+            }
+            Self::TooFast { joint, value, limit } => {
+                write!(f, "joint {joint}: {value} rad/s is beyond its limit of {limit} rad/s")
+            }
+            Self::Jump { joint, value, limit } => write!(
+                f,
+                "joint {joint}: the point lies {value} rad from the reference, at most {limit} rad is followed: \
+                 start a stream where the joint is"
+            ),
+            Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
+            Self::Unsafe(fault) => write!(f, "arming now would end at once in {fault}"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// What the node is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Mode {
+    /// 0: outputs off.
+    Disarmed,
+    /// 1: at work.
+    Armed(Task),
+    /// 2: something was wrong; the outputs follow [`crate::model::Reaction`] until the fault is cleared.
+    Fault,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Disarmed => write!(f, "disarmed"),
+            Self::Armed(Task::JointServo(ServoMode::Pid)) => write!(f, "armed (joint servo, PID)"),
+            Self::Armed(Task::JointServo(ServoMode::Observer)) => write!(f, "armed (joint servo, observer)"),
+            Self::Fault => write!(f, "in fault"),
+        }
+    }
+}
+
+/// The node's part of [`Reply::Status`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct NodeStatus {
+    /// Mode.
+    pub mode: Mode,
+    /// Name of the model in use; empty without one.
+    pub model: String<MAX_NAME>,
+    /// Its [`super::codec::checksum`]; 0 without one.
+    pub model_checksum: u32,
+    /// Bit `i` is set when joint `i` is homed or needs no homing.
+    pub homed: u16,
+    /// Faults since power-on.
+    pub faults: u32,
+}
+
+/// The board's part of [`Reply::Status`]. The simulator and the replay tool report [`BoardStatus::default`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct BoardStatus {
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Whether sensors and drives are on the plant link.
+    pub plant_link: bool,
+    /// Where the clock comes from.
+    pub clock: ClockSource,
+    /// Why the board started last.
+    pub reset: ResetCause,
+    /// Message of the panic or CPU fault before the last reset; empty if there was none.
+    pub last_words: String<96>,
+    /// Most stack ever used since the last reset, and its size, in bytes.
+    pub stack_used: u32,
+    /// Size of the stack in bytes.
+    pub stack_size: u32,
+    /// The link to the supervisor.
+    pub supervisor_link: LinkStatistics,
+    /// The plant link.
+    pub plant: LinkStatistics,
+}
+
+impl Default for BoardStatus {
+    fn default() -> Self {
+        Self {
+            firmware: crate::VERSION,
+            plant_link: true,
+            clock: ClockSource::Crystal,
+            reset: ResetCause::PowerOn,
+            last_words: String::new(),
+            stack_used: 0,
+            stack_size: 0,
+            supervisor_link: LinkStatistics::default(),
+            plant: LinkStatistics::default(),
+        }
+    }
+}
+
+/// What a link of the board has seen since the last reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkStatistics {
+    /// Received frames by kind.
+    pub frames: FrameCounts,
+    /// Received bytes lost because the queue was full.
+    pub receive_overflow: u32,
+    /// Received bytes lost in the UART: noise, framing, overrun.
+    pub receive_errors: u32,
+    /// Frames not sent because the queue was full.
+    pub send_overflow: u32,
+}
+
+/// Where the board's clock comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ClockSource {
+    /// 0: crystal and PLL, 168 MHz.
+    Crystal,
+    /// 1: internal oscillator and PLL, 168 MHz, 1 % exact.
+    InternalPll,
+    /// 2: internal oscillator alone, 16 MHz.
+    Internal,
+}
+
+/// Why the board started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ResetCause {
+    /// 0: power, or the reset button.
+    PowerOn,
+    /// 1: the watchdog.
+    Watchdog,
+    /// 2: a panic.
+    Panic,
+    /// 3: a CPU fault.
+    HardFault,
+    /// 4: asked for by software or the debugger.
+    Software,
+}
+
+/// The state of the node after a tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Telemetry {
+    /// The tick.
+    pub tick: u32,
+    /// Mode.
+    pub mode: Mode,
+    /// Faults since power-on.
+    pub faults: u32,
+    /// Measured angles [rad].
+    pub positions: Vec<f32, MAX_JOINTS>,
+    /// Measured velocities [rad/s].
+    pub velocities: Vec<f32, MAX_JOINTS>,
+    /// Reference angles [rad].
+    pub references: Vec<f32, MAX_JOINTS>,
+    /// Torques [N·m].
+    pub torques: Vec<f32, MAX_JOINTS>,
+}

@@ -1,0 +1,35 @@
+//! Everything that goes over a wire, and its framing.
+//!
+//! There are two links. The *supervisor link* carries [`RequestFrame`]s to the board and [`FromBoard`] messages back.
+//! The *plant link* carries [`SensorFrame`]s to the board and [`ActuatorFrame`]s back, in lock step; on a board that
+//! owns its sensors and drives the same two types pass between drivers and node without a wire.
+//!
+//! One message is one frame, see [`codec`]. Enumerations are sent as the position of the variant, which each
+//! variant's documentation states: variants are added at the end, never reordered, and a number is never used again.
+//! [`SCHEMA_KEY`] changes with any change of a message; only [`Request::Hello`] keeps its layout for ever.
+
+pub mod codec;
+mod fault;
+mod frame;
+mod message;
+
+pub use fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
+pub use frame::{ActuatorFrame, LogRecord, SensorFlags, SensorFrame};
+pub use message::{
+    BoardStatus, ClockSource, FromBoard, LinkStatistics, MODEL_CHUNK, Mode, NodeStatus, Refusal, Reply,
+    ReplyFrame, Request, RequestFrame, ResetCause, SetPoint, Task, Telemetry,
+};
+
+/// Identifies the layout of all messages. Two programs whose keys differ can exchange nothing but
+/// [`Request::Hello`].
+pub const SCHEMA_KEY: u64 = {
+    const fn key<T: postcard_schema::Schema>() -> u64 {
+        u64::from_le_bytes(postcard_schema::key::Key::for_path::<T>("tesaki").to_bytes())
+    }
+    // The model travels as the payload of `ModelChunk`s and therefore counts too.
+    key::<RequestFrame>()
+        ^ key::<FromBoard>().rotate_left(13)
+        ^ key::<SensorFrame>().rotate_left(26)
+        ^ key::<ActuatorFrame>().rotate_left(39)
+        ^ key::<crate::model::RobotModel>().rotate_left(52)
+};

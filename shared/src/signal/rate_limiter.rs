@@ -1,0 +1,26 @@
+use crate::{TICK, math};
+
+/// Lets a value change by at most `rate · T` a tick.
+#[derive(Clone, Copy, Debug)]
+pub struct RateLimiter {
+    step: f32,
+}
+
+impl RateLimiter {
+    /// At most `rate` per second; positive.
+    pub const fn new(rate: f32) -> Self {
+        Self { step: rate * TICK }
+    }
+
+    /// The value nearest to `wanted` that may follow `last`.
+    ///
+    /// ```
+    /// let limiter = tesaki::signal::RateLimiter::new(10.0);
+    /// assert_eq!(limiter.limit(0.0, 1.0), 0.1);
+    /// assert_eq!(limiter.limit(0.0, 0.05), 0.05);
+    /// ```
+    #[inline]
+    pub const fn limit(&self, last: f32, wanted: f32) -> f32 {
+        math::clamp(wanted, last - self.step, last + self.step)
+    }
+}
