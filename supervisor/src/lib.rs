@@ -1,1 +1,8 @@
-//! The PC at the other end of a tesaki board's serial line.
+//! The PC at the other end of a tesaki board's serial line: robot folders, and the client side of the protocol.
+
+mod board;
+mod link;
+pub mod robot;
+
+pub use board::{Board, BoardError, describe_fault};
+pub use link::{ByteLink, LinkBoard};

@@ -37,9 +37,9 @@ impl Chain {
         for ((((link, pass), &q), &qd), &qdd) in self.links.iter().zip(&mut passes).zip(q).zip(qd).zip(qdd) {
             (pass.sine, pass.cosine) = math::sin_cos(q);
             acceleration += alpha.cross(&link.translation) + omega.cross(&omega.cross(&link.translation));
-            acceleration = pass.to_link(&link.rotation, &acceleration);
-            omega = pass.to_link(&link.rotation, &omega);
-            alpha = pass.to_link(&link.rotation, &alpha);
+            acceleration = pass.link_from_parent(&link.rotation, &acceleration);
+            omega = pass.link_from_parent(&link.rotation, &omega);
+            alpha = pass.link_from_parent(&link.rotation, &alpha);
             // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
             alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
             omega.z += qd;
@@ -61,8 +61,8 @@ impl Chain {
             force += pass.force;
             moment += pass.moment;
             *torque = moment.z;
-            force = pass.to_parent(&link.rotation, &force);
-            moment = pass.to_parent(&link.rotation, &moment) + link.translation.cross(&force);
+            force = pass.parent_from_link(&link.rotation, &force);
+            moment = pass.parent_from_link(&link.rotation, &moment) + link.translation.cross(&force);
         }
     }
 }
@@ -70,14 +70,75 @@ impl Chain {
 impl Pass {
     /// A vector of the parent link's frame in this link's frame.
     #[inline]
-    fn to_link(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
+    fn link_from_parent(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
         let v = rotation.tr_mul(v);
         Vector3::new(self.cosine * v.x + self.sine * v.y, self.cosine * v.y - self.sine * v.x, v.z)
     }
 
     /// A vector of this link's frame in the parent link's frame.
     #[inline]
-    fn to_parent(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
+    fn parent_from_link(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
         rotation * Vector3::new(self.cosine * v.x - self.sine * v.y, self.sine * v.x + self.cosine * v.y, v.z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use crate::dynamics::Chain;
+    use crate::model::{Inertial, JointModel, Pose, test_joint};
+
+    type Link = ([f32; 3], [f32; 4], [f32; 3], f32, [f32; 3], [f32; 6]);
+    type Motion = (&'static [f32], &'static [f32], &'static [f32], &'static [f32]);
+
+    /// Gravity; the links; motions as angles, velocities, accelerations and the torques that Pinocchio computes for
+    /// them (`tests/oracles/inverse_dynamics.py`).
+    const CASES: &[([f32; 3], &[Link], &[Motion])] =
+        include!("../../../tests/oracles/data/inverse_dynamics.in");
+
+    fn joint(&(translation, rotation, axis, mass, center_of_mass, inertia): &Link) -> JointModel {
+        JointModel {
+            origin: Pose { translation, rotation },
+            axis,
+            link: Inertial { mass, center_of_mass, inertia },
+            ..test_joint("joint")
+        }
+    }
+
+    #[test]
+    fn agrees_with_pinocchio() {
+        for &(gravity, links, motions) in CASES {
+            let joints: Vec<_> = links.iter().map(joint).collect();
+            let chain = Chain::new(&joints);
+            for &(q, qd, qdd, expected) in motions {
+                let mut torques = vec![0.0; links.len()];
+                chain.inverse_dynamics(&Vector3::from(gravity), q, qd, qdd, &mut torques);
+                let scale = expected.iter().fold(0.0_f32, |scale, torque| scale.max(torque.abs()));
+                for (torque, expected) in torques.iter().zip(expected) {
+                    assert!((torque - expected).abs() <= 1e-5 * scale, "{torques:?} {expected:?} of {scale}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn holds_a_pendulum_against_gravity() {
+        // 2 kg, 0.5 m from a horizontal axis, hanging at 30° from the vertical: 2 · 9.81 · 0.5 · sin 30° = 4.905 N·m.
+        let pendulum = JointModel {
+            axis: [0.0, 1.0, 0.0],
+            link: Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] },
+            ..test_joint("pendulum")
+        };
+        let mut torque = [0.0];
+        let angle = [core::f32::consts::FRAC_PI_6];
+        Chain::new(&[pendulum]).inverse_dynamics(
+            &Vector3::new(0.0, 0.0, -9.81),
+            &angle,
+            &[0.0],
+            &[0.0],
+            &mut torque,
+        );
+        assert!((torque[0] - 4.905).abs() < 1e-5, "{torque:?}");
     }
 }

@@ -16,6 +16,7 @@ mod validate;
 pub use error::{Field, ModelError, Problem};
 
 use heapless::{String, Vec};
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -233,5 +234,44 @@ impl RobotModel {
             first = range.end;
             range
         })
+    }
+}
+
+/// A joint of ordinary values, for tests to change.
+#[cfg(test)]
+pub(crate) fn test_joint(name: &str) -> JointModel {
+    JointModel {
+        name: name.try_into().expect("a short name"),
+        origin: Pose::IDENTITY,
+        axis: [0.0, 0.0, 1.0],
+        link: Inertial {
+            mass: 0.02,
+            center_of_mass: [0.02, 0.0, 0.0],
+            inertia: [1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0],
+        },
+        motor: Motor {
+            rotor_inertia: 2e-4,
+            torque_constant: 0.5,
+            current_limit: 1.5,
+            current_resolution: 1e-3,
+            bandwidth: 300.0,
+            delay: 3e-4,
+        },
+        friction: Friction { coulomb: 0.02, viscous: 0.002 },
+        encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },
+        limits: JointLimits {
+            lower: -1.5,
+            upper: 1.5,
+            velocity: 8.0,
+            torque: 0.6,
+            torque_rate: 200.0,
+            following_error: 0.2,
+        },
+        servo: ServoGains {
+            filter_time: 0.2,
+            pid: PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 },
+            observer: ObserverGains { inertia: 2.1e-4, bandwidth: 50.0, observer_bandwidth: 100.0 },
+            coulomb_share: 0.8,
+        },
     }
 }

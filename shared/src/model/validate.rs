@@ -40,7 +40,11 @@ impl RobotModel {
             let check = Check { joint: Some(index as u8) };
             let others = self.joints.iter().take(index);
             if joint.name.is_empty() || others.into_iter().any(|other| other.name == joint.name) {
-                return Err(check.error(Field::Name, f32::from(index as u8), Problem::NotUnique));
+                return Err(check.error(
+                    Field::Name,
+                    f32::from(check.joint.unwrap_or(0)),
+                    Problem::NotUnique,
+                ));
             }
             joint.validate(check)?;
         }

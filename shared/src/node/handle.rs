@@ -52,7 +52,7 @@ impl Node {
                     return Err(Refusal::FaultsUnread { total: self.faults.total });
                 }
                 if self.mode == Mode::Fault {
-                    self.disarm();
+                    self.mode = Mode::Disarmed;
                 }
             }
             Request::SetTelemetry { every } => self.telemetry_every = *every,
@@ -182,8 +182,8 @@ fn robot_with(robot: &Option<Robot>, got: usize) -> Result<&Robot, Refusal> {
     let robot = robot.as_ref().ok_or(Refusal::NoModel)?;
     let expected = robot.joints.len();
     if got == expected {
-        Ok(robot)
-    } else {
-        Err(Refusal::JointCount { got: got as u8, expected: expected as u8 })
+        return Ok(robot);
     }
+    #[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
+    Err(Refusal::JointCount { got: got as u8, expected: expected as u8 })
 }

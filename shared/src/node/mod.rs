@@ -4,9 +4,12 @@
 //!              Arm                    fault, Stop
 //!  Disarmed ─────────► Armed(task) ─────────────────► Fault
 //!     ▲ ▲  Disarm           │                          │
-//!     │ └───────────────────┘      ClearFaults, Disarm │
+//!     │ └───────────────────┘              ClearFaults │
 //!     └────────────────────────────────────────────────┘
 //! ```
+//!
+//! In `Fault` the outputs follow the configured [`Reaction`]; `Disarm` puts them off there, too, but the fault stays
+//! until it was read and cleared.
 //!
 //! A [`Node`] never reads a clock, waits or touches a pin. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
@@ -16,6 +19,16 @@ mod joint;
 mod robot;
 mod tick;
 mod transfer;
+
+#[cfg(test)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::float_cmp,
+    clippy::indexing_slicing,
+    reason = "tests"
+)]
+mod tests;
 
 pub use robot::Robot;
 
@@ -114,11 +127,7 @@ impl Node {
 
     /// The state after the last tick.
     pub fn telemetry(&self) -> Telemetry {
-        let count = self.joint_count();
-        // `collect` cannot overflow: there are as many states as places.
-        let list = |value: fn(&JointState) -> f32| -> Vec<f32, MAX_JOINTS> {
-            self.joints.iter().take(count).map(value).collect()
-        };
+        let list = |value| self.for_each_joint(value);
         Telemetry {
             tick: self.tick.unwrap_or(0),
             mode: self.mode,
@@ -130,8 +139,15 @@ impl Node {
         }
     }
 
-    fn joint_count(&self) -> usize {
-        self.robot.as_ref().map_or(0, |robot| robot.joints.len())
+    /// One value for each joint of the robot.
+    fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
+        let count = self.robot.as_ref().map_or(0, |robot| robot.joints.len());
+        let mut list = Vec::new();
+        for state in self.joints.iter().take(count) {
+            // Cannot fail: there are no more states than places. (`collect` would bring in a panic.)
+            let _ = list.push(value(state));
+        }
+        list
     }
 
     /// Records a fault and reacts to it.

@@ -27,11 +27,10 @@ impl Node {
             Mode::Armed(_) => true,
             Mode::Fault => self.reaction != Reaction::Off,
         };
-        let count = self.joint_count();
         ActuatorFrame {
             sequence: sensors.sequence,
             enabled,
-            torques: self.joints.iter().take(count).map(|joint| joint.torque).collect(),
+            torques: self.for_each_joint(|joint| joint.torque),
         }
     }
 
@@ -57,7 +56,7 @@ impl Node {
         readings.for_each(|((config, state), &count)| state.read(config, count));
 
         let safety = &robot.model().safety;
-        let supply = f32::from(sensors.supply) * 1e-3;
+        let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
         }

@@ -1,3 +1,8 @@
+#![expect(
+    clippy::cast_possible_truncation,
+    reason = "no model is longer than 4096 bytes, no request longer than 320"
+)]
+
 use heapless::Vec;
 
 use crate::model::RobotModel;

@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn matches_scipy_on_a_recorded_motion() {
-        /// `(input, output)` a tick, from `tests/oracles/signal.py` (`scipy.signal.cont2discrete`, method `foh`).
+        /// `(input, output)` a tick, from `tests/oracles/signal_filters.py` (`scipy.signal.cont2discrete`, method `foh`).
         const MOTION: &[(f32, f64)] = include!("../../../tests/oracles/data/pseudo_differentiator.in");
         let h = PseudoDifferentiator::new(30.0);
         let (mut y, mut previous) = (0.0, 0.0);

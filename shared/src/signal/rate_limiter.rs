@@ -16,8 +16,8 @@ impl RateLimiter {
     ///
     /// ```
     /// let limiter = tesaki::signal::RateLimiter::new(10.0);
-    /// assert_eq!(limiter.limit(0.0, 1.0), 0.1);
-    /// assert_eq!(limiter.limit(0.0, 0.05), 0.05);
+    /// assert!((limiter.limit(0.0, 1.0) - 0.1).abs() < 1e-7);
+    /// assert_eq!(limiter.limit(0.0, 0.0625), 0.0625);
     /// ```
     #[inline]
     pub const fn limit(&self, last: f32, wanted: f32) -> f32 {

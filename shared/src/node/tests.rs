@@ -1,0 +1,424 @@
+//! The node from outside: what is refused, what faults, and what the outputs do then.
+
+use heapless::Vec;
+use proptest::prelude::*;
+
+use super::Node;
+use crate::control::{JointPoint, ServoMode};
+use crate::model::{ChainModel, Field, MAX_JOINTS, Problem, Reaction, RobotModel, Safety, test_joint};
+use crate::protocol::{
+    ActuatorFrame, BoardStatus, Fault, FaultCause, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame,
+    SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Task, codec,
+};
+
+const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
+
+fn model() -> RobotModel {
+    let mut joints = Vec::new();
+    for name in ["base", "middle", "tip"] {
+        joints.push(test_joint(name)).unwrap();
+    }
+    RobotModel {
+        name: "finger".try_into().unwrap(),
+        gravity: [0.0, 0.0, -9.81],
+        chains: Vec::from_slice(&[ChainModel { joints: 3 }]).unwrap(),
+        joints,
+        safety: Safety {
+            command_timeout: 0.1,
+            reaction: Reaction::Hold,
+            damping: 0.01,
+            supply_min: 20.0,
+            supply_max: 28.0,
+        },
+    }
+}
+
+/// A node with its board around it: sends requests, and ticks with encoders that read what the test says.
+struct Bench {
+    node: Node,
+    sensors: SensorFrame,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let sensors = SensorFrame {
+            sequence: 0,
+            flags: SensorFlags(0),
+            supply: 24_000,
+            encoders: Vec::from_slice(&[0; 3]).unwrap(),
+            currents: Vec::from_slice(&[0; 3]).unwrap(),
+        };
+        Self { node: Node::new(), sensors }
+    }
+
+    /// Ready to arm.
+    fn ready(model: &RobotModel) -> Self {
+        let mut bench = Self::new();
+        assert!(matches!(bench.ask(Request::Hello { schema: SCHEMA_KEY }), Reply::Hello { .. }));
+        assert_eq!(bench.push(model), Reply::Done);
+        bench.tick();
+        bench
+    }
+
+    fn armed(model: &RobotModel) -> Self {
+        let mut bench = Self::ready(model);
+        assert_eq!(bench.arm(), Reply::Done);
+        bench
+    }
+
+    fn ask(&mut self, request: Request) -> Reply {
+        self.node.handle(&RequestFrame { sequence: 7, request }, &BoardStatus::default()).reply
+    }
+
+    fn push(&mut self, model: &RobotModel) -> Reply {
+        let bytes = postcard::to_stdvec(model).unwrap();
+        let begin = Request::ModelBegin { length: bytes.len() as u32, checksum: codec::checksum(&bytes) };
+        assert_eq!(self.ask(begin), Reply::Done);
+        for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
+            let chunk = Request::ModelChunk {
+                offset: (index * MODEL_CHUNK) as u32,
+                data: Vec::from_slice(data).unwrap(),
+            };
+            assert_eq!(self.ask(chunk), Reply::Done);
+        }
+        self.ask(Request::ModelCommit)
+    }
+
+    fn arm(&mut self) -> Reply {
+        self.ask(Request::Arm { task: Task::JointServo(ServoMode::Pid) })
+    }
+
+    fn goal(&mut self, positions: [f32; 3]) -> Reply {
+        self.ask(Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&positions).unwrap() }))
+    }
+
+    fn tick(&mut self) -> ActuatorFrame {
+        self.sensors.sequence += 1;
+        self.node.tick(&self.sensors)
+    }
+
+    /// Ticks, telling the node each time that the supervisor lives, until it faults.
+    fn tick_until_fault(&mut self, goal: [f32; 3], ticks: usize) -> Fault {
+        for _ in 0..ticks {
+            self.tick();
+            if self.node.mode() == Mode::Fault {
+                return *self.node.faults().faults.last().unwrap();
+            }
+            assert_eq!(self.goal(goal), Reply::Done);
+        }
+        panic!("no fault in {ticks} ticks");
+    }
+}
+
+fn refusal(reply: Reply) -> Refusal {
+    match reply {
+        Reply::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[test]
+fn arms_only_when_everything_is_ready() {
+    let mut bench = Bench::new();
+    assert_eq!(refusal(bench.arm()), Refusal::SchemaMismatch { board: SCHEMA_KEY });
+    bench.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
+    assert_eq!(refusal(bench.arm()), Refusal::SchemaMismatch { board: SCHEMA_KEY });
+    bench.ask(Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(bench.arm()), Refusal::NoModel);
+    let mut relative = model();
+    relative.joints[1].encoder.relative = true;
+    assert_eq!(bench.push(&relative), Reply::Done);
+    assert_eq!(refusal(bench.arm()), Refusal::NoSensors);
+    bench.tick();
+    assert_eq!(refusal(bench.arm()), Refusal::NotHomed { joint: 1 });
+    let home = Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() };
+    assert_eq!(bench.ask(home), Reply::Done);
+    assert!((bench.node.telemetry().positions[1] - 0.2).abs() < 1e-4);
+    bench.sensors.supply = 12_000;
+    bench.tick();
+    let Refusal::Unsafe(fault) = refusal(bench.arm()) else { panic!() };
+    assert_eq!((fault.cause, fault.value, fault.limit), (FaultCause::SupplyLow, 12.0, 20.0));
+    bench.sensors.supply = 24_000;
+    bench.tick();
+    assert_eq!(bench.arm(), Reply::Done);
+    assert_eq!(refusal(bench.arm()), Refusal::WrongMode(Mode::Armed(Task::JointServo(ServoMode::Pid))));
+}
+
+#[test]
+fn refuses_a_model_that_makes_no_sense_by_joint_and_field() {
+    type Spoil = fn(&mut RobotModel);
+    let cases: &[(Spoil, Option<u8>, Field)] = &[
+        (|m| m.joints[1].link.mass = -0.1, Some(1), Field::Mass),
+        (|m| m.joints[2].link.inertia[0] = -1e-6, Some(2), Field::Inertia),
+        (|m| m.joints[2].link.inertia = [1.0, 1.0, 3.0, 0.0, 0.0, 0.0], Some(2), Field::Inertia),
+        (|m| m.joints[0].limits.upper = -2.0, Some(0), Field::LimitUpper),
+        (|m| m.joints[0].axis = [0.0; 3], Some(0), Field::Axis),
+        (|m| m.joints[0].motor.torque_constant = f32::NAN, Some(0), Field::TorqueConstant),
+        (|m| m.joints[1].name = "base".try_into().unwrap(), Some(1), Field::Name),
+        (|m| m.chains[0].joints = 4, None, Field::Chains),
+        (|m| m.chains[0].joints = 8, None, Field::Chains),
+        (|m| m.joints.clear(), None, Field::Joints),
+        (|m| m.safety.supply_max = 10.0, None, Field::SupplyMax),
+        (|m| m.joints[2].servo.coulomb_share = 1.5, Some(2), Field::CoulombShare),
+    ];
+    for (spoil, joint, field) in cases {
+        let mut bench = Bench::ready(&model());
+        let mut spoilt = model();
+        spoil(&mut spoilt);
+        let Refusal::Model(error) = refusal(bench.push(&spoilt)) else { panic!("{field:?}") };
+        assert_eq!((error.joint, error.field), (*joint, *field));
+        // The model that was there is still in use.
+        assert_eq!(bench.arm(), Reply::Done);
+    }
+    let mut negative = model();
+    negative.joints[0].limits.upper = -2.0;
+    let error = negative.validate().unwrap_err();
+    assert_eq!((error.value, error.problem), (-2.0, Problem::NotAbove(-1.5)));
+    assert_eq!(error.to_string(), "joint 0: limits.upper = -2 must be above -1.5");
+}
+
+#[test]
+fn refuses_a_damaged_or_incomplete_model_transfer() {
+    let mut bench = Bench::ready(&model());
+    let bytes = postcard::to_stdvec(&model()).unwrap();
+    let chunk = |offset: usize| Request::ModelChunk {
+        offset: offset as u32,
+        data: Vec::from_slice(&bytes[offset..(offset + MODEL_CHUNK).min(bytes.len())]).unwrap(),
+    };
+    let length = bytes.len() as u32;
+    let wrong_sum = codec::checksum(&bytes) ^ 4;
+    bench.ask(Request::ModelBegin { length, checksum: wrong_sum });
+    assert_eq!(bench.ask(chunk(0)), Reply::Done);
+    assert!(matches!(
+        refusal(bench.ask(chunk(2 * MODEL_CHUNK))),
+        Refusal::ModelTransfer { received: 192, .. }
+    ));
+    assert_eq!(bench.ask(chunk(0)), Reply::Done, "a repeated piece is taken again");
+    assert!(matches!(refusal(bench.ask(Request::ModelCommit)), Refusal::ModelTransfer { received: 192, .. }));
+    for offset in (MODEL_CHUNK..bytes.len()).step_by(MODEL_CHUNK) {
+        assert_eq!(bench.ask(chunk(offset)), Reply::Done);
+    }
+    assert!(matches!(refusal(bench.ask(Request::ModelCommit)), Refusal::ModelChecksum { .. }));
+    assert!(matches!(
+        refusal(bench.ask(Request::ModelBegin { length: 100_000, checksum: 0 })),
+        Refusal::ModelUnreadable { length: 100_000, .. }
+    ));
+}
+
+#[test]
+fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
+    let mut bench = Bench::armed(&model());
+    let before = bench.tick();
+    assert_eq!(refusal(bench.goal([0.0, f32::NAN, 0.0])), Refusal::NotFinite { joint: 1 });
+    assert_eq!(
+        refusal(bench.goal([0.0, 0.0, 1.6])),
+        Refusal::OutsideLimits { joint: 2, value: 1.6, lower: -1.5, upper: 1.5 }
+    );
+    let short = Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&[0.0; 2]).unwrap() });
+    assert_eq!(refusal(bench.ask(short)), Refusal::JointCount { got: 2, expected: 3 });
+    let stream = |position, velocity| {
+        let rest = JointPoint::default();
+        let points =
+            Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
+        Request::SetPoint(SetPoint::Stream { points })
+    };
+    assert_eq!(refusal(bench.ask(stream(0.5, 0.0))), Refusal::Jump { joint: 2, value: 0.5, limit: 0.2 });
+    assert_eq!(refusal(bench.ask(stream(0.0, 9.0))), Refusal::TooFast { joint: 2, value: 9.0, limit: 8.0 });
+    assert_eq!(refusal(bench.ask(stream(f32::INFINITY, 0.0))), Refusal::NotFinite { joint: 2 });
+    let after = bench.tick();
+    assert_eq!(before.torques, after.torques);
+    assert_eq!(bench.node.telemetry().references, [0.0; 3]);
+}
+
+#[test]
+fn a_jumping_encoder_switches_off() {
+    let mut bench = Bench::armed(&model());
+    bench.tick();
+    bench.sensors.encoders[1] += 10_000;
+    let output = bench.tick();
+    let fault = *bench.node.faults().faults.last().unwrap();
+    assert_eq!(
+        (fault.cause, fault.joint, fault.tick),
+        (FaultCause::EncoderJump, Some(1), bench.sensors.sequence)
+    );
+    // 10 000 counts of 65 536 a turn are 0.9587 rad; the limit is twice 8 rad/s · 10 ms and two counts.
+    assert!((fault.value - 0.958_738).abs() < 1e-5 && (fault.limit - 0.160_192).abs() < 1e-5, "{fault:?}");
+    assert!(!output.enabled && output.torques == [0.0; 3]);
+}
+
+#[test]
+fn a_stuck_encoder_switches_off() {
+    let mut bench = Bench::armed(&model());
+    bench.tick();
+    let fault = bench.tick_until_fault([0.0, 0.0, 0.19], 400);
+    assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
+    assert!(fault.value > fault.limit && (fault.limit - 0.1).abs() < 1e-6, "{fault:?}");
+    assert!(!bench.tick().enabled);
+}
+
+#[test]
+fn frame_faults_are_named_with_value_limit_and_tick() {
+    type Spoil = fn(&mut SensorFrame);
+    let cases: &[(Spoil, FaultCause, f32, f32, bool)] = &[
+        (|s| s.sequence += 2, FaultCause::LateTick, 3.0, 1.0, true),
+        (|s| s.sequence -= 1, FaultCause::LateTick, 0.0, 1.0, true),
+        (|s| s.supply = 19_000, FaultCause::SupplyLow, 19.0, 20.0, true),
+        (|s| s.supply = 30_000, FaultCause::SupplyHigh, 30.0, 28.0, false),
+        (|s| s.flags = SensorFlags(1), FaultCause::EmergencyStop, 1.0, 0.0, false),
+        (|s| s.currents[0] = 2000, FaultCause::OverCurrent, 2.0, 1.875, false),
+        (|s| s.encoders.truncate(2), FaultCause::SensorCount, 2.0, 3.0, false),
+    ];
+    for &(spoil, cause, value, limit, still_enabled) in cases {
+        let mut bench = Bench::armed(&model());
+        bench.tick();
+        spoil(&mut bench.sensors);
+        let output = bench.tick();
+        let fault = *bench.node.faults().faults.last().unwrap_or_else(|| panic!("{cause:?}"));
+        assert_eq!((fault.cause, fault.value, fault.limit), (cause, value, limit));
+        assert_eq!((fault.tick, output.enabled), (bench.sensors.sequence, still_enabled), "{cause:?}");
+        if !still_enabled {
+            assert!(output.torques.iter().all(|&torque| torque == 0.0));
+        }
+    }
+}
+
+#[test]
+fn silence_of_the_supervisor_ends_in_the_configured_reaction() {
+    for reaction in [Reaction::Off, Reaction::Damp, Reaction::Hold] {
+        let mut model = model();
+        model.safety.reaction = reaction;
+        let mut bench = Bench::armed(&model);
+        bench.goal([0.0, 0.05, 0.0]);
+        // 100 ms of silence are allowed: the tenth tick is still armed, the eleventh is not.
+        for _ in 0..10 {
+            assert!(bench.tick().enabled);
+            assert!(matches!(bench.node.mode(), Mode::Armed(_)));
+        }
+        let output = bench.tick();
+        let fault = *bench.node.faults().faults.last().unwrap();
+        assert_eq!(fault.cause, FaultCause::CommandTimeout);
+        assert!((fault.value - 0.11).abs() < 1e-6 && fault.limit == 0.1);
+        assert_eq!(output.enabled, reaction != Reaction::Off);
+        if reaction == Reaction::Hold {
+            // The reference comes to rest short of the goal.
+            for _ in 0..100 {
+                bench.tick();
+            }
+            let telemetry = bench.node.telemetry();
+            assert!(telemetry.references[1] > 0.0 && telemetry.references[1] < 0.03, "{telemetry:?}");
+        }
+    }
+}
+
+#[test]
+fn a_fault_stays_until_it_was_read() {
+    let mut bench = Bench::armed(&model());
+    bench.tick();
+    bench.ask(Request::Stop);
+    assert_eq!(bench.node.mode(), Mode::Fault);
+    assert_eq!(refusal(bench.arm()), Refusal::WrongMode(Mode::Fault));
+    assert_eq!(refusal(bench.ask(Request::ClearFaults { total: 0 })), Refusal::FaultsUnread { total: 1 });
+    let Reply::Faults(log) = bench.ask(Request::ReadFaults) else { panic!() };
+    assert_eq!(log.faults[0].cause, FaultCause::Stop);
+    assert_eq!(bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    // After a reset the board gives the log back, and it is still there to be read.
+    let mut reborn = Node::new();
+    reborn.restore_faults(log.clone());
+    assert_eq!(reborn.faults(), &log);
+}
+
+#[test]
+fn disarm_puts_a_faulted_node_off_but_keeps_the_fault() {
+    let mut bench = Bench::armed(&model());
+    bench.tick();
+    bench.ask(Request::Stop);
+    assert!(bench.tick().enabled, "the reaction is to hold");
+    bench.ask(Request::Disarm);
+    assert!(!bench.tick().enabled);
+    assert_eq!(bench.node.mode(), Mode::Fault);
+}
+
+#[test]
+fn a_stream_is_followed_to_the_point_and_left_without_a_jump() {
+    let mut bench = Bench::armed(&model());
+    let mut position = 0.0;
+    for _ in 0..20 {
+        position += 0.01 * 0.5;
+        let point = JointPoint { position, velocity: 0.5, acceleration: 0.0 };
+        let points = Vec::from_slice(&[JointPoint::default(), point, JointPoint::default()]).unwrap();
+        assert_eq!(bench.ask(Request::SetPoint(SetPoint::Stream { points })), Reply::Done);
+        bench.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
+        bench.tick();
+        assert_eq!(bench.node.telemetry().references[1], position);
+    }
+    bench.goal([0.0, position, 0.0]);
+    bench.tick();
+    // The reference goes on at the stream's speed and comes back: 0.5 rad/s · 10 ms · e^(−0.05) at first.
+    let step = bench.node.telemetry().references[1] - position;
+    assert!((step - 0.004_756).abs() < 1e-5, "{step}");
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    let value = prop_oneof![
+        4 => -1.5_f32..1.5, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY), 1 => any::<f32>(), 3 => Just(0.0)
+    ];
+    let list = proptest::collection::vec(value.clone(), 0..5);
+    let points = proptest::collection::vec((value.clone(), value.clone(), value), 3);
+    prop_oneof![
+        Just(Request::Hello { schema: SCHEMA_KEY }),
+        Just(Request::Disarm),
+        Just(Request::Stop),
+        Just(Request::ReadFaults),
+        (0_u32..4).prop_map(|total| Request::ClearFaults { total }),
+        any::<u16>().prop_map(|every| Request::SetTelemetry { every }),
+        (any::<u32>(), any::<u32>()).prop_map(|(length, checksum)| Request::ModelBegin { length, checksum }),
+        Just(Request::Arm { task: Task::JointServo(ServoMode::Pid) }),
+        Just(Request::Arm { task: Task::JointServo(ServoMode::Observer) }),
+        list.clone().prop_map(|list| Request::Home { positions: Vec::from_slice(&list).unwrap() }),
+        list.prop_map(|list| Request::SetPoint(SetPoint::Goal {
+            positions: Vec::from_slice(&list).unwrap()
+        })),
+        points.prop_map(|points| {
+            let points = points.iter().map(|&(position, velocity, acceleration)| JointPoint {
+                position,
+                velocity,
+                acceleration,
+            });
+            Request::SetPoint(SetPoint::Stream { points: points.collect() })
+        }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// Whatever is asked and whatever the sensors read: no panic, and every torque finite and within its limits.
+    #[test]
+    fn torques_stay_within_limits_whatever_comes(
+        steps in proptest::collection::vec(
+            (proptest::option::of(any_request()), -40_000_i32..40_000, any::<bool>(), any::<i16>(), 0_u8..30),
+            1..120,
+        )
+    ) {
+        let mut bench = Bench::armed(&model());
+        let mut last = [0.0_f32; MAX_JOINTS];
+        for (request, count, wild, current, special) in steps {
+            if let Some(request) = request {
+                bench.ask(request);
+            }
+            bench.sensors.encoders[1] = if wild { count } else { count / 1000 };
+            bench.sensors.currents[0] = if special == 0 { current } else { 0 };
+            bench.sensors.flags = SensorFlags(u8::from(special == 1));
+            bench.sensors.sequence += u32::from(special == 2);
+            let output = bench.tick();
+            for (index, &torque) in output.torques.iter().enumerate() {
+                prop_assert!(torque.is_finite() && torque.abs() <= 0.6);
+                // Torque rate: 200 N·m/s, or off at once.
+                prop_assert!(torque == 0.0 || (torque - last[index]).abs() <= 2.0 + 1e-5);
+                prop_assert!(output.enabled || torque == 0.0);
+                last[index] = torque;
+            }
+        }
+    }
+}

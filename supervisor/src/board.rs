@@ -1,0 +1,181 @@
+use heapless::Vec;
+use tesaki::model::{MAX_JOINTS, RobotModel};
+use tesaki::protocol::{
+    BoardStatus, Fault, FaultLog, MODEL_CHUNK, NodeStatus, Refusal, Reply, Request, SCHEMA_KEY, SetPoint,
+    Task, codec,
+};
+
+/// Why a request to a board came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum BoardError {
+    /// The board said no, and nothing changed.
+    #[error("the board refused to {action}: {refusal}")]
+    Refused {
+        /// What it was asked to do.
+        action: &'static str,
+        /// Its reason.
+        refusal: Refusal,
+    },
+    /// The board's answer is of another kind than the request.
+    #[error("the board answered with something else when asked to {action}: {reply}")]
+    WrongReply {
+        /// What it was asked to do.
+        action: &'static str,
+        /// The answer.
+        reply: String,
+    },
+    /// Board and client have different protocols.
+    #[error(
+        "the board's firmware {}.{}.{} speaks another version of the protocol (schema {board:016x}, here {here:016x}): \
+         flash the firmware that belongs to this program",
+        firmware[0], firmware[1], firmware[2]
+    )]
+    SchemaMismatch {
+        /// The board's schema key.
+        board: u64,
+        /// This program's.
+        here: u64,
+        /// The board's firmware version.
+        firmware: [u8; 3],
+    },
+    /// No answer in time.
+    #[error(
+        "no answer from the board within {seconds} s when asked to {action}: check cable, port and power"
+    )]
+    Timeout {
+        /// What it was asked to do.
+        action: &'static str,
+        /// How long was waited [s].
+        seconds: f64,
+    },
+    /// The link itself failed.
+    #[error("the link to the board failed: {0}")]
+    Link(#[from] std::io::Error),
+    /// More joints than a board can have.
+    #[error("{0} joints given, a board has at most {MAX_JOINTS}")]
+    TooManyJoints(usize),
+    /// The model is too large to send.
+    #[error("the robot model cannot be encoded: {0}")]
+    Encoding(#[from] postcard::Error),
+}
+
+/// A controller board, near or far: whatever answers [`Request`]s.
+pub trait Board {
+    /// Asks once and waits for the answer.
+    ///
+    /// # Errors
+    /// When the link fails or nothing comes in time. A refusal is a [`Reply`].
+    fn request(&mut self, request: Request) -> Result<Reply, BoardError>;
+
+    /// Asks for something that is answered by [`Reply::Done`].
+    ///
+    /// # Errors
+    /// Also when the board refuses.
+    fn ask(&mut self, action: &'static str, request: Request) -> Result<(), BoardError> {
+        match self.request(request)? {
+            Reply::Done => Ok(()),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action, refusal }),
+            reply => Err(wrong(action, &reply)),
+        }
+    }
+
+    /// Greets the board and checks that it speaks this protocol.
+    ///
+    /// # Errors
+    /// [`BoardError::SchemaMismatch`] when it does not.
+    fn hello(&mut self) -> Result<[u8; 3], BoardError> {
+        match self.request(Request::Hello { schema: SCHEMA_KEY })? {
+            Reply::Hello { schema: SCHEMA_KEY, firmware } => Ok(firmware),
+            Reply::Hello { schema, firmware } => {
+                Err(BoardError::SchemaMismatch { board: schema, here: SCHEMA_KEY, firmware })
+            }
+            reply => Err(wrong("say hello", &reply)),
+        }
+    }
+
+    /// Sends a robot model, piece by piece, and has it taken into use.
+    ///
+    /// # Errors
+    /// When the board refuses the transfer or the model; it then keeps the model that it had.
+    fn push_model(&mut self, model: &RobotModel) -> Result<(), BoardError> {
+        let bytes = postcard::to_stdvec(model)?;
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        self.ask("receive a model", Request::ModelBegin { length, checksum: codec::checksum(&bytes) })?;
+        for (data, offset) in bytes.chunks(MODEL_CHUNK).zip((0..).step_by(MODEL_CHUNK)) {
+            // Cannot fail: a chunk has exactly that capacity.
+            let data = Vec::from_slice(data).unwrap_or_default();
+            self.ask("receive a piece of the model", Request::ModelChunk { offset, data })?;
+        }
+        self.ask("use the model", Request::ModelCommit)
+    }
+
+    /// Tells the board at which angles [rad] its joints stand.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn home(&mut self, positions: &[f32]) -> Result<(), BoardError> {
+        self.ask("home", Request::Home { positions: joints(positions)? })
+    }
+
+    /// Arms the board.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn arm(&mut self, task: Task) -> Result<(), BoardError> {
+        self.ask("arm", Request::Arm { task })
+    }
+
+    /// Sends a goal for each joint [rad].
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn set_goal(&mut self, positions: &[f32]) -> Result<(), BoardError> {
+        self.ask("move", Request::SetPoint(SetPoint::Goal { positions: joints(positions)? }))
+    }
+
+    /// What the node and the board say of themselves.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn status(&mut self) -> Result<(NodeStatus, BoardStatus), BoardError> {
+        match self.request(Request::ReadStatus)? {
+            Reply::Status { node, board } => Ok((node, board)),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell its status", refusal }),
+            reply => Err(wrong("tell its status", &reply)),
+        }
+    }
+
+    /// The faults since power-on.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn faults(&mut self) -> Result<FaultLog, BoardError> {
+        match self.request(Request::ReadFaults)? {
+            Reply::Faults(log) => Ok(log),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell its faults", refusal }),
+            reply => Err(wrong("tell its faults", &reply)),
+        }
+    }
+}
+
+fn joints(values: &[f32]) -> Result<Vec<f32, MAX_JOINTS>, BoardError> {
+    Vec::from_slice(values).map_err(|_| BoardError::TooManyJoints(values.len()))
+}
+
+fn wrong(action: &'static str, reply: &Reply) -> BoardError {
+    BoardError::WrongReply { action, reply: format!("{reply:?}") }
+}
+
+/// A fault in words, with the joint's name instead of its number.
+pub fn describe_fault(fault: &Fault, model: &RobotModel) -> String {
+    let joint =
+        fault.joint.map_or(String::new(), |joint| format!("{}: ", model.joint_name(usize::from(joint))));
+    let (number, unit) = (fault.cause.number(), fault.cause.unit());
+    format!(
+        "fault {number} in tick {}: {joint}{} ({} {unit}, limit {} {unit})",
+        fault.tick,
+        fault.cause.description(),
+        fault.value,
+        fault.limit
+    )
+}
