@@ -42,8 +42,13 @@ def random_inertia(mass, size):
     return f32(tensor)
 
 
+def number(value):
+    # The shortest decimal that is this single-precision number.
+    return np.format_float_positional(np.float32(value), trim="0")
+
+
 def array(values):
-    return "[" + ", ".join(repr(float(np.float32(v))) for v in np.ravel(values)) + "]"
+    return "[" + ", ".join(number(v) for v in np.ravel(values)) + "]"
 
 
 def case(n, size, mass):
@@ -61,7 +66,7 @@ def case(n, size, mass):
         )
         model.appendBodyToJoint(parent, pin.Inertia(m, com, inertia), pin.SE3.Identity())
         six = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
-        joints.append(f"({array(xyz)}, {array(quat)}, {array(axis)}, {m!r}, {array(com)}, {array(six)})")
+        joints.append(f"({array(xyz)}, {array(quat)}, {array(axis)}, {number(m)}, {array(com)}, {array(six)})")
     data = model.createData()
     motions = []
     for _ in range(4):

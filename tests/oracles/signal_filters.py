@@ -32,7 +32,7 @@ def pseudo_differentiator():
     n = np.arange(80)
     motion = np.float32(0.3 * np.sin(7 * n * T) * (n < 50) + 0.3 * np.sin(7 * 50 * T) * (n >= 50))
     out = signal.lfilter(num.ravel(), den, motion.astype(float))
-    rows = [f"    ({float(u)!r}, {float(y)!r})," for u, y in zip(motion, out)]
+    rows = [f"    ({np.format_float_positional(u, trim='0')}, {float(y)!r})," for u, y in zip(motion, out)]
     return "&[\n" + "\n".join(rows) + "\n]\n"
 
 
