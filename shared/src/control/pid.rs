@@ -84,3 +84,53 @@ impl Pid {
         state.integral += self.integral_step * state.error + self.unwind * (applied - wanted);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAINS: PidGains = PidGains { proportional: 2.0, integral: 5.0, derivative: 0.1, cutoff: 30.0 };
+
+    #[test]
+    fn three_ticks_worked_by_hand() {
+        // a = e^(−0.3) = 0.740 818; (1−a)/T = 25.918 18. The reference stands at 1; the joint reads 0, 0.01, 0.03.
+        let pid = Pid::new(&GAINS);
+        let mut state = PidState::at(0.0);
+        let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };
+        // 1: P = 2, I = 0, D = 0 although the error has just jumped to 1. Then I = 5·0.01·1 = 0.05.
+        let first = pid.output(&mut state, &reference, 0.0);
+        assert!((first - 2.0).abs() < 1e-6);
+        pid.settle(&mut state, first, first);
+        // 2: P = 1.98, I = 0.05, D = −0.1·25.918 18·0.01 = −0.025 918. Then I = 0.0995.
+        let second = pid.output(&mut state, &reference, 0.01);
+        assert!((second - 2.004_082).abs() < 1e-5, "{second}");
+        pid.settle(&mut state, second, second);
+        // 3: P = 1.94, I = 0.0995, D: −(0.740 818·0.259 182 + 25.918 18·0.02)·0.1 = −0.071 037.
+        let third = pid.output(&mut state, &reference, 0.03);
+        assert!((third - 1.968_463).abs() < 1e-5, "{third}");
+    }
+
+    #[test]
+    fn a_saturated_torque_does_not_wind_the_integrator_up() {
+        let pid = Pid::new(&GAINS);
+        let mut state = PidState::at(0.0);
+        let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };
+        for _ in 0..1000 {
+            let wanted = pid.output(&mut state, &reference, 0.0);
+            pid.settle(&mut state, wanted, wanted.min(0.5));
+        }
+        // In balance K_i·T·e = (K_i·T/K_p)·(wanted − applied): wanted = 0.5 + K_p·e = 2.5, of which P is 2.
+        assert!((state.integral() - 0.5).abs() < 1e-4, "{}", state.integral());
+    }
+
+    #[test]
+    fn a_reference_that_moves_as_the_joint_does_needs_no_damping_torque() {
+        let pid = Pid::new(&GAINS);
+        let mut state = PidState::at(0.0);
+        for tick in 1..200_u16 {
+            let angle = 0.003 * f32::from(tick);
+            let reference = JointPoint { position: angle, velocity: 0.3, acceleration: 0.0 };
+            assert!(pid.output(&mut state, &reference, angle).abs() < 1e-6);
+        }
+    }
+}

@@ -153,3 +153,92 @@ fn open<T: DeserializeOwned>(frame: &mut [u8]) -> Result<T, FrameError> {
         _ => Err(FrameError::Malformed),
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::protocol::{ActuatorFrame, Request, RequestFrame};
+
+    fn frame() -> ActuatorFrame {
+        let torques = [0.0, -0.25, 0.5].into_iter().collect();
+        ActuatorFrame { sequence: 300, enabled: true, torques }
+    }
+
+    fn encoded<T: Serialize>(message: &T) -> Vec<u8> {
+        let mut buffer = [0; MAX_FRAME];
+        let length = encode(message, &mut buffer).unwrap();
+        buffer[..length].to_vec()
+    }
+
+    fn decoded(bytes: &[u8]) -> Vec<Result<ActuatorFrame, FrameError>> {
+        let mut decoder = Decoder::new();
+        bytes.iter().filter_map(|&byte| decoder.push(byte)).collect()
+    }
+
+    #[test]
+    fn a_frame_has_the_bytes_worked_out_by_hand() {
+        // Sequence 9 as a varint: 09; request 6 (Disarm): 06; CRC-32 of 09 06 from Python's zlib, low byte first:
+        // 83 0c 78 79; no zero among the six bytes, so COBS puts a 7 in front.
+        let bytes = encoded(&RequestFrame { sequence: 9, request: Request::Disarm });
+        assert_eq!(bytes, [7, 9, 6, 0x83, 0x0c, 0x78, 0x79, 0]);
+        // The check value of CRC-32/ISO-HDLC.
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn every_single_flipped_bit_and_every_truncation_is_rejected() {
+        let good = encoded(&frame());
+        assert_eq!(decoded(&good), [Ok(frame())]);
+        for byte in 0..good.len() {
+            for bit in 0..8 {
+                let mut bad = good.clone();
+                bad[byte] ^= 1 << bit;
+                bad.push(0);
+                assert!(decoded(&bad).iter().all(Result::is_err), "byte {byte} bit {bit}");
+            }
+        }
+        for length in 0..good.len() - 1 {
+            let mut short = good[..length].to_vec();
+            short.push(0);
+            assert!(decoded(&short).iter().all(Result::is_err), "cut at {length}");
+        }
+    }
+
+    #[test]
+    fn is_in_step_again_after_noise_and_counts_what_it_dropped() {
+        let mut stream = vec![0x55; 2 * MAX_FRAME];
+        stream.push(0);
+        stream.extend([3, 1, 0]); // says three bytes, is one
+        stream.extend(encoded(&RequestFrame { sequence: 1, request: Request::Disarm }));
+        stream.extend(encoded(&frame()));
+        let mut decoder = Decoder::new();
+        let results: Vec<Result<ActuatorFrame, _>> =
+            stream.iter().filter_map(|&byte| decoder.push(byte)).collect();
+        assert_eq!(results.last(), Some(&Ok(frame())));
+        let counts = decoder.counts();
+        assert_eq!((counts.good, counts.overlong, counts.framing, counts.malformed), (1, 1, 1, 1));
+    }
+
+    #[test]
+    fn the_longest_messages_fit() {
+        use crate::model::MAX_JOINTS;
+        use crate::protocol::{FromBoard, Mode, Telemetry};
+        let list = || [f32::MIN; MAX_JOINTS].into_iter().collect();
+        let telemetry = Telemetry {
+            tick: u32::MAX,
+            mode: Mode::Fault,
+            faults: u32::MAX,
+            positions: list(),
+            velocities: list(),
+            references: list(),
+            torques: list(),
+        };
+        assert!(encoded(&FromBoard::Telemetry(telemetry)).len() <= MAX_FRAME);
+        let data = [255; crate::protocol::MODEL_CHUNK].into_iter().collect();
+        encoded(&RequestFrame {
+            sequence: u16::MAX,
+            request: Request::ModelChunk { offset: u32::MAX, data },
+        });
+    }
+}

@@ -1,0 +1,112 @@
+//! Where the control core runs.
+
+use tesaki::node::Node;
+use tesaki::protocol::{ActuatorFrame, BoardStatus, LogRecord, Reply, Request, RequestFrame, SensorFrame};
+use tesaki_supervisor::{Board, BoardError};
+
+/// A board whose sensors and drives are the simulated ones.
+pub trait Controller: Board {
+    /// One control period.
+    ///
+    /// # Errors
+    /// When the link to the controller fails.
+    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError>;
+}
+
+/// The control core in this process.
+#[derive(Debug)]
+pub struct Native {
+    node: Box<Node>,
+    board: BoardStatus,
+    sequence: u16,
+}
+
+impl Default for Native {
+    fn default() -> Self {
+        Self { node: Box::new(Node::new()), board: BoardStatus::default(), sequence: 0 }
+    }
+}
+
+impl Native {
+    /// The node.
+    pub const fn node(&self) -> &Node {
+        &self.node
+    }
+}
+
+impl Board for Native {
+    fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        Ok(self.node.handle(&RequestFrame { sequence: self.sequence, request }, &self.board).reply)
+    }
+}
+
+impl Controller for Native {
+    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
+        Ok(self.node.tick(sensors))
+    }
+}
+
+/// A controller watched by a second one, which gets the same requests and sensor frames: do both answer with the same
+/// bytes? Keeps the recording from which the run can be replayed.
+pub struct Watched<'a> {
+    first: &'a mut dyn Controller,
+    second: Option<Native>,
+    /// Ticks in which both answered alike.
+    pub alike: u64,
+    /// The first tick in which they did not, with both answers.
+    pub difference: Option<(u32, ActuatorFrame, ActuatorFrame)>,
+    record: Vec<LogRecord>,
+    sequence: u16,
+}
+
+impl<'a> Watched<'a> {
+    /// Watches `first`; with `compare`, against the core in this process.
+    pub fn new(first: &'a mut dyn Controller, compare: bool) -> Self {
+        let second = compare.then(Native::default);
+        Self { first, second, alike: 0, difference: None, record: Vec::new(), sequence: 0 }
+    }
+
+    /// Whether all ticks so far were alike; `None` when nothing is compared.
+    pub fn identical(&self) -> Option<bool> {
+        self.second.is_some().then(|| self.difference.is_none() && self.alike > 0)
+    }
+
+    /// Everything that went in and came out, in order.
+    pub fn into_record(self) -> Vec<LogRecord> {
+        self.record
+    }
+}
+
+impl Board for Watched<'_> {
+    fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.record.push(LogRecord::Request(RequestFrame { sequence: self.sequence, request: request.clone() }));
+        if let Some(second) = &mut self.second {
+            second.request(request.clone())?;
+        }
+        self.first.request(request)
+    }
+}
+
+impl Controller for Watched<'_> {
+    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
+        let actuators = self.first.tick(sensors)?;
+        if let Some(second) = &mut self.second {
+            let other = second.tick(sensors)?;
+            if bytes(&actuators) == bytes(&other) {
+                self.alike += 1;
+            } else if self.difference.is_none() {
+                self.difference = Some((sensors.sequence, actuators.clone(), other));
+            }
+        }
+        self.record.push(LogRecord::Sensors(sensors.clone()));
+        self.record.push(LogRecord::Actuators(actuators.clone()));
+        Ok(actuators)
+    }
+}
+
+/// The frame as it goes over the plant link: equal bytes are equal bits.
+fn bytes(frame: &ActuatorFrame) -> Result<Vec<u8>, postcard::Error> {
+    postcard::to_stdvec(frame)
+}

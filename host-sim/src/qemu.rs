@@ -1,0 +1,168 @@
+//! The shipped firmware image on an emulated STM32F405.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::{ActuatorFrame, Reply, Request, SensorFrame};
+use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
+
+use crate::controller::Controller;
+
+/// Longest wait for an answer of the emulated board; a busy machine emulates slowly.
+const TIMEOUT: Duration = Duration::from_secs(20);
+/// Longest wait for QEMU to open its sockets.
+const START: Duration = Duration::from_secs(20);
+
+/// Why the emulated board does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum QemuError {
+    /// The image is not there.
+    #[error("there is no firmware image at {0}: build it with `cargo xtask firmware`")]
+    NoImage(PathBuf),
+    /// QEMU is not there.
+    #[error("cannot start qemu-system-arm: {0}; install QEMU for ARM (Debian: apt-get install qemu-system-arm)")]
+    NoQemu(io::Error),
+    /// QEMU started and ended, or never opened its sockets.
+    #[error("qemu-system-arm did not come up: {0}")]
+    NotUp(String),
+    /// The board in it does not answer.
+    #[error("the firmware in QEMU does not answer: {0}")]
+    Silent(#[from] BoardError),
+    /// A file could not be made.
+    #[error("cannot prepare the emulated board: {0}")]
+    Files(#[from] io::Error),
+}
+
+/// The shipped image in QEMU: requests on USART1, sensors and actuators on USART2, in lock step.
+pub struct Qemu {
+    board: LinkBoard<Socket>,
+    plant: Socket,
+    decoder: Decoder,
+    // Dropped last, in this order: first the process, then its folder.
+    _process: Process,
+    _folder: tempfile::TempDir,
+}
+
+impl Qemu {
+    /// Boots `image` and waits until it answers.
+    ///
+    /// # Errors
+    /// What is missing, and what to do.
+    pub fn boot(image: &Path) -> Result<Self, QemuError> {
+        if !image.is_file() {
+            return Err(QemuError::NoImage(image.to_owned()));
+        }
+        let folder = tempfile::tempdir()?;
+        let sockets = [folder.path().join("usart1"), folder.path().join("usart2")];
+        let mut command = Command::new("qemu-system-arm");
+        command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none"]);
+        // One instruction is one nanosecond: the run is repeatable, and UART traffic does not crawl.
+        command.args(["-icount", "shift=0,sleep=off"]);
+        for (index, socket) in sockets.iter().enumerate() {
+            let path = socket.display();
+            command.args(["-chardev", &format!("socket,id=usart{index},path={path},server=on,wait=off")]);
+            command.args(["-serial", &format!("chardev:usart{index}")]);
+        }
+        command.arg("-kernel").arg(image);
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut process = Process(command.spawn().map_err(QemuError::NoQemu)?);
+        let deadline = Instant::now() + START;
+        let board = process.connect(&sockets[0], deadline)?;
+        let plant = process.connect(&sockets[1], deadline)?;
+        let mut qemu = Self {
+            board: LinkBoard::new(board, TIMEOUT),
+            plant,
+            decoder: Decoder::new(),
+            _process: process,
+            _folder: folder,
+        };
+        qemu.hello()?;
+        Ok(qemu)
+    }
+}
+
+impl Board for Qemu {
+    fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        self.board.request(request)
+    }
+}
+
+impl Controller for Qemu {
+    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
+        let mut frame = [0; MAX_FRAME];
+        let length = encode(sensors, &mut frame).map_err(io::Error::other)?;
+        self.plant.send(&frame[..length])?;
+        let deadline = Instant::now() + TIMEOUT;
+        let mut buffer = [0; MAX_FRAME];
+        loop {
+            let received = self.plant.receive(&mut buffer, deadline)?;
+            if received == 0 {
+                return Err(BoardError::Timeout { action: "tick", seconds: TIMEOUT.as_secs_f64() });
+            }
+            for &byte in &buffer[..received] {
+                match self.decoder.push::<ActuatorFrame>(byte) {
+                    Some(Ok(actuators)) if actuators.sequence == sensors.sequence => return Ok(actuators),
+                    Some(Err(error)) => {
+                        return Err(io::Error::other(format!("damaged actuator frame: {error:?}")).into());
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+/// One of the emulated UARTs.
+#[derive(Debug)]
+struct Socket(UnixStream);
+
+impl ByteLink for Socket {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.0.write_all(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+        let wait = deadline.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
+        self.0.set_read_timeout(Some(wait))?;
+        match self.0.read(buffer) {
+            Ok(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "QEMU ended")),
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => Ok(0),
+            other => other,
+        }
+    }
+}
+
+/// The QEMU process, which must not outlive us.
+struct Process(Child);
+
+impl Process {
+    fn connect(&mut self, path: &Path, deadline: Instant) -> Result<Socket, QemuError> {
+        loop {
+            match UnixStream::connect(path) {
+                Ok(stream) => return Ok(Socket(stream)),
+                Err(error) if Instant::now() > deadline => return Err(QemuError::NotUp(error.to_string())),
+                Err(_) => {}
+            }
+            if let Some(status) = self.0.try_wait()? {
+                let mut message = String::new();
+                if let Some(stderr) = &mut self.0.stderr {
+                    stderr.read_to_string(&mut message)?;
+                }
+                return Err(QemuError::NotUp(format!("{status}: {}", message.trim())));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
