@@ -81,7 +81,8 @@ impl<'a> Watched<'a> {
 impl Board for Watched<'_> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
-        self.record.push(LogRecord::Request(RequestFrame { sequence: self.sequence, request: request.clone() }));
+        self.record
+            .push(LogRecord::Request(RequestFrame { sequence: self.sequence, request: request.clone() }));
         if let Some(second) = &mut self.second {
             second.request(request.clone())?;
         }

@@ -1,1 +1,14 @@
 //! Simulated plants and scenarios for tesaki.
+#![allow(clippy::disallowed_methods, reason = "the plant and the reports are not the control core")]
+#![allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "plots and seeds"
+)]
+
+pub mod controller;
+pub mod plant;
+pub mod qemu;
+pub mod report;
+pub mod scenario;

@@ -14,6 +14,8 @@ use crate::controller::Controller;
 
 /// Longest wait for an answer of the emulated board; a busy machine emulates slowly.
 const TIMEOUT: Duration = Duration::from_secs(20);
+/// How long one greeting waits for its answer.
+const GREETING: Duration = Duration::from_millis(300);
 /// Longest wait for QEMU to open its sockets.
 const START: Duration = Duration::from_secs(20);
 
@@ -24,7 +26,9 @@ pub enum QemuError {
     #[error("there is no firmware image at {0}: build it with `cargo xtask firmware`")]
     NoImage(PathBuf),
     /// QEMU is not there.
-    #[error("cannot start qemu-system-arm: {0}; install QEMU for ARM (Debian: apt-get install qemu-system-arm)")]
+    #[error(
+        "cannot start qemu-system-arm: {0}; install QEMU for ARM (Debian: apt-get install qemu-system-arm)"
+    )]
     NoQemu(io::Error),
     /// QEMU started and ended, or never opened its sockets.
     #[error("qemu-system-arm did not come up: {0}")]
@@ -74,13 +78,19 @@ impl Qemu {
         let board = process.connect(&sockets[0], deadline)?;
         let plant = process.connect(&sockets[1], deadline)?;
         let mut qemu = Self {
-            board: LinkBoard::new(board, TIMEOUT),
+            board: LinkBoard::new(board, GREETING),
             plant,
             decoder: Decoder::new(),
             _process: process,
             _folder: folder,
         };
-        qemu.hello()?;
+        // A UART that is not set up yet drops what it is sent: greet until there is an answer.
+        while let Err(error) = qemu.hello() {
+            if !matches!(error, BoardError::Timeout { .. }) || Instant::now() > deadline {
+                return Err(error.into());
+            }
+        }
+        qemu.board.set_timeout(TIMEOUT);
         Ok(qemu)
     }
 }
@@ -130,7 +140,9 @@ impl ByteLink for Socket {
         self.0.set_read_timeout(Some(wait))?;
         match self.0.read(buffer) {
             Ok(0) => Err(io::Error::new(io::ErrorKind::UnexpectedEof, "QEMU ended")),
-            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => Ok(0),
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                Ok(0)
+            }
             other => other,
         }
     }

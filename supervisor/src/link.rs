@@ -37,6 +37,11 @@ impl<L: ByteLink> LinkBoard<L> {
         Self { link, decoder: Decoder::new(), sequence: 0, timeout, telemetry: None }
     }
 
+    /// Answers are waited for so long from now on.
+    pub const fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout = timeout;
+    }
+
     /// The last telemetry that came while waiting for replies, once.
     pub const fn take_telemetry(&mut self) -> Option<Telemetry> {
         self.telemetry.take()

@@ -146,7 +146,7 @@ fn joint_model(joint: &SerialJoint, settings: &JointSettings) -> Result<JointMod
         },
         servo: ServoGains {
             filter_time: settings.servo.filter_time,
-            coulomb_share: settings.servo.coulomb_share,
+            rest_error: settings.servo.rest_error,
             pid: settings.servo.pid,
             observer: ObserverGains {
                 inertia: 0.0,

@@ -1,1 +1,1 @@
-//! Tests that cross crates live in `tests/`.
+//! Tests that cross the crates of tesaki; they live in `tests/`.

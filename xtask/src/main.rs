@@ -1,2 +1,36 @@
-//! Builds, tests and measures tesaki.
-fn main() {}
+//! `cargo xtask`: the one way in, for people and for automatic checks.
+
+mod bench;
+mod firmware;
+mod test;
+mod tools;
+
+use clap::{Parser, Subcommand};
+
+/// Builds, tests and measures tesaki.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Run every test there is, those on the emulated board included; installs what is missing where it can
+    Test,
+    /// Build the firmware image; print its flash, RAM, worst stack and SHA-256
+    Firmware,
+    /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
+    Bench(bench::Options),
+}
+
+fn main() -> anyhow::Result<()> {
+    // All paths below are relative to the workspace.
+    std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
+    match Cli::parse().task {
+        Task::Test => test::run(),
+        Task::Firmware => firmware::run(),
+        Task::Bench(options) => bench::run(&options),
+    }
+}

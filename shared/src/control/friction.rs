@@ -1,36 +1,111 @@
-use crate::math;
 use crate::model::Friction;
+use crate::{TICK, math};
 
 /// Below this reference speed the Coulomb term fades linearly to nothing [rad/s].
-const STALL_SPEED: f32 = 0.02;
+pub(super) const STALL_SPEED: f32 = 0.002;
+/// Only above this reference speed is friction learnt [rad/s].
+const LEARNING_SPEED: f32 = 0.05;
+/// Share of a disturbance that becomes learnt friction in a second of motion [1/s].
+const LEARNING_RATE: f32 = 2.0;
+/// Most that may be learnt, as a share of the model's Coulomb friction: beyond it the model is wrong.
+const LEARNING_RANGE: f32 = 0.5;
 
 /// Torque against friction, from the reference's velocity.
 ///
 /// The rule for a stalled joint: the sign of the Coulomb term is the *reference's* direction, never the measured one,
 /// so a joint that sticks is pushed where it should go; and as the reference comes to rest the term fades out linearly
-/// below 0.02 rad/s, so that a joint at rest is held by its own friction and not shaken.
+/// below 0.002 rad/s, so that a joint at rest is held by its own friction and not shaken.
+///
+/// The model's Coulomb friction is never exact, and the same error hits twice at every reversal, when an integrator or
+/// observer has just learnt its opposite. So the feed-forward takes over, while the joint moves, what they learn: that
+/// part then changes its sign with the direction.
 #[derive(Clone, Copy, Debug)]
 pub struct FrictionFeedforward {
     coulomb: f32,
     viscous: f32,
 }
 
+/// State of a [`FrictionFeedforward`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrictionState {
+    /// Coulomb friction beyond the model's [N·m].
+    learnt: f32,
+}
+
+impl FrictionState {
+    /// Nothing learnt.
+    pub const fn new() -> Self {
+        Self { learnt: 0.0 }
+    }
+}
+
 impl FrictionFeedforward {
-    /// For `friction`, of whose Coulomb part the share `coulomb_share` (0 to 1) is fed forward.
-    pub const fn new(friction: &Friction, coulomb_share: f32) -> Self {
-        Self { coulomb: friction.coulomb * coulomb_share, viscous: friction.viscous }
+    /// For the friction of the model.
+    pub const fn new(friction: &Friction) -> Self {
+        Self { coulomb: friction.coulomb, viscous: friction.viscous }
     }
 
     /// The torque [N·m] for a reference velocity [rad/s].
     ///
     /// ```
-    /// use tesaki::{control::FrictionFeedforward, model::Friction};
-    /// let friction = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.002 }, 1.0);
-    /// assert!((friction.torque(-1.0) + 0.022).abs() < 1e-7);
-    /// assert!((friction.torque(0.01) - 0.01002).abs() < 1e-7); // half of the Coulomb term at half the stall speed
+    /// use tesaki::{control::{FrictionFeedforward, FrictionState}, model::Friction};
+    /// let friction = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.002 });
+    /// let state = FrictionState::new();
+    /// assert!((friction.torque(&state, -1.0) + 0.022).abs() < 1e-7);
+    /// // Half of the Coulomb term at half the stall speed.
+    /// assert!((friction.torque(&state, 0.001) - 0.010_002).abs() < 1e-7);
     /// ```
     #[inline]
-    pub const fn torque(&self, velocity: f32) -> f32 {
-        self.coulomb * math::clamp(velocity * (1.0 / STALL_SPEED), -1.0, 1.0) + self.viscous * velocity
+    pub const fn torque(&self, state: &FrictionState, velocity: f32) -> f32 {
+        let direction = math::clamp(velocity * (1.0 / STALL_SPEED), -1.0, 1.0);
+        (self.coulomb + state.learnt) * direction + self.viscous * velocity
+    }
+
+    /// Takes over a part of the `disturbance` [N·m] that the feedback had to make up for at a reference `velocity`
+    /// [rad/s]; returns that part, which the feedback then need not supply.
+    #[inline]
+    pub const fn learn(&self, state: &mut FrictionState, velocity: f32, disturbance: f32) -> f32 {
+        if math::abs(velocity) < LEARNING_SPEED {
+            return 0.0;
+        }
+        let direction = if velocity > 0.0 { 1.0 } else { -1.0 };
+        let range = LEARNING_RANGE * self.coulomb;
+        let before = state.learnt;
+        state.learnt = math::clamp(before + LEARNING_RATE * TICK * direction * disturbance, -range, range);
+        (state.learnt - before) * direction
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn learns_what_changes_its_sign_with_the_direction_and_not_what_stays() {
+        // A joint with 24 mN·m of friction where the model says 20, and 2 mN·m of gravity that nobody knows: 20 motions
+        // of 0.4 s to and fro, with a feedback that always knows the whole disturbance.
+        let feedforward = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.0 });
+        let mut state = FrictionState::new();
+        for motion in 0..20 {
+            let velocity = if motion % 2 == 0 { 0.3 } else { -0.3 };
+            for _ in 0..40 {
+                let needed = if velocity > 0.0 { 0.024 + 0.002 } else { -0.024 + 0.002 };
+                let disturbance = needed - feedforward.torque(&state, velocity);
+                feedforward.learn(&mut state, velocity, disturbance);
+            }
+        }
+        // Learnt: 4 mN·m, and of the 2 mN·m a share of tanh(0.8/2) that swings with the last motion.
+        assert!((state.learnt - 0.004).abs() < 0.000_77, "{}", state.learnt);
+    }
+
+    #[test]
+    fn never_learns_more_than_half_of_the_model() {
+        let feedforward = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.0 });
+        let mut state = FrictionState::new();
+        for _ in 0..1000 {
+            feedforward.learn(&mut state, 1.0, 0.5);
+        }
+        assert!((state.learnt - 0.01).abs() < 1e-7);
+        assert!((feedforward.learn(&mut state, 0.01, 0.5)).abs() < 1e-9, "nothing is learnt at rest");
     }
 }

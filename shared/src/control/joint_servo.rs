@@ -1,4 +1,7 @@
-use super::{ErrorObserver, FrictionFeedforward, JointPoint, ObserverState, Pid, PidState, ServoMode};
+use super::friction::STALL_SPEED;
+use super::{
+    ErrorObserver, FrictionFeedforward, FrictionState, JointPoint, ObserverState, Pid, PidState, ServoMode,
+};
 use crate::math;
 use crate::model::JointModel;
 use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
@@ -15,6 +18,7 @@ pub struct JointServo {
     observer: ErrorObserver,
     friction: FrictionFeedforward,
     rotor_inertia: f32,
+    rest_error: f32,
     torque_limit: f32,
     torque_rate: RateLimiter,
 }
@@ -25,6 +29,7 @@ pub struct JointServoState {
     trajectory: TrajectoryState,
     pid: PidState,
     observer: ObserverState,
+    friction: FrictionState,
     /// Torque of the last tick [N·m].
     torque: f32,
 }
@@ -45,6 +50,7 @@ impl JointServoState {
             trajectory: TrajectoryState::at(position),
             pid: PidState::at(position),
             observer: ObserverState::new(),
+            friction: FrictionState::new(),
             torque: 0.0,
         }
     }
@@ -52,6 +58,11 @@ impl JointServoState {
     /// Where the reference comes to rest soonest without turning back [rad].
     pub const fn resting_point(&self) -> f32 {
         self.trajectory.resting_point()
+    }
+
+    /// At rest at `position` [rad]; of what was learnt only the friction stays.
+    pub const fn restart(&mut self, position: f32) {
+        *self = Self { friction: self.friction, ..Self::at(position) };
     }
 
     /// Starts the reference anew, at rest at `position` [rad]; what was learnt about disturbances stays.
@@ -75,8 +86,9 @@ impl JointServo {
             filter_time: joint.servo.filter_time,
             pid: Pid::new(&joint.servo.pid),
             observer: ErrorObserver::new(&joint.servo.observer, &joint.motor),
-            friction: FrictionFeedforward::new(&joint.friction, joint.servo.coulomb_share),
+            friction: FrictionFeedforward::new(&joint.friction),
             rotor_inertia: joint.motor.rotor_inertia,
+            rest_error: joint.servo.rest_error,
             torque_limit: joint.limits.torque.min(current_torque),
             torque_rate: RateLimiter::new(joint.limits.torque_rate),
         }
@@ -114,18 +126,26 @@ impl JointServo {
     ) -> ServoOutput {
         let feedforward = model_torque
             + self.rotor_inertia * reference.acceleration
-            + self.friction.torque(reference.velocity);
+            + self.friction.torque(&state.friction, reference.velocity);
+        let error = reference.position - measured;
+        let resting = math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
         match mode {
             ServoMode::Pid => {
                 let wanted = feedforward + self.pid.output(&mut state.pid, reference, measured);
                 let torque = self.limit(state, wanted);
-                self.pid.settle(&mut state.pid, wanted, torque);
+                self.pid.settle(&mut state.pid, wanted, torque, resting);
+                let taken =
+                    self.friction.learn(&mut state.friction, reference.velocity, state.pid.integral());
+                state.pid.give_up(taken);
                 ServoOutput { torque, effort: torque - feedforward }
             }
             ServoMode::Observer => {
-                let effort = self.observer.effort(&mut state.observer, reference.position - measured);
+                let effort = self.observer.effort(&mut state.observer, error, resting);
                 let torque = self.limit(state, feedforward + effort);
                 self.observer.settle(&mut state.observer, torque - feedforward);
+                let disturbance = state.observer.disturbance();
+                let taken = self.friction.learn(&mut state.friction, reference.velocity, disturbance);
+                state.observer.give_up(taken);
                 ServoOutput { torque, effort: torque - feedforward }
             }
         }

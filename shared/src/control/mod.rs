@@ -5,7 +5,7 @@ mod joint_servo;
 mod observer;
 mod pid;
 
-pub use friction::FrictionFeedforward;
+pub use friction::{FrictionFeedforward, FrictionState};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};

@@ -48,6 +48,11 @@ impl ObserverState {
         (self.error, self.velocity, self.effort) = (0.0, 0.0, 0.0);
     }
 
+    /// Takes `torque` [N·m] out of the disturbance: the feed-forward supplies it from now on.
+    pub const fn give_up(&mut self, torque: f32) {
+        self.disturbance -= torque;
+    }
+
     /// The estimated disturbance torque [N·m].
     pub const fn disturbance(&self) -> f32 {
         self.disturbance
@@ -75,14 +80,17 @@ impl ErrorObserver {
         }
     }
 
-    /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit.
+    /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit. While `resting` nothing
+    /// is learnt about the disturbance: a joint held by its own friction shows none.
     #[inline]
-    pub const fn effort(&self, state: &mut ObserverState, error: f32) -> f32 {
+    pub const fn effort(&self, state: &mut ObserverState, error: f32, resting: bool) -> f32 {
         let innovation = error - state.error;
         let [c0, c1, c2] = self.correction;
         state.error += c0 * innovation;
         state.velocity += c1 * innovation;
-        state.disturbance += c2 * innovation;
+        if !resting {
+            state.disturbance += c2 * innovation;
+        }
         state.disturbance + self.proportional * state.error + self.derivative * state.velocity
     }
 
@@ -115,7 +123,7 @@ mod tests {
         let observer = ErrorObserver::new(&gains, &motor);
         let mut state = ObserverState::new();
         for &(error, effort) in RESPONSE {
-            let computed = observer.effort(&mut state, error as f32);
+            let computed = observer.effort(&mut state, error as f32, false);
             observer.settle(&mut state, computed);
             assert!((f64::from(computed) - effort).abs() < 2e-6, "{computed} {effort}");
         }

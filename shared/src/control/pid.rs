@@ -44,6 +44,11 @@ impl PidState {
         Self { integral: 0.0, derivative: 0.0, measured, error: 0.0 }
     }
 
+    /// Takes `torque` [N·m] out of the integrator: somebody else supplies it from now on.
+    pub const fn give_up(&mut self, torque: f32) {
+        self.integral -= torque;
+    }
+
     /// The integrator's torque [N·m].
     pub const fn integral(&self) -> f32 {
         self.integral
@@ -78,10 +83,12 @@ impl Pid {
     }
 
     /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off. `wanted` and
-    /// `applied` are the torque before and after *every* limit [N·m].
+    /// `applied` are the torque before and after *every* limit [N·m]; while `resting` the error is not
+    /// integrated.
     #[inline]
-    pub const fn settle(&self, state: &mut PidState, wanted: f32, applied: f32) {
-        state.integral += self.integral_step * state.error + self.unwind * (applied - wanted);
+    pub const fn settle(&self, state: &mut PidState, wanted: f32, applied: f32, resting: bool) {
+        let error = if resting { 0.0 } else { state.error };
+        state.integral += self.integral_step * error + self.unwind * (applied - wanted);
     }
 }
 
@@ -100,11 +107,11 @@ mod tests {
         // 1: P = 2, I = 0, D = 0 although the error has just jumped to 1. Then I = 5·0.01·1 = 0.05.
         let first = pid.output(&mut state, &reference, 0.0);
         assert!((first - 2.0).abs() < 1e-6);
-        pid.settle(&mut state, first, first);
+        pid.settle(&mut state, first, first, false);
         // 2: P = 1.98, I = 0.05, D = −0.1·25.918 18·0.01 = −0.025 918. Then I = 0.0995.
         let second = pid.output(&mut state, &reference, 0.01);
         assert!((second - 2.004_082).abs() < 1e-5, "{second}");
-        pid.settle(&mut state, second, second);
+        pid.settle(&mut state, second, second, false);
         // 3: P = 1.94, I = 0.0995, D: −(0.740 818·0.259 182 + 25.918 18·0.02)·0.1 = −0.071 037.
         let third = pid.output(&mut state, &reference, 0.03);
         assert!((third - 1.968_463).abs() < 1e-5, "{third}");
@@ -117,7 +124,7 @@ mod tests {
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };
         for _ in 0..1000 {
             let wanted = pid.output(&mut state, &reference, 0.0);
-            pid.settle(&mut state, wanted, wanted.min(0.5));
+            pid.settle(&mut state, wanted, wanted.min(0.5), false);
         }
         // In balance K_i·T·e = (K_i·T/K_p)·(wanted − applied): wanted = 0.5 + K_p·e = 2.5, of which P is 2.
         assert!((state.integral() - 0.5).abs() < 1e-4, "{}", state.integral());

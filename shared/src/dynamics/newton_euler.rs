@@ -1,6 +1,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Chain;
+use super::chain::Link;
 use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
@@ -34,19 +35,23 @@ impl Chain {
         // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its own
         // frame. Gravity enters as an upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
+        let mut turning = false; // whether the link before turns; the base does not
         for ((((link, pass), &q), &qd), &qdd) in self.links.iter().zip(&mut passes).zip(q).zip(qd).zip(qdd) {
             (pass.sine, pass.cosine) = math::sin_cos(q);
-            acceleration += alpha.cross(&link.translation) + omega.cross(&omega.cross(&link.translation));
+            if turning {
+                acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
+                omega = pass.link_from_parent(&link.rotation, &omega);
+                alpha = pass.link_from_parent(&link.rotation, &alpha);
+                // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
+                alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
+                omega.z += qd;
+            } else {
+                (omega.z, alpha.z, turning) = (qd, qdd, true);
+            }
             acceleration = pass.link_from_parent(&link.rotation, &acceleration);
-            omega = pass.link_from_parent(&link.rotation, &omega);
-            alpha = pass.link_from_parent(&link.rotation, &alpha);
-            // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
-            alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
-            omega.z += qd;
 
-            let center = acceleration
-                + alpha.cross(&link.center_of_mass)
-                + omega.cross(&omega.cross(&link.center_of_mass));
+            let center =
+                acceleration + alpha.cross(&link.center_of_mass) + centripetal(&omega, &link.center_of_mass);
             pass.force = center * link.mass;
             pass.moment = link.inertia * alpha
                 + omega.cross(&(link.inertia * omega))
@@ -54,17 +59,26 @@ impl Chain {
         }
 
         // Inwards: force and moment at each joint; the torque is the moment's part along the axis.
-        let (mut force, mut moment) = (zero, zero);
         let count = self.links.len().min(q.len()).min(qd.len()).min(qdd.len()).min(torques.len());
-        let joints = self.links.iter().zip(&passes).zip(torques).take(count);
-        for ((link, pass), torque) in joints.rev() {
-            force += pass.force;
-            moment += pass.moment;
+        let mut child: Option<(&Link, &Pass, Vector3<f32>, Vector3<f32>)> = None;
+        for ((link, pass), torque) in self.links.iter().zip(&passes).zip(torques).take(count).rev() {
+            let (mut force, mut moment) = (pass.force, pass.moment);
+            if let Some((link, pass, child_force, child_moment)) = child {
+                let transmitted = pass.parent_from_link(&link.rotation, &child_force);
+                force += transmitted;
+                moment += pass.parent_from_link(&link.rotation, &child_moment)
+                    + link.translation.cross(&transmitted);
+            }
             *torque = moment.z;
-            force = pass.parent_from_link(&link.rotation, &force);
-            moment = pass.parent_from_link(&link.rotation, &moment) + link.translation.cross(&force);
+            child = Some((link, pass, force, moment));
         }
     }
+}
+
+/// `ω × (ω × r)`.
+#[inline]
+fn centripetal(omega: &Vector3<f32>, r: &Vector3<f32>) -> Vector3<f32> {
+    omega.cross(&omega.cross(r))
 }
 
 impl Pass {

@@ -57,11 +57,11 @@ pub enum Field {
     ServoInertia,
     Bandwidth,
     ObserverBandwidth,
-    CoulombShare,
     CommandTimeout,
     Damping,
     SupplyMin,
     SupplyMax,
+    RestError,
 }
 
 impl Field {
@@ -101,11 +101,11 @@ impl Field {
             Self::ServoInertia => "servo.observer.inertia",
             Self::Bandwidth => "servo.observer.bandwidth",
             Self::ObserverBandwidth => "servo.observer.observer_bandwidth",
-            Self::CoulombShare => "servo.coulomb_share",
             Self::CommandTimeout => "safety.command_timeout",
             Self::Damping => "safety.damping",
             Self::SupplyMin => "safety.supply_min",
             Self::SupplyMax => "safety.supply_max",
+            Self::RestError => "servo.rest_error",
         }
     }
 }

@@ -165,8 +165,9 @@ pub struct ServoGains {
     pub pid: PidGains,
     /// Gains of the observer mode.
     pub observer: ObserverGains,
-    /// Share of the Coulomb friction that is fed forward, 0 to 1.
-    pub coulomb_share: f32,
+    /// While the reference rests, an error smaller than this is left to the joint's own friction [rad]: integrating it
+    /// would only make the joint creep from one sticking place to the next.
+    pub rest_error: f32,
 }
 
 /// Gains of [`crate::control::Pid`].
@@ -271,7 +272,7 @@ pub(crate) fn test_joint(name: &str) -> JointModel {
             filter_time: 0.2,
             pid: PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 },
             observer: ObserverGains { inertia: 2.1e-4, bandwidth: 50.0, observer_bandwidth: 100.0 },
-            coulomb_share: 0.8,
+            rest_error: 5e-4,
         },
     }
 }

@@ -130,8 +130,7 @@ impl ServoGains {
         check.above(Field::ServoInertia, self.observer.inertia, 0.0)?;
         check.above(Field::Bandwidth, self.observer.bandwidth, 0.0)?;
         check.above(Field::ObserverBandwidth, self.observer.observer_bandwidth, 0.0)?;
-        check.at_least(Field::CoulombShare, self.coulomb_share, 0.0)?;
-        check.at_most(Field::CoulombShare, self.coulomb_share, 1.0)
+        check.at_least(Field::RestError, self.rest_error, 0.0)
     }
 }
 

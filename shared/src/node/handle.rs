@@ -1,6 +1,6 @@
 use super::joint::JointState;
 use super::{Node, Robot};
-use crate::model::{MAX_JOINTS, Reaction};
+use crate::model::Reaction;
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame,
     SCHEMA_KEY, SetPoint, Task,
@@ -33,10 +33,10 @@ impl Node {
             }
             Request::ModelCommit => {
                 self.require_disarmed()?;
-                let (robot, checksum) = self.transfer.commit()?;
-                self.robot = Some(robot);
-                self.model_checksum = checksum;
-                self.joints = [JointState::new(); MAX_JOINTS];
+                self.model_checksum = self.transfer.commit(&mut self.robot)?;
+                for (config, state) in self.robot.joints.iter().zip(&mut self.joints) {
+                    *state = JointState::of(config);
+                }
                 self.alarm = None;
                 self.tick = None;
             }
@@ -102,13 +102,13 @@ impl Node {
 
     fn arm(&mut self, task: Task) -> Result<(), Refusal> {
         self.require_disarmed()?;
-        let robot = self.robot.as_ref().ok_or(Refusal::NoModel)?;
+        let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
         if self.tick.is_none() {
             return Err(Refusal::NoSensors);
         }
         let states = self.joints.iter();
         if let Some((joint, _)) =
-            (0..).zip(robot.joints.iter().zip(states)).find(|(_, (c, s))| !s.is_homed(c))
+            (0..).zip(robot.joints.iter().zip(states)).find(|(_, (_, state))| !state.is_homed())
         {
             return Err(Refusal::NotHomed { joint });
         }
@@ -161,10 +161,10 @@ impl Node {
 
     fn status(&self) -> NodeStatus {
         let (mut model, mut homed) = (heapless::String::new(), 0);
-        if let Some(robot) = &self.robot {
+        if let Some(robot) = self.robot.loaded() {
             model = robot.model().name.clone();
-            for (index, (config, state)) in robot.joints.iter().zip(&self.joints).enumerate() {
-                homed |= u16::from(state.is_homed(config)) << index;
+            for (index, (_, state)) in robot.joints.iter().zip(&self.joints).enumerate() {
+                homed |= u16::from(state.is_homed()) << index;
             }
         }
         NodeStatus {
@@ -178,8 +178,8 @@ impl Node {
 }
 
 /// The robot, if a list of `got` values fits its joints.
-fn robot_with(robot: &Option<Robot>, got: usize) -> Result<&Robot, Refusal> {
-    let robot = robot.as_ref().ok_or(Refusal::NoModel)?;
+fn robot_with(robot: &Robot, got: usize) -> Result<&Robot, Refusal> {
+    let robot = robot.loaded().ok_or(Refusal::NoModel)?;
     let expected = robot.joints.len();
     if got == expected {
         return Ok(robot);

@@ -13,6 +13,8 @@ const VELOCITY_CUTOFF: f32 = 100.0;
 const COUNT_NOISE: f32 = 2.0;
 /// A motion this many times faster than the velocity limit is the encoder's, not the joint's.
 const JUMP_FACTOR: f32 = 2.0;
+/// A sensor may read a little beyond what the current loop was asked for.
+const CURRENT_MARGIN: f32 = 1.25;
 /// Ticks without a change of the count under a torque that should move the joint.
 const STUCK_TICKS: u16 = 10;
 
@@ -23,8 +25,14 @@ pub(super) struct JointConfig {
     limits: JointLimits,
     /// Signed.
     radians_per_count: f32,
-    amperes_per_count: f32,
+    /// A current beyond it, in counts, is a fault.
     current_limit: f32,
+    amperes_per_count: f32,
+    /// A change of the angle beyond it in one tick is the encoder's, not the joint's [rad].
+    jump: f32,
+    /// Angles beyond these are a fault: the limits, and room for a permitted error of following [rad].
+    lowest: f32,
+    highest: f32,
     /// Count at angle 0 of an absolute encoder.
     zero: Option<i32>,
     velocity: PseudoDifferentiator,
@@ -35,8 +43,9 @@ pub(super) struct JointConfig {
 /// What a joint does.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointState {
-    /// Count at angle 0, once homed.
-    zero: Option<i32>,
+    /// Count at angle 0; of meaning once homed.
+    zero: i32,
+    homed: bool,
     count: i32,
     /// Angle, velocity [rad, rad/s].
     pub position: f32,
@@ -61,8 +70,11 @@ impl JointConfig {
             servo: JointServo::new(joint),
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -turn } else { turn },
+            current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             amperes_per_count: joint.motor.current_resolution,
-            current_limit: joint.motor.current_limit,
+            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * turn,
+            lowest: joint.limits.lower - joint.limits.following_error,
+            highest: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
@@ -102,7 +114,8 @@ impl JointState {
     pub const fn new() -> Self {
         const REST: JointPoint = JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 };
         Self {
-            zero: None,
+            zero: 0,
+            homed: false,
             count: 0,
             position: 0.0,
             velocity: 0.0,
@@ -117,8 +130,14 @@ impl JointState {
         }
     }
 
-    pub const fn is_homed(&self, config: &JointConfig) -> bool {
-        self.zero.is_some() || config.zero.is_some()
+    /// A joint that was just given its model.
+    pub fn of(config: &JointConfig) -> Self {
+        Self { zero: config.zero.unwrap_or(0), homed: config.zero.is_some(), ..Self::new() }
+    }
+
+    /// Whether the angle is known.
+    pub const fn is_homed(&self) -> bool {
+        self.homed
     }
 
     /// The joint stands at `position` now.
@@ -128,7 +147,8 @@ impl JointState {
             reason = "saturates; the angle was checked against the limits"
         )]
         let counts = libm::roundf(position / config.radians_per_count) as i32;
-        self.zero = Some(self.count.wrapping_sub(counts));
+        self.zero = self.count.wrapping_sub(counts);
+        self.homed = true;
         self.restart(config);
     }
 
@@ -155,40 +175,32 @@ impl JointState {
     }
 
     fn angle(&self, config: &JointConfig, count: i32) -> f32 {
-        let zero = self.zero.or(config.zero).unwrap_or(0);
         #[expect(
             clippy::cast_precision_loss,
             reason = "exact up to 2²⁴ counts from zero, and no joint turns further"
         )]
-        let counts = count.wrapping_sub(zero) as f32;
+        let counts = count.wrapping_sub(self.zero) as f32;
         counts * config.radians_per_count
     }
 
     /// What is wrong with the joint's readings, if anything.
     pub fn inspect(&self, config: &JointConfig, current: i16) -> Option<(FaultCause, f32, f32)> {
-        let limits = &config.limits;
-        let jump = JUMP_FACTOR * limits.velocity * TICK + COUNT_NOISE * abs(config.radians_per_count);
-        if abs(self.change) > jump {
-            return Some((FaultCause::EncoderJump, self.change, jump));
+        if abs(self.change) > config.jump {
+            return Some((FaultCause::EncoderJump, self.change, config.jump));
         }
-        let current = f32::from(current) * config.amperes_per_count;
-        // A sensor reads a little beyond what the current loop was asked for.
-        let current_limit = 1.25 * config.current_limit;
-        if abs(current) > current_limit {
-            return Some((FaultCause::OverCurrent, current, current_limit));
+        let current = f32::from(current);
+        if abs(current) > config.current_limit {
+            let scale = config.amperes_per_count;
+            return Some((FaultCause::OverCurrent, current * scale, config.current_limit * scale));
         }
-        if abs(self.velocity) > limits.velocity {
-            return Some((FaultCause::VelocityLimit, self.velocity, limits.velocity));
+        if abs(self.velocity) > config.limits.velocity {
+            return Some((FaultCause::VelocityLimit, self.velocity, config.limits.velocity));
         }
-        if self.is_homed(config) {
-            let (lower, upper) =
-                (limits.lower - limits.following_error, limits.upper + limits.following_error);
-            if self.position < lower {
-                return Some((FaultCause::PositionLimit, self.position, limits.lower));
-            }
-            if self.position > upper {
-                return Some((FaultCause::PositionLimit, self.position, limits.upper));
-            }
+        if self.homed && self.position < config.lowest {
+            return Some((FaultCause::PositionLimit, self.position, config.limits.lower));
+        }
+        if self.homed && self.position > config.highest {
+            return Some((FaultCause::PositionLimit, self.position, config.limits.upper));
         }
         None
     }
@@ -241,7 +253,7 @@ impl JointState {
         self.goal = self.position;
         self.reference = JointPoint { position: self.position, ..JointPoint::default() };
         self.streamed = self.reference;
-        self.servo = JointServoState::at(self.position);
+        self.servo.restart(self.position);
         (self.torque, self.effort, self.still) = (0.0, 0.0, 0);
     }
 

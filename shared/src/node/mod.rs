@@ -43,7 +43,7 @@ use transfer::Transfer;
 /// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
 #[derive(Clone, Debug)]
 pub struct Node {
-    robot: Option<Robot>,
+    robot: Robot,
     model_checksum: u32,
     transfer: Transfer,
     /// Whether a hello with our schema key came.
@@ -75,7 +75,7 @@ impl Node {
     /// A disarmed node without a robot.
     pub const fn new() -> Self {
         Self {
-            robot: None,
+            robot: Robot::NONE,
             model_checksum: 0,
             transfer: Transfer::new(),
             agreed: false,
@@ -98,8 +98,8 @@ impl Node {
     }
 
     /// The robot, once a model was accepted.
-    pub const fn robot(&self) -> Option<&Robot> {
-        self.robot.as_ref()
+    pub fn robot(&self) -> Option<&Robot> {
+        self.robot.loaded()
     }
 
     /// The faults so far.
@@ -141,7 +141,7 @@ impl Node {
 
     /// One value for each joint of the robot.
     fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
-        let count = self.robot.as_ref().map_or(0, |robot| robot.joints.len());
+        let count = self.robot.joints.len();
         let mut list = Vec::new();
         for state in self.joints.iter().take(count) {
             // Cannot fail: there are no more states than places. (`collect` would bring in a panic.)
@@ -152,7 +152,7 @@ impl Node {
 
     /// Records a fault and reacts to it.
     fn fail(&mut self, fault: Fault) {
-        let reaction = match &self.robot {
+        let reaction = match self.robot.loaded() {
             Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };

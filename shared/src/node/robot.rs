@@ -1,11 +1,13 @@
-use heapless::Vec;
+use heapless::{String, Vec};
 use nalgebra::Vector3;
 
 use super::joint::JointConfig;
 use crate::dynamics::Chain;
-use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, RobotModel};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
 
-/// A validated model, made ready for computing.
+/// A validated model, made ready for computing; without joints until there is one.
+///
+/// It takes some 16 kB, so it is set up in place and never moved.
 #[derive(Clone, Debug)]
 pub struct Robot {
     model: RobotModel,
@@ -15,19 +17,50 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Validates `model`.
+    /// No robot yet.
+    pub(super) const NONE: Self = Self {
+        model: RobotModel {
+            name: String::new(),
+            gravity: [0.0; 3],
+            chains: Vec::new(),
+            joints: Vec::new(),
+            safety: Safety {
+                command_timeout: 0.0,
+                reaction: Reaction::Off,
+                damping: 0.0,
+                supply_min: 0.0,
+                supply_max: 0.0,
+            },
+        },
+        gravity: Vector3::new(0.0, 0.0, 0.0),
+        chains: Vec::new(),
+        joints: Vec::new(),
+    };
+
+    /// Becomes the robot of `model`, or stays what it was.
     ///
     /// # Errors
     /// The first thing that is wrong with the model, by joint and field.
-    pub fn try_new(model: RobotModel) -> Result<Self, ModelError> {
+    #[inline(never)]
+    pub(super) fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         model.validate()?;
-        // Neither `collect` can overflow: the capacities are the model's own.
-        let chains = model
-            .chain_ranges()
-            .map(|range| Chain::new(model.joints.get(range).unwrap_or_default()))
-            .collect();
-        let joints = model.joints.iter().map(JointConfig::new).collect();
-        Ok(Self { gravity: Vector3::from(model.gravity), chains, joints, model })
+        self.chains.clear();
+        self.joints.clear();
+        // Neither list can overflow: the capacities are the model's own.
+        for range in model.chain_ranges() {
+            let _ = self.chains.push(Chain::new(model.joints.get(range).unwrap_or_default()));
+        }
+        for joint in &model.joints {
+            let _ = self.joints.push(JointConfig::new(joint));
+        }
+        self.gravity = Vector3::from(model.gravity);
+        self.model.clone_from(model);
+        Ok(())
+    }
+
+    /// Itself, once it has a model.
+    pub(super) fn loaded(&self) -> Option<&Self> {
+        if self.joints.is_empty() { None } else { Some(self) }
     }
 
     /// The model.

@@ -159,7 +159,6 @@ fn refuses_a_model_that_makes_no_sense_by_joint_and_field() {
         (|m| m.chains[0].joints = 8, None, Field::Chains),
         (|m| m.joints.clear(), None, Field::Joints),
         (|m| m.safety.supply_max = 10.0, None, Field::SupplyMax),
-        (|m| m.joints[2].servo.coulomb_share = 1.5, Some(2), Field::CoulombShare),
     ];
     for (spoil, joint, field) in cases {
         let mut bench = Bench::ready(&model());

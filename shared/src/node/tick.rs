@@ -38,7 +38,7 @@ impl Node {
     fn observe(&mut self, sensors: &SensorFrame) -> Option<Fault> {
         let tick = sensors.sequence;
         let last = self.tick.replace(tick);
-        let robot = self.robot.as_ref()?;
+        let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         let expected = robot.joints.len();
         for got in [sensors.encoders.len(), sensors.currents.len()] {
@@ -82,7 +82,7 @@ impl Node {
 
     /// What is wrong with the control so far, while armed.
     fn watch(&mut self) -> Option<Fault> {
-        let (Mode::Armed(_), Some(robot), Some(tick)) = (self.mode, &self.robot, self.tick) else {
+        let (Mode::Armed(_), Some(robot), Some(tick)) = (self.mode, self.robot.loaded(), self.tick) else {
             return None;
         };
         for (index, (config, state)) in (0..).zip(robot.joints.iter().zip(&self.joints)) {
@@ -113,7 +113,7 @@ impl Node {
             Mode::Armed(_) => Reaction::Hold,
             Mode::Fault => self.reaction,
         };
-        match (reaction, &self.robot) {
+        match (reaction, self.robot.loaded()) {
             (Reaction::Off, _) | (_, None) => self.release(),
             (Reaction::Damp, Some(robot)) => {
                 let damping = robot.model().safety.damping;
@@ -157,7 +157,9 @@ impl Node {
     }
 
     fn find_not_finite(&self) -> Option<Fault> {
-        let (index, state) = (0..).zip(&self.joints).find(|(_, joint)| !joint.torque.is_finite())?;
+        let (index, state) = (0..)
+            .zip(self.joints.iter().take(self.robot.joints.len()))
+            .find(|(_, joint)| !joint.torque.is_finite())?;
         let tick = self.tick.unwrap_or(0);
         Some(Fault {
             cause: FaultCause::NotFinite,

@@ -48,8 +48,9 @@ impl Transfer {
         self.bytes.extend_from_slice(data).map_err(|_| out_of_step)
     }
 
-    /// The finished model and its checksum.
-    pub fn commit(&mut self) -> Result<(Robot, u32), Refusal> {
+    /// Makes `robot` that of the finished model; returns the model's checksum.
+    #[inline(never)]
+    pub fn commit(&self, robot: &mut Robot) -> Result<u32, Refusal> {
         let length = self.bytes.len() as u32;
         if length != self.length || length == 0 {
             return Err(Refusal::ModelTransfer { received: length, announced: self.length });
@@ -59,7 +60,7 @@ impl Transfer {
             return Err(Refusal::ModelChecksum { received, announced: self.checksum });
         }
         match postcard::take_from_bytes::<RobotModel>(&self.bytes) {
-            Ok((model, [])) => Ok((Robot::try_new(model).map_err(Refusal::Model)?, received)),
+            Ok((model, [])) => robot.configure(&model).map(|()| received).map_err(Refusal::Model),
             _ => Err(Refusal::ModelUnreadable { length, limit: MAX_MODEL as u32 }),
         }
     }

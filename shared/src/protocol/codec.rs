@@ -13,7 +13,8 @@ pub const MAX_MESSAGE: usize = 320;
 /// Longest frame in bytes, the closing zero included.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4).div_ceil(254) + 1;
 
-const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+// A static, so that the table lies in flash once and is not copied to the stack at each use.
+static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 /// The checksum of frames and of pushed models: CRC-32/ISO-HDLC.
 pub fn checksum(bytes: &[u8]) -> u32 {
@@ -104,22 +105,33 @@ impl Decoder {
     }
 
     /// Takes one received byte. `None` until a frame ends; then its message, or what was wrong with it.
+    #[inline]
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
-        if byte != 0 {
-            match self.buffer.get_mut(self.length) {
-                Some(slot) => {
-                    *slot = byte;
-                    self.length += 1;
-                }
-                None => self.skipping = true,
-            }
-            return None;
+        // Split so that the many bytes that end no frame never touch a place for a message.
+        if self.feed(byte) { Some(self.decode()) } else { None }
+    }
+
+    /// Takes one received byte and says whether it ends a frame.
+    #[inline]
+    fn feed(&mut self, byte: u8) -> bool {
+        if byte == 0 {
+            return self.length > 0; // zeros between frames are padding
         }
+        match self.buffer.get_mut(self.length) {
+            Some(slot) => {
+                *slot = byte;
+                self.length += 1;
+            }
+            None => self.skipping = true,
+        }
+        false
+    }
+
+    #[inline(never)]
+    fn decode<T: DeserializeOwned>(&mut self) -> Result<T, FrameError> {
         let length = core::mem::take(&mut self.length);
         let result = if core::mem::take(&mut self.skipping) {
             Err(FrameError::Overlong)
-        } else if length == 0 {
-            return None; // zeros between frames are padding
         } else {
             self.buffer.get_mut(..length).ok_or(FrameError::Overlong).and_then(open)
         };
@@ -131,7 +143,7 @@ impl Decoder {
             Err(FrameError::Malformed) => &mut self.counts.malformed,
         };
         *count = count.wrapping_add(1);
-        Some(result)
+        result
     }
 
     /// What has been received so far.

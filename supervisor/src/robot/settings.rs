@@ -48,8 +48,8 @@ pub struct LimitSettings {
 pub struct ServoSettings {
     /// Time constant of the trajectory filter [s].
     pub filter_time: f32,
-    /// Share of the Coulomb friction that is fed forward.
-    pub coulomb_share: f32,
+    /// Error at rest that is left alone [rad].
+    pub rest_error: f32,
     /// Inertia that the gains are multiplied with [kg·m²]; computed from the URDF when left out.
     pub inertia: Option<f32>,
     /// Gains per inertia: proportional [1/s²], integral [1/s³], derivative [1/s]; cut-off [rad/s].

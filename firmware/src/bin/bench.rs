@@ -1,0 +1,226 @@
+//! Executed instructions of the core's hot paths, on the emulated Cortex-M4F with `-icount shift=0`: one instruction is
+//! one nanosecond, and SysTick counts at 168 MHz. Prints `name instructions` a line.
+
+#![no_std]
+#![no_main]
+
+use core::hint::black_box;
+
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m_rt::entry;
+use cortex_m_semihosting::{debug, hprintln};
+use heapless::Vec;
+use nalgebra::Vector3;
+use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
+use tesaki::dynamics::Chain;
+use tesaki::math;
+use tesaki::model::{PidGains, RobotModel};
+use tesaki::node::Node;
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
+use tesaki::protocol::{
+    BoardStatus, FromBoard, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags,
+    SensorFrame, SetPoint, Task, Telemetry,
+};
+use tesaki::signal::{TrajectoryFilter, TrajectoryState};
+use tesaki_firmware as _;
+
+mod support;
+
+/// The command timeout of the model used is long enough for this many ticks.
+const CALLS: u32 = 200;
+
+/// SysTick counts down in 24 bits: a run must be shorter than 0.1 s of virtual time.
+struct Stopwatch(SYST);
+
+impl Stopwatch {
+    /// Executed instructions of one call of `body`, on average; the loop around it is not counted.
+    fn measure(&mut self, name: &str, body: impl FnMut(f32)) {
+        self.compare(name, body, |x| {
+            black_box(x);
+        });
+    }
+
+    /// Executed instructions by which a call of `body` exceeds one of `baseline`. With a baseline that calls an empty
+    /// function in the same way, what remains is the function's own.
+    fn compare(&mut self, name: &str, mut body: impl FnMut(f32), mut baseline: impl FnMut(f32)) {
+        let empty = self.run(&mut baseline);
+        let full = self.run(&mut body);
+        let ticks = f64::from(full) - f64::from(empty);
+        // Tenths, in whole numbers: formatting floats would need its own library.
+        let tenths = (ticks * 1000.0 / 168.0 / f64::from(CALLS) * 10.0 + 0.5) as u32;
+        hprintln!("{} {}.{}", name, tenths / 10, tenths % 10);
+    }
+
+    #[inline(never)]
+    fn run(&mut self, body: &mut dyn FnMut(f32)) -> u32 {
+        self.0.clear_current();
+        let start = SYST::get_current();
+        for call in 0..CALLS {
+            body(black_box(0.001 * call as f32));
+        }
+        start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF
+    }
+}
+
+#[inline(never)]
+fn pid_step(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
+    let wanted = pid.output(state, reference, measured);
+    let applied = math::clamp(wanted, -0.6, 0.6);
+    pid.settle(state, wanted, applied, false);
+    applied
+}
+
+/// The call of [`pid_step`] without what it does; likewise below.
+#[inline(never)]
+fn no_pid(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
+    // SAFETY: an empty statement that the compiler must take for a use of all arguments.
+    unsafe { core::arch::asm!("", in("r0") pid, in("r1") state, in("r2") reference, options(nostack)) };
+    measured
+}
+
+#[inline(never)]
+fn no_filter(filter: &TrajectoryFilter, state: &mut TrajectoryState, input: f32) -> f32 {
+    // SAFETY: as above.
+    unsafe { core::arch::asm!("", in("r0") filter, in("r1") state, options(nostack)) };
+    input
+}
+
+#[inline(never)]
+fn no_sin_cos(x: f32) -> (f32, f32) {
+    (x, x)
+}
+
+#[inline(never)]
+fn filter_step(filter: &TrajectoryFilter, state: &mut TrajectoryState, input: f32) -> f32 {
+    filter.update(state, input)
+}
+
+#[inline(never)]
+fn sin_cos(x: f32) -> (f32, f32) {
+    math::sin_cos(x)
+}
+
+#[entry]
+fn main() -> ! {
+    let mut systick = cortex_m::Peripherals::take().expect("taken once").SYST;
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(0xFF_FFFF);
+    systick.clear_current();
+    systick.enable_counter();
+    let mut watch = Stopwatch(systick);
+
+    let pid =
+        Pid::new(black_box(&PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 }));
+    let mut pid_state = PidState::at(0.0);
+    let reference = black_box(JointPoint { position: 0.3, velocity: 0.1, acceleration: 0.0 });
+    let mut idle_state = PidState::at(0.0);
+    watch.compare(
+        "pid",
+        |x| {
+            black_box(pid_step(&pid, &mut pid_state, &reference, x));
+        },
+        |x| {
+            black_box(no_pid(&pid, &mut idle_state, &reference, x));
+        },
+    );
+    let filter = TrajectoryFilter::new(black_box(0.2));
+    let mut filter_state = TrajectoryState::at(0.0);
+    let mut idle_state = TrajectoryState::at(0.0);
+    watch.compare(
+        "trajectory_filter",
+        |x| {
+            black_box(filter_step(&filter, &mut filter_state, x));
+        },
+        |x| {
+            black_box(no_filter(&filter, &mut idle_state, x));
+        },
+    );
+    watch.compare(
+        "sin_cos",
+        |x| {
+            black_box(sin_cos(x * 20.0 - 2.0));
+        },
+        |x| {
+            black_box(no_sin_cos(x * 20.0 - 2.0));
+        },
+    );
+
+    for (name, count) in [("inverse_dynamics_3", 3), ("inverse_dynamics_7", 7)] {
+        let joints: Vec<_, 7> = (0..count).map(support::joint).collect();
+        let chain = Chain::new(&joints);
+        let gravity = Vector3::new(-6.9, 0.0, -6.9);
+        let mut torques = [0.0; 7];
+        watch.measure(name, |x| {
+            let (q, qd, qdd) = ([x + 0.1; 7], [x - 0.2; 7], [3.0 * x; 7]);
+            chain.inverse_dynamics(&gravity, black_box(&q), &qd, &qdd, &mut torques);
+            black_box(&torques);
+        });
+    }
+
+    let list = || [1.25_f32; 16].into_iter().collect();
+    let telemetry = FromBoard::Telemetry(Telemetry {
+        tick: 123_456,
+        mode: Mode::Disarmed,
+        faults: 3,
+        positions: list(),
+        velocities: list(),
+        references: list(),
+        torques: list(),
+    });
+    let mut decoder = Decoder::new();
+    let mut frame = [0; MAX_FRAME];
+    watch.measure("codec_largest_telemetry", |_| {
+        let length = encode(black_box(&telemetry), &mut frame).unwrap_or(0);
+        for &byte in frame.iter().take(length) {
+            if let Some(message) = decoder.push::<FromBoard>(byte) {
+                let _ = black_box(message);
+            }
+        }
+    });
+
+    static mut NODES: [Node; 2] = [Node::new(), Node::new()];
+    // SAFETY: the only reference, in the only thread.
+    let [first, second] = unsafe { &mut *core::ptr::addr_of_mut!(NODES) };
+    tick(&mut watch, first, "node_tick_9_pid", ServoMode::Pid);
+    tick(&mut watch, second, "node_tick_9_observer", ServoMode::Observer);
+    debug::exit(debug::EXIT_SUCCESS);
+    loop {}
+}
+
+/// A node with three chains of three joints, armed and moving.
+fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
+    let board = BoardStatus::default();
+    let ask = |node: &mut Node, request| {
+        let reply = node.handle(&RequestFrame { sequence: 1, request }, &board).reply;
+        assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
+    };
+    ask(node, Request::Hello { schema: SCHEMA_KEY });
+    let model: RobotModel = support::hand();
+    let mut bytes = [0; 4096];
+    let bytes = postcard::to_slice(&model, &mut bytes).expect("fits");
+    ask(node, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(bytes) });
+    for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
+        let data = Vec::from_slice(data).expect("fits");
+        ask(node, Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data });
+    }
+    ask(node, Request::ModelCommit);
+    let mut sensors = SensorFrame {
+        sequence: 1,
+        flags: SensorFlags(0),
+        supply: 24_000,
+        encoders: [0; 9].into_iter().collect(),
+        currents: [0; 9].into_iter().collect(),
+    };
+    node.tick(&sensors);
+    ask(node, Request::Arm { task: Task::JointServo(mode) });
+    ask(node, Request::SetPoint(SetPoint::Goal { positions: [0.3; 9].into_iter().collect() }));
+    watch.measure(name, |x| {
+        sensors.sequence += 1;
+        for count in &mut sensors.encoders {
+            *count = (x * 300.0) as i32;
+        }
+        black_box(node.tick(black_box(&sensors)));
+    });
+    assert!(matches!(node.mode(), Mode::Armed(_)), "the node left its task");
+}

@@ -1,0 +1,116 @@
+//! From reset to the first interrupt.
+
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::prelude::*;
+use tesaki::node::Node;
+use tesaki::protocol::{BoardStatus, ClockSource, Fault, FaultCause, LinkStatistics, ResetCause};
+use tesaki_firmware::board::{ThisBoard, wants_plant_link};
+use tesaki_firmware::watchdog::Watchdog;
+use tesaki_firmware::{clock, retained, start_uart};
+
+static PLANT_LINK: AtomicBool = AtomicBool::new(false);
+static PERIOD: AtomicU32 = AtomicU32::new(0);
+
+/// Whether the boot found the strap; latched until the next reset.
+pub fn plant_link() -> bool {
+    PLANT_LINK.load(Ordering::Relaxed)
+}
+
+/// Control periods since boot.
+pub fn period() -> u32 {
+    PERIOD.load(Ordering::Relaxed)
+}
+
+/// Counts on.
+pub fn set_period(period: u32) {
+    PERIOD.store(period, Ordering::Relaxed);
+}
+
+/// What the tasks get.
+pub struct Started {
+    pub usart1: pac::USART1,
+    pub usart2: pac::USART2,
+    pub timer: pac::TIM2,
+    pub watchdog: Watchdog,
+    pub status: BoardStatus,
+}
+
+/// Brings up clock, watchdog, pins, UARTs and timer, and tells `node` what happened before.
+pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
+    let watchdog = Watchdog::start(device.IWDG);
+    let clocks = clock::bring_up(&device.RCC, &device.FLASH);
+    device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit().usart2en().set_bit());
+    device.RCC.apb2enr().modify(|_, w| w.usart1en().set_bit());
+    let flags = device.RCC.csr().read();
+    let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
+    device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+
+    let mut rcc = device.RCC.constrain();
+    let gpio_a = device.GPIOA.split(&mut rcc);
+    let gpio_b = device.GPIOB.split(&mut rcc);
+    let _usart1_pins = (gpio_a.pa9.into_alternate::<7>(), gpio_a.pa10.into_alternate::<7>());
+    let _usart2_pins = (gpio_a.pa2.into_alternate::<7>(), gpio_a.pa3.into_alternate::<7>());
+    // To ground: plant link. Open: pulled up, the board's own sensors and drives.
+    let mut strap = gpio_b.pb12.into_pull_up_input();
+    cortex_m::asm::delay(1000); // the pull-up needs a moment
+    let plant_link = wants_plant_link::<ThisBoard>(&mut strap);
+    PLANT_LINK.store(plant_link, Ordering::Relaxed);
+
+    start_uart!(device.USART1, clocks.usart1, clocks.baud);
+    start_uart!(device.USART2, clocks.usart2, clocks.baud);
+    let timer = device.TIM2;
+    if !plant_link {
+        start_timer(&timer, clocks.timer);
+    }
+
+    let death = retained::take_death();
+    let reset = match &death {
+        _ if by_watchdog => ResetCause::Watchdog,
+        Some(death) if death.cause() == FaultCause::Panic => ResetCause::Panic,
+        Some(_) => ResetCause::HardFault,
+        None if by_software => ResetCause::Software,
+        None => ResetCause::PowerOn,
+    };
+    if let Some(log) = retained::faults() {
+        node.restore_faults(log);
+    }
+    let mut record = |cause, value: u32| {
+        #[expect(clippy::cast_precision_loss, reason = "a line number or an address, for people")]
+        node.record_fault(Fault { cause, joint: None, value: value as f32, limit: 0.0, tick: 0 });
+    };
+    if by_watchdog {
+        record(FaultCause::WatchdogReset, 0);
+    }
+    if let Some(death) = &death {
+        record(death.cause(), death.place);
+    }
+    if clocks.source != ClockSource::Crystal && !plant_link {
+        record(FaultCause::ClockFallback, clocks.source as u32);
+    }
+    retained::keep_faults(node.faults());
+    let words = death.as_ref().map_or("", |death| death.words());
+    let status = BoardStatus {
+        firmware: tesaki::VERSION,
+        plant_link,
+        clock: clocks.source,
+        reset,
+        last_words: words.try_into().unwrap_or_default(),
+        stack_used: 0,
+        stack_size: 0,
+        supervisor_link: LinkStatistics::default(),
+        plant: LinkStatistics::default(),
+    };
+    Started { usart1: device.USART1, usart2: device.USART2, timer, watchdog, status }
+}
+
+/// An interrupt every 10 ms.
+fn start_timer(timer: &pac::TIM2, clock: u32) {
+    timer.psc().write(|w| w.psc().set((clock / 1_000_000 - 1) as u16));
+    timer.arr().write(|w| w.arr().set(9_999));
+    timer.egr().write(|w| w.ug().set_bit());
+    timer.sr().modify(|_, w| w.uif().clear_bit());
+    timer.dier().modify(|_, w| w.uie().set_bit());
+    timer.cr1().modify(|_, w| w.cen().set_bit());
+}

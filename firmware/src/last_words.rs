@@ -1,0 +1,31 @@
+//! The end: outputs off, the reason kept for the next start, reset.
+
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::{ExceptionFrame, exception};
+use tesaki::protocol::FaultCause;
+use tesaki_firmware::board::{Board, ThisBoard};
+use tesaki_firmware::retained::keep_death;
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    ThisBoard::outputs_off();
+    let (file, line) = info.location().map_or(("?", 0), |location| (location.file(), location.line()));
+    keep_death(FaultCause::Panic, line, format_args!("{} ({file}:{line})", info.message()));
+    SCB::sys_reset()
+}
+
+#[exception]
+// SAFETY: an exception handler must be unsafe; this one only reads its frame.
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    cortex_m::interrupt::disable();
+    ThisBoard::outputs_off();
+    keep_death(
+        FaultCause::HardFault,
+        frame.pc(),
+        format_args!("CPU fault at pc {:#010x}, lr {:#010x}", frame.pc(), frame.lr()),
+    );
+    SCB::sys_reset()
+}

@@ -1,0 +1,267 @@
+//! The command line.
+
+use std::error::Error;
+use std::io::IsTerminal;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use sha2::{Digest, Sha256};
+use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::qemu::Qemu;
+use tesaki_sim::report::{Metric, Page, Summary, table, write};
+use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
+use tesaki_supervisor::Board;
+
+/// Runs the control core against simulated robots. Without a command: a short demonstration.
+#[derive(Parser)]
+#[command(version, about)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// List the scenarios
+    List,
+    /// Run a scenario: a table at the end; CSV, JSON and a page with figures in a folder
+    Run(Run),
+}
+
+#[derive(Args)]
+struct Run {
+    /// Name of the scenario, see `host-sim list`
+    scenario: String,
+    /// Where the control core runs
+    #[arg(long, value_enum, default_value_t = Where::Native)]
+    controller: Where,
+    /// Decides the machine's deviations and noise; a range such as 1-20 runs one after the other
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Simulated time [s]; the scenario knows how long it needs
+    #[arg(long)]
+    duration: Option<f64>,
+    /// Folder for the results
+    #[arg(long, default_value_os_t = PathBuf::from("out"))]
+    out: PathBuf,
+    /// Print one JSON object a seed instead of the table
+    #[arg(long)]
+    json: bool,
+    /// Folder of the robot, instead of the scenario's own
+    #[arg(long)]
+    robot: Option<PathBuf>,
+    /// Firmware image for `--controller qemu`
+    #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
+    elf: PathBuf,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Where {
+    /// In this process
+    Native,
+    /// In the firmware image, on an emulated STM32F405, compared tick by tick with the core in this process
+    Qemu,
+}
+
+impl Where {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Qemu => "qemu",
+        }
+    }
+}
+
+fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let number =
+        |text: &str| text.parse::<u64>().map_err(|_| format!("{text:?} is no seed: write 7, or 1-20"));
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let seeds = number(first)?..=number(last)?;
+    if seeds.is_empty() { Err(format!("{text}: the first seed is larger than the last")) } else { Ok(seeds) }
+}
+
+fn default_image() -> PathBuf {
+    let target =
+        std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+    target.join("thumbv7em-none-eabihf/firmware/tesaki-firmware")
+}
+
+/// The checkout that this program was built from.
+fn workspace() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// Runs what the command line says; `false` when a metric failed.
+pub fn run() -> Result<bool, Box<dyn Error>> {
+    match Cli::parse().command {
+        None => demonstrate(),
+        Some(Command::List) => {
+            println!("Scenarios; run one with `cargo sim run NAME`:\n");
+            for scenario in SCENARIOS {
+                println!("  {:<14} {} ({} s)", scenario.name, scenario.about, scenario.duration);
+            }
+            Ok(true)
+        }
+        Some(Command::Run(options)) => run_scenario(&options),
+    }
+}
+
+fn demonstrate() -> Result<bool, Box<dyn Error>> {
+    println!(
+        "A three-finger hand with nine joints, simulated with friction, noise and masses that its controller does not\n\
+         know exactly. Its control core is the one that runs on the joint-controller board.\n"
+    );
+    let run = Run {
+        scenario: SCENARIOS[0].name.to_owned(),
+        controller: Where::Native,
+        seed: 1..=1,
+        duration: None,
+        out: PathBuf::from("out"),
+        json: false,
+        robot: None,
+        elf: default_image(),
+    };
+    let passed = run_scenario(&run)?;
+    println!(
+        "\nTry next:\n\
+         \x20 cargo sim list                                       what else there is\n\
+         \x20 cargo sim run hand3-servo --seed 1-20                twenty different machines\n\
+         \x20 cargo xtask firmware                                 build the image for the board; then\n\
+         \x20 cargo sim run hand3-servo --controller qemu          that very image on an emulated board, bit for bit"
+    );
+    Ok(passed)
+}
+
+fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
+    let scenario = Scenario::find(&options.scenario).ok_or_else(|| {
+        let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
+        format!("there is no scenario {:?}; there are: {}", options.scenario, known.join(", "))
+    })?;
+    let mut summaries = Vec::new();
+    let mut written = None;
+    for seed in options.seed.clone() {
+        let (summary, outcome, record) = run_seed(scenario, options, seed)?;
+        if options.json {
+            println!("{}", serde_json::to_string(&summary)?);
+        }
+        summaries.push(summary);
+        // Figures and recordings of the first seed: the others are for the table.
+        written.get_or_insert((outcome, record));
+    }
+    let passed = summaries.iter().all(Summary::pass);
+    if let Some((outcome, record)) = written {
+        let page = save(scenario, options, &summaries, &outcome, &record)?;
+        if !options.json {
+            let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+            println!("{}", table(&summaries, colour));
+            println!("Report: {}", page.display());
+        }
+    }
+    Ok(passed)
+}
+
+type SeedResult = (Summary, Outcome, Vec<u8>);
+
+fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
+    let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
+    let progress = |share: f64| bar.set_position((share * 1000.0) as u64);
+    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    let (mut native, mut qemu);
+    let controller: &mut dyn Controller = match options.controller {
+        Where::Native => {
+            native = Native::default();
+            &mut native
+        }
+        Where::Qemu => {
+            qemu = Qemu::boot(&options.elf)?;
+            &mut qemu
+        }
+    };
+    let in_qemu = options.controller == Where::Qemu;
+    let mut watched = Watched::new(controller, in_qemu);
+    let mut setting = Setting {
+        robot: &robot,
+        controller: &mut watched,
+        seed,
+        duration: options.duration.unwrap_or(scenario.duration),
+        progress: &progress,
+    };
+    let outcome = scenario.run(&mut setting)?;
+    let mut summary = outcome.summary.clone();
+    summary.controller = options.controller.name().to_owned();
+    if in_qemu {
+        let (_, board) = watched.status()?;
+        let stack =
+            Metric::at_most("stack used on the board", board.stack_used.into(), board.stack_size.into(), "B");
+        summary.insert("stack_used", stack);
+        let lost = board.plant.frames;
+        let damaged =
+            lost.overlong + lost.framing + lost.checksum + lost.malformed + board.plant.receive_overflow;
+        summary.insert(
+            "plant_link_damage",
+            Metric::at_most("damaged plant-link frames", damaged.into(), 0.0, ""),
+        );
+        let digest = Sha256::digest(std::fs::read(&options.elf)?);
+        summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+    }
+    if let Some(identical) = watched.identical() {
+        summary = summary.identical(identical);
+    }
+    if let Some((tick, board, here)) = &watched.difference {
+        eprintln!("first difference in tick {tick}:\n  board {board:?}\n  here  {here:?}");
+    }
+    bar.finish_and_clear();
+    Ok((summary, outcome, encode_record(&watched.into_record())?))
+}
+
+fn progress_bar(name: &str) -> ProgressBar {
+    // Drawn only on a terminal.
+    let bar = ProgressBar::new(1000).with_message(name.to_owned());
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} %  {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn save(
+    scenario: &Scenario,
+    options: &Run,
+    summaries: &[Summary],
+    outcome: &Outcome,
+    record: &[u8],
+) -> Result<PathBuf, Box<dyn Error>> {
+    let dir = options.out.join(scenario.name);
+    let lines: Vec<String> = summaries.iter().map(serde_json::to_string).collect::<Result<_, _>>()?;
+    let json = lines.join("\n") + "\n";
+    let command = format!(
+        "cargo sim run {} --controller {} --seed {}",
+        scenario.name,
+        options.controller.name(),
+        if options.seed.start() == options.seed.end() {
+            options.seed.start().to_string()
+        } else {
+            format!("{}-{}", options.seed.start(), options.seed.end())
+        }
+    );
+    let mut names = vec![("summary.json", "measured against wanted, one JSON object a seed")];
+    for (name, _) in &outcome.tables {
+        names.push((name, "recorded values of the first seed, one row a tick"));
+    }
+    names.push((
+        "frames.log",
+        "everything that went into and came out of the control core in the first seed's run",
+    ));
+    let html = Page::new(scenario.about, summaries)
+        .lead(scenario.lead)
+        .figures(&outcome.figures)
+        .command(&command)
+        .files(&names)
+        .html();
+    let mut files = vec![("summary.json", json.as_str()), ("index.html", html.as_str())];
+    files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
+    write(&dir, &files)?;
+    std::fs::write(dir.join("frames.log"), record)?;
+    Ok(std::path::absolute(dir.join("index.html"))?)
+}

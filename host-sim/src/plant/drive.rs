@@ -1,0 +1,107 @@
+//! Amplifier, motor and sensors of a joint.
+
+use core::f64::consts::TAU;
+
+use super::factors::JointFactors;
+use super::inner_loop::Lag;
+use super::random::{Purpose, Random};
+use super::tree::Body;
+use super::values::{Drive, PlantOptions, PlantValues};
+
+/// Relative encoders start at a count within ± this.
+const POWER_ON_COUNTS: f64 = 1e6;
+
+/// A joint's drive and sensors.
+#[derive(Clone, Debug)]
+pub struct DriveState {
+    pub joint: String,
+    /// Torque for one ampere as the amplifier and the controller believe, and as it is [N·m/A].
+    nominal_constant: f64,
+    torque_constant: f64,
+    /// What the amplifier is able to deliver, by its belief [N·m].
+    effort: f64,
+    /// Nominal torque, that is, current times `nominal_constant`.
+    lag: Lag,
+    current_resolution: f64,
+    counts_per_radian: f64,
+    /// Count at angle 0.
+    zero: i32,
+    /// Angle that homing believes, less the true angle [rad].
+    pub homing_error: f64,
+    /// An absolute encoder's own count has the homing error in it.
+    encoder_error: f64,
+}
+
+/// Makes the drives of a plant, in their order.
+pub fn states(
+    drives: &[Drive],
+    bodies: &[Body],
+    drive_of: &[usize],
+    factors: &[JointFactors],
+    values: &PlantValues,
+    options: &PlantOptions,
+) -> Vec<DriveState> {
+    let mut homing = Random::new(options.seed, Purpose::Homing);
+    let mut power_on = Random::new(options.seed, Purpose::PowerOn);
+    let effort = |index: usize| {
+        let body = drive_of.iter().position(|&drive| drive == index).and_then(|body| bodies.get(body));
+        // A URDF without a limit says 0.
+        body.map(|body| body.effort).filter(|&effort| effort > 0.0).unwrap_or(f64::INFINITY)
+    };
+    let make = |(index, (drive, factors)): (usize, (&Drive, &JointFactors))| {
+        let (motor, encoder) = (&drive.motor, &drive.encoder);
+        let constant = f64::from(motor.torque_constant);
+        let homing_error = values.mismatch.homing_error * homing.symmetric();
+        let homing_error = if options.ideal_sensors { 0.0 } else { homing_error };
+        let offset = round(POWER_ON_COUNTS * power_on.symmetric());
+        let scale = f64::from(encoder.counts_per_turn) / TAU;
+        DriveState {
+            joint: drive.joint.clone(),
+            nominal_constant: constant,
+            torque_constant: constant * factors.torque_constant,
+            effort: effort(index),
+            lag: Lag::new(&values.inner_loop),
+            current_resolution: f64::from(motor.current_resolution),
+            counts_per_radian: if encoder.reversed { -scale } else { scale },
+            zero: if encoder.relative { offset } else { encoder.zero },
+            homing_error,
+            encoder_error: if encoder.relative { 0.0 } else { homing_error },
+        }
+    };
+    drives.iter().zip(factors).enumerate().map(make).collect()
+}
+
+impl DriveState {
+    /// A new torque, which takes effect after `delay` [s].
+    pub fn command(&mut self, torque: f64, delay: f64) {
+        self.lag.set(torque.clamp(-self.effort, self.effort), delay);
+    }
+
+    /// Advances by `time` and returns the mean torque at the joint [N·m].
+    pub fn advance(&mut self, time: f64) -> f64 {
+        self.lag.advance(time) * self.torque_constant / self.nominal_constant
+    }
+
+    /// Torque at the joint in `time` from now [N·m].
+    pub fn torque(&self, time: f64) -> f64 {
+        self.lag.ahead(time) * self.torque_constant / self.nominal_constant
+    }
+
+    /// What the encoder reads at a joint angle.
+    pub fn encoder_count(&self, position: f64) -> i32 {
+        self.zero.wrapping_add(round((position + self.encoder_error) * self.counts_per_radian))
+    }
+
+    /// What the current sensor reads in `time` from now, with `noise` [A].
+    pub fn current_count(&self, time: f64, noise: f64) -> i16 {
+        let current = self.lag.ahead(time) / self.nominal_constant + noise;
+        #[expect(clippy::cast_possible_truncation, reason = "saturates, as a sensor does")]
+        let count = libm::round(current / self.current_resolution) as i16;
+        count
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "saturates, as a counter that is read in time does not")]
+fn round(value: f64) -> i32 {
+    libm::round(value) as i32
+}

@@ -1,0 +1,105 @@
+use thiserror::Error;
+
+/// Why a plant cannot be made, or not driven.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PlantError {
+    /// `plant.toml` cannot be read.
+    #[error("plant.toml: {0}")]
+    Syntax(String),
+    /// A value of `plant.toml` or of the options makes no sense.
+    #[error("{field} is {value}: it must be {expected}")]
+    Value {
+        /// Table and key, as in the file.
+        field: String,
+        /// What was found.
+        value: f64,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// The URDF is no tree of links.
+    #[error("the URDF is no tree: {0}")]
+    Tree(String),
+    /// A joint of a type that the plant does not simulate.
+    #[error("joint {joint:?} is of type {kind}: use revolute (with limits), continuous or fixed joints")]
+    JointType {
+        /// The joint.
+        joint: String,
+        /// Its type.
+        kind: String,
+    },
+    /// A joint whose axis has no direction.
+    #[error("joint {joint:?} has the axis {axis:?}: give it a direction, such as \"0 0 1\"")]
+    Axis {
+        /// The joint.
+        joint: String,
+        /// Its axis.
+        axis: [f64; 3],
+    },
+    /// A joint whose limits leave no room.
+    #[error("joint {joint:?} has the limits {lower} to {upper} rad: `lower` must be below `upper`")]
+    Limits {
+        /// The joint.
+        joint: String,
+        /// Lower limit [rad].
+        lower: f64,
+        /// Upper limit [rad].
+        upper: f64,
+    },
+    /// A moving link without a mass.
+    #[error(
+        "link {link:?}, moved by joint {joint:?}, has no mass, nor has anything fixed to it: \
+         give it an <inertial> with a mass above 0"
+    )]
+    NoMass {
+        /// The link.
+        link: String,
+        /// The joint that moves it.
+        joint: String,
+    },
+    /// A moving link whose inertia no body can have.
+    #[error(
+        "link {link:?}, moved by joint {joint:?}, has principal moments of inertia {moments:?} kg·m²: \
+         each must be above 0 and at most the sum of the other two; check its <inertia>"
+    )]
+    Inertia {
+        /// The link.
+        link: String,
+        /// The joint that moves it.
+        joint: String,
+        /// Principal moments about the centre of mass, with everything that is fixed to the link [kg·m²].
+        moments: [f64; 3],
+    },
+    /// A joint of the URDF without a drive, or a drive or posture without a joint.
+    #[error("{item} names the joint {joint:?}, which {place} does not have; it has: {known}")]
+    UnknownJoint {
+        /// What names it.
+        item: &'static str,
+        /// The joint.
+        joint: String,
+        /// Where it should be.
+        place: &'static str,
+        /// The joints that are there.
+        known: String,
+    },
+    /// Two drives for one joint.
+    #[error("joint {0:?} has two drives: give it one")]
+    TwoDrives(String),
+    /// A list with the wrong number of joints.
+    #[error("{item} has {got} joints and the plant has {expected}")]
+    Count {
+        /// The list.
+        item: &'static str,
+        /// Its length.
+        got: usize,
+        /// The plant's number of joints.
+        expected: usize,
+    },
+    /// A torque that is not a number.
+    #[error("the torque for joint {joint:?} is {torque}: a plant takes finite torques only")]
+    NotFinite {
+        /// The joint.
+        joint: String,
+        /// The torque [N·m].
+        torque: f32,
+    },
+}

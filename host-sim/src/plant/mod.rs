@@ -1,0 +1,302 @@
+//! The simulated machine: what a robot does when the controller's torques act on it.
+//!
+//! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its `plant.toml`
+//! ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's. Masses, inertias,
+//! friction and torque constants differ from the model by seeded factors, and what the controller gets to see is what
+//! a board's sensors read: whole counts, with noise.
+//!
+//! ```text
+//!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─► links ─► SensorFrame
+//! ```
+//!
+//! # Time
+//! [`Plant::sensors`] reads the state at the start of a control period, [`Plant::apply`] advances over the period, and
+//! the torque that it is given begins to act [`InnerLoop::delay`] after the reading. The physics' sub-step `h` is a
+//! leapfrog: angles belong to the ends of a sub-step, velocities to its middle. The torque of a sub-step is therefore the
+//! mean over the time from `h/2` before its start to `h/2` after, which makes smooth motions exact to second order.
+//! ([`Truth::velocities`] are `h/2` old accordingly.)
+//!
+//! # Friction
+//! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the bound stands
+//! still, and does not creep.
+
+mod drive;
+mod error;
+mod factors;
+mod inner_loop;
+mod random;
+mod tree;
+mod values;
+mod world;
+
+pub use error::PlantError;
+pub use factors::JointFactors;
+pub use values::{
+    Drive, FrictionSizes, InnerLoop, Integration, Mismatch, Noise, PlantOptions, PlantValues, Supply,
+};
+
+use drive::DriveState;
+use random::{Purpose, Random};
+use tesaki::model::MAX_JOINTS;
+use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tree::Body;
+use world::{JointValues, World};
+
+/// The control period [s].
+pub const CONTROL_PERIOD: f64 = 0.01;
+
+/// A simulated robot. Joints are in the order of its drives.
+pub struct Plant {
+    world: World,
+    drives: Vec<DriveState>,
+    /// For each joint of the world, its drive.
+    drive_of: Vec<usize>,
+    factors: Vec<JointFactors>,
+    values: PlantValues,
+    random: Random,
+    ideal_sensors: bool,
+    held: bool,
+    emergency_stop: bool,
+}
+
+/// What is so, whatever the sensors say. Joints are in the order of the drives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// Joint angles [rad].
+    pub positions: Vec<f64>,
+    /// Joint velocities, half a sub-step ago [rad/s].
+    pub velocities: Vec<f64>,
+    /// Torques of the motors at the joints [N·m].
+    pub torques: Vec<f64>,
+    /// Angle that homing believes, less the true angle [rad].
+    pub homing_errors: Vec<f64>,
+}
+
+impl Plant {
+    /// Builds the plant of a robot.
+    ///
+    /// # Errors
+    /// What is wrong with URDF, values or options, and where.
+    pub fn new(
+        urdf: &urdf_rs::Robot,
+        drives: &[Drive],
+        values: &PlantValues,
+        options: &PlantOptions,
+    ) -> Result<Self, PlantError> {
+        values.validate()?;
+        if drives.len() > MAX_JOINTS {
+            return Err(PlantError::Count {
+                item: "the list of drives",
+                got: drives.len(),
+                expected: MAX_JOINTS,
+            });
+        }
+        let bodies = tree::bodies(urdf)?;
+        let drive_of = match_drives(&bodies, drives)?;
+        let posture = posture(values, options, drives)?;
+        let spread = if options.mismatch { values.mismatch.spread } else { 0.0 };
+        let factors = factors::draw(options.seed, spread, drives.len());
+
+        let in_world_order = |index: usize| drive_of.get(index).copied().unwrap_or(index);
+        let of_body =
+            |index: usize| factors.get(in_world_order(index)).copied().unwrap_or(JointFactors::NONE);
+        let mut joint_values = Vec::new();
+        for (index, body) in bodies.iter().enumerate() {
+            let factors = of_body(index);
+            let drive = drives.get(in_world_order(index));
+            joint_values.push(JointValues {
+                rotor_inertia: drive.map_or(0.0, |drive| f64::from(drive.motor.rotor_inertia))
+                    * factors.rotor_inertia,
+                coulomb: options.coulomb.unwrap_or(body.coulomb) * factors.coulomb,
+                viscous: body.viscous * factors.viscous,
+            });
+        }
+        let world_posture: Vec<f64> = (0..bodies.len())
+            .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
+            .collect();
+        let world_factors: Vec<JointFactors> = (0..bodies.len()).map(of_body).collect();
+        let world = World::new(
+            values.gravity,
+            values.integration.step,
+            &bodies,
+            &joint_values,
+            &world_factors,
+            &world_posture,
+        );
+        let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
+        Ok(Self {
+            world,
+            drives,
+            drive_of,
+            factors,
+            values: values.clone(),
+            random: Random::new(options.seed, Purpose::Noise),
+            ideal_sensors: options.ideal_sensors,
+            held: options.held_at_start,
+            emergency_stop: false,
+        })
+    }
+
+    /// What the board's sensors read now. Reading twice draws noise twice.
+    pub fn sensors(&mut self, sequence: u32) -> SensorFrame {
+        let half = self.values.integration.step / 2.0;
+        let Noise { current, supply } = self.values.noise;
+        let mut noise =
+            |deviation: f64| if self.ideal_sensors { 0.0 } else { deviation * self.random.normal() };
+        let positions = in_drive_order(&self.drive_of, self.world.positions());
+        let mut frame = SensorFrame {
+            sequence,
+            flags: SensorFlags(if self.emergency_stop { SensorFlags::EMERGENCY_STOP } else { 0 }),
+            supply: counts(1e3 * (self.values.supply.voltage + noise(supply))),
+            ..SensorFrame::default()
+        };
+        for (drive, position) in self.drives.iter().zip(positions) {
+            // Never full: the number of drives was checked.
+            let _ = frame.encoders.push(drive.encoder_count(position));
+            let _ = frame.currents.push(drive.current_count(half, noise(current)));
+        }
+        frame
+    }
+
+    /// Advances by one control period, in which `frame` reaches the drives.
+    ///
+    /// # Errors
+    /// A frame for another number of joints, or a torque that is not a number; the plant has not moved then.
+    pub fn apply(&mut self, frame: &ActuatorFrame) -> Result<(), PlantError> {
+        let (got, expected) = (frame.torques.len(), self.drives.len());
+        if got != expected {
+            return Err(PlantError::Count { item: "the actuator frame", got, expected });
+        }
+        for (drive, &torque) in self.drives.iter().zip(&frame.torques) {
+            if !torque.is_finite() {
+                return Err(PlantError::NotFinite { joint: drive.joint.clone(), torque });
+            }
+        }
+        let step = self.values.integration.step;
+        let delay = self.values.inner_loop.delay + step / 2.0;
+        for (drive, &torque) in self.drives.iter_mut().zip(&frame.torques) {
+            drive.command(if frame.enabled { f64::from(torque) } else { 0.0 }, delay);
+        }
+        self.held &= !frame.enabled;
+        if self.held {
+            return Ok(());
+        }
+        let mut torques = vec![0.0; expected];
+        for _ in 0..self.values.steps() {
+            for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
+                *torque = drive.advance(step);
+            }
+            let torque_of = |&drive: &usize| torques.get(drive).copied().unwrap_or(0.0);
+            self.world.step(self.drive_of.iter().map(torque_of));
+        }
+        Ok(())
+    }
+
+    /// The emergency stop, as the sensors report it. It does not act on the drives by itself.
+    pub const fn press_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+    }
+
+    /// The state of the machine.
+    pub fn truth(&self) -> Truth {
+        let half = self.values.integration.step / 2.0;
+        Truth {
+            positions: in_drive_order(&self.drive_of, self.world.positions()),
+            velocities: in_drive_order(&self.drive_of, self.world.velocities()),
+            torques: self.drives.iter().map(|drive| drive.torque(half)).collect(),
+            homing_errors: self.drives.iter().map(|drive| drive.homing_error).collect(),
+        }
+    }
+
+    /// The angles that homing finds now: the true ones and each joint's homing error [rad].
+    pub fn homed_positions(&self) -> Vec<f64> {
+        let positions = in_drive_order(&self.drive_of, self.world.positions());
+        self.drives.iter().zip(positions).map(|(drive, position)| position + drive.homing_error).collect()
+    }
+
+    /// By what each joint differs from the model.
+    pub fn factors(&self) -> &[JointFactors] {
+        &self.factors
+    }
+
+    /// Where the link behind a joint is, as the frame of the joint, in the frame of the base: position [m] and
+    /// orientation `[x, y, z, w]`. `None` for a joint that does not exist.
+    pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
+        self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
+    }
+}
+
+/// The drive of each body's joint.
+fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantError> {
+    let list = |names: Vec<&str>| names.join(", ");
+    for (index, drive) in drives.iter().enumerate() {
+        if drives.iter().take(index).any(|other| other.joint == drive.joint) {
+            return Err(PlantError::TwoDrives(drive.joint.clone()));
+        }
+        if !bodies.iter().any(|body| body.joint == drive.joint) {
+            return Err(PlantError::UnknownJoint {
+                item: "a drive",
+                joint: drive.joint.clone(),
+                place: "the URDF",
+                known: list(bodies.iter().map(|body| body.joint.as_str()).collect()),
+            });
+        }
+    }
+    let find = |body: &Body| {
+        drives.iter().position(|drive| drive.joint == body.joint).ok_or_else(|| PlantError::UnknownJoint {
+            item: "the URDF",
+            joint: body.joint.clone(),
+            place: "the list of drives",
+            known: list(drives.iter().map(|drive| drive.joint.as_str()).collect()),
+        })
+    };
+    bodies.iter().map(find).collect()
+}
+
+/// Angles at the start, in the order of the drives.
+fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Result<Vec<f64>, PlantError> {
+    for joint in values.posture.keys() {
+        if !drives.iter().any(|drive| drive.joint == *joint) {
+            return Err(PlantError::UnknownJoint {
+                item: "plant.toml, [posture],",
+                joint: joint.clone(),
+                place: "the robot",
+                known: drives.iter().map(|drive| drive.joint.as_str()).collect::<Vec<_>>().join(", "),
+            });
+        }
+    }
+    let posture = match &options.posture {
+        Some(posture) if posture.len() == drives.len() => posture.clone(),
+        Some(posture) => {
+            return Err(PlantError::Count {
+                item: "the posture",
+                got: posture.len(),
+                expected: drives.len(),
+            });
+        }
+        None => drives.iter().map(|drive| values.posture.get(&drive.joint).copied().unwrap_or(0.0)).collect(),
+    };
+    for (drive, &angle) in drives.iter().zip(&posture) {
+        if !angle.is_finite() {
+            let field = format!("posture.{}", drive.joint);
+            return Err(PlantError::Value { field, value: angle, expected: "a finite angle [rad]" });
+        }
+    }
+    Ok(posture)
+}
+
+fn in_drive_order(drive_of: &[usize], values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut ordered = vec![f64::NAN; drive_of.len()];
+    for (&drive, value) in drive_of.iter().zip(values) {
+        if let Some(slot) = ordered.get_mut(drive) {
+            *slot = value;
+        }
+    }
+    ordered
+}
+
+/// Rounds to a sensor's whole counts.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, as a sensor does")]
+fn counts(value: f64) -> u16 {
+    libm::round(value) as u16
+}

@@ -1,0 +1,75 @@
+//! Time series for everybody's own plots.
+
+/// One column of a table of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column<'a> {
+    /// What it is, `finger1_base reference`.
+    pub name: String,
+    /// Its unit; empty for counts and ratios.
+    pub unit: String,
+    /// The values, one a row.
+    pub values: &'a [f64],
+}
+
+impl<'a> Column<'a> {
+    /// `values` in `unit` under `name`.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, values: &'a [f64]) -> Self {
+        Self { name: name.into(), unit: unit.into(), values }
+    }
+}
+
+/// The columns as CSV: a header `name [unit]`, then a row a sample, fields quoted as RFC 4180 asks, lines ended by a
+/// newline.
+///
+/// Numbers are the shortest that read back as the same `f64`. Where a column is shorter than the longest its fields are
+/// empty; what is not a number is `NaN`, `inf` or `-inf`.
+pub fn csv(columns: &[Column<'_>]) -> String {
+    let mut text = String::new();
+    let mut row = |fields: &mut dyn Iterator<Item = String>| {
+        for (i, field) in fields.enumerate() {
+            if i > 0 {
+                text.push(',');
+            }
+            text.push_str(&field);
+        }
+        text.push('\n');
+    };
+    row(&mut columns.iter().map(|column| match column.unit.as_str() {
+        "" => quote(&column.name),
+        unit => quote(&format!("{} [{unit}]", column.name)),
+    }));
+    let rows = columns.iter().map(|column| column.values.len()).max().unwrap_or(0);
+    for i in 0..rows {
+        row(&mut columns
+            .iter()
+            .map(|column| column.values.get(i).map_or_else(String::new, |value| format!("{value:?}"))));
+    }
+    text
+}
+
+fn quote(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quotes_units_and_lengths() {
+        let text = csv(&[
+            Column::new("time", "s", &[0.0, 0.01, 0.1 + 0.2]),
+            Column::new("tip \"x\", hand", "mm", &[1e-9, f64::NAN]),
+            Column::new("tick", "", &[1.0, 2.0, 3.0]),
+        ]);
+        let expected = "time [s],\"tip \"\"x\"\", hand [mm]\",tick\n\
+                        0.0,1e-9,1.0\n\
+                        0.01,NaN,2.0\n\
+                        0.30000000000000004,,3.0\n";
+        assert_eq!(text, expected);
+    }
+}

@@ -1,0 +1,278 @@
+//! What a figure shows; how it is drawn is in [`super::plot`].
+
+use super::plot;
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LineStyle {
+    /// What was measured.
+    #[default]
+    Solid,
+    /// What was wanted or computed: references, ideal curves.
+    Dashed,
+}
+
+/// A line of a panel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// Its name in the legend.
+    pub name: String,
+    /// Abscissae, in the order in which the line runs.
+    pub x: Vec<f64>,
+    /// Ordinates, one for each abscissa; what is not a number is a gap.
+    pub y: Vec<f64>,
+    /// Index into the eight colours of Okabe and Ito; wraps around. [`Line::INK`] is the last.
+    pub colour: usize,
+    /// How it is drawn.
+    pub style: LineStyle,
+}
+
+impl Line {
+    /// The colour of the text, for references that belong to no joint in particular.
+    pub const INK: usize = 7;
+
+    /// A solid line.
+    pub fn solid(name: impl Into<String>, colour: usize, x: Vec<f64>, y: Vec<f64>) -> Self {
+        Self { name: name.into(), x, y, colour, style: LineStyle::Solid }
+    }
+
+    /// A dashed line.
+    pub fn dashed(name: impl Into<String>, colour: usize, x: Vec<f64>, y: Vec<f64>) -> Self {
+        Self { style: LineStyle::Dashed, ..Self::solid(name, colour, x, y) }
+    }
+
+    /// The line with at most `buckets` groups of points, of each of which first, last and extremes are kept.
+    ///
+    /// A point is `None` where the line is interrupted. What is short enough stays as it is.
+    pub(super) fn decimated(&self, buckets: usize) -> Vec<Option<(f64, f64)>> {
+        let points =
+            || self.x.iter().zip(&self.y).map(|(&x, &y)| (x.is_finite() && y.is_finite()).then_some((x, y)));
+        let length = points().len();
+        if length <= buckets * 4 {
+            return points().collect();
+        }
+        let all: Vec<_> = points().collect();
+        all.chunks(length.div_ceil(buckets.max(1))).flat_map(keep).collect()
+    }
+}
+
+/// First, last, extremes in both directions and one gap of a group of points, in their order.
+fn keep(group: &[Option<(f64, f64)>]) -> Vec<Option<(f64, f64)>> {
+    let finite = || group.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p)));
+    let extreme = |key: fn((f64, f64)) -> f64| {
+        finite().reduce(|a, b| if key(b.1) > key(a.1) { b } else { a }).map(|(i, _)| i)
+    };
+    let mut kept: Vec<usize> = [
+        finite().next().map(|(i, _)| i),
+        finite().next_back().map(|(i, _)| i),
+        extreme(|p| p.0),
+        extreme(|p| -p.0),
+        extreme(|p| p.1),
+        extreme(|p| -p.1),
+        group.iter().position(Option::is_none),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    kept.sort_unstable();
+    kept.dedup();
+    kept.into_iter().map(|i| group[i]).collect()
+}
+
+/// A horizontal line with a text at the right margin.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Rule {
+    pub value: f64,
+    /// Drawn at `-value` too, with the space between the two shaded.
+    pub band: bool,
+    pub label: String,
+}
+
+/// A point that is worth a word.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// Abscissa.
+    pub x: f64,
+    /// Ordinate.
+    pub y: f64,
+    /// The word, written beside the point.
+    pub label: String,
+}
+
+/// A stretch of the horizontal axis that is worth a word; it is shaded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Window {
+    /// Where it begins.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// The word, written at its top.
+    pub label: String,
+}
+
+/// One pair of axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// What is shown, above the panel.
+    pub title: String,
+    /// The quantity of the vertical axis.
+    pub quantity: String,
+    /// Its unit; empty for counts and ratios.
+    pub unit: String,
+    /// The lines, the first at the bottom.
+    pub lines: Vec<Line>,
+    pub(super) rules: Vec<Rule>,
+    pub(super) marks: Vec<Mark>,
+    pub(super) windows: Vec<Window>,
+}
+
+impl Panel {
+    /// Axes without any lines yet.
+    pub fn new(title: impl Into<String>, quantity: impl Into<String>, unit: impl Into<String>) -> Self {
+        Self {
+            title: title.into(),
+            quantity: quantity.into(),
+            unit: unit.into(),
+            lines: Vec::new(),
+            rules: Vec::new(),
+            marks: Vec::new(),
+            windows: Vec::new(),
+        }
+    }
+
+    /// The same with one more line, above the others.
+    #[must_use]
+    pub fn line(mut self, line: Line) -> Self {
+        self.lines.push(line);
+        self
+    }
+
+    /// The same with a shaded band of ±`limit`; `label` says what limits.
+    #[must_use]
+    pub fn band(mut self, limit: f64, label: impl Into<String>) -> Self {
+        self.rules.push(Rule { value: limit.abs(), band: true, label: label.into() });
+        self
+    }
+
+    /// The same with a horizontal line: a limit on one side, or what the paper got.
+    #[must_use]
+    pub fn rule(mut self, value: f64, label: impl Into<String>) -> Self {
+        self.rules.push(Rule { value, band: false, label: label.into() });
+        self
+    }
+
+    /// The same with a point marked.
+    #[must_use]
+    pub fn mark(mut self, x: f64, y: f64, label: impl Into<String>) -> Self {
+        self.marks.push(Mark { x, y, label: label.into() });
+        self
+    }
+
+    /// The same with a stretch of the horizontal axis shaded.
+    #[must_use]
+    pub fn window(mut self, from: f64, to: f64, label: impl Into<String>) -> Self {
+        self.windows.push(Window { from, to, label: label.into() });
+        self
+    }
+}
+
+/// How the panels of a figure stand to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Layout {
+    /// One above the other, on one horizontal axis.
+    Stacked,
+    /// Side by side, both axes of each panel in one scale.
+    Paths,
+}
+
+/// Panels that are looked at together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// What is shown.
+    pub title: String,
+    /// What one should see, below the figure.
+    pub caption: String,
+    /// The quantity of the horizontal axis.
+    pub quantity: String,
+    /// Its unit; empty for counts and ratios.
+    pub unit: String,
+    /// The panels, from the top or from the left.
+    pub panels: Vec<Panel>,
+    pub(super) layout: Layout,
+}
+
+impl Figure {
+    /// A figure whose panels stand one above the other on one horizontal axis, as for time series.
+    pub fn stacked(
+        title: impl Into<String>,
+        caption: impl Into<String>,
+        quantity: impl Into<String>,
+        unit: impl Into<String>,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            caption: caption.into(),
+            quantity: quantity.into(),
+            unit: unit.into(),
+            panels: Vec::new(),
+            layout: Layout::Stacked,
+        }
+    }
+
+    /// A figure whose panels stand side by side, each with both axes in one scale, as for the path of a fingertip.
+    pub fn paths(
+        title: impl Into<String>,
+        caption: impl Into<String>,
+        quantity: impl Into<String>,
+        unit: impl Into<String>,
+    ) -> Self {
+        Self { layout: Layout::Paths, ..Self::stacked(title, caption, quantity, unit) }
+    }
+
+    /// The same with one more panel.
+    #[must_use]
+    pub fn panel(mut self, panel: Panel) -> Self {
+        self.panels.push(panel);
+        self
+    }
+
+    /// The figure as an SVG document of its own, on a white ground.
+    pub fn svg(&self) -> String {
+        plot::svg(self, plot::BUCKETS, true)
+    }
+
+    pub(super) fn line_count(&self) -> usize {
+        self.panels.iter().map(|panel| panel.lines.len()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimation_keeps_extremes_ends_and_gaps() {
+        let n = 100_000_u32;
+        let x: Vec<f64> = (0..n).map(f64::from).collect();
+        let mut y: Vec<f64> = x.iter().map(|x| (x * 1e-3).sin()).collect();
+        y[12_345] = 7.0;
+        y[54_321] = -9.0;
+        y[77_777] = f64::NAN;
+        let line = Line::solid("", 0, x, y);
+        let points = line.decimated(300);
+        assert!(points.len() <= 300 * 7, "{}", points.len());
+        for wanted in [Some((12_345.0, 7.0)), Some((54_321.0, -9.0)), None] {
+            assert!(points.contains(&wanted), "{wanted:?}");
+        }
+        assert_eq!(points.first(), Some(&Some((0.0, 0.0))));
+        assert_eq!(points.last().copied().flatten().map(|p| p.0), Some(99_999.0));
+        let times: Vec<f64> = points.iter().flatten().map(|p| p.0).collect();
+        assert!(times.windows(2).all(|w| w[0] < w[1]));
+    }
+
+    #[test]
+    fn a_short_line_stays_as_it_is() {
+        let line = Line::solid("", 0, vec![0.0, 1.0, 2.0], vec![1.0, f64::INFINITY, 3.0]);
+        assert_eq!(line.decimated(300), [Some((0.0, 1.0)), None, Some((2.0, 3.0))]);
+    }
+}

@@ -1,0 +1,38 @@
+//! What a run leaves behind: a table in the terminal, and CSV, JSON and a page with figures in a directory.
+//!
+//! A scenario fills a [`Summary`] (one a seed) with [`Metric`]s, and [`Figure`]s with the lines it recorded. Everything
+//! below is made from those two: [`table()`] for the terminal, [`json()`] for machines, [`Page`] for people, [`csv()`] for
+//! everybody's own plots. Nothing here decides what a run should have reached, but a value that is not a number never
+//! passes, whatever its limit.
+//!
+//! ```
+//! use tesaki_sim::report::{Figure, Line, Metric, Page, Panel, Summary, table};
+//! let summary = Summary::new("hand3-servo", "native", 1)
+//!     .ticks(600)
+//!     .metric("peak_error", Metric::at_most("Peak error", 8.3, 12.0, "mrad"));
+//! assert!(summary.pass());
+//! println!("{}", table(std::slice::from_ref(&summary), false));
+//!
+//! let panel = Panel::new("Finger 1", "error", "mrad")
+//!     .line(Line::solid("base", 0, vec![0.0, 0.01, 0.02], vec![0.0, 8.3, 1.2]))
+//!     .band(12.0, "limit");
+//! let figures = [Figure::stacked("Tracking error", "Against the filtered reference.", "time", "s").panel(panel)];
+//! let page = Page::new("Joint servo", std::slice::from_ref(&summary)).figures(&figures).html();
+//! assert!(page.contains("<svg"));
+//! ```
+
+mod csv;
+mod figure;
+mod number;
+mod page;
+mod plot;
+mod summary;
+mod table;
+mod write;
+
+pub use csv::{Column, csv};
+pub use figure::{Figure, Line, LineStyle, Mark, Panel, Window};
+pub use page::Page;
+pub use summary::{Bound, Metric, Summary, json};
+pub use table::table;
+pub use write::{WriteError, write};

@@ -1,0 +1,389 @@
+//! What was measured, what was wanted.
+
+use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
+
+use super::number;
+
+/// On which side of its limit a value should be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Bound {
+    /// `value ≤ limit`, sign and all.
+    #[default]
+    AtMost,
+    /// `value ≥ limit`.
+    AtLeast,
+    /// `|value| ≤ limit`.
+    Within,
+}
+
+/// One measured value, and what was wanted of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metric {
+    /// What it is, for people.
+    pub label: String,
+    /// As measured, in `unit`.
+    pub value: f64,
+    /// The unit of `value` and `limit`; empty for counts and ratios.
+    pub unit: String,
+    /// What was wanted; `None` for a value that is only reported.
+    pub limit: Option<f64>,
+    /// How `limit` limits.
+    pub bound: Bound,
+    /// What the paper got, in its own words (`1–2 mm`). Not in the JSON.
+    pub paper: Option<String>,
+    /// What one should know about this row. Not in the JSON.
+    pub note: Option<String>,
+}
+
+impl Metric {
+    /// A value that is reported, whatever it is.
+    pub fn reported(label: impl Into<String>, value: f64, unit: impl Into<String>) -> Self {
+        Self {
+            label: label.into(),
+            value,
+            unit: unit.into(),
+            limit: None,
+            bound: Bound::AtMost,
+            paper: None,
+            note: None,
+        }
+    }
+
+    /// A value that should be `limit` or less; one with a sign wants [`Metric::within`].
+    pub fn at_most(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
+        Self { limit: Some(limit), ..Self::reported(label, value, unit) }
+    }
+
+    /// A value that should be `limit` or more.
+    pub fn at_least(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
+        Self { limit: Some(limit), bound: Bound::AtLeast, ..Self::reported(label, value, unit) }
+    }
+
+    /// A value that should lie between `-limit` and `limit`.
+    pub fn within(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
+        Self { limit: Some(limit), bound: Bound::Within, ..Self::reported(label, value, unit) }
+    }
+
+    /// The same with what the paper got beside it.
+    #[must_use]
+    pub fn paper(mut self, paper: impl Into<String>) -> Self {
+        self.paper = Some(paper.into());
+        self
+    }
+
+    /// The same with a note.
+    #[must_use]
+    pub fn note(mut self, note: impl Into<String>) -> Self {
+        self.note = Some(note.into());
+        self
+    }
+
+    /// Whether the value is a number and on the right side of its limit, if it has one.
+    pub fn pass(&self) -> bool {
+        self.value.is_finite()
+            && self.limit.is_none_or(|limit| {
+                limit.is_finite()
+                    && match self.bound {
+                        Bound::AtMost => self.value <= limit,
+                        Bound::AtLeast => self.value >= limit,
+                        Bound::Within => self.value.abs() <= limit,
+                    }
+            })
+    }
+
+    /// How bad a value is: the larger, the further from what was wanted. Not a number is the worst of all.
+    pub(super) fn badness(&self) -> f64 {
+        match self.bound {
+            _ if !self.value.is_finite() => f64::INFINITY,
+            _ if self.limit.is_none() => self.value.abs(),
+            Bound::AtMost => self.value,
+            Bound::AtLeast => -self.value,
+            Bound::Within => self.value.abs(),
+        }
+    }
+
+    /// `≤ 12 mrad`; an en dash for a value that is only reported.
+    pub(super) fn wanted(&self) -> String {
+        let sign = match self.bound {
+            Bound::AtMost => "≤ ",
+            Bound::AtLeast => "≥ ",
+            Bound::Within => "±",
+        };
+        self.limit.map_or_else(
+            || "–".to_owned(),
+            |limit| format!("{sign}{}", number::with_unit(&number::exact(limit), &self.unit)),
+        )
+    }
+
+    /// `8.31 mrad`.
+    pub(super) fn measured(&self) -> String {
+        number::with_unit(&number::measured(self.value, self.limit), &self.unit)
+    }
+}
+
+impl Serialize for Metric {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut s = serializer.serialize_struct("Metric", 4)?;
+        s.serialize_field("value", &self.value)?;
+        s.serialize_field("unit", &self.unit)?;
+        s.serialize_field("limit", &self.limit)?;
+        s.serialize_field("pass", &self.pass())?;
+        s.end()
+    }
+}
+
+/// What one run of one seed came to.
+///
+/// As JSON: `{"scenario", "controller", "seed", "ticks", "elf_sha256"?, "identical"?, "metrics": {name: {"value",
+/// "unit", "limit", "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
+/// left out where there is nothing to say, and `null` for a value that is not a number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// The scenario's name.
+    pub scenario: String,
+    /// Where the controller ran: `native`, `qemu`, `serial:PORT`.
+    pub controller: String,
+    /// The seed of everything random in the run.
+    pub seed: u64,
+    /// Control periods that were run.
+    pub ticks: u64,
+    /// Hash of the firmware image that ran, if one did.
+    pub elf_sha256: Option<String>,
+    /// Whether image and native controller put out the same bytes, if both ran.
+    pub identical: Option<bool>,
+    metrics: Vec<(String, Metric)>,
+}
+
+impl Summary {
+    /// A run without any metrics yet, which therefore does not pass.
+    pub fn new(scenario: impl Into<String>, controller: impl Into<String>, seed: u64) -> Self {
+        Self {
+            scenario: scenario.into(),
+            controller: controller.into(),
+            seed,
+            ticks: 0,
+            elf_sha256: None,
+            identical: None,
+            metrics: Vec::new(),
+        }
+    }
+
+    /// The same with the number of control periods.
+    #[must_use]
+    pub fn ticks(mut self, ticks: u64) -> Self {
+        self.ticks = ticks;
+        self
+    }
+
+    /// The same with the hash of the image that ran.
+    #[must_use]
+    pub fn elf_sha256(mut self, hash: impl Into<String>) -> Self {
+        self.elf_sha256 = Some(hash.into());
+        self
+    }
+
+    /// The same with the verdict of the comparison against the native controller.
+    #[must_use]
+    pub fn identical(mut self, identical: bool) -> Self {
+        self.identical = Some(identical);
+        self
+    }
+
+    /// The same with one more metric.
+    #[must_use]
+    pub fn metric(mut self, name: impl Into<String>, metric: Metric) -> Self {
+        self.insert(name, metric);
+        self
+    }
+
+    /// Adds a metric at the end, or puts it in the place of the one that has its name.
+    pub fn insert(&mut self, name: impl Into<String>, metric: Metric) {
+        let name = name.into();
+        match self.metrics.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, old)) => *old = metric,
+            None => self.metrics.push((name, metric)),
+        }
+    }
+
+    /// The metric of that name.
+    pub fn get(&self, name: &str) -> Option<&Metric> {
+        self.metrics().find_map(|(n, metric)| (n == name).then_some(metric))
+    }
+
+    /// Names and metrics in the order in which they were added.
+    pub fn metrics(&self) -> impl Iterator<Item = (&str, &Metric)> {
+        self.metrics.iter().map(|(name, metric)| (name.as_str(), metric))
+    }
+
+    /// Whether something was measured, every metric passes, and the image agreed where that was asked.
+    pub fn pass(&self) -> bool {
+        !self.metrics.is_empty()
+            && self.metrics.iter().all(|(_, m)| m.pass())
+            && self.identical != Some(false)
+    }
+}
+
+struct Metrics<'a>(&'a [(String, Metric)]);
+
+impl Serialize for Metrics<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for (name, metric) in self.0 {
+            map.serialize_entry(name, metric)?;
+        }
+        map.end()
+    }
+}
+
+impl Serialize for Summary {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let optional = usize::from(self.elf_sha256.is_some()) + usize::from(self.identical.is_some());
+        let mut s = serializer.serialize_struct("Summary", 6 + optional)?;
+        s.serialize_field("scenario", &self.scenario)?;
+        s.serialize_field("controller", &self.controller)?;
+        s.serialize_field("seed", &self.seed)?;
+        s.serialize_field("ticks", &self.ticks)?;
+        match &self.elf_sha256 {
+            Some(hash) => s.serialize_field("elf_sha256", hash)?,
+            None => s.skip_field("elf_sha256")?,
+        }
+        match &self.identical {
+            Some(identical) => s.serialize_field("identical", identical)?,
+            None => s.skip_field("identical")?,
+        }
+        s.serialize_field("metrics", &Metrics(&self.metrics))?;
+        s.serialize_field("pass", &self.pass())?;
+        s.end()
+    }
+}
+
+/// The JSON of one run, or an array of them for several.
+pub fn json(summaries: &[Summary]) -> String {
+    let text = match summaries {
+        [one] => serde_json::to_string_pretty(one),
+        several => serde_json::to_string_pretty(several),
+    };
+    // Strings, numbers and maps with string keys: nothing in there that JSON could refuse.
+    text.expect("a summary is representable as JSON") + "\n"
+}
+
+/// The runs of one scenario on one controller, in the order of their seeds as given.
+pub(super) struct Group<'a> {
+    pub runs: Vec<&'a Summary>,
+}
+
+/// One metric over the runs of a group.
+pub(super) struct Row<'a> {
+    pub metric: &'a Metric,
+    /// The values in the order of the runs; `None` where a run lacks the metric.
+    pub values: Vec<Option<&'a Metric>>,
+    pub median: f64,
+    pub worst: &'a Metric,
+    pub worst_seed: u64,
+    /// Runs whose value passes.
+    pub passed: usize,
+}
+
+/// Groups `summaries` by scenario and controller.
+pub(super) fn groups(summaries: &[Summary]) -> Vec<Group<'_>> {
+    let mut groups: Vec<Group> = Vec::new();
+    for run in summaries {
+        let same =
+            |g: &&mut Group| g.runs[0].scenario == run.scenario && g.runs[0].controller == run.controller;
+        match groups.iter_mut().find(same) {
+            Some(group) => group.runs.push(run),
+            None => groups.push(Group { runs: vec![run] }),
+        }
+    }
+    groups
+}
+
+impl<'a> Group<'a> {
+    /// Its metrics, in the order in which they first appear.
+    pub fn rows(&self) -> Vec<Row<'a>> {
+        let mut names: Vec<&str> = Vec::new();
+        for (name, _) in self.runs.iter().flat_map(|run| run.metrics()) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names.into_iter().filter_map(|name| self.row(name)).collect()
+    }
+
+    fn row(&self, name: &str) -> Option<Row<'a>> {
+        let values: Vec<Option<&Metric>> = self.runs.iter().map(|run| run.get(name)).collect();
+        let found = || self.runs.iter().zip(&values).filter_map(|(run, value)| value.map(|v| (run.seed, v)));
+        let (_, metric) = found().next()?;
+        let (worst_seed, worst) = found().reduce(|a, b| if b.1.badness() > a.1.badness() { b } else { a })?;
+        let mut sorted: Vec<f64> = found().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted.len() / 2;
+        let median = match sorted.len() {
+            0 => f64::NAN,
+            n if n % 2 == 1 => sorted[middle],
+            _ => f64::midpoint(sorted[middle - 1], sorted[middle]),
+        };
+        let passed = found().filter(|(_, m)| m.pass()).count();
+        Some(Row { metric, median, worst, worst_seed, passed, values })
+    }
+
+    /// Whether every run passes.
+    pub fn pass(&self) -> bool {
+        self.runs.iter().all(|run| run.pass())
+    }
+}
+
+impl Row<'_> {
+    /// Whether every run has the value and it passes.
+    pub fn pass(&self) -> bool {
+        self.passed == self.values.len()
+    }
+
+    /// `pass`, `FAIL`, `reported`, or the count where some of several seeds fail.
+    pub fn verdict(&self) -> String {
+        match (self.pass(), self.metric.limit) {
+            (true, Some(_)) => "✓ pass".into(),
+            (true, None) => "· reported".into(),
+            (false, _) if self.values.len() > 1 => {
+                format!("✗ FAIL {}/{}", self.values.len() - self.passed, self.values.len())
+            }
+            (false, _) => "✗ FAIL".into(),
+        }
+    }
+
+    /// The median over the seeds, with its unit.
+    pub fn median_text(&self) -> String {
+        number::with_unit(&number::significant(self.median, 3), &self.metric.unit)
+    }
+}
+
+/// `6 of 7 limits met`, and what else decides.
+pub(super) fn verdict_line(group: &Group<'_>) -> String {
+    let rows = group.rows();
+    let limits = rows.iter().filter(|r| r.metric.limit.is_some()).count();
+    let met = rows.iter().filter(|r| r.metric.limit.is_some() && r.pass()).count();
+    let mut parts = match (rows.len(), limits) {
+        (0, _) => vec!["nothing was measured".to_owned()],
+        (_, 0) => vec!["reported only, no limits".to_owned()],
+        _ => vec![format!("{met} of {limits} limits met")],
+    };
+    if group.runs.len() > 1 {
+        let passed = group.runs.iter().filter(|run| run.pass()).count();
+        parts.push(format!("{passed} of {} seeds pass", group.runs.len()));
+    }
+    if group.runs.iter().any(|run| run.identical == Some(false)) {
+        parts.push("image and native controller differ".to_owned());
+    }
+    parts.join(", ")
+}
+
+/// `1`, `1–20`, or `1, 3, 7`.
+pub(super) fn seeds(runs: &[&Summary]) -> String {
+    let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
+    let consecutive = seeds.windows(2).all(|w| w[0].checked_add(1) == Some(w[1]));
+    match seeds.as_slice() {
+        [one] => one.to_string(),
+        [first, .., last] if consecutive => format!("{first}–{last}"),
+        _ => seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
+    }
+}

@@ -1,0 +1,119 @@
+//! Scenarios: a robot, a task, a plant, and what is measured.
+
+mod hand3_servo;
+
+use std::path::Path;
+
+use tesaki::protocol::LogRecord;
+use tesaki_supervisor::BoardError;
+use tesaki_supervisor::robot::RobotError;
+
+use crate::controller::Watched;
+use crate::plant::PlantError;
+use crate::report::{Figure, Summary};
+
+/// A named experiment.
+pub struct Scenario {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it shows, in one line.
+    pub about: &'static str,
+    /// The folder of its robot in `robots/`.
+    pub robot: &'static str,
+    /// Simulated time when nothing else is asked for [s].
+    pub duration: f64,
+    /// What its page begins with.
+    pub lead: &'static [&'static str],
+    run: fn(&mut Setting<'_, '_>) -> Result<Outcome, ScenarioError>,
+}
+
+/// All scenarios.
+pub const SCENARIOS: &[Scenario] = &[hand3_servo::SCENARIO];
+
+/// What a run is given.
+pub struct Setting<'a, 'b> {
+    /// The robot's folder.
+    pub robot: &'a Path,
+    /// Where the control core runs.
+    pub controller: &'a mut Watched<'b>,
+    /// Decides the machine's deviations and noise.
+    pub seed: u64,
+    /// Simulated time [s].
+    pub duration: f64,
+    /// Called with the share that is done, 0 to 1.
+    pub progress: &'a dyn Fn(f64),
+}
+
+/// What a run leaves.
+pub struct Outcome {
+    /// Measured against wanted.
+    pub summary: Summary,
+    /// For the page.
+    pub figures: Vec<Figure>,
+    /// Tables of recorded values: file name and CSV text.
+    pub tables: Vec<(String, String)>,
+}
+
+/// Why a scenario did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// The robot's folder.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// The plant.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The controller.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// The node gave up.
+    #[error("the controller stopped after {time:.2} s of {trial}: {fault}")]
+    Fault {
+        /// In which part.
+        trial: String,
+        /// When [s].
+        time: f64,
+        /// Why.
+        fault: String,
+    },
+    /// The time is too short for what is to be measured.
+    #[error("--duration {duration} is too short: {name} needs at least {least} s")]
+    TooShort {
+        /// As asked for [s].
+        duration: f64,
+        /// The scenario.
+        name: &'static str,
+        /// Needed [s].
+        least: f64,
+    },
+}
+
+impl Scenario {
+    /// The scenario called `name`.
+    pub fn find(name: &str) -> Option<&'static Self> {
+        SCENARIOS.iter().find(|scenario| scenario.name == name)
+    }
+
+    /// Runs it.
+    ///
+    /// # Errors
+    /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
+    pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+        (self.run)(setting)
+    }
+}
+
+/// A recording as bytes: one frame a record, as on a wire.
+///
+/// # Errors
+/// Never with records that a node has seen.
+pub fn encode_record(record: &[LogRecord]) -> Result<Vec<u8>, tesaki::protocol::codec::TooLong> {
+    use tesaki::protocol::codec::{MAX_FRAME, encode};
+    let mut bytes = Vec::new();
+    let mut frame = [0; MAX_FRAME];
+    for entry in record {
+        let length = encode(entry, &mut frame)?;
+        bytes.extend_from_slice(&frame[..length]);
+    }
+    Ok(bytes)
+}

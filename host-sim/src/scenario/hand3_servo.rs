@@ -1,0 +1,360 @@
+//! The joint servo of the three-finger hand (Hand3, section 4): steps of ±0.3 rad of all nine joints at once through
+//! the trajectory filter, on a machine that differs from the controller's model.
+
+use std::ops::Range;
+
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Refusal, Task};
+use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::{Board, BoardError, describe_fault};
+
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::controller::{Controller, Watched};
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "hand3-servo",
+    about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
+    robot: "hand3",
+    duration: 42.0,
+    lead: &[
+        "All nine joints of the three-finger hand step by ±0.3 rad at once, shaped by the trajectory filter \
+         1/(T_f s + 1)² with T_f = 0.2 s, under a control period of 10 ms. Masses, inertias, friction and torque \
+         constants of the simulated machine differ from the controller's model by up to 20 %, each by a factor of its \
+         own; encoders and currents come in whole counts.",
+        "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), and state \
+         feedback on an observer of velocity and disturbance. Both share the feed-forward of gravity, inertia and \
+         friction. The last two rows of figures repeat both with four times the friction, the size that the paper's \
+         loss of fingertip force implies.",
+    ],
+    run,
+};
+
+/// From the start to the first step [s].
+const SETTLE: f64 = 0.5;
+/// From one step to the next [s].
+const INTERVAL: f64 = 2.5;
+/// The steps' size [rad].
+const STEP: f64 = 0.3;
+/// From here on after a step the error counts as settled [s].
+const SETTLED_AFTER: f64 = 1.0;
+/// The first step in each direction finds the friction as the model has it; from then on the servo has learnt it.
+const FIRST_MOTIONS: usize = 2;
+/// Control period [s].
+const T: f64 = 0.01;
+/// Ticks from one command to the next; a command says the whole aim, so repeating it is safe.
+const COMMAND_EVERY: u32 = 5;
+/// What the issue's table asks of the four trials.
+const TRIALS: [Trial; 4] = [
+    Trial {
+        name: "pid",
+        label: "PID",
+        mode: ServoMode::Pid,
+        paper_friction: false,
+        limits: Some((12.0, 2.5)),
+    },
+    Trial {
+        name: "observer",
+        label: "observer",
+        mode: ServoMode::Observer,
+        paper_friction: false,
+        limits: Some((5.0, 1.0)),
+    },
+    Trial {
+        name: "pid_paper_friction",
+        label: "PID, paper-size friction",
+        mode: ServoMode::Pid,
+        paper_friction: true,
+        limits: None,
+    },
+    Trial {
+        name: "observer_paper_friction",
+        label: "observer, paper-size friction",
+        mode: ServoMode::Observer,
+        paper_friction: true,
+        limits: None,
+    },
+];
+
+/// One plant under one servo.
+struct Trial {
+    name: &'static str,
+    label: &'static str,
+    mode: ServoMode,
+    paper_friction: bool,
+    /// Largest peak and settled error [mrad].
+    limits: Option<(f64, f64)>,
+}
+
+/// What was recorded of a trial; one list a joint, one value a tick.
+struct Recording {
+    time: Vec<f64>,
+    reference: Vec<Vec<f64>>,
+    position: Vec<Vec<f64>>,
+    torque: Vec<Vec<f64>>,
+    homing_errors: Vec<f64>,
+    /// Ticks at which the goal stepped.
+    steps: Vec<usize>,
+}
+
+impl Recording {
+    /// Error of a joint's motion [mrad]: true angle less reference, without the constant error of the homing, which no
+    /// servo can see.
+    fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
+        let homing = self.homing_errors[joint];
+        let pairs = self.position[joint].iter().zip(&self.reference[joint]);
+        pairs.map(move |(position, reference)| 1e3 * (position + homing - reference))
+    }
+
+    /// Largest error of any joint after the steps numbered `steps`: at any time, and from [`SETTLED_AFTER`] each of
+    /// them on [mrad].
+    fn worst(&self, steps: Range<usize>) -> (f64, f64) {
+        let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
+        for joint in 0..self.position.len() {
+            for (tick, error) in self.error(joint).enumerate() {
+                let number = self.steps.partition_point(|&step| step <= tick);
+                if number == 0 || !steps.contains(&(number - 1)) {
+                    continue;
+                }
+                peak = peak.max(error.abs());
+                if (tick - self.steps[number - 1]) as f64 * T >= SETTLED_AFTER - 1e-9 {
+                    settled = settled.max(error.abs());
+                }
+            }
+        }
+        (peak, settled)
+    }
+
+    /// Largest motor torque [N·m].
+    fn torque_peak(&self) -> f64 {
+        self.torque.iter().flatten().fold(0.0, |peak, torque| peak.max(torque.abs()))
+    }
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    let least = 4.0 * (SETTLE + INTERVAL * (FIRST_MOTIONS + 1) as f64);
+    if !(setting.duration >= least) {
+        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
+    }
+    let robot = RobotFolder::load(setting.robot)?;
+    let values = load_values(setting.robot)?;
+    let ticks = (setting.duration / 4.0 / T).round() as u32;
+
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    let mut sequence = 0;
+    for (index, trial) in TRIALS.iter().enumerate() {
+        let progress = |share: f64| (setting.progress)((index as f64 + share) / 4.0);
+        let recording = run_trial(
+            trial,
+            &robot,
+            &values,
+            setting.controller,
+            setting.seed,
+            ticks,
+            &mut sequence,
+            &progress,
+        )?;
+        add_metrics(&mut summary, trial, &recording);
+        figures.push(figure(trial, &recording, &robot.model));
+        tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
+    }
+    let summary = summary.ticks(u64::from(sequence));
+    Ok(Outcome { summary, figures, tables })
+}
+
+#[expect(clippy::too_many_arguments, reason = "called once")]
+fn run_trial(
+    trial: &Trial,
+    robot: &RobotFolder,
+    values: &PlantValues,
+    controller: &mut Watched<'_>,
+    seed: u64,
+    ticks: u32,
+    sequence: &mut u32,
+    progress: &dyn Fn(f64),
+) -> Result<Recording, ScenarioError> {
+    let mut model = robot.model.clone();
+    let mut options = PlantOptions::mismatched(seed);
+    if trial.paper_friction {
+        options.coulomb = Some(values.friction.paper);
+        for joint in &mut model.joints {
+            joint.friction.coulomb = values.friction.paper as f32;
+        }
+    }
+    let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
+    let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
+    let start = prepare(controller, &mut plant, &model, trial.mode, sequence)?;
+
+    let joints = model.joints.len();
+    let filter_time = f64::from(model.joints[0].servo.filter_time);
+    let mut recording = Recording {
+        time: Vec::new(),
+        reference: vec![Vec::new(); joints],
+        position: vec![Vec::new(); joints],
+        torque: vec![Vec::new(); joints],
+        homing_errors: plant.truth().homing_errors,
+        steps: Vec::new(),
+    };
+    let mut raised = false;
+    for tick in 0..ticks {
+        let time = f64::from(tick) * T;
+        let next_step = SETTLE + INTERVAL * recording.steps.len() as f64;
+        let steps_now = time >= next_step - 1e-9;
+        if steps_now {
+            recording.steps.push(tick as usize);
+            raised = !raised;
+        }
+        if steps_now || tick % COMMAND_EVERY == 0 {
+            let offset = if raised { STEP } else { 0.0 };
+            let goal: Vec<f32> = start.iter().map(|angle| angle + offset as f32).collect();
+            match controller.set_goal(&goal) {
+                Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
+                    return Err(stopped(controller, &model, trial, time));
+                }
+                other => other?,
+            }
+        }
+        *sequence += 1;
+        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        if !actuators.enabled {
+            return Err(stopped(controller, &model, trial, time));
+        }
+        let truth = plant.truth();
+        let moved = reference(tick, &recording.steps, filter_time);
+        recording.time.push(time);
+        for joint in 0..joints {
+            recording.reference[joint].push(f64::from(start[joint]) + moved);
+            recording.position[joint].push(truth.positions[joint]);
+            recording.torque[joint].push(truth.torques[joint]);
+        }
+        plant.apply(&actuators)?;
+        progress(f64::from(tick + 1) / f64::from(ticks));
+    }
+    controller.ask("disarm", tesaki::protocol::Request::Disarm)?;
+    Ok(recording)
+}
+
+/// Brings the controller from unknown to armed; returns the joint angles that it holds [rad].
+fn prepare(
+    controller: &mut Watched<'_>,
+    plant: &mut Plant,
+    model: &RobotModel,
+    mode: ServoMode,
+    sequence: &mut u32,
+) -> Result<Vec<f32>, ScenarioError> {
+    controller.hello()?;
+    controller.push_model(model)?;
+    let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
+        *sequence += 1;
+        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        Ok::<_, ScenarioError>(plant.apply(&actuators)?)
+    };
+    tick(controller, plant)?;
+    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+    controller.home(&homed)?;
+    tick(controller, plant)?;
+    controller.arm(Task::JointServo(mode))?;
+    // What the encoder makes of the homed angle: the nearest whole count.
+    let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
+        let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;
+        ((f64::from(angle) * counts).round() / counts) as f32
+    });
+    Ok(start.collect())
+}
+
+/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one term a
+/// step. A goal that comes with a tick acts from the tick before it.
+fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
+    let mut moved = 0.0;
+    for (index, &step) in steps.iter().enumerate() {
+        let x = (f64::from(tick) + 1.0 - step as f64) * T / filter_time;
+        let response = STEP * (1.0 - (1.0 + x) * (-x).exp());
+        moved += if index % 2 == 0 { response } else { -response };
+    }
+    moved
+}
+
+fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &Trial, time: f64) -> ScenarioError {
+    match controller.faults() {
+        Ok(log) => {
+            let fault = log.faults.last().map_or_else(String::new, |fault| describe_fault(fault, model));
+            ScenarioError::Fault { trial: trial.label.to_owned(), time, fault }
+        }
+        Err(error) => error.into(),
+    }
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
+    let (first_peak, _) = recording.worst(0..FIRST_MOTIONS);
+    let (peak, settled) = recording.worst(FIRST_MOTIONS..usize::MAX);
+    let Trial { name, label, limits, .. } = trial;
+    let peak_label = format!("{label}: largest error");
+    let settled_label = format!("{label}: largest error from 1 s on");
+    let metrics = match *limits {
+        Some((peak_limit, settled_limit)) => [
+            Metric::at_most(peak_label, peak, peak_limit, "mrad"),
+            Metric::at_most(settled_label, settled, settled_limit, "mrad"),
+        ],
+        None => {
+            [Metric::reported(peak_label, peak, "mrad"), Metric::reported(settled_label, settled, "mrad")]
+        }
+    };
+    let [peak, settled] = metrics;
+    summary.insert(format!("{name}_error_peak"), peak);
+    summary.insert(format!("{name}_error_settled"), settled);
+    let first = Metric::reported(format!("{label}: first motions"), first_peak, "mrad")
+        .note("largest error of the first step in each direction, before the servo has learnt the friction");
+    summary.insert(format!("{name}_error_first_motions"), first);
+    let torque = Metric::reported(format!("{label}: largest torque"), recording.torque_peak(), "N·m");
+    summary.insert(format!("{name}_torque_peak"), torque);
+}
+
+fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
+    let mut angles = Panel::new("Motion of the joints", "angle from start", "rad");
+    let start: Vec<f64> =
+        recording.reference.iter().map(|joint| joint.first().copied().unwrap_or(0.0)).collect();
+    let mut errors = Panel::new("Error", "error", "mrad");
+    let mut torques = Panel::new("Motor torque", "torque", "N·m");
+    for (index, joint) in model.joints.iter().enumerate() {
+        let name = joint.name.as_str().replace('_', " ");
+        let time = || recording.time.clone();
+        let homing = recording.homing_errors[index];
+        let moved = recording.position[index].iter().map(|angle| angle + homing - start[index]).collect();
+        angles = angles.line(Line::solid(name.as_str(), index, time(), moved));
+        errors = errors.line(Line::solid(name.as_str(), index, time(), recording.error(index).collect()));
+        torques = torques.line(Line::solid(name.as_str(), index, time(), recording.torque[index].clone()));
+    }
+    let shape = recording.reference[0].iter().map(|angle| angle - start[0]).collect();
+    angles = angles.line(Line::dashed("reference", 9, recording.time.clone(), shape));
+    if let Some((peak, _)) = trial.limits {
+        errors = errors.band(peak, "wanted");
+    }
+    let caption = "True joint angles of the plant against the filtered reference.";
+    Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles).panel(errors).panel(torques)
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+fn table(recording: &Recording, model: &RobotModel) -> String {
+    let mut columns = vec![Column::new("time", "s", &recording.time)];
+    for (index, joint) in model.joints.iter().enumerate() {
+        let name = joint.name.as_str();
+        columns.push(Column::new(format!("{name} reference"), "rad", &recording.reference[index]));
+        columns.push(Column::new(format!("{name} true angle"), "rad", &recording.position[index]));
+        columns.push(Column::new(format!("{name} torque"), "N·m", &recording.torque[index]));
+    }
+    csv(&columns)
+}
+
+fn load_values(robot: &std::path::Path) -> Result<PlantValues, ScenarioError> {
+    let path = robot.join("plant.toml");
+    let text = std::fs::read_to_string(&path)
+        .map_err(|source| tesaki_supervisor::robot::RobotError::Read { path, source })?;
+    Ok(PlantValues::from_toml(&text)?)
+}

@@ -1,0 +1,78 @@
+use tesaki::model::{Encoder, Motor};
+use tesaki::protocol::ActuatorFrame;
+use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+
+pub const JOINTS: usize = 9;
+pub const URDF: &str = include_str!("../../../robots/hand3/robot.urdf");
+pub const VALUES: &str = include_str!("../../../robots/hand3/plant.toml");
+
+/// Everything that a plant of the hand is made of, for a test to change.
+pub struct Hand {
+    pub urdf: urdf_rs::Robot,
+    pub drives: Vec<Drive>,
+    pub values: PlantValues,
+    pub options: PlantOptions,
+}
+
+impl Hand {
+    /// As the model says, ideal sensors, free from the start.
+    pub fn exact() -> Self {
+        let drives = (1..=3).flat_map(|finger| {
+            ["swing", "bend", "curl"].map(|joint| Drive {
+                joint: format!("finger{finger}_{joint}"),
+                motor: Motor {
+                    rotor_inertia: 2e-4,
+                    torque_constant: 0.5,
+                    current_limit: 1.5,
+                    current_resolution: 1e-3,
+                    bandwidth: 300.0,
+                    delay: 3e-4,
+                },
+                encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },
+            })
+        });
+        Self {
+            urdf: urdf_rs::read_from_string(URDF).unwrap(),
+            drives: drives.collect(),
+            values: PlantValues::from_toml(VALUES).unwrap(),
+            options: PlantOptions { held_at_start: false, ..PlantOptions::exact() },
+        }
+    }
+
+    pub fn mismatched(seed: u64) -> Self {
+        Self {
+            options: PlantOptions { held_at_start: false, ..PlantOptions::mismatched(seed) },
+            ..Self::exact()
+        }
+    }
+
+    pub fn weightless(mut self) -> Self {
+        self.values.gravity = [0.0; 3];
+        self
+    }
+
+    pub fn viscous(mut self, viscous: f64) -> Self {
+        for dynamics in self.urdf.joints.iter_mut().filter_map(|joint| joint.dynamics.as_mut()) {
+            dynamics.damping = viscous;
+        }
+        self
+    }
+
+    pub fn coulomb(mut self, coulomb: f64) -> Self {
+        self.options.coulomb = Some(coulomb);
+        self
+    }
+
+    pub fn build(&self) -> Plant {
+        Plant::new(&self.urdf, &self.drives, &self.values, &self.options).unwrap()
+    }
+}
+
+pub fn frame(torques: [f32; JOINTS]) -> ActuatorFrame {
+    ActuatorFrame { sequence: 0, enabled: true, torques: torques.into_iter().collect() }
+}
+
+/// Largest absolute value.
+pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(0.0, |largest, value| f64::max(largest, value.abs()))
+}

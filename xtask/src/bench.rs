@@ -1,0 +1,155 @@
+//! `cargo xtask bench`: executed instructions on the emulated Cortex-M4F (exact and repeatable), and the speed of the
+//! simulation on this machine (not repeatable, so never a test). Recorded results are kept in
+//! `docs/benchmarks.jsonl`.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use nix::sys::resource::{UsageWho, getrusage};
+use serde::{Deserialize, Serialize};
+
+use crate::firmware;
+use crate::tools::{self, ArmCompiler};
+
+const HISTORY: &str = "docs/benchmarks.jsonl";
+
+/// Most executed instructions of a call, by benchmark.
+const LIMITS: &[(&str, f64)] = &[
+    ("pid", 38.0),
+    ("trajectory_filter", 15.0),
+    ("sin_cos", 60.0),
+    ("node_tick_9_pid", 6000.0),
+    ("node_tick_9_observer", 6000.0),
+];
+
+/// Least simulated seconds per second of CPU time.
+const SIMULATION_SPEED: f64 = 30.0;
+
+/// Options of `cargo xtask bench`.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Add the results to docs/benchmarks.jsonl
+    #[arg(long)]
+    record: bool,
+}
+
+/// One run of all benchmarks.
+#[derive(Debug, Serialize, Deserialize)]
+struct Results {
+    commit: String,
+    date: String,
+    compiler: String,
+    /// Executed instructions a call.
+    instructions: BTreeMap<String, f64>,
+    /// Simulated seconds of hand3-servo per second of CPU time.
+    simulated_seconds_per_cpu_second: Option<f64>,
+}
+
+/// Runs an on-target program that talks through semihosting; fails when it says so.
+pub fn semihosted(program: &Path, arguments: &[String]) -> Result<String> {
+    let mut config = String::from("enable=on,target=native");
+    for argument in arguments {
+        config += &format!(",arg={argument}");
+    }
+    let mut qemu = Command::new("qemu-system-arm");
+    qemu.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"]);
+    qemu.args(["-icount", "shift=0,sleep=off", "-semihosting-config", &config, "-kernel"]).arg(program);
+    tools::output(&mut qemu)
+}
+
+fn instructions(compiler: ArmCompiler) -> Result<BTreeMap<String, f64>> {
+    let program = firmware::build(compiler, "bench", &["on-target"])?;
+    let text = semihosted(&program, &[])?;
+    let counts = text.lines().filter_map(|line| {
+        let (name, count) = line.split_once(' ')?;
+        Some((name.to_owned(), count.trim().parse().ok()?))
+    });
+    let counts: BTreeMap<_, _> = counts.collect();
+    ensure!(!counts.is_empty(), "the benchmark printed no results:\n{text}");
+    Ok(counts)
+}
+
+/// Fails when a benchmark is over its limit.
+pub fn check(compiler: ArmCompiler) -> Result<()> {
+    let counts = instructions(compiler)?;
+    print_table(&counts, None);
+    for &(name, limit) in LIMITS {
+        let count = counts.get(name).with_context(|| format!("the benchmark {name} is missing"))?;
+        ensure!(*count <= limit, "{name} takes {count} instructions, more than {limit}");
+    }
+    Ok(())
+}
+
+/// `cargo xtask bench`.
+pub fn run(options: &Options) -> Result<()> {
+    tools::provide_qemu()?;
+    let compiler = ArmCompiler::provide()?;
+    let git = |arguments: &[&str]| {
+        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
+    };
+    let results = Results {
+        commit: git(&["describe", "--always", "--dirty", "--abbrev=12"])?,
+        date: git(&["log", "-1", "--format=%cs"])?,
+        compiler: compiler.version()?,
+        instructions: instructions(compiler)?,
+        simulated_seconds_per_cpu_second: Some(simulation_speed()?),
+    };
+    let last = std::fs::read_to_string(HISTORY).unwrap_or_default();
+    let last: Option<Results> = last.lines().last().map(serde_json::from_str).transpose().context(HISTORY)?;
+    if options.json {
+        println!("{}", serde_json::to_string(&results)?);
+    } else {
+        print_table(&results.instructions, last.as_ref());
+        let speed = results.simulated_seconds_per_cpu_second.unwrap_or(f64::NAN);
+        println!("\nhand3-servo: {speed:.1} simulated seconds per CPU second (wanted ≥ {SIMULATION_SPEED})");
+    }
+    if options.record {
+        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(HISTORY)?;
+        writeln!(file, "{}", serde_json::to_string(&results)?)?;
+    }
+    Ok(())
+}
+
+fn print_table(counts: &BTreeMap<String, f64>, last: Option<&Results>) {
+    println!("{:<28} {:>12} {:>8} {:>14}", "executed instructions", "a call", "limit", "last recorded");
+    for (name, count) in counts {
+        let limit = LIMITS.iter().find(|(limited, _)| limited == name);
+        let limit = limit.map_or(String::from("–"), |(_, limit)| limit.to_string());
+        let last = last.and_then(|last| last.instructions.get(name));
+        let last = last.map_or(String::from("–"), |last| format!("{last:.1}"));
+        println!("{name:<28} {count:>12.1} {limit:>8} {last:>14}");
+    }
+}
+
+/// Simulated seconds per CPU second of hand3-servo with its control, on this machine.
+fn simulation_speed() -> Result<f64> {
+    tools::run(Command::new("cargo").args(["build", "--release", "--quiet", "-p", "tesaki-sim"]))?;
+    let before = cpu_seconds()?;
+    let mut host_sim = Command::new("cargo");
+    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    host_sim.args(["run", "hand3-servo", "--seed", "1-5", "--json", "--out"]).arg(crate::test::out("bench"));
+    let text = tools::output(&mut host_sim)?;
+    let mut ticks = 0.0;
+    for line in text.lines() {
+        let summary: serde_json::Value = serde_json::from_str(line)?;
+        ticks += summary["ticks"].as_f64().context("host-sim printed no number of ticks")?;
+    }
+    Ok(ticks * 0.01 / (cpu_seconds()? - before))
+}
+
+/// CPU time of all child processes so far [s].
+fn cpu_seconds() -> Result<f64> {
+    let usage = getrusage(UsageWho::RUSAGE_CHILDREN)?;
+    let seconds = |time: nix::sys::time::TimeVal| {
+        #[expect(clippy::cast_precision_loss, reason = "a few hours at most")]
+        let micro = nix::sys::time::TimeValLike::num_microseconds(&time) as f64;
+        micro * 1e-6
+    };
+    Ok(seconds(usage.user_time()) + seconds(usage.system_time()))
+}

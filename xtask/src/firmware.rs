@@ -1,0 +1,93 @@
+//! Building the image, and what it takes on the chip.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result};
+use object::{Object, ObjectSection, SectionFlags};
+use sha2::{Digest, Sha256};
+
+use crate::tools::{self, ArmCompiler, TARGET};
+
+/// The image that is flashed.
+pub const IMAGE: &str = "tesaki-firmware";
+
+/// Where a binary of the firmware lies once built.
+pub fn path(binary: &str) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from);
+    target.join(TARGET).join("firmware").join(binary)
+}
+
+/// Builds `binary` with `features`.
+pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<PathBuf> {
+    let mut command = compiler.cargo_build()?;
+    command.args(["--bin", binary]);
+    if !features.is_empty() {
+        command.args(["--features", &features.join(",")]);
+    }
+    tools::run(&mut command)?;
+    std::path::absolute(path(binary)).context("the image's path")
+}
+
+/// What the image takes.
+struct Footprint {
+    flash: u64,
+    ram: u64,
+}
+
+fn footprint(image: &Path) -> Result<Footprint> {
+    let bytes = std::fs::read(image)?;
+    let elf = object::File::parse(&*bytes)?;
+    let mut footprint = Footprint { flash: 0, ram: 0 };
+    for section in elf.sections() {
+        let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
+        if sh_flags & u64::from(object::elf::SHF_ALLOC) == 0 {
+            continue;
+        }
+        let in_ram = section.address() >= 0x2000_0000;
+        let has_contents = section.file_range().is_some();
+        if has_contents {
+            footprint.flash += section.size();
+        }
+        if in_ram {
+            footprint.ram += section.size();
+        }
+    }
+    Ok(footprint)
+}
+
+/// SHA-256 of a file, as hexadecimal digits.
+pub fn sha256(file: &Path) -> Result<String> {
+    let digest = Sha256::digest(std::fs::read(file)?);
+    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// `cargo xtask firmware`.
+pub fn run() -> Result<()> {
+    let compiler = ArmCompiler::provide()?;
+    tools::provide_qemu()?;
+    let image = build(compiler, IMAGE, &[])?;
+    report(&image)
+}
+
+/// Prints what the image takes. The stack is measured: the image paints it at boot and tells how far it was used.
+pub fn report(image: &Path) -> Result<()> {
+    let Footprint { flash, ram } = footprint(image)?;
+    let mut host_sim = Command::new("cargo");
+    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
+    host_sim.args(["--out"]).arg(crate::test::out("firmware"));
+    let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
+    let stack = |name: &str| summary["metrics"][name]["value"].as_f64().unwrap_or(f64::NAN);
+    println!("image    {}", image.display());
+    println!("SHA-256  {}", sha256(image)?);
+    println!("flash    {flash} of {} bytes", 1024 * 1024);
+    println!("RAM      {ram} bytes of static data");
+    println!(
+        "stack    {} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
+        stack("stack_used"),
+        summary["metrics"]["stack_used"]["limit"],
+        summary["ticks"]
+    );
+    Ok(())
+}

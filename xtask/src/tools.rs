@@ -1,0 +1,187 @@
+//! The tools that are not Rust crates: a compiler for the Cortex-M4F and QEMU. Each is taken where it is, or installed
+//! in the first way that works.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail, ensure};
+use wait_timeout::ChildExt;
+
+/// The microcontroller's target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// How long `rustup` may take; where it cannot reach its server it would wait much longer.
+const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
+/// Debian's packages of a compiler that can build the target's core library itself.
+const DEBIAN_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src"];
+
+/// Runs `command`, showing it first; fails when it fails.
+pub fn run(command: &mut Command) -> Result<()> {
+    eprintln!("$ {}", shown(command));
+    let status = command.status().with_context(|| format!("cannot start {}", shown(command)))?;
+    ensure!(status.success(), "failed ({status}): {}", shown(command));
+    Ok(())
+}
+
+/// Runs `command` and returns what it prints; fails when it fails.
+pub fn output(command: &mut Command) -> Result<String> {
+    let output = command
+        .stderr(Stdio::inherit())
+        .output()
+        .with_context(|| format!("cannot start {}", shown(command)))?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    ensure!(output.status.success(), "failed ({}): {}\n{text}", output.status, shown(command));
+    Ok(text)
+}
+
+fn shown(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
+}
+
+fn succeeds(command: &mut Command) -> bool {
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|s| s.success())
+}
+
+/// A way to build for [`TARGET`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmCompiler {
+    /// The target of the toolchain in use is installed.
+    Toolchain,
+    /// Debian's compiler builds the core library along.
+    Debian,
+}
+
+impl ArmCompiler {
+    /// Finds one, or installs one.
+    pub fn provide() -> Result<Self> {
+        if target_installed() {
+            return Ok(Self::Toolchain);
+        }
+        eprintln!(
+            "The Rust target {TARGET} is missing: trying `rustup target add {TARGET}` (at most one minute)."
+        );
+        if rustup_adds_target() && target_installed() {
+            return Ok(Self::Toolchain);
+        }
+        if !debian_rust_usable() {
+            eprintln!("rustup could not install it: trying Debian's {}.", DEBIAN_RUST.join(", "));
+            install(DEBIAN_RUST)?;
+        }
+        ensure!(
+            debian_rust_usable(),
+            "no compiler for {TARGET}: install the target with `rustup target add {TARGET}`, or Debian's packages {}",
+            DEBIAN_RUST.join(" ")
+        );
+        Ok(Self::Debian)
+    }
+
+    /// `cargo build` of a binary of the firmware.
+    pub fn cargo_build(self) -> Result<Command> {
+        let mut command = match self {
+            Self::Toolchain => Command::new("cargo"),
+            Self::Debian => {
+                let mut command = Command::new("/usr/bin/cargo");
+                command.env("RUSTC", "/usr/bin/rustc").env("RUSTC_BOOTSTRAP", "1");
+                command.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker()?);
+                command
+            }
+        };
+        command.args(["build", "--quiet", "--locked", "-p", "tesaki-firmware"]);
+        command.args(["--target", TARGET, "--profile", "firmware"]);
+        if self == Self::Debian {
+            command.arg("-Zbuild-std=core,alloc");
+        }
+        Ok(command)
+    }
+
+    /// The compiler's version, for records.
+    pub fn version(self) -> Result<String> {
+        let rustc = match self {
+            Self::Toolchain => "rustc",
+            Self::Debian => "/usr/bin/rustc",
+        };
+        Ok(output(Command::new(rustc).arg("--version"))?.trim().to_owned())
+    }
+}
+
+fn target_installed() -> bool {
+    let libdir = output(Command::new("rustc").args(["--print", "target-libdir", "--target", TARGET]));
+    libdir.is_ok_and(|path| PathBuf::from(path.trim()).is_dir())
+}
+
+fn rustup_adds_target() -> bool {
+    let mut command = Command::new("rustup");
+    command.args(["target", "add", TARGET]).stdin(Stdio::null());
+    let Ok(mut child) = command.spawn() else { return false };
+    match child.wait_timeout(RUSTUP_PATIENCE) {
+        Ok(Some(status)) => status.success(),
+        _ => {
+            // Too slow, or gone: either way it must not go on in the background.
+            let _ = child.kill();
+            let _ = child.wait();
+            false
+        }
+    }
+}
+
+fn debian_rust_usable() -> bool {
+    PathBuf::from("/usr/bin/cargo").exists()
+        && output(Command::new("/usr/bin/rustc").args(["--print", "sysroot"])).is_ok_and(|sysroot| {
+            PathBuf::from(sysroot.trim()).join("lib/rustlib/src/rust/library/core/Cargo.toml").exists()
+        })
+}
+
+/// A linker for the target: the one that comes with the host's toolchain, else Debian's.
+fn linker() -> Result<PathBuf> {
+    let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
+    let rustlib = PathBuf::from(sysroot.trim()).join("lib/rustlib");
+    for host in std::fs::read_dir(&rustlib).into_iter().flatten().flatten() {
+        let lld = host.path().join("bin/rust-lld");
+        if lld.exists() {
+            return Ok(lld);
+        }
+    }
+    if !succeeds(Command::new("arm-none-eabi-ld").arg("--version")) {
+        install(&["binutils-arm-none-eabi"])?;
+    }
+    Ok("arm-none-eabi-ld".into())
+}
+
+/// Makes sure that QEMU is there.
+pub fn provide_qemu() -> Result<()> {
+    let works = || succeeds(Command::new("qemu-system-arm").arg("--version"));
+    if !works() {
+        eprintln!("qemu-system-arm is missing: trying Debian's package.");
+        install(&["qemu-system-arm"])?;
+        ensure!(works(), "qemu-system-arm still does not run after its installation");
+    }
+    Ok(())
+}
+
+/// Installs Debian packages.
+fn install(packages: &[&str]) -> Result<()> {
+    let wanted = packages.join(" ");
+    if !succeeds(Command::new("apt-get").arg("--version")) {
+        bail!("this system has no apt-get: please install by hand what Debian calls {wanted}");
+    }
+    let is_root = output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
+    let apt = |arguments: &[&str]| {
+        let mut command = if is_root { Command::new("apt-get") } else { Command::new("sudo") };
+        if !is_root {
+            command.args(["-n", "apt-get"]);
+        }
+        command.args(arguments).env("DEBIAN_FRONTEND", "noninteractive");
+        command
+    };
+    run(&mut apt(&["update", "-qq"]))?;
+    let mut arguments = vec!["install", "-y", "-qq", "--no-install-recommends"];
+    arguments.extend(packages);
+    run(&mut apt(&arguments))
+        .with_context(|| format!("please run `sudo apt-get install {wanted}` and try again"))
+}
