@@ -38,17 +38,29 @@ impl Chain {
         let mut turning = false; // whether the link before turns; the base does not
         for ((((link, pass), &q), &qd), &qdd) in self.links.iter().zip(&mut passes).zip(q).zip(qd).zip(qdd) {
             (pass.sine, pass.cosine) = math::sin_cos(q);
-            if turning {
-                acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
-                omega = pass.link_from_parent(&link.rotation, &omega);
-                alpha = pass.link_from_parent(&link.rotation, &alpha);
-                // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
-                alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
-                omega.z += qd;
-            } else {
+            if !turning {
+                // The first link turns about its own z alone, which leaves little to compute.
+                acceleration = pass.link_from_parent(&link.rotation, &acceleration);
                 (omega.z, alpha.z, turning) = (qd, qdd, true);
+                let (center, column) = (&link.center_of_mass, link.inertia.column(2));
+                let toward_axis = -qd * qd;
+                let of_center = Vector3::new(
+                    toward_axis * center.x - qdd * center.y,
+                    toward_axis * center.y + qdd * center.x,
+                    0.0,
+                );
+                pass.force = (acceleration + of_center) * link.mass;
+                let gyroscopic = Vector3::new(toward_axis * column.y, -toward_axis * column.x, 0.0);
+                pass.moment = column * qdd + gyroscopic + center.cross(&pass.force);
+                continue;
             }
+            acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
             acceleration = pass.link_from_parent(&link.rotation, &acceleration);
+            omega = pass.link_from_parent(&link.rotation, &omega);
+            alpha = pass.link_from_parent(&link.rotation, &alpha);
+            // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
+            alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
+            omega.z += qd;
 
             let center =
                 acceleration + alpha.cross(&link.center_of_mass) + centripetal(&omega, &link.center_of_mass);

@@ -53,7 +53,13 @@ impl Node {
             readings.for_each(|((config, state), &count)| state.first_read(config, count));
             return None;
         };
-        readings.for_each(|((config, state), &count)| state.read(config, count));
+        let mut of_joint = None;
+        for (index, (((config, state), &count), &current)) in (0..).zip(readings.zip(&sensors.currents)) {
+            state.read(config, count);
+            if of_joint.is_none() {
+                of_joint = state.inspect(config, current).map(|found| (index, found));
+            }
+        }
 
         let safety = &robot.model().safety;
         let supply = f32::from(sensors.supply) / 1000.0;
@@ -66,11 +72,8 @@ impl Node {
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
         }
-        let joints = robot.joints.iter().zip(&self.joints).zip(&sensors.currents);
-        for (index, ((config, state), &current)) in (0..).zip(joints) {
-            if let Some((cause, value, limit)) = state.inspect(config, current) {
-                return fault(cause, Some(index), value, limit);
-            }
+        if let Some((index, (cause, value, limit))) = of_joint {
+            return fault(cause, Some(index), value, limit);
         }
         let elapsed = tick.wrapping_sub(last);
         if elapsed != 1 {
