@@ -166,6 +166,7 @@ type SeedResult = (Summary, Outcome, Vec<u8>);
 
 fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |share: f64| bar.set_position((share * 1000.0) as u64);
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
     let (mut native, mut qemu);
@@ -253,7 +254,7 @@ fn save(
         "frames.log",
         "everything that went into and came out of the control core in the first seed's run",
     ));
-    let html = Page::new(scenario.about, summaries)
+    let html = Page::new(scenario.title, summaries)
         .lead(scenario.lead)
         .figures(&outcome.figures)
         .command(&command)

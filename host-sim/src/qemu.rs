@@ -48,7 +48,7 @@ pub struct Qemu {
     decoder: Decoder,
     // Dropped last, in this order: first the process, then its folder.
     _process: Process,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 impl Qemu {
@@ -63,7 +63,11 @@ impl Qemu {
         let folder = tempfile::tempdir()?;
         let sockets = [folder.path().join("usart1"), folder.path().join("usart2")];
         let mut command = Command::new("qemu-system-arm");
-        command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none"]);
+        command.args(["-M", "netduinoplus2", "-display", "none"]);
+        command.args([
+            "-monitor",
+            &format!("unix:{},server=on,wait=off", folder.path().join("monitor").display()),
+        ]);
         // One instruction is one nanosecond: the run is repeatable, and UART traffic does not crawl.
         command.args(["-icount", "shift=0,sleep=off"]);
         for (index, socket) in sockets.iter().enumerate() {
@@ -82,16 +86,36 @@ impl Qemu {
             plant,
             decoder: Decoder::new(),
             _process: process,
-            _folder: folder,
+            folder,
         };
-        // A UART that is not set up yet drops what it is sent: greet until there is an answer.
-        while let Err(error) = qemu.hello() {
+        qemu.greet(deadline)?;
+        Ok(qemu)
+    }
+
+    /// Presses the reset button and waits until the board answers again. The memory keeps what it holds.
+    ///
+    /// # Errors
+    /// When the board does not come back.
+    pub fn reset(&mut self) -> Result<(), BoardError> {
+        let mut monitor = UnixStream::connect(self.folder.path().join("monitor"))?;
+        monitor.write_all(b"system_reset\n")?;
+        // The monitor acts on a line once it reads it, and tells so with its next prompt.
+        monitor.set_read_timeout(Some(GREETING))?;
+        let mut said = [0; 512];
+        while monitor.read(&mut said).is_ok_and(|length| length > 0) {}
+        self.greet(Instant::now() + START)
+    }
+
+    /// A UART that is not set up yet drops what it is sent: greets until there is an answer.
+    fn greet(&mut self, deadline: Instant) -> Result<(), BoardError> {
+        self.board.set_timeout(GREETING);
+        while let Err(error) = self.hello() {
             if !matches!(error, BoardError::Timeout { .. }) || Instant::now() > deadline {
-                return Err(error.into());
+                return Err(error);
             }
         }
-        qemu.board.set_timeout(TIMEOUT);
-        Ok(qemu)
+        self.board.set_timeout(TIMEOUT);
+        Ok(())
     }
 }
 

@@ -16,6 +16,8 @@ use crate::report::{Figure, Summary};
 pub struct Scenario {
     /// Its name on the command line.
     pub name: &'static str,
+    /// The title of its page.
+    pub title: &'static str,
     /// What it shows, in one line.
     pub about: &'static str,
     /// The folder of its robot in `robots/`.

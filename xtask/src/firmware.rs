@@ -86,7 +86,7 @@ pub fn report(image: &Path) -> Result<()> {
     println!(
         "stack    {} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
         stack("stack_used"),
-        summary["metrics"]["stack_used"]["limit"],
+        summary["metrics"]["stack_used"]["limit"].as_f64().unwrap_or(f64::NAN),
         summary["ticks"]
     );
     Ok(())

@@ -247,7 +247,7 @@ fn padded(range: Option<Range<f64>>, share: f64) -> Range<f64> {
     // A range that is a rounding error wide would have ticks that all read the same.
     let least = 1e-9 * range.start.abs().max(range.end.abs());
     if width <= least || !width.is_finite() {
-        let half = (range.start.abs() * 0.1).max(1e-3).min(f64::MAX / 4.0);
+        let half = (range.start.abs() * 0.1).clamp(1e-3, f64::MAX / 4.0);
         let middle = range.start.clamp(-f64::MAX / 4.0, f64::MAX / 4.0);
         return middle - half..middle + half;
     }

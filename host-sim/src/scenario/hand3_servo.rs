@@ -16,6 +16,7 @@ use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-servo",
+    title: "Joint servo of the three-finger hand",
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
     duration: 42.0,
@@ -26,8 +27,9 @@ pub(super) const SCENARIO: Scenario = Scenario {
          own; encoders and currents come in whole counts.",
         "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), and state \
          feedback on an observer of velocity and disturbance. Both share the feed-forward of gravity, inertia and \
-         friction. The last two rows of figures repeat both with four times the friction, the size that the paper's \
-         loss of fingertip force implies.",
+         friction. Each machine steps up and down twice: the first time the servo knows the friction only as the \
+         model has it, the second time it has learnt the difference. The last two figures repeat both with four \
+         times the friction, the size that the paper's loss of fingertip force implies.",
     ],
     run,
 };
@@ -46,7 +48,6 @@ const FIRST_MOTIONS: usize = 2;
 const T: f64 = 0.01;
 /// Ticks from one command to the next; a command says the whole aim, so repeating it is safe.
 const COMMAND_EVERY: u32 = 5;
-/// What the issue's table asks of the four trials.
 const TRIALS: [Trial; 4] = [
     Trial {
         name: "pid",
@@ -135,7 +136,7 @@ impl Recording {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let least = 4.0 * (SETTLE + INTERVAL * (FIRST_MOTIONS + 1) as f64);
-    if !(setting.duration >= least) {
+    if setting.duration.is_nan() || setting.duration < least {
         return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
     }
     let robot = RobotFolder::load(setting.robot)?;
@@ -225,8 +226,8 @@ fn run_trial(
         let truth = plant.truth();
         let moved = reference(tick, &recording.steps, filter_time);
         recording.time.push(time);
-        for joint in 0..joints {
-            recording.reference[joint].push(f64::from(start[joint]) + moved);
+        for (joint, &start) in start.iter().enumerate() {
+            recording.reference[joint].push(f64::from(start) + moved);
             recording.position[joint].push(truth.positions[joint]);
             recording.torque[joint].push(truth.torques[joint]);
         }
@@ -305,7 +306,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     let [peak, settled] = metrics;
     summary.insert(format!("{name}_error_peak"), peak);
     summary.insert(format!("{name}_error_settled"), settled);
-    let first = Metric::reported(format!("{label}: first motions"), first_peak, "mrad")
+    let first = Metric::reported(format!("{label}: largest error of the first motions"), first_peak, "mrad")
         .note("largest error of the first step in each direction, before the servo has learnt the friction");
     summary.insert(format!("{name}_error_first_motions"), first);
     let torque = Metric::reported(format!("{label}: largest torque"), recording.torque_peak(), "N·m");
@@ -332,7 +333,9 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     if let Some((peak, _)) = trial.limits {
         errors = errors.band(peak, "wanted");
     }
-    let caption = "True joint angles of the plant against the filtered reference.";
+    let caption = "True joint angles of the plant against the filtered reference. In the first step up and the first \
+                   step down the servo meets the machine's true friction for the first time; from then on it has \
+                   learnt it, and what is wanted counts.";
     Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles).panel(errors).panel(torques)
 }
 

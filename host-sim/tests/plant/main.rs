@@ -1,4 +1,11 @@
 //! The simulated three-finger hand: against MuJoCo, by hand numbers, and what it says about bad input.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "tests"
+)]
+#![allow(clippy::manual_range_contains, reason = "reads as on paper")]
 
 mod errors;
 mod friction;

@@ -1,0 +1,138 @@
+//! The firmware image in QEMU. `cargo xtask test` builds the images and runs these tests; plain `cargo test` leaves
+//! them out, because they need a compiler for the microcontroller and QEMU.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tesaki::control::ServoMode;
+use tesaki::model::MAX_JOINTS;
+use tesaki::protocol::{FaultCause, Request, ResetCause, SensorFrame, Task};
+use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::qemu::Qemu;
+use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::robot::RobotFolder;
+
+fn image(variable: &str) -> PathBuf {
+    std::env::var_os(variable)
+        .unwrap_or_else(|| panic!("{variable} is not set: run `cargo xtask test`"))
+        .into()
+}
+
+fn robots() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"))
+}
+
+fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome {
+    let robot = robots().join(scenario.robot);
+    let duration = scenario.duration;
+    scenario.run(&mut Setting { robot: &robot, controller, seed, duration, progress: &|_| {} }).unwrap()
+}
+
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
+    for scenario in SCENARIOS {
+        let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+        let mut watched = Watched::new(&mut qemu, true);
+        let outcome = run(scenario, &mut watched, 1);
+        assert_eq!(watched.identical(), Some(true), "{:?}", watched.difference);
+        assert!(watched.alike >= 3000, "only {} ticks", watched.alike);
+        assert!(outcome.summary.pass(), "{}", scenario.name);
+    }
+}
+
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    for scenario in SCENARIOS {
+        for seed in 2..=5 {
+            let mut native = Native::default();
+            let mut watched = Watched::new(&mut native, false);
+            let ticks = run(scenario, &mut watched, seed).summary.ticks;
+            let bytes = encode_record(&watched.into_record()).unwrap();
+            let log = folder.path().join("frames.log");
+            std::fs::write(&log, &bytes).unwrap();
+            assert_eq!(replay(&log), (true, format!("replay: {ticks} ticks identical\n")));
+            if seed == 2 {
+                // One flipped bit in the last frame's torques must be found, or the test could not fail.
+                std::fs::write(&log, spoilt(&bytes)).unwrap();
+                let (same, said) = replay(&log);
+                assert!(!same && said.contains("recorded"), "{said}");
+            }
+        }
+    }
+}
+
+/// The recording with the last bit of the last torque turned, and a checksum that fits.
+fn spoilt(bytes: &[u8]) -> Vec<u8> {
+    use tesaki::protocol::LogRecord;
+    use tesaki::protocol::codec::Decoder;
+    let mut decoder = Decoder::new();
+    let mut records: Vec<LogRecord> =
+        bytes.iter().filter_map(|&byte| decoder.push(byte)).map(Result::unwrap).collect();
+    let Some(LogRecord::Actuators(last)) = records.last_mut() else { panic!("ends with actuators") };
+    let torque = last.torques.last_mut().unwrap();
+    *torque = f32::from_bits(torque.to_bits() ^ 1);
+    encode_record(&records).unwrap()
+}
+
+fn replay(log: &Path) -> (bool, String) {
+    let output = Command::new("qemu-system-arm")
+        .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"])
+        .args(["-icount", "shift=0,sleep=off", "-semihosting-config"])
+        .arg(format!("enable=on,target=native,arg={}", log.display()))
+        .arg("-kernel")
+        .arg(image("TESAKI_REPLAY_ELF"))
+        .output()
+        .unwrap();
+    (output.status.success(), String::from_utf8(output.stdout).unwrap())
+}
+
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
+    let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
+    let mut board = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+    board.push_model(&model).unwrap();
+    let mut sensors = SensorFrame {
+        sequence: 1,
+        supply: 24_000,
+        encoders: std::iter::repeat_n(5, 9).collect(),
+        currents: std::iter::repeat_n(0, 9).collect(),
+        ..SensorFrame::default()
+    };
+    board.tick(&sensors).unwrap();
+    board.home(&[0.2; 9]).unwrap();
+    let too_many = vec![0.0; MAX_JOINTS + 1];
+    assert!(board.home(&too_many).unwrap_err().to_string().contains("17 joints"));
+    board.arm(Task::JointServo(ServoMode::Observer)).unwrap();
+    let refused = board.set_goal(&[0.2, 0.2, 9.0, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2]).unwrap_err();
+    assert!(refused.to_string().contains("joint 2: 9 rad is outside its limits"), "{refused}");
+    sensors.sequence += 1;
+    assert!(board.tick(&sensors).unwrap().enabled);
+    sensors.sequence += 1;
+    sensors.encoders[4] += 5000;
+    assert!(!board.tick(&sensors).unwrap().enabled);
+
+    let named = |board: &mut Qemu| {
+        let log = board.faults().unwrap();
+        let fault = *log.faults.iter().find(|fault| fault.cause == FaultCause::EncoderJump).unwrap();
+        assert_eq!((fault.joint, fault.tick), (Some(4), 3));
+        // 5000 of 65 536 counts a turn are 0.479 37 rad; the limit is twice 6 rad/s · 10 ms and two counts.
+        assert!((fault.value - 0.479_37).abs() < 1e-5 && (fault.limit - 0.120_19).abs() < 1e-5, "{fault}");
+        log.total
+    };
+    let total = named(&mut board);
+    board.reset().unwrap();
+    assert_eq!(named(&mut board), total);
+    let (node, status) = board.status().unwrap();
+    assert_eq!((node.model.as_str(), status.reset, status.plant_link), ("", ResetCause::PowerOn, true));
+    let refused = board.arm(Task::JointServo(ServoMode::Pid)).unwrap_err();
+    assert!(refused.to_string().contains("no robot model"), "{refused}");
+    // The log is only cleared by who has read it.
+    assert!(board.ask("clear", Request::ClearFaults { total: total + 1 }).is_err());
+    board.ask("clear", Request::ClearFaults { total }).unwrap();
+}
