@@ -73,8 +73,11 @@ fn spoilt(bytes: &[u8]) -> Vec<u8> {
     let mut decoder = Decoder::new();
     let mut records: Vec<LogRecord> =
         bytes.iter().filter_map(|&byte| decoder.push(byte)).map(Result::unwrap).collect();
-    let Some(LogRecord::Actuators(last)) = records.last_mut() else { panic!("ends with actuators") };
-    let torque = last.torques.last_mut().unwrap();
+    let torques = records.iter_mut().rev().find_map(|record| match record {
+        LogRecord::Actuators(frame) => Some(&mut frame.torques),
+        _ => None,
+    });
+    let torque = torques.unwrap().last_mut().unwrap();
     *torque = f32::from_bits(torque.to_bits() ^ 1);
     encode_record(&records).unwrap()
 }

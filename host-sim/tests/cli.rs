@@ -1,0 +1,121 @@
+//! The program as a user runs it.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn host_sim(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_host-sim")).args(arguments).output().unwrap()
+}
+
+fn says(output: &Output, code: i32, expected: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{text}");
+    for word in expected {
+        assert!(text.contains(word), "{word:?} is not in: {text}");
+    }
+}
+
+#[test]
+fn lists_its_scenarios() {
+    says(&host_sim(&["list"]), 0, &["hand3-servo", "cargo sim run"]);
+}
+
+#[test]
+fn runs_the_joint_servo_within_its_limits_and_leaves_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let output = host_sim(&["run", "hand3-servo", "--seed", "1-2", "--json", "--out", out]);
+    says(&output, 0, &[]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let runs: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(runs.len(), 2);
+    for (run, seed) in runs.iter().zip(1..) {
+        assert_eq!(
+            (run["scenario"].as_str(), run["controller"].as_str()),
+            (Some("hand3-servo"), Some("native"))
+        );
+        assert_eq!((run["seed"].as_u64(), run["pass"].as_bool()), (Some(seed), Some(true)));
+        let limits = [
+            ("pid_error_peak", 12.0),
+            ("pid_error_settled", 2.5),
+            ("observer_error_peak", 5.0),
+            ("observer_error_settled", 1.0),
+        ];
+        for (name, limit) in limits {
+            let metric = &run["metrics"][name];
+            assert_eq!((metric["limit"].as_f64(), metric["unit"].as_str()), (Some(limit), Some("mrad")));
+            // A servo that tracks better than the encoder resolves would be a sign of a plant without friction.
+            assert!((0.05..=limit).contains(&metric["value"].as_f64().unwrap()), "{name}: {metric}");
+        }
+    }
+    assert_ne!(runs[0]["metrics"], runs[1]["metrics"], "each seed is a machine of its own");
+    let files = folder.path().join("hand3-servo");
+    let page = std::fs::read_to_string(files.join("index.html")).unwrap();
+    assert!(
+        page.contains("<svg") && page.contains("cargo sim run hand3-servo --controller native --seed 1-2")
+    );
+    for svg in page.split("<svg").skip(1) {
+        let svg = format!("<svg{}</svg>", svg.split("</svg>").next().unwrap());
+        roxmltree::Document::parse(&svg).unwrap_or_else(|error| panic!("{error}"));
+    }
+    let csv = std::fs::read_to_string(files.join("observer.csv")).unwrap();
+    assert!(csv.starts_with("time [s],finger1_swing reference [rad],finger1_swing true angle [rad]"));
+    assert_eq!(csv.lines().count(), 1 + 1050);
+    assert!(std::fs::metadata(files.join("frames.log")).unwrap().len() > 100_000);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str| {
+        let out = folder.path().join(name);
+        says(
+            &host_sim(&["run", "hand3-servo", "--duration", "32", "--json", "--out", out.to_str().unwrap()]),
+            0,
+            &[],
+        );
+        std::fs::read(out.join("hand3-servo/frames.log")).unwrap()
+    };
+    assert!(run("first") == run("second"));
+}
+
+#[test]
+fn bad_input_is_answered_with_what_to_do() {
+    says(&host_sim(&["run", "hand9"]), 2, &["no scenario \"hand9\"", "hand3-servo"]);
+    says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is no seed: write 7, or 1-20"]);
+    says(
+        &host_sim(&["run", "hand3-servo", "--duration", "3"]),
+        2,
+        &["--duration 3 is too short", "at least"],
+    );
+    says(
+        &host_sim(&["run", "hand3-servo", "--robot", "/nowhere"]),
+        2,
+        &["/nowhere/robot.urdf", "a robot folder holds"],
+    );
+    let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
+    says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
+}
+
+#[test]
+fn a_machine_that_the_servo_cannot_hold_fails_its_metrics() {
+    // A tenth of the stiffness and no integral: friction wins.
+    let folder = tempfile::tempdir().unwrap();
+    let robot = folder.path().join("robot");
+    std::fs::create_dir(&robot).unwrap();
+    let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+    for name in ["robot.urdf", "plant.toml", "controller.toml"] {
+        std::fs::copy(source.join(name), robot.join(name)).unwrap();
+    }
+    let settings = std::fs::read_to_string(source.join("controller.toml")).unwrap();
+    let weak = settings
+        .replace("proportional = 400.0", "proportional = 100.0")
+        .replace("integral = 4000.0", "integral = 0.0")
+        .replace("following_error = 0.25", "following_error = 1.5");
+    assert_ne!(settings, weak);
+    std::fs::write(robot.join("controller.toml"), weak).unwrap();
+    let (robot, out) = (robot.to_str().unwrap(), folder.path().join("out"));
+    let output = host_sim(&["run", "hand3-servo", "--robot", robot, "--out", out.to_str().unwrap()]);
+    says(&output, 1, &["FAIL"]);
+}

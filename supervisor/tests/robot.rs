@@ -1,0 +1,94 @@
+//! Robot folders: what a good one becomes, and what is said about bad ones.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+
+use tesaki_supervisor::robot::RobotFolder;
+
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
+
+fn text(name: &str) -> String {
+    std::fs::read_to_string(Path::new(FOLDER).join(name)).unwrap()
+}
+
+/// The error for hand3 with `from` replaced by `to` once in the file `name`.
+fn error(name: &str, from: &str, to: &str) -> String {
+    let change = |file: &str| {
+        let text = text(file);
+        if file == name {
+            assert!(text.contains(from), "{from:?} is not in {name}");
+            text.replacen(from, to, 1)
+        } else {
+            text
+        }
+    };
+    let folder = RobotFolder::parse(Path::new("my_hand"), &change("robot.urdf"), &change("controller.toml"));
+    folder.map(|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn hand3_becomes_nine_joints_in_three_chains() {
+    let model = RobotFolder::load(Path::new(FOLDER)).unwrap().model;
+    assert_eq!((model.name.as_str(), model.chains.len(), model.joints.len()), ("hand3", 3, 9));
+    let names: Vec<&str> = model.joints.iter().take(4).map(|joint| joint.name.as_str()).collect();
+    assert_eq!(names, ["finger1_swing", "finger1_bend", "finger1_curl", "finger2_swing"]);
+    // The last link of a finger and its sensor: 10 g and 5 g, fixed together.
+    assert!((model.joints[2].link.mass - 0.015).abs() < 1e-7);
+    assert!((model.joints[0].limits.torque - 0.6).abs() < 1e-7);
+    assert!((model.joints[0].friction.coulomb - 0.02).abs() < 1e-7);
+    // Gains are given per inertia; a curl joint feels its rotor and little else.
+    let curl = &model.joints[2].servo;
+    assert!((2e-4..2.5e-4).contains(&curl.observer.inertia), "{}", curl.observer.inertia);
+    assert!((curl.pid.proportional / curl.observer.inertia - 400.0).abs() < 0.1);
+}
+
+#[test]
+fn nonsense_is_named_by_file_joint_and_field() {
+    let cases = [
+        (
+            "robot.urdf",
+            "<mass value=\"0.01\"/>",
+            "<mass value=\"-0.02\"/>",
+            "joint finger1_curl: inertial mass = -0.015",
+        ),
+        (
+            "robot.urdf",
+            "lower=\"-1.0\" upper=\"1.0\"",
+            "lower=\"2.0\" upper=\"1.0\"",
+            "joint finger1_swing: limits.upper = 1",
+        ),
+        ("robot.urdf", "<robot name=\"hand3\"", "<robt name=\"hand3\"", "robot.urdf"),
+        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "finger1_swing\" is of type"),
+        (
+            "controller.toml",
+            "torque_constant = 0.5",
+            "torque_constant = -0.5",
+            "motor.torque_constant = -0.5",
+        ),
+        ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
+        ("controller.toml", "reaction = \"hold\"", "reaction = \"pray\"", "unknown variant `pray`"),
+        ("controller.toml", "gravity = [", "gravity = ", "line"),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.thumb]\nx = 1\n[joint.servo]",
+            "[joints.thumb] belongs to no joint",
+        ),
+        (
+            "controller.toml",
+            "command_timeout = 0.1 ",
+            "command_timeout = 0.0 ",
+            "safety.command_timeout = 0 is below 0.01",
+        ),
+    ];
+    for (name, from, to, expected) in cases {
+        let message = error(name, from, to);
+        assert!(message.contains("my_hand") && message.contains(expected), "{from} → {to}: {message}");
+    }
+}
+
+#[test]
+fn a_folder_without_files_says_what_belongs_there() {
+    let message = RobotFolder::load(Path::new("/nowhere")).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("/nowhere/robot.urdf") && message.contains("controller.toml"), "{message}");
+}
