@@ -135,7 +135,7 @@ impl Controller for Qemu {
         loop {
             let received = self.plant.receive(&mut buffer, deadline)?;
             if received == 0 {
-                return Err(BoardError::Timeout { action: "tick", seconds: TIMEOUT.as_secs_f64() });
+                return Err(BoardError::Timeout { seconds: TIMEOUT.as_secs_f64() });
             }
             for &byte in &buffer[..received] {
                 match self.decoder.push::<ActuatorFrame>(byte) {

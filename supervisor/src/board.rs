@@ -39,12 +39,8 @@ pub enum BoardError {
         firmware: [u8; 3],
     },
     /// No answer in time.
-    #[error(
-        "no answer from the board within {seconds} s when asked to {action}: check cable, port and power"
-    )]
+    #[error("no answer from the board within {seconds} s: check cable, port and power")]
     Timeout {
-        /// What it was asked to do.
-        action: &'static str,
         /// How long was waited [s].
         seconds: f64,
     },

@@ -57,24 +57,25 @@ impl<L: ByteLink> Board for LinkBoard<L> {
         self.link.send(&frame[..length])?;
         let deadline = Instant::now() + self.timeout;
         let mut buffer = [0; MAX_FRAME];
-        let mut answer = None;
-        while answer.is_none() {
+        loop {
             let received = self.link.receive(&mut buffer, deadline)?;
             if received == 0 {
-                let seconds = self.timeout.as_secs_f64();
-                return Err(BoardError::Timeout { action: "answer", seconds });
+                return Err(BoardError::Timeout { seconds: self.timeout.as_secs_f64() });
             }
+            let mut answer = None;
             for &byte in &buffer[..received] {
                 // Damaged frames are counted by the decoder; what is missing shows as a timeout.
                 match self.decoder.push(byte) {
                     Some(Ok(FromBoard::Reply(reply))) if reply.sequence == sequence => {
-                        answer = Some(reply.reply)
+                        answer = Some(reply.reply);
                     }
                     Some(Ok(FromBoard::Telemetry(telemetry))) => self.telemetry = Some(telemetry),
                     _ => {}
                 }
             }
+            if let Some(reply) = answer {
+                return Ok(reply);
+            }
         }
-        answer.ok_or(BoardError::Timeout { action: "answer", seconds: self.timeout.as_secs_f64() })
     }
 }
