@@ -90,7 +90,7 @@ def main():
         label(s, mid(third[2], third[3]), "51.78", 14, 4, "#555"),
         label(s, CENTROID, "centroid, x = %.1f" % CENTROID[0], 14, -10),
         label(f, FINGERS[0][0], "root (0, 40, 37.5)", 14, 4, COLOURS[0]),
-        label(f, FINGERS[1][0], "root (0, −40, 37.5)", 14, 4, COLOURS[1]),
+        label(f, FINGERS[1][0], "root (0, −40, 37.5)", 0, 26, COLOURS[1], "middle"),
         label(f, third[0], "root (25, 0, 20)", 12, 18, COLOURS[2]),
         label(f, FINGERS[0][3], "finger 1", 0, -12, COLOURS[0], "middle"),
         label(f, FINGERS[1][3], "finger 2", 0, -12, COLOURS[1], "middle"),
