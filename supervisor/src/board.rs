@@ -1,8 +1,8 @@
 use heapless::Vec;
 use tesaki::model::{MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
-    BoardStatus, Fault, FaultLog, MODEL_CHUNK, NodeStatus, Refusal, Reply, Request, SCHEMA_KEY, SetPoint,
-    Task, codec,
+    BoardStatus, FaultLog, MODEL_CHUNK, NodeStatus, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Task,
+    codec,
 };
 
 /// Why a request to a board came to nothing.
@@ -160,18 +160,4 @@ fn joints(values: &[f32]) -> Result<Vec<f32, MAX_JOINTS>, BoardError> {
 
 fn wrong(action: &'static str, reply: &Reply) -> BoardError {
     BoardError::WrongReply { action, reply: format!("{reply:?}") }
-}
-
-/// A fault in words, with the joint's name instead of its number.
-pub fn describe_fault(fault: &Fault, model: &RobotModel) -> String {
-    let joint =
-        fault.joint.map_or(String::new(), |joint| format!("{}: ", model.joint_name(usize::from(joint))));
-    let (number, unit) = (fault.cause.number(), fault.cause.unit());
-    format!(
-        "fault {number} in tick {}: {joint}{} ({} {unit}, limit {} {unit})",
-        fault.tick,
-        fault.cause.description(),
-        fault.value,
-        fault.limit
-    )
 }

@@ -4,5 +4,5 @@ mod board;
 mod link;
 pub mod robot;
 
-pub use board::{Board, BoardError, describe_fault};
+pub use board::{Board, BoardError};
 pub use link::{ByteLink, LinkBoard};

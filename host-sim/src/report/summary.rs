@@ -387,3 +387,40 @@ pub(super) fn seeds(runs: &[&Summary]) -> String {
         _ => seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_a_number_never_passes_and_is_null() {
+        for value in [f64::NAN, f64::INFINITY] {
+            let metric = Metric::at_most("error", value, 12.0, "mrad");
+            assert!(!metric.pass() && !Metric::reported("error", value, "mrad").pass());
+            let json = serde_json::to_string(&metric).expect("a metric is a plain value");
+            assert_eq!(json, r#"{"value":null,"unit":"mrad","limit":12.0,"pass":false}"#);
+        }
+    }
+
+    #[test]
+    fn a_summary_has_the_documented_shape() {
+        let summary = Summary::new("hand3-servo", "qemu", 3)
+            .ticks(600)
+            .elf_sha256("ab")
+            .identical(true)
+            .metric("peak", Metric::at_most("Peak", 8.5, 12.0, "mrad"))
+            .metric("torque", Metric::reported("Torque", 0.5, "N·m"));
+        assert_eq!(
+            serde_json::to_string(&summary).expect("a summary is a plain value"),
+            concat!(
+                r#"{"scenario":"hand3-servo","controller":"qemu","seed":3,"ticks":600,"elf_sha256":"ab","#,
+                r#""identical":true,"metrics":{"peak":{"value":8.5,"unit":"mrad","limit":12.0,"pass":true},"#,
+                r#""torque":{"value":0.5,"unit":"N·m","limit":null,"pass":true}},"pass":true}"#
+            )
+        );
+        let failed =
+            Summary::new("a", "native", 1).metric("peak", Metric::at_most("Peak", 12.5, 12.0, "mrad"));
+        assert!(!failed.pass());
+        assert!(!summary.identical(false).pass(), "different bytes are a failure whatever the metrics say");
+    }
+}

@@ -7,7 +7,7 @@ use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Refusal, Task};
 use tesaki_supervisor::robot::RobotFolder;
-use tesaki_supervisor::{Board, BoardError, describe_fault};
+use tesaki_supervisor::{Board, BoardError};
 
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
@@ -281,7 +281,7 @@ fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
 fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &Trial, time: f64) -> ScenarioError {
     match controller.faults() {
         Ok(log) => {
-            let fault = log.faults.last().map_or_else(String::new, |fault| describe_fault(fault, model));
+            let fault = log.faults.last().map_or_else(String::new, |fault| fault.named(model).to_string());
             ScenarioError::Fault { trial: trial.label.to_owned(), time, fault }
         }
         Err(error) => error.into(),

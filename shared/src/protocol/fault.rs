@@ -4,6 +4,8 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::model::RobotModel;
+
 /// How many faults a [`FaultLog`] remembers.
 pub const MAX_FAULTS: usize = 16;
 
@@ -132,14 +134,38 @@ pub struct Fault {
     pub tick: u32,
 }
 
+impl Fault {
+    /// The fault in words, with the joint's name as the model has it.
+    pub fn named<'a>(&'a self, model: &'a RobotModel) -> impl fmt::Display + 'a {
+        Words { fault: self, joint: self.joint.map(|joint| model.joint_name(usize::from(joint))) }
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "fault {} in tick {}: ", self.cause.number(), self.tick)?;
-        if let Some(joint) = self.joint {
-            write!(f, "joint {joint}: ")?;
+        Words { fault: self, joint: None }.fmt(f)
+    }
+}
+
+/// A fault in words.
+struct Words<'a> {
+    fault: &'a Fault,
+    /// The joint's name, where it is known.
+    joint: Option<&'a str>,
+}
+
+impl fmt::Display for Words<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Fault { cause, joint, value, limit, tick } = self.fault;
+        write!(f, "fault {} in tick {tick}: ", cause.number())?;
+        match (self.joint, joint) {
+            (Some(name), _) => write!(f, "{name}: ")?,
+            (None, Some(number)) => write!(f, "joint {number}: ")?,
+            (None, None) => {}
         }
-        let unit = self.cause.unit();
-        write!(f, "{} (value {} {unit}, limit {} {unit})", self.cause.description(), self.value, self.limit)
+        let space = if cause.unit().is_empty() { "" } else { " " };
+        let unit = cause.unit();
+        write!(f, "{} (value {value}{space}{unit}, limit {limit}{space}{unit})", cause.description())
     }
 }
 
@@ -167,5 +193,35 @@ impl FaultLog {
         }
         // Cannot fail: a place was just freed.
         let _ = self.faults.push(fault);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_what_where_how_much_against_which_limit_and_when() {
+        let jump =
+            Fault { cause: FaultCause::EncoderJump, joint: Some(4), value: 0.5, limit: 0.25, tick: 12 };
+        assert_eq!(
+            jump.to_string(),
+            "fault 4 in tick 12: joint 4: the encoder jumped further than the joint can move in one tick \
+             (value 0.5 rad, limit 0.25 rad)"
+        );
+        let late = Fault { cause: FaultCause::LateTick, joint: None, value: 3.0, limit: 1.0, tick: 7 };
+        assert_eq!(
+            late.to_string(),
+            "fault 7 in tick 7: the control tick came late, early or twice (value 3, limit 1)"
+        );
+    }
+
+    #[test]
+    fn a_full_log_forgets_the_oldest_and_counts_on() {
+        let mut log = FaultLog::new();
+        for tick in 0..20 {
+            log.record(Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick });
+        }
+        assert_eq!((log.total, log.faults.len(), log.faults[0].tick, log.faults[15].tick), (20, 16, 4, 19));
     }
 }
