@@ -119,9 +119,9 @@ impl Node {
 
     /// Whether the last tick is one after which telemetry goes out.
     pub const fn telemetry_due(&self) -> bool {
-        match (self.telemetry_every, self.tick) {
-            (0, _) | (_, None) => false,
-            (every, Some(tick)) => tick % every as u32 == 0,
+        match self.tick {
+            Some(tick) => matches!(tick.checked_rem(self.telemetry_every as u32), Some(0)),
+            None => false,
         }
     }
 
