@@ -7,7 +7,7 @@ fn main() {
     std::fs::copy("../memory.x", out.join("memory.x")).expect("memory.x lies at the top of the repository");
     println!("cargo:rerun-if-changed=../memory.x");
     println!("cargo:rustc-link-search={}", out.display());
-    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+    for argument in ["--nmagic", "--build-id=sha1", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
 }

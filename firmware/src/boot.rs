@@ -5,8 +5,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use tesaki::node::Node;
-use tesaki::protocol::{BoardStatus, ClockSource, Fault, FaultCause, LinkStatistics, ResetCause};
-use tesaki_firmware::board::{ThisBoard, wants_plant_link};
+use tesaki::protocol::{BoardStatus, ClockSource, Fault, FaultCause, Identity, LinkStatistics, ResetCause};
+use tesaki_firmware::board::{Board, ThisBoard, wants_plant_link};
+use tesaki_firmware::identity::identity;
 use tesaki_firmware::watchdog::Watchdog;
 use tesaki_firmware::{clock, retained, start_uart};
 
@@ -47,6 +48,8 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
 
+    let mut identity = identity(&device.RCC, Identity::JOINT_SERVO);
+
     let mut rcc = device.RCC.constrain();
     let gpio_a = device.GPIOA.split(&mut rcc);
     let gpio_b = device.GPIOB.split(&mut rcc);
@@ -57,6 +60,8 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     cortex_m::asm::delay(1000); // the pull-up needs a moment
     let plant_link = wants_plant_link::<ThisBoard>(&mut strap);
     PLANT_LINK.store(plant_link, Ordering::Relaxed);
+    identity.capabilities |= if plant_link { Identity::PLANT_LINK } else { 0 };
+    identity.capabilities |= if ThisBoard::OWNS_GATE_DRIVERS { Identity::POWER_STAGES } else { 0 };
 
     start_uart!(device.USART1, clocks.usart1, clocks.baud);
     start_uart!(device.USART2, clocks.usart2, clocks.baud);
@@ -92,8 +97,7 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     retained::keep_faults(node.faults());
     let words = death.as_ref().map_or("", |death| death.words());
     let status = BoardStatus {
-        firmware: tesaki::VERSION,
-        plant_link,
+        identity,
         clock: clocks.source,
         reset,
         last_words: words.try_into().unwrap_or_default(),

@@ -18,6 +18,7 @@
 
 pub mod board;
 pub mod clock;
+pub mod identity;
 pub mod link;
 pub mod retained;
 pub mod stack;

@@ -10,8 +10,11 @@ use stm32f4xx_hal::pac;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
+    use heapless::spsc::{Consumer, Producer, Queue};
     use tesaki::node::Node;
-    use tesaki::protocol::{ActuatorFrame, BoardStatus, FromBoard, RequestFrame, SensorFrame};
+    use tesaki::protocol::{
+        ActuatorFrame, BoardStatus, FromBoard, LogEntry, LogRecord, RequestFrame, SensorFrame, Stream,
+    };
     use tesaki_firmware::board::{Board, ThisBoard};
     use tesaki_firmware::link::{Endpoint, Port, Storage};
     use tesaki_firmware::watchdog::Watchdog;
@@ -19,6 +22,11 @@ mod app {
 
     use super::{boot, pac};
     use pac::Interrupt;
+
+    /// A tick for the log: the index of its second entry, what went in, what came out.
+    type Tick = (u32, SensorFrame, ActuatorFrame);
+    /// Ticks that wait for the log to be sent, less one. One every 10 ms; sending the longest takes 3 ms.
+    const TICKS: usize = 8;
 
     #[shared]
     struct Shared {
@@ -43,12 +51,15 @@ mod app {
         status: BoardStatus,
         kept_faults: u32,
         plant_link: bool,
+        ticks_in: Producer<'static, Tick>,
+        ticks_out: Consumer<'static, Tick>,
     }
 
     #[init(local = [
         node: Node = Node::new(),
         supervisor_link: Storage = Storage::new(),
         plant_storage: Storage = Storage::new(),
+        ticks: Queue<Tick, TICKS> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
@@ -56,12 +67,13 @@ mod app {
         let (supervisor_port, supervisor) = cx.local.supervisor_link.split(usart1);
         let (plant_port, plant) = cx.local.plant_storage.split(usart2);
         defmt::info!(
-            "tesaki: plant link {}, clock {}, reset {}",
-            status.plant_link,
+            "tesaki: capabilities {}, clock {}, reset {}",
+            status.identity.capabilities,
             status.clock,
             status.reset
         );
-        let plant_link = status.plant_link;
+        let plant_link = boot::plant_link();
+        let (ticks_in, ticks_out) = cx.local.ticks.split();
         let kept_faults = cx.local.node.faults().total;
         (
             Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog },
@@ -77,6 +89,8 @@ mod app {
                 status,
                 kept_faults,
                 plant_link,
+                ticks_in,
+                ticks_out,
             },
         )
     }
@@ -118,12 +132,12 @@ mod app {
 
     /// One control period: of the board's own timer, or of the plant link.
     #[task(binds = EXTI0, priority = 2, shared = [node, plant_statistics, watchdog],
-           local = [board, plant, last_period, plant_link])]
+           local = [board, plant, last_period, plant_link, ticks_in])]
     fn control(mut cx: control::Context) {
         if *cx.local.plant_link {
             while let Some(result) = cx.local.plant.receive::<SensorFrame>() {
                 if let Ok(sensors) = result {
-                    let actuators = cx.shared.node.lock(|node| tick(node, &sensors));
+                    let actuators = cx.shared.node.lock(|node| tick(node, sensors, cx.local.ticks_in));
                     cx.local.plant.send(&actuators);
                     rtic::pend(Interrupt::USART2);
                 }
@@ -137,7 +151,7 @@ mod app {
         *cx.local.last_period = period;
         if let Some(sensors) = cx.local.board.read(period) {
             // A period that was missed shows in the sequence number, and the node makes a fault of it.
-            let actuators = cx.shared.node.lock(|node| tick(node, &sensors));
+            let actuators = cx.shared.node.lock(|node| tick(node, sensors, cx.local.ticks_in));
             cx.local.board.write(&actuators);
         }
         if on_time {
@@ -145,48 +159,84 @@ mod app {
         }
     }
 
-    fn tick(node: &mut Node, sensors: &SensorFrame) -> ActuatorFrame {
+    fn tick(node: &mut Node, sensors: SensorFrame, log: &mut Producer<'static, Tick>) -> ActuatorFrame {
         let faults = node.faults().total;
-        let actuators = node.tick(sensors);
+        let actuators = node.tick(&sensors);
         if node.faults().total != faults {
             retained::keep_faults(node.faults());
         }
-        if node.telemetry_due() {
+        let logged = node.is_logged();
+        if logged {
+            // When it is full, the gap in the indices tells the receiver how much is missing.
+            let _ = log.enqueue((node.records(), sensors, actuators.clone()));
+        }
+        if logged || node.is_due(Stream::Telemetry) || node.is_due(Stream::Status) {
             rtic::pend(Interrupt::EXTI1);
         }
         actuators
     }
 
-    /// Requests and telemetry.
+    /// Requests, telemetry and log.
     #[task(binds = EXTI1, priority = 1, shared = [node, plant_statistics],
-           local = [supervisor, status, kept_faults, told: Option<u32> = None])]
+           local = [supervisor, status, kept_faults, ticks_out, told: Option<u32> = None])]
     fn supervisor(mut cx: supervisor::Context) {
         let link = cx.local.supervisor;
+        let ticks = cx.local.ticks_out;
+        let status = &mut *cx.local.status;
+        let refresh = |status: &mut BoardStatus, link: &Endpoint, plant| {
+            (status.supervisor_link, status.plant) = (link.statistics(), plant);
+            (status.stack_used, status.stack_size) = stack::usage();
+        };
         while let Some(result) = link.receive::<RequestFrame>() {
             if let Ok(request) = result {
-                let status = &mut *cx.local.status;
-                status.supervisor_link = link.statistics();
-                status.plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
-                (status.stack_used, status.stack_size) = stack::usage();
-                let (reply, faults) = cx.shared.node.lock(|node| {
+                let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
+                refresh(status, link, plant);
+                let (reply, faults, index, logged) = cx.shared.node.lock(|node| {
                     let reply = node.handle(&request, status);
                     if node.faults().total != *cx.local.kept_faults {
                         retained::keep_faults(node.faults());
                     }
-                    (reply, node.faults().total)
+                    (reply, node.faults().total, node.records(), node.is_logged())
                 });
                 *cx.local.kept_faults = faults;
                 link.send(&FromBoard::Reply(reply));
+                if logged {
+                    send_ticks(link, ticks, index);
+                    send_log(link, index, LogRecord::Request(request));
+                }
                 rtic::pend(Interrupt::USART1);
             }
         }
-        let told = cx.local.told;
-        let telemetry = cx.shared.node.lock(|node| node.telemetry_due().then(|| node.telemetry()));
-        if let Some(telemetry) = telemetry
-            && told.replace(telemetry.tick) != Some(telemetry.tick)
-        {
-            link.send(&FromBoard::Telemetry(telemetry));
-            rtic::pend(Interrupt::USART1);
+        let (tick, telemetry, status_due, index) = cx.shared.node.lock(|node| {
+            let telemetry = node.is_due(Stream::Telemetry).then(|| node.telemetry());
+            (node.last_tick(), telemetry, node.is_due(Stream::Status), node.records())
+        });
+        send_ticks(link, ticks, index);
+        if cx.local.told.replace(tick) != Some(tick) {
+            if let Some(telemetry) = telemetry {
+                link.send(&FromBoard::Telemetry(telemetry));
+            }
+            if status_due {
+                let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
+                refresh(status, link, plant);
+                link.send(&FromBoard::Status(cx.shared.node.lock(|node| node.status(status))));
+            }
         }
+        rtic::pend(Interrupt::USART1);
+    }
+
+    /// Sends the ticks that came before entry `index` of the log: entries go out in their order.
+    fn send_ticks(link: &mut Endpoint, ticks: &mut Consumer<'static, Tick>, index: u32) {
+        while let Some(&(last, ..)) = ticks.peek()
+            && index.wrapping_sub(last).cast_signed() >= 0
+            && let Some((last, sensors, actuators)) = ticks.dequeue()
+        {
+            send_log(link, last.wrapping_sub(1), LogRecord::Sensors(sensors));
+            send_log(link, last, LogRecord::Actuators(actuators));
+        }
+    }
+
+    fn send_log(link: &mut Endpoint, index: u32, record: LogRecord) {
+        link.send(&FromBoard::Log(LogEntry { index, record }));
     }
 }

@@ -193,7 +193,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
     let mut summary = outcome.summary.clone();
     summary.controller = options.controller.name().to_owned();
     if in_qemu {
-        let (_, board) = watched.status()?;
+        let board = watched.status()?.board;
         let stack =
             Metric::at_most("stack used on the board", board.stack_used.into(), board.stack_size.into(), "B");
         summary.insert("stack_used", stack);

@@ -4,6 +4,9 @@ use tesaki::node::Node;
 use tesaki::protocol::{ActuatorFrame, BoardStatus, LogRecord, Reply, Request, RequestFrame, SensorFrame};
 use tesaki_supervisor::{Board, BoardError};
 
+/// The only client of a node in this process.
+const CLIENT: u32 = 1;
+
 /// A board whose sensors and drives are the simulated ones.
 pub trait Controller: Board {
     /// One control period.
@@ -37,7 +40,10 @@ impl Native {
 impl Board for Native {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
-        Ok(self.node.handle(&RequestFrame { sequence: self.sequence, request }, &self.board).reply)
+        Ok(self
+            .node
+            .handle(&RequestFrame { client: CLIENT, sequence: self.sequence, request }, &self.board)
+            .reply)
     }
 }
 
@@ -81,8 +87,8 @@ impl<'a> Watched<'a> {
 impl Board for Watched<'_> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
-        self.record
-            .push(LogRecord::Request(RequestFrame { sequence: self.sequence, request: request.clone() }));
+        let frame = RequestFrame { client: CLIENT, sequence: self.sequence, request: request.clone() };
+        self.record.push(LogRecord::Request(frame));
         if let Some(second) = &mut self.second {
             second.request(request.clone())?;
         }

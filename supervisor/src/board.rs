@@ -1,8 +1,7 @@
-use heapless::Vec;
 use tesaki::model::{MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
-    BoardStatus, FaultLog, MODEL_CHUNK, NodeStatus, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Task,
-    codec,
+    FaultLog, Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Status, Stream,
+    Task, codec,
 };
 
 /// Why a request to a board came to nothing.
@@ -26,9 +25,10 @@ pub enum BoardError {
     },
     /// Board and client have different protocols.
     #[error(
-        "the board's firmware {}.{}.{} speaks another version of the protocol (schema {board:016x}, here {here:016x}): \
-         flash the firmware that belongs to this program",
-        firmware[0], firmware[1], firmware[2]
+        "the board's firmware {}.{}.{} speaks another version of the protocol (schema {board:016x}) than this program \
+         {} (schema {here:016x}): flash the firmware that belongs to this program, or use the program that belongs to \
+         the firmware",
+        firmware[0], firmware[1], firmware[2], env!("CARGO_PKG_VERSION")
     )]
     SchemaMismatch {
         /// The board's schema key.
@@ -47,11 +47,14 @@ pub enum BoardError {
     /// The link itself failed.
     #[error("the link to the board failed: {0}")]
     Link(#[from] std::io::Error),
+    /// What was read in pieces did not fit together.
+    #[error("the board's export was disturbed by another client: try again")]
+    ExportDisturbed,
     /// More joints than a board can have.
     #[error("{0} joints given, a board has at most {MAX_JOINTS}")]
     TooManyJoints(usize),
-    /// The model is too large to send.
-    #[error("the robot model cannot be encoded: {0}")]
+    /// The model is too large to send, or what came is none.
+    #[error("the robot model cannot be encoded or decoded: {0}")]
     Encoding(#[from] postcard::Error),
 }
 
@@ -79,14 +82,69 @@ pub trait Board {
     ///
     /// # Errors
     /// [`BoardError::SchemaMismatch`] when it does not.
-    fn hello(&mut self) -> Result<[u8; 3], BoardError> {
+    fn hello(&mut self) -> Result<Identity, BoardError> {
         match self.request(Request::Hello { schema: SCHEMA_KEY })? {
-            Reply::Hello { schema: SCHEMA_KEY, firmware } => Ok(firmware),
-            Reply::Hello { schema, firmware } => {
+            Reply::Hello { schema: SCHEMA_KEY, identity } => Ok(identity),
+            Reply::Hello { schema, identity } => {
+                let firmware = identity.firmware;
                 Err(BoardError::SchemaMismatch { board: schema, here: SCHEMA_KEY, firmware })
             }
             reply => Err(wrong("say hello", &reply)),
         }
+    }
+
+    /// Takes command of the board. The client must have said [hello](Self::hello).
+    ///
+    /// # Errors
+    /// When another client commands. `by_force` replaces it, unless the board is armed.
+    fn take_command(&mut self, by_force: bool) -> Result<(), BoardError> {
+        self.ask("be commanded", Request::TakeCommand { by_force })
+    }
+
+    /// Has the board send `stream` every so many ticks; 0 stops it.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn set_rate(&mut self, stream: Stream, every: u16) -> Result<(), BoardError> {
+        self.ask("send a stream", Request::SetRate { stream, every })
+    }
+
+    /// Reads a copy of what the board has, and the index of the last log entry before it was made.
+    ///
+    /// # Errors
+    /// When the board refuses, or another client exports something at the same time, three times in a row.
+    fn export(&mut self, item: Item) -> Result<(Vec<u8>, u32), BoardError> {
+        const ACTION: &str = "export";
+        for _ in 0..3 {
+            let (length, checksum, index) = match self.request(Request::Export(item))? {
+                Reply::Exported { length, checksum, index } => (length, checksum, index),
+                Reply::Refused(refusal) => return Err(BoardError::Refused { action: ACTION, refusal }),
+                reply => return Err(wrong(ACTION, &reply)),
+            };
+            let mut bytes = Vec::new();
+            while bytes.len() < length as usize {
+                let offset = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+                match self.request(Request::ReadExport { offset })? {
+                    Reply::Chunk { data, .. } if !data.is_empty() => bytes.extend_from_slice(&data),
+                    Reply::Chunk { .. } | Reply::Refused(Refusal::NotExported { .. }) => break,
+                    Reply::Refused(refusal) => return Err(BoardError::Refused { action: ACTION, refusal }),
+                    reply => return Err(wrong(ACTION, &reply)),
+                }
+            }
+            if codec::checksum(&bytes) == checksum {
+                return Ok((bytes, index));
+            }
+        }
+        Err(BoardError::ExportDisturbed)
+    }
+
+    /// The robot model that the board uses.
+    ///
+    /// # Errors
+    /// When it has none.
+    fn model(&mut self) -> Result<RobotModel, BoardError> {
+        let (bytes, _) = self.export(Item::Model)?;
+        Ok(postcard::from_bytes(&bytes)?)
     }
 
     /// Sends a robot model, piece by piece, and has it taken into use.
@@ -99,7 +157,7 @@ pub trait Board {
         self.ask("receive a model", Request::ModelBegin { length, checksum: codec::checksum(&bytes) })?;
         for (data, offset) in bytes.chunks(MODEL_CHUNK).zip((0..).step_by(MODEL_CHUNK)) {
             // Cannot fail: a chunk has exactly that capacity.
-            let data = Vec::from_slice(data).unwrap_or_default();
+            let data = heapless::Vec::from_slice(data).unwrap_or_default();
             self.ask("receive a piece of the model", Request::ModelChunk { offset, data })?;
         }
         self.ask("use the model", Request::ModelCommit)
@@ -133,9 +191,9 @@ pub trait Board {
     ///
     /// # Errors
     /// When the board refuses.
-    fn status(&mut self) -> Result<(NodeStatus, BoardStatus), BoardError> {
+    fn status(&mut self) -> Result<Status, BoardError> {
         match self.request(Request::ReadStatus)? {
-            Reply::Status { node, board } => Ok((node, board)),
+            Reply::Status(status) => Ok(status),
             Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell its status", refusal }),
             reply => Err(wrong("tell its status", &reply)),
         }
@@ -154,8 +212,8 @@ pub trait Board {
     }
 }
 
-fn joints(values: &[f32]) -> Result<Vec<f32, MAX_JOINTS>, BoardError> {
-    Vec::from_slice(values).map_err(|_| BoardError::TooManyJoints(values.len()))
+fn joints(values: &[f32]) -> Result<heapless::Vec<f32, MAX_JOINTS>, BoardError> {
+    heapless::Vec::from_slice(values).map_err(|_| BoardError::TooManyJoints(values.len()))
 }
 
 fn wrong(action: &'static str, reply: &Reply) -> BoardError {

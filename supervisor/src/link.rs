@@ -1,10 +1,17 @@
+use std::collections::VecDeque;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::time::{Duration, Instant};
 
-use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, Reply, Request, RequestFrame, Telemetry};
+use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
+use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFrame};
 
 use crate::{Board, BoardError};
+
+/// How long one sending of a request waits for its answer before the request is sent again.
+const PATIENCE: Duration = Duration::from_millis(150);
+/// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board sends.
+const INBOX: usize = 8192;
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
 pub trait ByteLink {
@@ -21,20 +28,39 @@ pub trait ByteLink {
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize>;
 }
 
+/// What came from the board unasked.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// Telemetry, status or log.
+    Message(FromBoard),
+    /// A request of [`LinkBoard::post`] was refused.
+    Refused(Refusal),
+}
+
 /// A board at the other end of a [`ByteLink`].
 #[derive(Debug)]
 pub struct LinkBoard<L> {
     link: L,
     decoder: Decoder,
+    client: u32,
     sequence: u16,
     timeout: Duration,
-    telemetry: Option<Telemetry>,
+    inbox: VecDeque<Event>,
+    /// Requests that were sent again.
+    repeats: u64,
+    round_trip: Option<Duration>,
 }
 
 impl<L: ByteLink> LinkBoard<L> {
-    /// A board that answers within `timeout`.
+    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is sent
+    /// again until then.
     pub fn new(link: L, timeout: Duration) -> Self {
-        Self { link, decoder: Decoder::new(), sequence: 0, timeout, telemetry: None }
+        // Two programs must not choose the same number, and it needs no secrecy.
+        #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
+        let client = RandomState::new().build_hasher().finish() as u32;
+        let inbox = VecDeque::new();
+        let decoder = Decoder::new();
+        Self { link, decoder, client, sequence: 0, timeout, inbox, repeats: 0, round_trip: None }
     }
 
     /// Answers are waited for so long from now on.
@@ -42,40 +68,124 @@ impl<L: ByteLink> LinkBoard<L> {
         self.timeout = timeout;
     }
 
-    /// The last telemetry that came while waiting for replies, once.
-    pub const fn take_telemetry(&mut self) -> Option<Telemetry> {
-        self.telemetry.take()
+    /// The number by which the board knows this client.
+    pub const fn client(&self) -> u32 {
+        self.client
+    }
+
+    /// The link.
+    pub const fn link(&self) -> &L {
+        &self.link
+    }
+
+    /// Frames received, by kind of damage.
+    pub const fn counts(&self) -> FrameCounts {
+        self.decoder.counts()
+    }
+
+    /// Requests that had to be sent again.
+    pub const fn repeats(&self) -> u64 {
+        self.repeats
+    }
+
+    /// From the last request to its reply.
+    pub const fn round_trip(&self) -> Option<Duration> {
+        self.round_trip
+    }
+
+    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says the whole
+    /// aim: one that is lost is made up for by the next. A refusal comes as an [`Event`].
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn post(&mut self, request: Request) -> Result<u16, BoardError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.send(&RequestFrame { client: self.client, sequence: self.sequence, request })?;
+        Ok(self.sequence)
+    }
+
+    /// The next thing that came unasked; `None` when nothing comes until `deadline`.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn next_event(&mut self, deadline: Instant) -> Result<Option<Event>, BoardError> {
+        loop {
+            if let Some(event) = self.inbox.pop_front() {
+                return Ok(Some(event));
+            }
+            if let Some(ReplyFrame { reply: Reply::Refused(refusal), .. }) = self.receive(deadline, None)? {
+                return Ok(Some(Event::Refused(refusal)));
+            }
+            if self.inbox.is_empty() && Instant::now() >= deadline {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn send(&mut self, request: &RequestFrame) -> Result<(), BoardError> {
+        let mut frame = [0; MAX_FRAME];
+        let length = encode(request, &mut frame).map_err(io::Error::other)?;
+        Ok(self.link.send(&frame[..length])?)
+    }
+
+    /// Takes what comes until `deadline`, but not more than once: the reply to request `sequence` (to any, without a
+    /// number) is returned, everything else put into the inbox.
+    fn receive(
+        &mut self,
+        deadline: Instant,
+        sequence: Option<u16>,
+    ) -> Result<Option<ReplyFrame>, BoardError> {
+        let mut buffer = [0; 4096];
+        let received = self.link.receive(&mut buffer, deadline)?;
+        let mut bytes = &buffer[..received];
+        let mut answer = None;
+        while self.decoder.take(&mut bytes) {
+            // Damaged frames are counted by the decoder; what is missing is asked for again.
+            let Ok(message) = self.decoder.message() else { continue };
+            let event = match message {
+                FromBoard::Reply(reply) if reply.client != self.client => continue,
+                FromBoard::Reply(reply) if sequence.is_none_or(|sequence| sequence == reply.sequence) => {
+                    answer = Some(reply);
+                    continue;
+                }
+                FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
+                    Event::Refused(refusal)
+                }
+                FromBoard::Reply(_) => continue,
+                message => Event::Message(message),
+            };
+            if self.inbox.len() >= INBOX {
+                self.inbox.pop_front();
+            }
+            self.inbox.push_back(event);
+        }
+        Ok(answer)
     }
 }
 
 impl<L: ByteLink> Board for LinkBoard<L> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
-        let sequence = self.sequence;
-        let mut frame = [0; MAX_FRAME];
-        let length = encode(&RequestFrame { sequence, request }, &mut frame).map_err(io::Error::other)?;
-        self.link.send(&frame[..length])?;
-        let deadline = Instant::now() + self.timeout;
-        let mut buffer = [0; MAX_FRAME];
+        let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
+        let start = Instant::now();
+        let deadline = start + self.timeout;
         loop {
-            let received = self.link.receive(&mut buffer, deadline)?;
-            if received == 0 {
-                return Err(BoardError::Timeout { seconds: self.timeout.as_secs_f64() });
-            }
-            let mut answer = None;
-            for &byte in &buffer[..received] {
-                // Damaged frames are counted by the decoder; what is missing shows as a timeout.
-                match self.decoder.push(byte) {
-                    Some(Ok(FromBoard::Reply(reply))) if reply.sequence == sequence => {
-                        answer = Some(reply.reply);
-                    }
-                    Some(Ok(FromBoard::Telemetry(telemetry))) => self.telemetry = Some(telemetry),
-                    _ => {}
+            let sent = Instant::now();
+            self.send(&frame)?;
+            let patience = (sent + PATIENCE).min(deadline);
+            loop {
+                if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
+                    self.round_trip = Some(sent.elapsed());
+                    return Ok(answer.reply);
+                }
+                if Instant::now() >= patience {
+                    break;
                 }
             }
-            if let Some(reply) = answer {
-                return Ok(reply);
+            if Instant::now() >= deadline {
+                return Err(BoardError::Timeout { seconds: self.timeout.as_secs_f64() });
             }
+            self.repeats += 1;
         }
     }
 }

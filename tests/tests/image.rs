@@ -7,7 +7,7 @@ use std::process::Command;
 
 use tesaki::control::ServoMode;
 use tesaki::model::MAX_JOINTS;
-use tesaki::protocol::{FaultCause, Request, ResetCause, SensorFrame, Task};
+use tesaki::protocol::{FaultCause, Identity, Request, ResetCause, SensorFrame, Status, Task};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -60,7 +60,7 @@ fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
                 // One flipped bit in the last frame's torques must be found, or the test could not fail.
                 std::fs::write(&log, spoilt(&bytes)).unwrap();
                 let (same, said) = replay(&log);
-                assert!(!same && said.contains("recorded"), "{said}");
+                assert!(!same && said.contains("torque of joint 8 was"), "{said}");
             }
         }
     }
@@ -99,6 +99,7 @@ fn replay(log: &Path) -> (bool, String) {
 fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
     let mut board = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+    board.take_command(false).unwrap();
     board.push_model(&model).unwrap();
     let mut sensors = SensorFrame {
         sequence: 1,
@@ -131,8 +132,11 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     let total = named(&mut board);
     board.reset().unwrap();
     assert_eq!(named(&mut board), total);
-    let (node, status) = board.status().unwrap();
-    assert_eq!((node.model.as_str(), status.reset, status.plant_link), ("", ResetCause::PowerOn, true));
+    let Status { node, board: status } = board.status().unwrap();
+    assert_eq!((node.model.as_str(), status.reset), ("", ResetCause::PowerOn));
+    assert_eq!(status.identity.capabilities, Identity::PLANT_LINK | Identity::JOINT_SERVO);
+    assert_ne!(status.identity.image, [0; 8], "the image knows its build id");
+    board.take_command(false).unwrap();
     let refused = board.arm(Task::JointServo(ServoMode::Pid)).unwrap_err();
     assert!(refused.to_string().contains("no robot model"), "{refused}");
     // The log is only cleared by who has read it.

@@ -19,8 +19,8 @@ use tesaki::model::{PidGains, RobotModel};
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    BoardStatus, FromBoard, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags,
-    SensorFrame, SetPoint, Task, Telemetry,
+    BoardStatus, FromBoard, JointTelemetry, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY,
+    SensorFlags, SensorFrame, SetPoint, Task, Telemetry,
 };
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
 use tesaki_firmware as _;
@@ -158,25 +158,28 @@ fn main() -> ! {
         });
     }
 
-    let list = || [1.25_f32; 16].into_iter().collect();
+    let joint = |joint| {
+        let value = 0.137 + 0.0213 * joint as f32;
+        JointTelemetry {
+            position: value,
+            velocity: -3.1 * value,
+            reference: 1.1 * value,
+            torque: 0.7 * value,
+        }
+    };
     let telemetry = FromBoard::Telemetry(Telemetry {
         tick: 123_456,
         mode: Mode::Disarmed,
         faults: 3,
-        positions: list(),
-        velocities: list(),
-        references: list(),
-        torques: list(),
+        joints: (0..16).map(joint).collect(),
     });
     let mut decoder = Decoder::new();
     let mut frame = [0; MAX_FRAME];
     watch.measure("codec_largest_telemetry", |_| {
         let length = encode(black_box(&telemetry), &mut frame).unwrap_or(0);
-        for &byte in frame.iter().take(length) {
-            if let Some(message) = decoder.push::<FromBoard>(byte) {
-                let _ = black_box(message);
-            }
-        }
+        let mut bytes = frame.get(..length).unwrap_or_default();
+        let ended = decoder.take(black_box(&mut bytes));
+        assert!(ended && black_box(&decoder.message::<FromBoard>()).is_ok(), "not decoded");
     });
 
     static mut NODES: [Node; 2] = [Node::new(), Node::new()];
@@ -191,11 +194,14 @@ fn main() -> ! {
 /// A node with three chains of three joints, armed and moving.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
     let board = BoardStatus::default();
-    let ask = |node: &mut Node, request| {
-        let reply = node.handle(&RequestFrame { sequence: 1, request }, &board).reply;
+    let mut sequence = 0;
+    let mut ask = |node: &mut Node, request| {
+        sequence += 1;
+        let reply = node.handle(&RequestFrame { client: 1, sequence, request }, &board).reply;
         assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
     };
     ask(node, Request::Hello { schema: SCHEMA_KEY });
+    ask(node, Request::TakeCommand { by_force: false });
     let model: RobotModel = support::hand();
     let mut bytes = [0; 4096];
     let bytes = postcard::to_slice(&model, &mut bytes).expect("fits");

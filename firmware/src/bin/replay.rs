@@ -8,9 +8,8 @@ use core::fmt::Write;
 
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hio, syscall};
-use tesaki::node::Node;
+use tesaki::node::{Node, Replay, ReplayError};
 use tesaki::protocol::codec::Decoder;
-use tesaki::protocol::{ActuatorFrame, BoardStatus, LogRecord};
 use tesaki_firmware as _;
 
 mod support;
@@ -32,11 +31,8 @@ fn main() -> ! {
             let _ = writeln!(out, "replay: the recording is damaged");
             false
         }
-        Err(Failure::Different { sequence, joint, recorded, computed }) => {
-            let _ = writeln!(
-                out,
-                "replay: tick {sequence}, joint {joint}: recorded {recorded:#010x}, computed {computed:#010x}"
-            );
+        Err(Failure::Replay(error)) => {
+            let _ = writeln!(out, "replay: {error}");
             false
         }
     };
@@ -47,14 +43,13 @@ fn main() -> ! {
 enum Failure {
     File,
     Damaged,
-    Different { sequence: u32, joint: usize, recorded: u32, computed: u32 },
+    Replay(ReplayError),
 }
 
 fn replay(node: &mut Node) -> Result<u32, Failure> {
     let file = open().ok_or(Failure::File)?;
-    let board = BoardStatus::default();
+    let mut replay = Replay::new(node);
     let mut decoder = Decoder::new();
-    let mut computed: Option<ActuatorFrame> = None;
     let mut ticks = 0;
     let mut buffer = [0_u8; 4096];
     loop {
@@ -62,46 +57,11 @@ fn replay(node: &mut Node) -> Result<u32, Failure> {
         if length == 0 {
             return Ok(ticks);
         }
-        for &byte in &buffer[..length] {
-            match decoder.push::<LogRecord>(byte) {
-                None => {}
-                Some(Err(_)) => return Err(Failure::Damaged),
-                Some(Ok(LogRecord::Request(request))) => {
-                    node.handle(&request, &board);
-                }
-                Some(Ok(LogRecord::Sensors(sensors))) => computed = Some(node.tick(&sensors)),
-                Some(Ok(LogRecord::Actuators(recorded))) => {
-                    let computed = computed.take().ok_or(Failure::Damaged)?;
-                    compare(&recorded, &computed)?;
-                    ticks += 1;
-                }
-            }
+        let mut bytes = &buffer[..length];
+        while decoder.take(&mut bytes) {
+            let record = decoder.message().map_err(|_| Failure::Damaged)?;
+            ticks += u32::from(replay.feed(&record).map_err(Failure::Replay)?);
         }
-    }
-}
-
-fn compare(recorded: &ActuatorFrame, computed: &ActuatorFrame) -> Result<(), Failure> {
-    let pairs = recorded.torques.iter().zip(&computed.torques);
-    for (joint, (recorded_torque, computed_torque)) in pairs.enumerate() {
-        let (recorded_bits, computed_bits) = (recorded_torque.to_bits(), computed_torque.to_bits());
-        if recorded_bits != computed_bits {
-            let sequence = recorded.sequence;
-            return Err(Failure::Different {
-                sequence,
-                joint,
-                recorded: recorded_bits,
-                computed: computed_bits,
-            });
-        }
-    }
-    let same = recorded.sequence == computed.sequence
-        && recorded.enabled == computed.enabled
-        && recorded.torques.len() == computed.torques.len();
-    let sequence = recorded.sequence;
-    if same {
-        Ok(())
-    } else {
-        Err(Failure::Different { sequence, joint: usize::MAX, recorded: 0, computed: 0 })
     }
 }
 

@@ -247,6 +247,7 @@ fn prepare(
     sequence: &mut u32,
 ) -> Result<Vec<f32>, ScenarioError> {
     controller.hello()?;
+    controller.take_command(false)?;
     controller.push_model(model)?;
     let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
         *sequence += 1;

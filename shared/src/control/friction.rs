@@ -1,3 +1,6 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use crate::model::Friction;
 use crate::{TICK, math};
 
@@ -26,7 +29,7 @@ pub struct FrictionFeedforward {
 }
 
 /// State of a [`FrictionFeedforward`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FrictionState {
     /// Coulomb friction beyond the model's [N·m].
     learnt: f32,

@@ -1,3 +1,6 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use super::friction::STALL_SPEED;
 use super::{
     ErrorObserver, FrictionFeedforward, FrictionState, JointPoint, ObserverState, Pid, PidState, ServoMode,
@@ -24,7 +27,7 @@ pub struct JointServo {
 }
 
 /// State of a [`JointServo`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct JointServoState {
     trajectory: TrajectoryState,
     pid: PidState,

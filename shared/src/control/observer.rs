@@ -1,3 +1,6 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use crate::model::{Motor, ObserverGains};
 use crate::{TICK, math};
 
@@ -26,7 +29,7 @@ pub struct ErrorObserver {
 }
 
 /// State of an [`ErrorObserver`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ObserverState {
     /// Predicted error [rad] and its velocity [rad/s] at the next tick.
     error: f32,

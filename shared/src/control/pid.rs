@@ -1,3 +1,6 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use super::JointPoint;
 use crate::TICK;
 use crate::model::PidGains;
@@ -30,7 +33,7 @@ pub struct Pid {
 }
 
 /// State of a [`Pid`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PidState {
     integral: f32,
     derivative: f32,

@@ -1,70 +1,129 @@
-use super::joint::JointState;
+use super::lease::Admitted;
+use super::transfer::Committed;
 use super::{Node, Robot};
 use crate::model::Reaction;
 use crate::protocol::{
-    BoardStatus, Fault, FaultCause, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame,
-    SCHEMA_KEY, SetPoint, Task,
+    BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
+    RequestFrame, SCHEMA_KEY, SetPoint, Status, Task,
 };
 
 impl Node {
     /// Answers one request. A refused request changes nothing. `board` is what the board knows of itself.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
-        let reply = self.answer(&frame.request, board).unwrap_or_else(Reply::Refused);
-        ReplyFrame { sequence: frame.sequence, tick: self.tick.unwrap_or(0), reply }
+        self.state.records = self.state.records.wrapping_add(1);
+        self.state.lease.notice(frame.client, self.state.now());
+        let reply = self.answer(frame, board).unwrap_or_else(Reply::Refused);
+        ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.now(), reply }
     }
 
-    fn answer(&mut self, request: &Request, board: &BoardStatus) -> Result<Reply, Refusal> {
-        match request {
+    fn answer(&mut self, frame: &RequestFrame, board: &BoardStatus) -> Result<Reply, Refusal> {
+        let client = frame.client;
+        let index = self.state.records;
+        match &frame.request {
             Request::Hello { schema } => {
-                self.agreed = *schema == SCHEMA_KEY;
-                return Ok(Reply::Hello { schema: SCHEMA_KEY, firmware: board.firmware });
+                self.state.agree(client, *schema == SCHEMA_KEY);
+                return Ok(Reply::Hello { schema: SCHEMA_KEY, identity: board.identity });
             }
             // Whoever it is and whatever they speak: these only make the machine safer.
             Request::Disarm => self.disarm(),
             Request::Stop => self.stop(),
-            _ if !self.agreed => return Err(Refusal::SchemaMismatch { board: SCHEMA_KEY }),
-            Request::ModelBegin { length, checksum } => {
-                self.require_disarmed()?;
-                self.transfer.begin(*length, *checksum)?;
+            _ if !self.state.agrees(client) => {
+                return Err(Refusal::SchemaMismatch { board: SCHEMA_KEY, firmware: board.identity.firmware });
             }
-            Request::ModelChunk { offset, data } => {
-                self.require_disarmed()?;
-                self.transfer.chunk(*offset, data)?;
+            Request::TakeCommand { by_force } => {
+                let armed = matches!(self.state.mode, Mode::Armed(_));
+                self.state.lease.take(client, frame.sequence, *by_force, armed, self.state.now())?;
             }
-            Request::ModelCommit => {
-                self.require_disarmed()?;
-                self.model_checksum = self.transfer.commit(&mut self.robot)?;
-                for (config, state) in self.robot.joints.iter().zip(&mut self.joints) {
-                    *state = JointState::of(config);
-                }
-                self.alarm = None;
-                self.tick = None;
+            Request::ReadStatus => return Ok(Reply::Status(self.status(board))),
+            Request::ReadFaults => {
+                self.state.faults_read = self.state.faults.total;
+                return Ok(Reply::Faults(self.state.faults.clone()));
             }
-            Request::Home { positions } => self.home(positions)?,
-            Request::Arm { task } => self.arm(*task)?,
-            Request::SetPoint(set_point) => self.set_point(set_point)?,
-            Request::ReadStatus => {
-                return Ok(Reply::Status { node: self.status(), board: board.clone() });
-            }
-            Request::ReadFaults => return Ok(Reply::Faults(self.faults.clone())),
-            Request::ClearFaults { total } => {
-                if *total != self.faults.total {
-                    return Err(Refusal::FaultsUnread { total: self.faults.total });
-                }
-                if self.mode == Mode::Fault {
-                    self.mode = Mode::Disarmed;
+            Request::SetRate { stream, every } => {
+                if let Some(rate) = self.state.rates.get_mut(*stream as usize) {
+                    *rate = *every;
                 }
             }
-            Request::SetTelemetry { every } => self.telemetry_every = *every,
+            Request::Export(Item::Model) => {
+                let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
+                return Ok(self.export.begin(robot.model(), index));
+            }
+            Request::Export(Item::State) => return Ok(self.export.begin(&self.state, index)),
+            Request::ReadExport { offset } => return self.export.chunk(*offset),
+            // Spelled out, so that the compiler asks where a new request belongs.
+            Request::ModelBegin { .. }
+            | Request::ModelChunk { .. }
+            | Request::ModelCommit
+            | Request::Home { .. }
+            | Request::Arm { .. }
+            | Request::SetPoint(_)
+            | Request::ClearFaults { .. }
+            | Request::ReleaseCommand => {
+                if let Admitted::Repeated(result) = self.state.lease.admit(client, frame.sequence)? {
+                    return result.map(|()| Reply::Done);
+                }
+                let result = self.command(&frame.request);
+                self.state.lease.remember(frame.sequence, result);
+                result?;
+            }
         }
         Ok(Reply::Done)
     }
 
+    /// Carries out what only the commander may ask for.
+    fn command(&mut self, request: &Request) -> Result<(), Refusal> {
+        match request {
+            Request::ModelBegin { length, checksum } => {
+                self.require_disarmed()?;
+                self.transfer.begin(*length, *checksum)
+            }
+            Request::ModelChunk { offset, data } => {
+                self.require_disarmed()?;
+                self.transfer.chunk(*offset, data)
+            }
+            Request::ModelCommit => self.use_model(),
+            Request::Home { positions } => self.home(positions),
+            Request::Arm { task } => self.arm(*task),
+            Request::SetPoint(set_point) => self.set_point(set_point),
+            Request::ClearFaults { total } => self.clear_faults(*total),
+            Request::ReleaseCommand => {
+                if let Mode::Armed(_) = self.state.mode {
+                    return Err(Refusal::WrongMode(self.state.mode));
+                }
+                self.state.lease.release();
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn use_model(&mut self) -> Result<(), Refusal> {
+        self.require_disarmed()?;
+        let Committed { checksum, same_encoders } = self.transfer.commit(&mut self.robot)?;
+        self.model_checksum = checksum;
+        for (index, (config, state)) in self.robot.joints.iter().zip(&mut self.state.joints).enumerate() {
+            *state = state.configured(config, same_encoders >> index & 1 != 0);
+        }
+        self.state.alarm = None;
+        self.state.tick = None;
+        Ok(())
+    }
+
+    fn clear_faults(&mut self, total: u32) -> Result<(), Refusal> {
+        if total != self.state.faults.total || self.state.faults_read != total {
+            return Err(Refusal::FaultsUnread { total: self.state.faults.total });
+        }
+        if self.state.mode == Mode::Fault {
+            self.state.mode = Mode::Disarmed;
+        }
+        Ok(())
+    }
+
     /// Outputs off. A fault stays until it was read and cleared.
     fn disarm(&mut self) {
-        self.reaction = Reaction::Off;
-        if self.mode != Mode::Fault {
-            self.mode = Mode::Disarmed;
+        self.state.reaction = Reaction::Off;
+        if self.state.mode != Mode::Fault {
+            self.state.mode = Mode::Disarmed;
         }
     }
 
@@ -74,12 +133,12 @@ impl Node {
             joint: None,
             value: 0.0,
             limit: 0.0,
-            tick: self.tick.unwrap_or(0),
+            tick: self.state.now(),
         });
     }
 
     fn require_disarmed(&self) -> Result<(), Refusal> {
-        match self.mode {
+        match self.state.mode {
             Mode::Disarmed => Ok(()),
             mode => Err(Refusal::WrongMode(mode)),
         }
@@ -91,10 +150,10 @@ impl Node {
         for (index, (config, &position)) in (0..).zip(robot.joints.iter().zip(positions)) {
             config.check_position(index, position)?;
         }
-        if self.tick.is_none() {
+        if self.state.tick.is_none() {
             return Err(Refusal::NoSensors);
         }
-        for ((config, state), &position) in robot.joints.iter().zip(&mut self.joints).zip(positions) {
+        for ((config, state), &position) in robot.joints.iter().zip(&mut self.state.joints).zip(positions) {
             state.home(config, position);
         }
         Ok(())
@@ -103,32 +162,32 @@ impl Node {
     fn arm(&mut self, task: Task) -> Result<(), Refusal> {
         self.require_disarmed()?;
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        if self.tick.is_none() {
+        if self.state.tick.is_none() {
             return Err(Refusal::NoSensors);
         }
-        let states = self.joints.iter();
+        let states = self.state.joints.iter();
         if let Some((joint, _)) =
             (0..).zip(robot.joints.iter().zip(states)).find(|(_, (_, state))| !state.is_homed())
         {
             return Err(Refusal::NotHomed { joint });
         }
-        if let Some(fault) = self.alarm {
+        if let Some(fault) = self.state.alarm {
             return Err(Refusal::Unsafe(fault));
         }
         let Task::JointServo(mode) = task;
-        self.servo_mode = mode;
-        for state in &mut self.joints {
+        self.state.servo_mode = mode;
+        for state in &mut self.state.joints {
             state.hold_still();
         }
-        self.streaming = false;
-        self.silence = 0;
-        self.mode = Mode::Armed(task);
+        self.state.streaming = false;
+        self.state.silence = 0;
+        self.state.mode = Mode::Armed(task);
         Ok(())
     }
 
     fn set_point(&mut self, set_point: &SetPoint) -> Result<(), Refusal> {
-        let Mode::Armed(_) = self.mode else {
-            return Err(Refusal::WrongMode(self.mode));
+        let Mode::Armed(_) = self.state.mode else {
+            return Err(Refusal::WrongMode(self.state.mode));
         };
         match set_point {
             SetPoint::Goal { positions } => {
@@ -136,44 +195,50 @@ impl Node {
                 for (index, (config, &position)) in (0..).zip(robot.joints.iter().zip(positions)) {
                     config.check_position(index, position)?;
                 }
-                for (state, &position) in self.joints.iter_mut().zip(positions) {
+                for (state, &position) in self.state.joints.iter_mut().zip(positions) {
                     state.goal = position;
                 }
-                self.streaming = false;
+                self.state.streaming = false;
             }
             SetPoint::Stream { points } => {
                 let robot = robot_with(&self.robot, points.len())?;
-                let states = self.joints.iter();
+                let states = self.state.joints.iter();
                 for (index, ((config, state), point)) in
                     (0..).zip(robot.joints.iter().zip(states).zip(points))
                 {
                     config.check_point(index, point, &state.reference)?;
                 }
-                for (state, &point) in self.joints.iter_mut().zip(points) {
+                for (state, &point) in self.state.joints.iter_mut().zip(points) {
                     state.streamed = point;
                 }
-                self.streaming = true;
+                self.state.streaming = true;
             }
         }
-        self.silence = 0;
+        self.state.silence = 0;
         Ok(())
     }
 
-    fn status(&self) -> NodeStatus {
+    /// The state of node and board.
+    pub fn status(&self, board: &BoardStatus) -> Status {
         let (mut model, mut homed) = (heapless::String::new(), 0);
         if let Some(robot) = self.robot.loaded() {
             model = robot.model().name.clone();
-            for (index, (_, state)) in robot.joints.iter().zip(&self.joints).enumerate() {
+            for (index, (_, state)) in robot.joints.iter().zip(&self.state.joints).enumerate() {
                 homed |= u16::from(state.is_homed()) << index;
             }
         }
-        NodeStatus {
-            mode: self.mode,
+        let node = NodeStatus {
+            mode: self.state.mode,
             model,
             model_checksum: self.model_checksum,
             homed,
-            faults: self.faults.total,
-        }
+            faults: self.state.faults.total,
+            faults_read: self.state.faults_read == self.state.faults.total,
+            commander: self.state.lease.commander(),
+            tick: self.state.now(),
+            supply: f32::from(self.state.supply) / 1000.0,
+        };
+        Status { node, board: board.clone() }
     }
 }
 

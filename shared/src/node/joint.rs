@@ -1,5 +1,8 @@
 use core::f32::consts::TAU;
 
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use crate::TICK;
 use crate::control::{JointPoint, JointServo, JointServoState, ServoMode};
 use crate::math::abs;
@@ -41,7 +44,7 @@ pub(super) struct JointConfig {
 }
 
 /// What a joint does.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct JointState {
     /// Count at angle 0; of meaning once homed.
     zero: i32,
@@ -130,9 +133,22 @@ impl JointState {
         }
     }
 
-    /// A joint that was just given its model.
-    pub fn of(config: &JointConfig) -> Self {
-        Self { zero: config.zero.unwrap_or(0), homed: config.zero.is_some(), ..Self::new() }
+    /// The state with the longest encoding.
+    #[cfg(test)]
+    pub fn extreme() -> Self {
+        let most = JointPoint { position: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
+        let (goal, streamed, reference) = (f32::MIN, most, most);
+        Self { zero: i32::MIN, count: i32::MIN, still: u16::MAX, goal, streamed, reference, ..Self::new() }
+    }
+
+    /// A joint that was just given its model. It stays homed if it is `the_same` joint with the same encoder.
+    pub fn configured(&self, config: &JointConfig, the_same: bool) -> Self {
+        let (zero, homed) = match config.zero {
+            Some(zero) => (zero, true),
+            None if the_same => (self.zero, self.homed),
+            None => (0, false),
+        };
+        Self { zero, homed, ..Self::new() }
     }
 
     /// Whether the angle is known.

@@ -14,9 +14,13 @@
 //! A [`Node`] never reads a clock, waits or touches a pin. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
 
+mod export;
 mod handle;
 mod joint;
+mod lease;
+mod replay;
 mod robot;
+mod state;
 mod tick;
 mod transfer;
 
@@ -30,15 +34,20 @@ mod transfer;
 )]
 mod tests;
 
+pub use replay::{Replay, ReplayError};
 pub use robot::Robot;
+pub use state::State;
 
 use heapless::Vec;
 
-use crate::control::ServoMode;
 use crate::model::{MAX_JOINTS, Reaction};
-use crate::protocol::{Fault, FaultLog, Mode, Telemetry};
+use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry};
+use export::Export;
 use joint::JointState;
 use transfer::Transfer;
+
+/// Longest postcard encoding of a [`State`].
+const MAX_STATE: usize = 3072;
 
 /// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
 #[derive(Clone, Debug)]
@@ -46,23 +55,8 @@ pub struct Node {
     robot: Robot,
     model_checksum: u32,
     transfer: Transfer,
-    /// Whether a hello with our schema key came.
-    agreed: bool,
-    mode: Mode,
-    /// What the outputs do in [`Mode::Fault`].
-    reaction: Reaction,
-    servo_mode: ServoMode,
-    /// Sequence number of the last sensor frame.
-    tick: Option<u32>,
-    /// What the last sensor frame showed that would be a fault when armed.
-    alarm: Option<Fault>,
-    /// Ticks since the last accepted command.
-    silence: u32,
-    /// Whether references come point by point instead of through the trajectory filter.
-    streaming: bool,
-    joints: [JointState; MAX_JOINTS],
-    faults: FaultLog,
-    telemetry_every: u16,
+    export: Export,
+    state: State,
 }
 
 impl Default for Node {
@@ -78,23 +72,14 @@ impl Node {
             robot: Robot::NONE,
             model_checksum: 0,
             transfer: Transfer::new(),
-            agreed: false,
-            mode: Mode::Disarmed,
-            reaction: Reaction::Off,
-            servo_mode: ServoMode::Pid,
-            tick: None,
-            alarm: None,
-            silence: 0,
-            streaming: false,
-            joints: [JointState::new(); MAX_JOINTS],
-            faults: FaultLog::new(),
-            telemetry_every: 0,
+            export: Export::new(),
+            state: State::new(),
         }
     }
 
     /// The mode.
     pub const fn mode(&self) -> Mode {
-        self.mode
+        self.state.mode
     }
 
     /// The robot, once a model was accepted.
@@ -104,46 +89,72 @@ impl Node {
 
     /// The faults so far.
     pub const fn faults(&self) -> &FaultLog {
-        &self.faults
+        &self.state.faults
     }
 
     /// Takes over the faults from before a reset and adds what the board found at boot. Before the first tick.
     pub fn restore_faults(&mut self, log: FaultLog) {
-        self.faults = log;
+        self.state.faults = log;
     }
 
     /// Adds a fault that the board found and that does not concern the mode, for instance the cause of a reset.
     pub fn record_fault(&mut self, fault: Fault) {
-        self.faults.record(fault);
+        self.state.faults.record(fault);
     }
 
-    /// Whether the last tick is one after which telemetry goes out.
-    pub const fn telemetry_due(&self) -> bool {
-        match self.tick {
-            Some(tick) => matches!(tick.checked_rem(self.telemetry_every as u32), Some(0)),
-            None => false,
+    /// Sequence number of the last tick; 0 before the first.
+    pub fn last_tick(&self) -> u32 {
+        self.state.now()
+    }
+
+    /// Whether `stream` is due after the last tick.
+    pub fn is_due(&self, stream: Stream) -> bool {
+        let every = self.state.rates.get(stream as usize).copied().unwrap_or(0);
+        self.state.tick.is_some_and(|tick| tick.checked_rem(every.into()) == Some(0))
+    }
+
+    /// Whether anybody wants the log.
+    pub fn is_logged(&self) -> bool {
+        self.state.rates[Stream::Log as usize] != 0
+    }
+
+    /// How many requests and frames there were: the index of the last entry of the log. A tick makes two entries.
+    pub const fn records(&self) -> u32 {
+        self.state.records
+    }
+
+    /// Goes on from `state`, the postcard encoding of a [`State`]; `false`, and no change, when it is none.
+    #[inline(never)]
+    fn restore(&mut self, state: &[u8]) -> bool {
+        match postcard::take_from_bytes(state) {
+            Ok((state, [])) => {
+                self.state = state;
+                true
+            }
+            _ => false,
         }
     }
 
     /// The state after the last tick.
     pub fn telemetry(&self) -> Telemetry {
-        let list = |value| self.for_each_joint(value);
-        Telemetry {
-            tick: self.tick.unwrap_or(0),
-            mode: self.mode,
-            faults: self.faults.total,
-            positions: list(|joint| joint.position),
-            velocities: list(|joint| joint.velocity),
-            references: list(|joint| joint.reference.position),
-            torques: list(|joint| joint.torque),
+        let mut joints = Vec::new();
+        for state in self.state.joints.iter().take(self.robot.joints.len()) {
+            // Cannot fail, as below.
+            let _ = joints.push(JointTelemetry {
+                position: state.position,
+                velocity: state.velocity,
+                reference: state.reference.position,
+                torque: state.torque,
+            });
         }
+        Telemetry { tick: self.state.now(), mode: self.state.mode, faults: self.state.faults.total, joints }
     }
 
     /// One value for each joint of the robot.
     fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
         let count = self.robot.joints.len();
         let mut list = Vec::new();
-        for state in self.joints.iter().take(count) {
+        for state in self.state.joints.iter().take(count) {
             // Cannot fail: there are no more states than places. (`collect` would bring in a panic.)
             let _ = list.push(value(state));
         }
@@ -156,23 +167,23 @@ impl Node {
             Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };
-        match self.mode {
+        match self.state.mode {
             Mode::Disarmed => return,
             // A fault is answered once; only one that takes more away counts after it.
-            Mode::Fault if reaction != Reaction::Off || self.reaction == Reaction::Off => return,
+            Mode::Fault if reaction != Reaction::Off || self.state.reaction == Reaction::Off => return,
             Mode::Fault => {}
             Mode::Armed(_) => {
                 if reaction == Reaction::Hold {
                     let at_once = fault.cause.means_motion_is_wrong();
-                    for state in &mut self.joints {
+                    for state in &mut self.state.joints {
                         state.hold(at_once);
                     }
                 }
             }
         }
-        self.faults.record(fault);
-        self.mode = Mode::Fault;
-        self.reaction = reaction;
-        self.streaming = false;
+        self.state.faults.record(fault);
+        self.state.mode = Mode::Fault;
+        self.state.reaction = reaction;
+        self.state.streaming = false;
     }
 }

@@ -7,8 +7,9 @@ use super::Node;
 use crate::control::{JointPoint, ServoMode};
 use crate::model::{ChainModel, Field, MAX_JOINTS, Problem, Reaction, RobotModel, Safety, test_joint};
 use crate::protocol::{
-    ActuatorFrame, BoardStatus, Fault, FaultCause, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame,
-    SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Task, codec,
+    ActuatorFrame, BoardStatus, EXPORT_CHUNK, Fault, FaultCause, Item, LogRecord, LogStart, MODEL_CHUNK,
+    Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream,
+    Task, codec,
 };
 
 const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
@@ -37,6 +38,8 @@ fn model() -> RobotModel {
 struct Bench {
     node: Node,
     sensors: SensorFrame,
+    client: u32,
+    sequence: u16,
 }
 
 impl Bench {
@@ -48,13 +51,13 @@ impl Bench {
             encoders: Vec::from_slice(&[0; 3]).unwrap(),
             currents: Vec::from_slice(&[0; 3]).unwrap(),
         };
-        Self { node: Node::new(), sensors }
+        Self { node: Node::new(), sensors, client: 7, sequence: 0 }
     }
 
     /// Ready to arm.
     fn ready(model: &RobotModel) -> Self {
         let mut bench = Self::new();
-        assert!(matches!(bench.ask(Request::Hello { schema: SCHEMA_KEY }), Reply::Hello { .. }));
+        bench.command();
         assert_eq!(bench.push(model), Reply::Done);
         bench.tick();
         bench
@@ -67,7 +70,33 @@ impl Bench {
     }
 
     fn ask(&mut self, request: Request) -> Reply {
-        self.node.handle(&RequestFrame { sequence: 7, request }, &BoardStatus::default()).reply
+        self.sequence = self.sequence.wrapping_add(1);
+        self.send(self.client, self.sequence, request)
+    }
+
+    fn send(&mut self, client: u32, sequence: u16, request: Request) -> Reply {
+        let reply = self.node.handle(&RequestFrame { client, sequence, request }, &BoardStatus::default());
+        assert_eq!((reply.client, reply.sequence), (client, sequence));
+        reply.reply
+    }
+
+    /// Says hello and takes command.
+    fn command(&mut self) {
+        assert!(matches!(self.ask(Request::Hello { schema: SCHEMA_KEY }), Reply::Hello { .. }));
+        assert_eq!(self.ask(Request::TakeCommand { by_force: false }), Reply::Done);
+    }
+
+    /// Reads an export to its end.
+    fn export(&mut self, item: Item) -> (std::vec::Vec<u8>, u32) {
+        let Reply::Exported { length, checksum, index } = self.ask(Request::Export(item)) else { panic!() };
+        let mut bytes = std::vec::Vec::new();
+        while bytes.len() < length as usize {
+            let offset = bytes.len() as u32;
+            let Reply::Chunk { data, .. } = self.ask(Request::ReadExport { offset }) else { panic!() };
+            bytes.extend_from_slice(&data);
+        }
+        assert_eq!((bytes.len(), codec::checksum(&bytes)), (length as usize, checksum));
+        (bytes, index)
     }
 
     fn push(&mut self, model: &RobotModel) -> Reply {
@@ -120,10 +149,13 @@ fn refusal(reply: Reply) -> Refusal {
 #[test]
 fn arms_only_when_everything_is_ready() {
     let mut bench = Bench::new();
-    assert_eq!(refusal(bench.arm()), Refusal::SchemaMismatch { board: SCHEMA_KEY });
+    let mismatch = Refusal::SchemaMismatch { board: SCHEMA_KEY, firmware: crate::VERSION };
+    assert_eq!(refusal(bench.arm()), mismatch);
     bench.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
-    assert_eq!(refusal(bench.arm()), Refusal::SchemaMismatch { board: SCHEMA_KEY });
+    assert_eq!(refusal(bench.arm()), mismatch);
     bench.ask(Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(bench.arm()), Refusal::NotCommander);
+    bench.command();
     assert_eq!(refusal(bench.arm()), Refusal::NoModel);
     let mut relative = model();
     relative.joints[1].encoder.relative = true;
@@ -133,7 +165,7 @@ fn arms_only_when_everything_is_ready() {
     assert_eq!(refusal(bench.arm()), Refusal::NotHomed { joint: 1 });
     let home = Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() };
     assert_eq!(bench.ask(home), Reply::Done);
-    assert!((bench.node.telemetry().positions[1] - 0.2).abs() < 1e-4);
+    assert!((bench.node.telemetry().joints[1].position - 0.2).abs() < 1e-4);
     bench.sensors.supply = 12_000;
     bench.tick();
     let Refusal::Unsafe(fault) = refusal(bench.arm()) else { panic!() };
@@ -226,7 +258,7 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
     assert_eq!(refusal(bench.ask(stream(f32::INFINITY, 0.0))), Refusal::NotFinite { joint: 2 });
     let after = bench.tick();
     assert_eq!(before.torques, after.torques);
-    assert_eq!(bench.node.telemetry().references, [0.0; 3]);
+    assert!(bench.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));
 }
 
 #[test]
@@ -304,7 +336,10 @@ fn silence_of_the_supervisor_ends_in_the_configured_reaction() {
                 bench.tick();
             }
             let telemetry = bench.node.telemetry();
-            assert!(telemetry.references[1] > 0.0 && telemetry.references[1] < 0.03, "{telemetry:?}");
+            assert!(
+                telemetry.joints[1].reference > 0.0 && telemetry.joints[1].reference < 0.03,
+                "{telemetry:?}"
+            );
         }
     }
 }
@@ -316,7 +351,10 @@ fn a_fault_stays_until_it_was_read() {
     bench.ask(Request::Stop);
     assert_eq!(bench.node.mode(), Mode::Fault);
     assert_eq!(refusal(bench.arm()), Refusal::WrongMode(Mode::Fault));
-    assert_eq!(refusal(bench.ask(Request::ClearFaults { total: 0 })), Refusal::FaultsUnread { total: 1 });
+    for total in [0, 1] {
+        let clear = Request::ClearFaults { total };
+        assert_eq!(refusal(bench.ask(clear)), Refusal::FaultsUnread { total: 1 }, "nobody has read them");
+    }
     let Reply::Faults(log) = bench.ask(Request::ReadFaults) else { panic!() };
     assert_eq!(log.faults[0].cause, FaultCause::Stop);
     assert_eq!(bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
@@ -349,13 +387,157 @@ fn a_stream_is_followed_to_the_point_and_left_without_a_jump() {
         assert_eq!(bench.ask(Request::SetPoint(SetPoint::Stream { points })), Reply::Done);
         bench.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
         bench.tick();
-        assert_eq!(bench.node.telemetry().references[1], position);
+        assert_eq!(bench.node.telemetry().joints[1].reference, position);
     }
     bench.goal([0.0, position, 0.0]);
     bench.tick();
     // The reference goes on at the stream's speed and comes back: 0.5 rad/s · 10 ms · e^(−0.05) at first.
-    let step = bench.node.telemetry().references[1] - position;
+    let step = bench.node.telemetry().joints[1].reference - position;
     assert!((step - 0.004_756).abs() < 1e-5, "{step}");
+}
+
+#[test]
+fn a_joint_stays_homed_through_a_change_of_the_model_that_leaves_its_encoder_alone() {
+    let mut relative = model();
+    relative.joints.iter_mut().for_each(|joint| joint.encoder.relative = true);
+    let mut bench = Bench::ready(&relative);
+    bench.ask(Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() });
+    relative.joints[0].servo.pid.proportional *= 2.0;
+    relative.joints[2].encoder.counts_per_turn *= 2.0;
+    assert_eq!(bench.push(&relative), Reply::Done);
+    bench.tick();
+    assert_eq!(bench.node.status(&BoardStatus::default()).node.homed, 0b011);
+    assert!((bench.node.telemetry().joints[1].position - 0.2).abs() < 1e-4);
+    assert_eq!(refusal(bench.arm()), Refusal::NotHomed { joint: 2 });
+}
+
+#[test]
+fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
+    let mut bench = Bench::armed(&model());
+    bench.tick();
+    let goal = || Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&[0.0; 3]).unwrap() });
+    let other = 8;
+    assert!(matches!(refusal(bench.send(other, 1, goal())), Refusal::SchemaMismatch { .. }));
+    bench.send(other, 2, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(bench.send(other, 3, goal())), Refusal::Commanded { by: 7 });
+    for by_force in [false, true] {
+        let take = Request::TakeCommand { by_force };
+        assert_eq!(refusal(bench.send(other, 4, take)), Refusal::Commanded { by: 7 }, "armed");
+    }
+    let Reply::Status(status) = bench.send(other, 5, Request::ReadStatus) else { panic!() };
+    assert_eq!(status.node.commander, Some(7));
+    assert_eq!(bench.send(other, 6, Request::SetRate { stream: Stream::Telemetry, every: 1 }), Reply::Done);
+    // The first client still agrees and commands.
+    assert_eq!(bench.ask(goal()), Reply::Done);
+    assert_eq!(bench.send(other, 7, Request::Stop), Reply::Done);
+    assert_eq!(bench.node.mode(), Mode::Fault);
+    assert_eq!(bench.send(other, 8, Request::TakeCommand { by_force: true }), Reply::Done);
+    assert_eq!(refusal(bench.ask(goal())), Refusal::Commanded { by: other });
+}
+
+#[test]
+fn requests_that_come_twice_or_late_change_nothing() {
+    let mut bench = Bench::ready(&model());
+    let arm = || Request::Arm { task: Task::JointServo(ServoMode::Pid) };
+    let first = bench.sequence + 1;
+    assert_eq!(bench.ask(arm()), Reply::Done);
+    assert_eq!(bench.send(7, first, arm()), Reply::Done, "its reply was lost");
+    bench.ask(Request::Disarm);
+    assert_eq!(bench.send(7, first, arm()), Reply::Done, "an echo of what happened");
+    assert_eq!(bench.node.mode(), Mode::Disarmed, "and not armed again");
+    assert_eq!(bench.ask(Request::ReleaseCommand), Reply::Done);
+    assert_eq!(refusal(bench.send(7, first, arm())), Refusal::NotCommander);
+    bench.command();
+    assert!(matches!(refusal(bench.send(7, first, arm())), Refusal::Stale { .. }));
+    assert_eq!(bench.node.mode(), Mode::Disarmed);
+}
+
+#[test]
+fn exports_are_whole_and_end_where_they_end() {
+    let mut bench = Bench::ready(&model());
+    let (bytes, _) = bench.export(Item::Model);
+    assert_eq!(bytes, postcard::to_stdvec(&model()).unwrap());
+    let length = bytes.len() as u32;
+    let beyond = Request::ReadExport { offset: length };
+    assert_eq!(refusal(bench.ask(beyond)), Refusal::NotExported { length });
+    let Reply::Chunk { data, .. } = bench.ask(Request::ReadExport { offset: length - 5 }) else { panic!() };
+    assert_eq!(data, bytes[bytes.len() - 5..]);
+    let mut empty = Bench::new();
+    empty.command();
+    assert_eq!(refusal(empty.ask(Request::ReadExport { offset: 0 })), Refusal::NotExported { length: 0 });
+    assert_eq!(refusal(empty.ask(Request::Export(Item::Model))), Refusal::NoModel);
+}
+
+#[test]
+fn the_largest_state_can_be_exported() {
+    let mut node = Node::new();
+    let extreme = super::JointState::extreme();
+    node.state.joints = [extreme; MAX_JOINTS];
+    for _ in 0..20 {
+        let (joint, value) = (Some(15), f32::MIN);
+        node.record_fault(Fault { cause: FaultCause::Stop, joint, value, limit: value, tick: u32::MAX });
+    }
+    let length = postcard::to_stdvec(&node.state).unwrap().len();
+    assert!(length + 100 < super::MAX_STATE, "{length}");
+}
+
+#[test]
+fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
+    let mut bench = Bench::armed(&model());
+    bench.goal([0.01, 0.2, -0.1]);
+    let step = |bench: &mut Bench, index: i32| {
+        bench.sensors.encoders[1] = index * 7 % 50;
+        bench.tick()
+    };
+    (0..8).for_each(|index| drop(step(&mut bench, index)));
+    let (state, index) = bench.export(Item::State);
+    // Reading the pieces were requests, too: the copy is of before them.
+    let mut records = std::vec![LogRecord::Start(LogStart { schema: SCHEMA_KEY, ..LogStart::default() })];
+    for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
+        records.push(LogRecord::State { offset, data: Vec::from_slice(data).unwrap() });
+    }
+    records.push(LogRecord::Restore { length: state.len() as u32, checksum: codec::checksum(&state) });
+    for at in (0..state.len() as u32).step_by(EXPORT_CHUNK) {
+        let sequence =
+            bench.sequence - state.len().div_ceil(EXPORT_CHUNK) as u16 + 1 + at as u16 / EXPORT_CHUNK as u16;
+        let request = RequestFrame { client: 7, sequence, request: Request::ReadExport { offset: at } };
+        records.push(LogRecord::Request(request));
+    }
+    for index in 8..60 {
+        let actuators = step(&mut bench, index);
+        records.push(LogRecord::Sensors(bench.sensors.clone()));
+        records.push(LogRecord::Actuators(actuators));
+    }
+    assert_eq!(bench.node.mode(), Mode::Fault, "nobody commanded for 0.5 s");
+    assert_eq!(bench.node.records() - index, records.iter().filter(|record| counted(record)).count() as u32);
+
+    let replay = |records: &[LogRecord]| {
+        let mut node = Node::new();
+        let mut robot = Bench::ready(&model());
+        core::mem::swap(&mut node, &mut robot.node);
+        let mut replay = super::Replay::new(&mut node);
+        let mut compared = 0;
+        for record in records {
+            compared += u32::from(replay.feed(record)?);
+        }
+        Ok::<u32, super::ReplayError>(compared)
+    };
+    assert_eq!(replay(&records), Ok(52));
+    let LogRecord::Actuators(last) = records.last_mut().unwrap() else { panic!() };
+    last.torques[1] = f32::from_bits(last.torques[1].to_bits() ^ 1);
+    let Err(super::ReplayError::Different { joint, recorded, .. }) = replay(&records) else { panic!() };
+    assert_eq!((joint, recorded.sequence), (Some(1), bench.sensors.sequence));
+    // Without the state the same frames give other torques: the test above could have failed.
+    let middle: std::vec::Vec<LogRecord> = records.iter().filter(|record| counted(record)).cloned().collect();
+    assert!(matches!(replay(&middle), Err(super::ReplayError::Different { .. })));
+    // What follows a gap is not compared until the state is known again.
+    let mut gap = std::vec![LogRecord::Gap { missing: 3 }];
+    gap.extend(middle);
+    assert_eq!(replay(&gap), Ok(0));
+}
+
+fn counted(record: &LogRecord) -> bool {
+    matches!(record, LogRecord::Request(_) | LogRecord::Sensors(_) | LogRecord::Actuators(_))
 }
 
 fn any_request() -> impl Strategy<Value = Request> {
@@ -370,7 +552,12 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Stop),
         Just(Request::ReadFaults),
         (0_u32..4).prop_map(|total| Request::ClearFaults { total }),
-        any::<u16>().prop_map(|every| Request::SetTelemetry { every }),
+        any::<u16>().prop_map(|every| Request::SetRate { stream: Stream::Log, every }),
+        any::<bool>().prop_map(|by_force| Request::TakeCommand { by_force }),
+        Just(Request::ReleaseCommand),
+        Just(Request::ModelCommit),
+        Just(Request::Export(Item::State)),
+        any::<u32>().prop_map(|offset| Request::ReadExport { offset }),
         (any::<u32>(), any::<u32>()).prop_map(|(length, checksum)| Request::ModelBegin { length, checksum }),
         Just(Request::Arm { task: Task::JointServo(ServoMode::Pid) }),
         Just(Request::Arm { task: Task::JointServo(ServoMode::Observer) }),

@@ -9,8 +9,9 @@ impl Node {
     ///
     /// Bounded, without allocation, and without a way to panic.
     pub fn tick(&mut self, sensors: &SensorFrame) -> ActuatorFrame {
+        self.state.records = self.state.records.wrapping_add(2);
         let found = self.observe(sensors);
-        self.alarm = found;
+        self.state.alarm = found;
         if let Some(fault) = found {
             self.fail(fault);
         }
@@ -22,10 +23,10 @@ impl Node {
             self.fail(fault);
             self.release();
         }
-        let enabled = match self.mode {
+        let enabled = match self.state.mode {
             Mode::Disarmed => false,
             Mode::Armed(_) => true,
-            Mode::Fault => self.reaction != Reaction::Off,
+            Mode::Fault => self.state.reaction != Reaction::Off,
         };
         ActuatorFrame {
             sequence: sensors.sequence,
@@ -37,18 +38,19 @@ impl Node {
     /// Takes over the sensors and says what is wrong with them.
     fn observe(&mut self, sensors: &SensorFrame) -> Option<Fault> {
         let tick = sensors.sequence;
-        let last = self.tick.replace(tick);
+        let last = self.state.tick.replace(tick);
+        self.state.supply = sensors.supply;
         let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         let expected = robot.joints.len();
         for got in [sensors.encoders.len(), sensors.currents.len()] {
             if got != expected {
-                self.tick = last; // not a reading
+                self.state.tick = last; // not a reading
                 #[expect(clippy::cast_precision_loss, reason = "at most 16")]
                 return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
             }
         }
-        let readings = robot.joints.iter().zip(&mut self.joints).zip(&sensors.encoders);
+        let readings = robot.joints.iter().zip(&mut self.state.joints).zip(&sensors.encoders);
         let Some(last) = last else {
             readings.for_each(|((config, state), &count)| state.first_read(config, count));
             return None;
@@ -85,17 +87,19 @@ impl Node {
 
     /// What is wrong with the control so far, while armed.
     fn watch(&mut self) -> Option<Fault> {
-        let (Mode::Armed(_), Some(robot), Some(tick)) = (self.mode, self.robot.loaded(), self.tick) else {
+        let (Mode::Armed(_), Some(robot), Some(tick)) =
+            (self.state.mode, self.robot.loaded(), self.state.tick)
+        else {
             return None;
         };
-        for (index, (config, state)) in (0..).zip(robot.joints.iter().zip(&self.joints)) {
+        for (index, (config, state)) in (0..).zip(robot.joints.iter().zip(&self.state.joints)) {
             if let Some((cause, value, limit)) = state.supervise(config) {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
         }
-        self.silence = self.silence.saturating_add(1);
+        self.state.silence = self.state.silence.saturating_add(1);
         #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
-        let silence = self.silence as f32 * TICK;
+        let silence = self.state.silence as f32 * TICK;
         let limit = robot.model().safety.command_timeout;
         if silence > limit + 0.5 * TICK {
             return Some(Fault {
@@ -111,29 +115,29 @@ impl Node {
 
     /// Computes the torques.
     fn act(&mut self) {
-        let reaction = match self.mode {
+        let reaction = match self.state.mode {
             Mode::Disarmed => Reaction::Off,
             Mode::Armed(_) => Reaction::Hold,
-            Mode::Fault => self.reaction,
+            Mode::Fault => self.state.reaction,
         };
         match (reaction, self.robot.loaded()) {
             (Reaction::Off, _) | (_, None) => self.release(),
             (Reaction::Damp, Some(robot)) => {
                 let damping = robot.model().safety.damping;
-                for (config, state) in robot.joints.iter().zip(&mut self.joints) {
+                for (config, state) in robot.joints.iter().zip(&mut self.state.joints) {
                     state.damp(config, damping);
                 }
             }
             (Reaction::Hold, Some(robot)) => {
                 let joints = || robot.joints.iter();
-                for (config, state) in joints().zip(&mut self.joints) {
-                    state.advance(config, self.streaming);
+                for (config, state) in joints().zip(&mut self.state.joints) {
+                    state.advance(config, self.state.streaming);
                 }
                 let mut first = 0;
                 for chain in &robot.chains {
                     let (mut q, mut qd, mut qdd) =
                         ([0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS]);
-                    let states = self.joints.iter().skip(first);
+                    let states = self.state.joints.iter().skip(first);
                     for (((q, qd), qdd), state) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(states) {
                         (*q, *qd, *qdd) = (
                             state.reference.position,
@@ -143,11 +147,11 @@ impl Node {
                     }
                     let mut torques = [0.0; MAX_CHAIN_JOINTS];
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
-                    let states = self.joints.iter_mut().skip(first);
+                    let states = self.state.joints.iter_mut().skip(first);
                     for ((config, state), torque) in
                         joints().skip(first).zip(states).zip(torques).take(chain.len())
                     {
-                        state.control(config, self.servo_mode, torque);
+                        state.control(config, self.state.servo_mode, torque);
                     }
                     first += chain.len();
                 }
@@ -156,14 +160,14 @@ impl Node {
     }
 
     fn release(&mut self) {
-        self.joints.iter_mut().for_each(super::joint::JointState::release);
+        self.state.joints.iter_mut().for_each(super::joint::JointState::release);
     }
 
     fn find_not_finite(&self) -> Option<Fault> {
         let (index, state) = (0..)
-            .zip(self.joints.iter().take(self.robot.joints.len()))
+            .zip(self.state.joints.iter().take(self.robot.joints.len()))
             .find(|(_, joint)| !joint.torque.is_finite())?;
-        let tick = self.tick.unwrap_or(0);
+        let tick = self.state.now();
         Some(Fault {
             cause: FaultCause::NotFinite,
             joint: Some(index),

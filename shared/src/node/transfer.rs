@@ -48,9 +48,9 @@ impl Transfer {
         self.bytes.extend_from_slice(data).map_err(|_| out_of_step)
     }
 
-    /// Makes `robot` that of the finished model; returns the model's checksum.
+    /// Makes `robot` that of the finished model.
     #[inline(never)]
-    pub fn commit(&self, robot: &mut Robot) -> Result<u32, Refusal> {
+    pub fn commit(&self, robot: &mut Robot) -> Result<Committed, Refusal> {
         let length = self.bytes.len() as u32;
         if length != self.length || length == 0 {
             return Err(Refusal::ModelTransfer { received: length, announced: self.length });
@@ -60,8 +60,23 @@ impl Transfer {
             return Err(Refusal::ModelChecksum { received, announced: self.checksum });
         }
         match postcard::take_from_bytes::<RobotModel>(&self.bytes) {
-            Ok((model, [])) => robot.configure(&model).map(|()| received).map_err(Refusal::Model),
+            Ok((model, [])) => {
+                let mut same_encoders = 0;
+                for (index, (old, new)) in robot.model().joints.iter().zip(&model.joints).enumerate() {
+                    same_encoders |= u16::from(old.name == new.name && old.encoder == new.encoder) << index;
+                }
+                robot.configure(&model).map_err(Refusal::Model)?;
+                Ok(Committed { checksum: received, same_encoders })
+            }
             _ => Err(Refusal::ModelUnreadable { length, limit: MAX_MODEL as u32 }),
         }
     }
+}
+
+/// What [`Transfer::commit`] found.
+pub(super) struct Committed {
+    /// The model's checksum.
+    pub checksum: u32,
+    /// Bit `i` is set when joint `i` has the name and the encoder that it had before.
+    pub same_encoders: u16,
 }

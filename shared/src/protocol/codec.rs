@@ -4,21 +4,67 @@
 //! ends a frame and occurs nowhere else, so a receiver that joins in the middle, or that lost bytes, is in step again
 //! at the next zero. Damaged frames are counted by kind and dropped.
 
-use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use core::mem::take;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 /// Longest postcard encoding of a message in bytes.
 pub const MAX_MESSAGE: usize = 320;
+/// Bytes of the checksum.
+const CHECKSUM: usize = 4;
+/// Longest run of a COBS group: a code byte and 254 others.
+const GROUP: usize = 255;
 /// Longest frame in bytes, the closing zero included.
-pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4).div_ceil(254) + 1;
+pub const MAX_FRAME: usize = MAX_MESSAGE + CHECKSUM + (MAX_MESSAGE + CHECKSUM).div_ceil(GROUP - 1) + 1;
 
-// A static, so that the table lies in flash once and is not copied to the stack at each use.
-static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+/// `CRC_TABLES[k][b]` is the checksum's change by byte `b` with `k` bytes behind it.
+// A static, so that the tables lie in flash once and are not copied to the stack at each use.
+static CRC_TABLES: [[u32; 256]; 4] = {
+    let mut tables = [[0; 256]; 4];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut value = byte as u32;
+        let mut bit = 0;
+        while bit < 8 {
+            value = (value >> 1) ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 };
+            bit += 1;
+        }
+        tables[0][byte] = value;
+        byte += 1;
+    }
+    let mut behind = 1;
+    while behind < 4 {
+        let mut byte = 0;
+        while byte < 256 {
+            let before = tables[behind - 1][byte];
+            tables[behind][byte] = (before >> 8) ^ tables[0][(before & 0xff) as usize];
+            byte += 1;
+        }
+        behind += 1;
+    }
+    tables
+};
 
-/// The checksum of frames and of pushed models: CRC-32/ISO-HDLC.
+/// The checksum of frames and of pushed models: CRC-32/ISO-HDLC, that of zlib.
+// Four bytes a step: half the instructions of the `crc` crate, which is the reference in the tests.
 pub fn checksum(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes)
+    let [one, two, three, four] = &CRC_TABLES;
+    let change = |table: &[u32; 256], byte: u8| table[usize::from(byte)];
+    let step = |crc: u32, word: &[u8]| {
+        let word = word.first_chunk().map_or(0, |word| u32::from_le_bytes(*word));
+        let [a, b, c, d] = (crc ^ word).to_le_bytes();
+        change(four, a) ^ change(three, b) ^ change(two, c) ^ change(one, d)
+    };
+    let (blocks, rest) = bytes.as_chunks::<8>();
+    let mut crc = u32::MAX;
+    for block in blocks {
+        crc = step(step(crc, &block[..4]), &block[4..]);
+    }
+    for &byte in rest {
+        crc = (crc >> 8) ^ change(one, crc.to_le_bytes()[0] ^ byte);
+    }
+    !crc
 }
 
 /// The message needs more than [`MAX_MESSAGE`] bytes or the buffer is shorter than its frame.
@@ -38,13 +84,77 @@ impl core::error::Error for TooLong {}
 /// # Errors
 /// [`TooLong`]; cannot happen with a buffer of [`MAX_FRAME`] bytes and the messages of [`super`].
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8]) -> Result<usize, TooLong> {
-    let mut buffer = [0; MAX_MESSAGE + 4];
-    let length = postcard::to_slice(message, &mut buffer[..MAX_MESSAGE]).map_err(|_| TooLong)?.len();
-    let crc = checksum(buffer.get(..length).ok_or(TooLong)?);
-    buffer.get_mut(length..length + 4).ok_or(TooLong)?.copy_from_slice(&crc.to_le_bytes());
-    let encoded = cobs::try_encode(buffer.get(..length + 4).ok_or(TooLong)?, frame).map_err(|_| TooLong)?;
-    *frame.get_mut(encoded).ok_or(TooLong)? = 0;
-    Ok(encoded + 1)
+    // Behind the place of the first COBS code; what COBS changes, it changes there.
+    let payload = frame.get_mut(1..).ok_or(TooLong)?;
+    let room = payload.len().min(MAX_MESSAGE);
+    let length =
+        postcard::to_slice(message, payload.get_mut(..room).ok_or(TooLong)?).map_err(|_| TooLong)?.len();
+    let (encoded, rest) = payload.split_at_mut_checked(length).ok_or(TooLong)?;
+    *rest.first_chunk_mut::<CHECKSUM>().ok_or(TooLong)? = checksum(encoded).to_le_bytes();
+    let end = stuff(frame, 1 + length + CHECKSUM).ok_or(TooLong)?;
+    *frame.get_mut(end).ok_or(TooLong)? = 0;
+    Ok(end + 1)
+}
+
+/// COBS in place: the payload is `frame[1..end]`. Returns the new end; `None` without room for it.
+fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
+    let mut code = 0;
+    loop {
+        let most = end.min(code + GROUP);
+        let next = find_zero(frame.get(code + 1..most)?).map_or(most, |run| code + 1 + run);
+        *frame.get_mut(code)? = (next - code).to_le_bytes()[0];
+        if next == end {
+            return Some(end);
+        }
+        if next == code + GROUP {
+            // A full group stands for no zero: the next one's code needs a place of its own.
+            frame.get_mut(next..=end)?.rotate_right(1);
+            end += 1;
+        }
+        code = next;
+    }
+}
+
+/// The reverse, for a frame without zeros: returns the payload. `None` when the codes do not fit the length.
+fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
+    let mut end = frame.len();
+    let mut place = 0;
+    let mut code = usize::from(*frame.first()?);
+    loop {
+        let next = place + code;
+        if next >= end {
+            return if next == end { frame.get(1..end) } else { None };
+        }
+        let following = usize::from(core::mem::replace(frame.get_mut(next)?, 0));
+        if code == GROUP {
+            // The place of a code behind a full group stands for nothing.
+            frame.get_mut(next..end)?.rotate_left(1);
+            end -= 1;
+            place = next - 1;
+        } else {
+            place = next;
+        }
+        code = following;
+    }
+}
+
+/// Where the first zero is. Eight bytes a turn.
+#[inline]
+fn find_zero(bytes: &[u8]) -> Option<usize> {
+    // Sets the top bit of each byte that is zero, and perhaps of bytes above the first such one.
+    let zeros = |[a, b, c, d]: [u8; 4]| {
+        let word = u32::from_le_bytes([a, b, c, d]);
+        word.wrapping_sub(0x0101_0101) & !word
+    };
+    let (blocks, rest) = bytes.as_chunks::<8>();
+    for (index, &[a, b, c, d, e, f, g, h]) in blocks.iter().enumerate() {
+        let (low, high) = (zeros([a, b, c, d]), zeros([e, f, g, h]));
+        if (low | high) & 0x8080_8080 != 0 {
+            let zeros = u64::from(low & 0x8080_8080) | u64::from(high & 0x8080_8080) << 32;
+            return Some(8 * index + zeros.trailing_zeros() as usize / 8);
+        }
+    }
+    Some(8 * blocks.len() + rest.iter().position(|&byte| byte == 0)?)
 }
 
 /// How a received frame was damaged.
@@ -108,42 +218,71 @@ impl Decoder {
     #[inline]
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
         // Split so that the many bytes that end no frame never touch a place for a message.
-        if self.feed(byte) { Some(self.decode()) } else { None }
+        if self.collect(&[byte]) { Some(self.message()) } else { None }
     }
 
-    /// Takes one received byte and says whether it ends a frame.
+    /// Takes received bytes up to the end of the first frame among them, whose message is then to be taken with
+    /// [`message`](Self::message), and leaves the others in `bytes`. `false` when no frame ends in them.
+    pub fn take(&mut self, bytes: &mut &[u8]) -> bool {
+        while let Some((frame, rest)) = find_zero(bytes).and_then(|end| bytes.split_at_checked(end)) {
+            *bytes = rest.get(1..).unwrap_or_default();
+            self.collect(frame);
+            if self.collect(&[0]) {
+                return true;
+            }
+        }
+        self.collect(take(bytes));
+        false
+    }
+
+    /// Keeps a part of a frame, or takes notice of its end, a zero; says whether there is a frame to decode.
     #[inline]
-    fn feed(&mut self, byte: u8) -> bool {
-        if byte == 0 {
+    fn collect(&mut self, bytes: &[u8]) -> bool {
+        if let [0] = bytes {
             return self.length > 0; // zeros between frames are padding
         }
-        match self.buffer.get_mut(self.length) {
-            Some(slot) => {
-                *slot = byte;
-                self.length += 1;
+        let end = self.length.saturating_add(bytes.len());
+        match self.buffer.get_mut(self.length..end) {
+            Some(free) => {
+                copy(free, bytes);
+                self.length = end;
             }
-            None => self.skipping = true,
+            None => (self.skipping, self.length) = (true, MAX_FRAME),
         }
         false
     }
 
+    /// The message of the frame that [`take`](Self::take) found, or what was wrong with it.
+    ///
+    /// # Errors
+    /// How the frame was damaged; without a frame, [`FrameError::Framing`].
     #[inline(never)]
-    fn decode<T: DeserializeOwned>(&mut self) -> Result<T, FrameError> {
-        let length = core::mem::take(&mut self.length);
-        let result = if core::mem::take(&mut self.skipping) {
+    pub fn message<T: DeserializeOwned>(&mut self) -> Result<T, FrameError> {
+        let length = take(&mut self.length);
+        let opened = if take(&mut self.skipping) {
             Err(FrameError::Overlong)
         } else {
             self.buffer.get_mut(..length).ok_or(FrameError::Overlong).and_then(open)
         };
-        let count = match result {
-            Ok(_) => &mut self.counts.good,
-            Err(FrameError::Overlong) => &mut self.counts.overlong,
-            Err(FrameError::Framing) => &mut self.counts.framing,
-            Err(FrameError::Checksum) => &mut self.counts.checksum,
-            Err(FrameError::Malformed) => &mut self.counts.malformed,
+        let counts = &mut self.counts;
+        let (error, count) = match opened {
+            Ok(bytes) => {
+                let mut bytes = postcard::Deserializer::from_bytes(bytes);
+                if let Ok(message) = T::deserialize(&mut bytes) {
+                    if bytes.finalize().is_ok_and(<[u8]>::is_empty) {
+                        counts.good = counts.good.wrapping_add(1);
+                        return Ok(message);
+                    }
+                }
+                (FrameError::Malformed, &mut counts.malformed)
+            }
+            Err(FrameError::Overlong) => (FrameError::Overlong, &mut counts.overlong),
+            Err(FrameError::Framing) => (FrameError::Framing, &mut counts.framing),
+            Err(FrameError::Checksum) => (FrameError::Checksum, &mut counts.checksum),
+            Err(FrameError::Malformed) => (FrameError::Malformed, &mut counts.malformed),
         };
         *count = count.wrapping_add(1);
-        result
+        Err(error)
     }
 
     /// What has been received so far.
@@ -152,22 +291,29 @@ impl Decoder {
     }
 }
 
-/// Opens one frame (without its zero): COBS, then checksum, then the message, which must fill it exactly.
-fn open<T: DeserializeOwned>(frame: &mut [u8]) -> Result<T, FrameError> {
-    let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Framing)?;
-    let payload = frame.get(..length).ok_or(FrameError::Framing)?;
-    let (message, crc) = payload.split_last_chunk::<4>().ok_or(FrameError::Framing)?;
-    if checksum(message) != u32::from_le_bytes(*crc) {
-        return Err(FrameError::Checksum);
+/// Opens one frame (without its zero): COBS, then checksum. Returns the bytes of the message.
+fn open(frame: &mut [u8]) -> Result<&[u8], FrameError> {
+    let payload = unstuff(frame).ok_or(FrameError::Framing)?;
+    let (message, crc) = payload.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Framing)?;
+    if checksum(message) == u32::from_le_bytes(*crc) { Ok(message) } else { Err(FrameError::Checksum) }
+}
+
+/// Copies slices of equal length, four bytes a turn: what `copy_from_slice` calls on the microcontroller goes byte by
+/// byte when the two are not aligned alike.
+#[inline]
+fn copy(to: &mut [u8], from: &[u8]) {
+    let (to, to_rest) = to.as_chunks_mut::<4>();
+    let (from, from_rest) = from.as_chunks::<4>();
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
     }
-    match postcard::take_from_bytes(message) {
-        Ok((value, [])) => Ok(value),
-        _ => Err(FrameError::Malformed),
+    for (to, from) in to_rest.iter_mut().zip(from_rest) {
+        *to = *from;
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "tests")]
+#[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 mod tests {
     use super::*;
     use crate::protocol::{ActuatorFrame, Request, RequestFrame};
@@ -190,10 +336,10 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_bytes_worked_out_by_hand() {
-        // Sequence 9 as a varint: 09; request 6 (Disarm): 06; CRC-32 of 09 06 from Python's zlib, low byte first:
-        // 83 0c 78 79; no zero among the six bytes, so COBS puts a 7 in front.
-        let bytes = encoded(&RequestFrame { sequence: 9, request: Request::Disarm });
-        assert_eq!(bytes, [7, 9, 6, 0x83, 0x0c, 0x78, 0x79, 0]);
+        // Client 1, sequence 9, request 6 (Disarm), each a varint: 01 09 06; CRC-32 of them from Python's zlib, low
+        // byte first: 59 ad 22 c6; no zero among the seven bytes, so COBS puts an 8 in front.
+        let bytes = encoded(&RequestFrame { client: 1, sequence: 9, request: Request::Disarm });
+        assert_eq!(bytes, [8, 1, 9, 6, 0x59, 0xad, 0x22, 0xc6, 0]);
         // The check value of CRC-32/ISO-HDLC.
         assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
     }
@@ -222,7 +368,7 @@ mod tests {
         let mut stream = vec![0x55; 2 * MAX_FRAME];
         stream.push(0);
         stream.extend([3, 1, 0]); // says three bytes, is one
-        stream.extend(encoded(&RequestFrame { sequence: 1, request: Request::Disarm }));
+        stream.extend(encoded(&RequestFrame { client: 1, sequence: 1, request: Request::Disarm }));
         stream.extend(encoded(&frame()));
         let mut decoder = Decoder::new();
         let results: Vec<Result<ActuatorFrame, _>> =
@@ -235,22 +381,82 @@ mod tests {
     #[test]
     fn the_longest_messages_fit() {
         use crate::model::MAX_JOINTS;
-        use crate::protocol::{FromBoard, Mode, Telemetry};
-        let list = || [f32::MIN; MAX_JOINTS].into_iter().collect();
-        let telemetry = Telemetry {
-            tick: u32::MAX,
-            mode: Mode::Fault,
-            faults: u32::MAX,
-            positions: list(),
-            velocities: list(),
-            references: list(),
-            torques: list(),
+        use crate::protocol::{
+            Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, Mode, Reply, ReplyFrame, Telemetry,
         };
+        let value = f32::MIN;
+        let joint = JointTelemetry { position: value, velocity: value, reference: value, torque: value };
+        let joints = [joint; MAX_JOINTS].into_iter().collect();
+        let telemetry = Telemetry { tick: u32::MAX, mode: Mode::Fault, faults: u32::MAX, joints };
         assert!(encoded(&FromBoard::Telemetry(telemetry)).len() <= MAX_FRAME);
         let data = [255; crate::protocol::MODEL_CHUNK].into_iter().collect();
-        encoded(&RequestFrame {
-            sequence: u16::MAX,
-            request: Request::ModelChunk { offset: u32::MAX, data },
-        });
+        let (client, sequence) = (u32::MAX, u16::MAX);
+        encoded(&RequestFrame { client, sequence, request: Request::ModelChunk { offset: u32::MAX, data } });
+        let mut log = FaultLog::new();
+        for _ in 0..crate::protocol::MAX_FAULTS {
+            log.record(Fault {
+                cause: FaultCause::Stop,
+                joint: Some(255),
+                value,
+                limit: value,
+                tick: u32::MAX,
+            });
+        }
+        log.total = u32::MAX;
+        let reply = ReplyFrame { client, sequence, tick: u32::MAX, reply: Reply::Faults(log) };
+        encoded(&FromBoard::Reply(reply));
+    }
+
+    /// Bytes with about as many zeros as asked for.
+    fn noise(length: usize, zeros: u32, seed: u64) -> Vec<u8> {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as u32
+        };
+        (0..length).map(|_| if next() % 100 < zeros { 0 } else { (next() % 255 + 1) as u8 }).collect()
+    }
+
+    #[test]
+    fn cobs_and_checksum_agree_with_the_crates_of_that_name() {
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+        for length in (0..40).chain(250..260).chain(500..520) {
+            for zeros in [0, 1, 30, 100] {
+                let payload = noise(length, zeros, length as u64 + 1000 * u64::from(zeros));
+                assert_eq!(checksum(&payload), crc.checksum(&payload));
+                if payload.is_empty() {
+                    continue;
+                }
+                let mut frame = vec![0];
+                frame.extend(&payload);
+                frame.extend([0; 8]);
+                let end = stuff(&mut frame, 1 + length).unwrap();
+                assert_eq!(frame[..end], cobs::encode_vec(&payload), "{length} bytes, {zeros} % zeros");
+                assert_eq!(unstuff(&mut frame[..end]), Some(&*payload));
+            }
+        }
+    }
+
+    #[test]
+    fn frames_are_found_in_slices_as_byte_by_byte() {
+        let mut stream = noise(3000, 3, 1);
+        for _ in 0..20 {
+            stream.extend(encoded(&frame()));
+            stream.extend(noise(13, 30, 2));
+            stream.push(0);
+        }
+        let mut by_byte = Decoder::new();
+        let one: Vec<Result<ActuatorFrame, _>> =
+            stream.iter().filter_map(|&byte| by_byte.push(byte)).collect();
+        for step in [1, 7, 64, 5000] {
+            let (mut decoder, mut all) = (Decoder::new(), Vec::new());
+            for mut bytes in stream.chunks(step) {
+                while decoder.take(&mut bytes) {
+                    all.push(decoder.message::<ActuatorFrame>());
+                }
+            }
+            assert_eq!((&all, decoder.counts()), (&one, by_byte.counts()), "{step} bytes at a time");
+        }
+        assert!(one.iter().filter(|result| result.is_ok()).count() >= 10);
     }
 }

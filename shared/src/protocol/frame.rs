@@ -2,7 +2,7 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::RequestFrame;
+use super::{EXPORT_CHUNK, Identity, RequestFrame};
 use crate::model::MAX_JOINTS;
 
 /// What the sensors of all joints read at one instant. Raw counts: SI conversion happens once, in the node.
@@ -49,6 +49,7 @@ pub struct ActuatorFrame {
 }
 
 /// One entry of a recording from which a run can be repeated: what the node was told and what it answered, in order.
+/// [`crate::node::Replay`] repeats it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum LogRecord {
     /// 0: a request that was handled before the next tick.
@@ -57,4 +58,37 @@ pub enum LogRecord {
     Sensors(SensorFrame),
     /// 2: the tick's output.
     Actuators(ActuatorFrame),
+    /// 3: what made the recording; the first entry of a file.
+    Start(LogStart),
+    /// 4: a piece of a [`crate::node::State`], for a recording that starts while the node runs.
+    State {
+        /// Where the piece begins.
+        offset: u32,
+        /// The bytes.
+        data: Vec<u8, EXPORT_CHUNK>,
+    },
+    /// 5: the pieces are complete: from here on the node is in that state.
+    Restore {
+        /// Length of the state in bytes.
+        length: u32,
+        /// Its [`super::codec::checksum`].
+        checksum: u32,
+    },
+    /// 6: entries are missing here; what follows can be repeated from the next [`LogRecord::Restore`] on.
+    Gap {
+        /// How many.
+        missing: u32,
+    },
+}
+
+/// What made a recording, and when. Its layout never changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LogStart {
+    /// [`super::SCHEMA_KEY`] of the recorder.
+    pub schema: u64,
+    /// The board.
+    pub identity: Identity,
+    /// Seconds since 1970; 0 when unknown.
+    pub unix_time: u64,
 }

@@ -6,16 +6,24 @@ use serde::{Deserialize, Serialize};
 
 use super::codec::FrameCounts;
 use super::fault::{Fault, FaultLog};
+use super::frame::LogRecord;
 use crate::control::{JointPoint, ServoMode};
 use crate::model::{MAX_JOINTS, MAX_NAME, ModelError};
 
 /// Most bytes of a model in one [`Request::ModelChunk`].
 pub const MODEL_CHUNK: usize = 192;
 
-/// A request with the number by which its reply is known.
+/// Most bytes of an export in one [`Reply::Chunk`].
+pub const EXPORT_CHUNK: usize = 192;
+
+/// A request, who asks, and the number by which its reply is known. Like [`Request::Hello`], the two numbers never
+/// change their layout.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RequestFrame {
-    /// Chosen by the sender, repeated in the reply.
+    /// Chosen at random by each program that talks to the board, and repeated in its replies.
+    pub client: u32,
+    /// One more than that of the client's last request; the same when a request is sent again because its reply did
+    /// not come. Repeated in the reply.
     pub sequence: u16,
     /// The request.
     pub request: Request,
@@ -70,11 +78,73 @@ pub enum Request {
         /// [`FaultLog::total`] as read.
         total: u32,
     },
-    /// 12: send [`Telemetry`] every so many ticks; 0 stops it.
-    SetTelemetry {
-        /// Ticks from one to the next.
+    /// 12: send a stream every so many ticks; 0 stops it. For all clients: the last word counts.
+    SetRate {
+        /// Which.
+        stream: Stream,
+        /// Ticks from one message to the next.
         every: u16,
     },
+    /// 13: be the one that commands. Granted when nobody commands, or when the commander has been silent for
+    /// [`super::LEASE`] and the node is not armed.
+    TakeCommand {
+        /// Also when another commands, unless the node is armed.
+        by_force: bool,
+    },
+    /// 14: command no longer. Not while armed.
+    ReleaseCommand,
+    /// 15: keep a copy of what the node has, to be read piece by piece. Answered by [`Reply::Exported`].
+    Export(Item),
+    /// 16: a piece of the copy. Answered by [`Reply::Chunk`].
+    ReadExport {
+        /// Where the piece begins.
+        offset: u32,
+    },
+}
+
+impl Request {
+    /// Whether only the commander may ask for it: whatever makes the machine less safe.
+    pub const fn is_command(&self) -> bool {
+        matches!(
+            self,
+            Self::ModelBegin { .. }
+                | Self::ModelChunk { .. }
+                | Self::ModelCommit
+                | Self::Home { .. }
+                | Self::Arm { .. }
+                | Self::SetPoint(_)
+                | Self::ClearFaults { .. }
+                | Self::ReleaseCommand
+        )
+    }
+}
+
+/// What a board sends unasked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Stream {
+    /// 0: [`FromBoard::Telemetry`].
+    Telemetry,
+    /// 1: [`FromBoard::Status`].
+    Status,
+    /// 2: [`FromBoard::Log`]: everything that goes into the node and comes out of it. Complete whatever the rate is,
+    /// unless that is 0.
+    Log,
+}
+
+impl Stream {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Telemetry, Self::Status, Self::Log];
+}
+
+/// What can be exported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Item {
+    /// 0: the [`crate::model::RobotModel`] in use, as it was pushed.
+    Model,
+    /// 1: the [`crate::node::State`], from which a log can be replayed.
+    State,
 }
 
 /// What an armed node does.
@@ -105,13 +175,28 @@ pub enum SetPoint {
 pub enum FromBoard {
     /// 0: the answer to a request.
     Reply(ReplyFrame),
-    /// 1: the state, unasked, at the rate of [`Request::SetTelemetry`]; may be lost.
+    /// 1: the joints, at the rate of [`Request::SetRate`]; may be lost.
     Telemetry(Telemetry),
+    /// 2: the same as [`Reply::Status`], likewise.
+    Status(Status),
+    /// 3: an entry of the log, likewise.
+    Log(LogEntry),
+}
+
+/// An entry of the log of what goes into the node and comes out of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct LogEntry {
+    /// One more than that of the last entry. A step of more than one shows how many were lost on the way.
+    pub index: u32,
+    /// The entry.
+    pub record: LogRecord,
 }
 
 /// A reply.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ReplyFrame {
+    /// [`RequestFrame::client`] of the request.
+    pub client: u32,
     /// [`RequestFrame::sequence`] of the request.
     pub sequence: u16,
     /// The last tick before the answer.
@@ -127,32 +212,69 @@ pub enum Reply {
     Hello {
         /// The board's [`super::SCHEMA_KEY`].
         schema: u64,
-        /// Version of the firmware: major, minor, patch.
-        firmware: [u8; 3],
+        /// What it runs on and what it can do.
+        identity: Identity,
     },
     /// 1: done.
     Done,
     /// 2: not done, and nothing changed.
     Refused(Refusal),
     /// 3: answers [`Request::ReadStatus`].
-    Status {
-        /// The node's part.
-        node: NodeStatus,
-        /// The board's part.
-        board: BoardStatus,
-    },
+    Status(Status),
     /// 4: answers [`Request::ReadFaults`].
     Faults(FaultLog),
+    /// 5: answers [`Request::Export`].
+    Exported {
+        /// Length in bytes.
+        length: u32,
+        /// [`super::codec::checksum`] of the bytes.
+        checksum: u32,
+        /// [`LogEntry::index`] of the last entry before the copy was made.
+        index: u32,
+    },
+    /// 6: answers [`Request::ReadExport`].
+    Chunk {
+        /// Where the piece begins.
+        offset: u32,
+        /// The bytes; fewer than [`EXPORT_CHUNK`] at the end.
+        data: Vec<u8, EXPORT_CHUNK>,
+    },
+}
+
+/// Who a board is. Its layout never changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Identity {
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// The first bytes of the image's build id, a hash of the whole image; 0 for a node that is in no image.
+    pub image: [u8; 8],
+    /// The microcontroller's unique number; 0 when it has none.
+    pub board: [u8; 12],
+    /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. Bit 2: joint
+    /// servo. The others are 0.
+    pub capabilities: u32,
+}
+
+impl Identity {
+    /// See [`Identity::capabilities`].
+    pub const PLANT_LINK: u32 = 1;
+    /// See [`Identity::capabilities`].
+    pub const POWER_STAGES: u32 = 2;
+    /// See [`Identity::capabilities`].
+    pub const JOINT_SERVO: u32 = 4;
 }
 
 /// Why a request was refused, with what it takes to mend it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// 0: no hello with the board's own schema key came before.
+    /// 0: no hello with the board's own schema key came from this client.
     SchemaMismatch {
         /// The board's key.
         board: u64,
+        /// The board's firmware version.
+        firmware: [u8; 3],
     },
     /// 1: the board has no robot model.
     NoModel,
@@ -236,15 +358,36 @@ pub enum Refusal {
     NoSensors,
     /// 15: the last sensor frame shows a state that would be a fault at once.
     Unsafe(Fault),
+    /// 16: another client commands.
+    Commanded {
+        /// Which.
+        by: u32,
+    },
+    /// 17: only the commander may ask for this, and nobody commands.
+    NotCommander,
+    /// 18: the commander has sent a later request already: this one came late, or twice.
+    Stale {
+        /// Sequence number of the later one.
+        latest: u16,
+    },
+    /// 19: nothing was exported, or not so much.
+    NotExported {
+        /// Bytes of the export; 0 without one.
+        length: u32,
+    },
 }
 
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::SchemaMismatch { board } => write!(
+            Self::SchemaMismatch { board, firmware: [major, minor, patch] } => write!(
                 f,
-                "board and supervisor speak different versions of the protocol (board {board:016x}, here {:016x}): \
-                 flash the firmware of this version, or use the tool of the board's version",
+                "board and supervisor speak different versions of the protocol (board: firmware \
+                 {major}.{minor}.{patch}, schema {board:016x}; here: {}.{}.{}, schema {:016x}): flash the firmware of \
+                 this version, or use the tool of the board's version",
+                crate::VERSION[0],
+                crate::VERSION[1],
+                crate::VERSION[2],
                 super::SCHEMA_KEY
             ),
             Self::NoModel => write!(f, "the board has no robot model: push one first"),
@@ -290,6 +433,18 @@ impl fmt::Display for Refusal {
             ),
             Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
             Self::Unsafe(fault) => write!(f, "arming now would end at once in {fault}"),
+            Self::Commanded { by } => write!(
+                f,
+                "another client ({by:08x}) commands this board: wait until it is done, or take over by force while \
+                 the board is not armed"
+            ),
+            Self::NotCommander => write!(f, "this client does not command the board: take command first"),
+            Self::Stale { latest } => {
+                write!(f, "the request came late or twice: request {latest} was answered already")
+            }
+            Self::NotExported { length } => {
+                write!(f, "there is no such piece: the export has {length} bytes; export first")
+            }
         }
     }
 }
@@ -319,7 +474,16 @@ impl fmt::Display for Mode {
     }
 }
 
-/// The node's part of [`Reply::Status`].
+/// The state of node and board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Status {
+    /// The node's part.
+    pub node: NodeStatus,
+    /// The board's part.
+    pub board: BoardStatus,
+}
+
+/// The node's part of [`Status`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct NodeStatus {
     /// Mode.
@@ -332,15 +496,21 @@ pub struct NodeStatus {
     pub homed: u16,
     /// Faults since power-on.
     pub faults: u32,
+    /// Whether they were all read.
+    pub faults_read: bool,
+    /// The client that commands.
+    pub commander: Option<u32>,
+    /// The last tick.
+    pub tick: u32,
+    /// Supply voltage [V].
+    pub supply: f32,
 }
 
-/// The board's part of [`Reply::Status`]. The simulator and the replay tool report [`BoardStatus::default`].
+/// The board's part of [`Status`]. The simulator and the replay tool report [`BoardStatus::default`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BoardStatus {
-    /// Version of the firmware: major, minor, patch.
-    pub firmware: [u8; 3],
-    /// Whether sensors and drives are on the plant link.
-    pub plant_link: bool,
+    /// Who it is.
+    pub identity: Identity,
     /// Where the clock comes from.
     pub clock: ClockSource,
     /// Why the board started last.
@@ -360,8 +530,11 @@ pub struct BoardStatus {
 impl Default for BoardStatus {
     fn default() -> Self {
         Self {
-            firmware: crate::VERSION,
-            plant_link: true,
+            identity: Identity {
+                firmware: crate::VERSION,
+                capabilities: Identity::PLANT_LINK | Identity::JOINT_SERVO,
+                ..Identity::default()
+            },
             clock: ClockSource::Crystal,
             reset: ResetCause::PowerOn,
             last_words: String::new(),
@@ -424,12 +597,20 @@ pub struct Telemetry {
     pub mode: Mode,
     /// Faults since power-on.
     pub faults: u32,
-    /// Measured angles [rad].
-    pub positions: Vec<f32, MAX_JOINTS>,
-    /// Measured velocities [rad/s].
-    pub velocities: Vec<f32, MAX_JOINTS>,
-    /// Reference angles [rad].
-    pub references: Vec<f32, MAX_JOINTS>,
-    /// Torques [N·m].
-    pub torques: Vec<f32, MAX_JOINTS>,
+    /// One entry for each joint.
+    pub joints: Vec<JointTelemetry, MAX_JOINTS>,
+}
+
+/// A joint after a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JointTelemetry {
+    /// Measured angle [rad].
+    pub position: f32,
+    /// Measured velocity [rad/s].
+    pub velocity: f32,
+    /// Reference angle [rad].
+    pub reference: f32,
+    /// Torque [N·m].
+    pub torque: f32,
 }

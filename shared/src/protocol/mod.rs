@@ -14,11 +14,15 @@ mod frame;
 mod message;
 
 pub use fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
-pub use frame::{ActuatorFrame, LogRecord, SensorFlags, SensorFrame};
+pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use message::{
-    BoardStatus, ClockSource, FromBoard, LinkStatistics, MODEL_CHUNK, Mode, NodeStatus, Refusal, Reply,
-    ReplyFrame, Request, RequestFrame, ResetCause, SetPoint, Task, Telemetry,
+    BoardStatus, ClockSource, EXPORT_CHUNK, FromBoard, Identity, Item, JointTelemetry, LinkStatistics,
+    LogEntry, MODEL_CHUNK, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, ResetCause,
+    SetPoint, Status, Stream, Task, Telemetry,
 };
+
+/// Ticks of silence after which a commander that has armed nothing can be replaced: 1 s.
+pub const LEASE: u32 = 100;
 
 /// Identifies the layout of all messages. Two programs whose keys differ can exchange nothing but
 /// [`Request::Hello`].
@@ -26,10 +30,11 @@ pub const SCHEMA_KEY: u64 = {
     const fn key<T: postcard_schema::Schema>() -> u64 {
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<T>("tesaki").to_bytes())
     }
-    // The model travels as the payload of `ModelChunk`s and therefore counts too.
+    // Model and state travel as the payload of chunks and therefore count too.
     key::<RequestFrame>()
         ^ key::<FromBoard>().rotate_left(13)
         ^ key::<SensorFrame>().rotate_left(26)
         ^ key::<ActuatorFrame>().rotate_left(39)
         ^ key::<crate::model::RobotModel>().rotate_left(52)
+        ^ key::<crate::node::State>().rotate_left(7)
 };

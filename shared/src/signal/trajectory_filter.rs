@@ -1,3 +1,6 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
 use crate::{TICK, math};
 
 /// Shapes a stepping set-point into a smooth reference: `G(s) = 1/(T_f s + 1)²` (Hand3, section 4).
@@ -26,7 +29,7 @@ pub struct TrajectoryFilter {
 }
 
 /// State of a [`TrajectoryFilter`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct TrajectoryState {
     x1: f32,
     x2: f32,

@@ -1,0 +1,94 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::joint::JointState;
+use super::lease::Lease;
+use crate::control::ServoMode;
+use crate::model::{MAX_JOINTS, Reaction};
+use crate::protocol::{Fault, FaultLog, Mode, Stream};
+
+/// How many clients the node remembers to have agreed on the schema.
+const CLIENTS: usize = 4;
+
+/// Everything that a [`Node`](super::Node) knows beside the robot's model. Together with the model, whose configuration
+/// is fixed, it decides what the node does from here on.
+#[derive(Clone, Debug, Serialize, Deserialize, Schema)]
+pub struct State {
+    /// The clients that said hello with our schema key, the latest first.
+    agreed: [Option<u32>; CLIENTS],
+    pub(super) lease: Lease,
+    pub(super) mode: Mode,
+    /// What the outputs do in [`Mode::Fault`].
+    pub(super) reaction: Reaction,
+    pub(super) servo_mode: ServoMode,
+    /// Sequence number of the last sensor frame.
+    pub(super) tick: Option<u32>,
+    /// Supply voltage of the last sensor frame [mV].
+    pub(super) supply: u16,
+    /// What the last sensor frame showed that would be a fault when armed.
+    pub(super) alarm: Option<Fault>,
+    /// Ticks since the last accepted set-point.
+    pub(super) silence: u32,
+    /// Whether references come point by point instead of through the trajectory filter.
+    pub(super) streaming: bool,
+    pub(super) joints: [JointState; MAX_JOINTS],
+    pub(super) faults: FaultLog,
+    /// The total of the faults when they were read last.
+    pub(super) faults_read: u32,
+    /// Ticks from one message to the next, by [`Stream`].
+    pub(super) rates: [u16; Stream::ALL.len()],
+    /// Requests and frames so far: numbers the entries of the log.
+    pub(super) records: u32,
+}
+
+impl State {
+    /// Disarmed, and nothing known.
+    pub const fn new() -> Self {
+        Self {
+            agreed: [None; CLIENTS],
+            lease: Lease::new(),
+            mode: Mode::Disarmed,
+            reaction: Reaction::Off,
+            servo_mode: ServoMode::Pid,
+            tick: None,
+            supply: 0,
+            alarm: None,
+            silence: 0,
+            streaming: false,
+            joints: [JointState::new(); MAX_JOINTS],
+            faults: FaultLog::new(),
+            faults_read: 0,
+            rates: [0; Stream::ALL.len()],
+            records: 0,
+        }
+    }
+
+    /// The last tick; 0 before the first.
+    pub fn now(&self) -> u32 {
+        self.tick.unwrap_or(0)
+    }
+
+    /// Whether the client speaks our protocol.
+    pub fn agrees(&self, client: u32) -> bool {
+        self.agreed.contains(&Some(client))
+    }
+
+    /// The client speaks our protocol, or does not.
+    pub fn agree(&mut self, client: u32, agrees: bool) {
+        for place in &mut self.agreed {
+            if *place == Some(client) {
+                *place = None;
+            }
+        }
+        if agrees {
+            self.agreed.rotate_right(1);
+            self.agreed[0] = Some(client);
+        }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
