@@ -5,4 +5,4 @@ mod link;
 pub mod robot;
 
 pub use board::{Board, BoardError};
-pub use link::{ByteLink, Event, LinkBoard};
+pub use link::{ByteLink, LinkBoard};

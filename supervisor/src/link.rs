@@ -4,7 +4,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFrame};
+use tesaki::protocol::{FromBoard, Reply, ReplyFrame, Request, RequestFrame};
 
 use crate::{Board, BoardError};
 
@@ -28,15 +28,6 @@ pub trait ByteLink {
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize>;
 }
 
-/// What came from the board unasked.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Event {
-    /// Telemetry, status or log.
-    Message(FromBoard),
-    /// A request of [`LinkBoard::post`] was refused.
-    Refused(Refusal),
-}
-
 /// A board at the other end of a [`ByteLink`].
 #[derive(Debug)]
 pub struct LinkBoard<L> {
@@ -45,7 +36,7 @@ pub struct LinkBoard<L> {
     client: u32,
     sequence: u16,
     timeout: Duration,
-    inbox: VecDeque<Event>,
+    inbox: VecDeque<FromBoard>,
     /// Requests that were sent again.
     repeats: u64,
     round_trip: Option<Duration>,
@@ -94,7 +85,100 @@ impl<L: ByteLink> LinkBoard<L> {
     }
 
     /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says the whole
-    /// aim: one that is lost is made up for by the next. A refusal comes as an [`Event`].
+    /// aim: one that is lost is made up for by the next. A refusal comes as an
+    /// [event](Self::next_event).
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn post(&mut self, request: Request) -> Result<u16, BoardError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.send(&RequestFrame { client: self.client, sequence: self.sequence, request })?;
+        Ok(self.sequence)
+    }
+
+    /// The next thing that came unasked, or a refusal of what was [posted](Self::post); `None` when nothing comes until
+    /// `deadline`.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn next_event(&mut self, deadline: Instant) -> Result<Option<FromBoard>, BoardError> {
+        while self.inbox.is_empty() {
+            self.receive(deadline, None)?;
+            if self.inbox.is_empty() && Instant::now() >= deadline {
+                return Ok(None);
+            }
+        }
+        Ok(self.inbox.pop_front())
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Receives what is there, waiting for the first byte until `deadline`; 0 when none came.
+    ///
+    /// # Errors
+    /// When the link is gone.
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize>;
+}
+
+/// A board at the other end of a [`ByteLink`].
+#[derive(Debug)]
+pub struct LinkBoard<L> {
+    link: L,
+    decoder: Decoder,
+    client: u32,
+    sequence: u16,
+    timeout: Duration,
+    inbox: VecDeque<FromBoard>,
+    /// Requests that were sent again.
+    repeats: u64,
+    round_trip: Option<Duration>,
+}
+
+impl<L: ByteLink> LinkBoard<L> {
+    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is sent
+    /// again until then.
+    pub fn new(link: L, timeout: Duration) -> Self {
+        // Two programs must not choose the same number, and it needs no secrecy.
+        #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
+        let client = RandomState::new().build_hasher().finish() as u32;
+        let inbox = VecDeque::new();
+        let decoder = Decoder::new();
+        Self { link, decoder, client, sequence: 0, timeout, inbox, repeats: 0, round_trip: None }
+    }
+
+    /// Answers are waited for so long from now on.
+    pub const fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout = timeout;
+    }
+
+    /// The number by which the board knows this client.
+    pub const fn client(&self) -> u32 {
+        self.client
+    }
+
+    /// The link.
+    pub const fn link(&self) -> &L {
+        &self.link
+    }
+
+    /// Frames received, by kind of damage.
+    pub const fn counts(&self) -> FrameCounts {
+        self.decoder.counts()
+    }
+
+    /// Requests that had to be sent again.
+    pub const fn repeats(&self) -> u64 {
+        self.repeats
+    }
+
+    /// From the last request to its reply.
+    pub const fn round_trip(&self) -> Option<Duration> {
+        self.round_trip
+    }
+
+    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says the whole
+    /// aim: one that is lost is made up for by the next. A refusal comes as an
+    /// [event](Self::next_event).
     ///
     /// # Errors
     /// When the link fails.
@@ -128,36 +212,27 @@ impl<L: ByteLink> LinkBoard<L> {
         Ok(self.link.send(&frame[..length])?)
     }
 
-    /// Takes what comes until `deadline`, but not more than once: the reply to request `sequence` (to any, without a
-    /// number) is returned, everything else put into the inbox.
-    fn receive(
-        &mut self,
-        deadline: Instant,
-        sequence: Option<u16>,
-    ) -> Result<Option<ReplyFrame>, BoardError> {
+    /// Takes what comes until `deadline`, but not more than once: returns the reply to request `sequence`, and puts what
+    /// came unasked and refusals into the inbox.
+    fn receive(&mut self, deadline: Instant, sequence: Option<u16>) -> Result<Option<Reply>, BoardError> {
         let mut buffer = [0; 4096];
         let received = self.link.receive(&mut buffer, deadline)?;
         let mut bytes = &buffer[..received];
         let mut answer = None;
         while self.decoder.take(&mut bytes) {
-            // Damaged frames are counted by the decoder; what is missing is asked for again.
-            let Ok(message) = self.decoder.message() else { continue };
-            let event = match message {
-                FromBoard::Reply(reply) if reply.client != self.client => continue,
-                FromBoard::Reply(reply) if sequence.is_none_or(|sequence| sequence == reply.sequence) => {
-                    answer = Some(reply);
-                    continue;
+            match self.decoder.message() {
+                // Damaged frames are counted by the decoder; what is missing is asked for again.
+                Err(_) => {}
+                Ok(FromBoard::Reply(ReplyFrame { client, .. })) if client != self.client => {}
+                Ok(FromBoard::Reply(reply)) if sequence == Some(reply.sequence) => answer = Some(reply.reply),
+                Ok(FromBoard::Reply(ReplyFrame { reply: Reply::Done, .. })) => {}
+                Ok(event) => {
+                    if self.inbox.len() >= INBOX {
+                        self.inbox.pop_front();
+                    }
+                    self.inbox.push_back(event);
                 }
-                FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
-                    Event::Refused(refusal)
-                }
-                FromBoard::Reply(_) => continue,
-                message => Event::Message(message),
-            };
-            if self.inbox.len() >= INBOX {
-                self.inbox.pop_front();
             }
-            self.inbox.push_back(event);
         }
         Ok(answer)
     }
@@ -176,7 +251,7 @@ impl<L: ByteLink> Board for LinkBoard<L> {
             loop {
                 if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());
-                    return Ok(answer.reply);
+                    return Ok(answer);
                 }
                 if Instant::now() >= patience {
                     break;

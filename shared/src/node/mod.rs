@@ -34,7 +34,7 @@ mod transfer;
 )]
 mod tests;
 
-pub use replay::{Replay, ReplayError};
+pub use replay::{Difference, Replay, ReplayError};
 pub use robot::Robot;
 pub use state::State;
 

@@ -19,16 +19,14 @@ pub struct Replay<'a> {
 }
 
 /// Why a recording cannot be repeated.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReplayError {
     /// The node answered differently.
     Different {
-        /// As recorded.
-        recorded: ActuatorFrame,
-        /// As computed now.
-        computed: ActuatorFrame,
-        /// The first joint whose torque differs; `None` when something else does.
-        joint: Option<usize>,
+        /// In this tick.
+        tick: u32,
+        /// In this.
+        difference: Difference,
     },
     /// It was recorded with another version of the protocol.
     Schema {
@@ -41,36 +39,58 @@ pub enum ReplayError {
     Order,
 }
 
+/// In what a recorded and a computed answer differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Difference {
+    /// The tick that is answered.
+    Sequence {
+        /// As computed now.
+        computed: u32,
+    },
+    /// Whether the power stages are on.
+    Enabled {
+        /// As computed now.
+        computed: bool,
+    },
+    /// The number of torques.
+    Joints {
+        /// As recorded.
+        recorded: usize,
+        /// As computed now.
+        computed: usize,
+    },
+    /// A torque, if only in its last bit.
+    Torque {
+        /// The joint.
+        joint: usize,
+        /// As recorded [N·m].
+        recorded: f32,
+        /// As computed now [N·m].
+        computed: f32,
+    },
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sequence { computed } => write!(f, "the answer is to tick {computed}"),
+            Self::Enabled { computed: true } => write!(f, "the outputs were off, are on"),
+            Self::Enabled { computed: false } => write!(f, "the outputs were on, are off"),
+            Self::Joints { recorded, computed } => write!(f, "there were {recorded} torques, are {computed}"),
+            Self::Torque { joint, recorded, computed } => write!(
+                f,
+                "torque of joint {joint} was {recorded} ({:#010x}), is {computed} ({:#010x}) N·m",
+                recorded.to_bits(),
+                computed.to_bits()
+            ),
+        }
+    }
+}
+
 impl fmt::Display for ReplayError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Different { recorded, computed, joint } => {
-                write!(f, "tick {}: ", recorded.sequence)?;
-                let torque = |frame: &ActuatorFrame, joint: usize| {
-                    frame.torques.get(joint).copied().unwrap_or(f32::NAN)
-                };
-                match *joint {
-                    Some(joint) => {
-                        let (recorded, computed) = (torque(recorded, joint), torque(computed, joint));
-                        write!(
-                            f,
-                            "torque of joint {joint} was {recorded} ({:#010x}), is {computed} ({:#010x}) N·m",
-                            recorded.to_bits(),
-                            computed.to_bits()
-                        )
-                    }
-                    None => write!(
-                        f,
-                        "the outputs were {} with {} torques (tick {}), are {} with {} torques (tick {})",
-                        if recorded.enabled { "on" } else { "off" },
-                        recorded.torques.len(),
-                        recorded.sequence,
-                        if computed.enabled { "on" } else { "off" },
-                        computed.torques.len(),
-                        computed.sequence
-                    ),
-                }
-            }
+            Self::Different { tick, difference } => write!(f, "tick {tick}: {difference}"),
             Self::Schema { recorded } => write!(
                 f,
                 "the recording has schema {recorded:016x}, this program {SCHEMA_KEY:016x}: use the program of the \
@@ -125,7 +145,10 @@ impl<'a> Replay<'a> {
             LogRecord::Sensors(sensors) => self.computed = Some(self.node.tick(sensors)),
             LogRecord::Actuators(recorded) if self.in_step => {
                 let computed = self.computed.take().ok_or(ReplayError::Order)?;
-                return compare(recorded, computed).map(|()| true);
+                return match compare(recorded, &computed) {
+                    None => Ok(true),
+                    Some(difference) => Err(ReplayError::Different { tick: recorded.sequence, difference }),
+                };
             }
             LogRecord::Actuators(_) => {}
         }
@@ -133,14 +156,20 @@ impl<'a> Replay<'a> {
     }
 }
 
-fn compare(recorded: &ActuatorFrame, computed: ActuatorFrame) -> Result<(), ReplayError> {
-    let mut pairs = recorded.torques.iter().zip(&computed.torques);
-    let joint = pairs.position(|(recorded, computed)| recorded.to_bits() != computed.to_bits());
-    let same = recorded.sequence == computed.sequence
-        && recorded.enabled == computed.enabled
-        && recorded.torques.len() == computed.torques.len();
-    if joint.is_none() && same {
-        return Ok(());
+fn compare(recorded: &ActuatorFrame, computed: &ActuatorFrame) -> Option<Difference> {
+    if recorded.sequence != computed.sequence {
+        return Some(Difference::Sequence { computed: computed.sequence });
     }
-    Err(ReplayError::Different { recorded: recorded.clone(), computed, joint })
+    if recorded.enabled != computed.enabled {
+        return Some(Difference::Enabled { computed: computed.enabled });
+    }
+    if recorded.torques.len() != computed.torques.len() {
+        return Some(Difference::Joints {
+            recorded: recorded.torques.len(),
+            computed: computed.torques.len(),
+        });
+    }
+    let pairs = recorded.torques.iter().zip(&computed.torques);
+    let (joint, (&recorded, &computed)) = pairs.enumerate().find(|(_, (a, b))| a.to_bits() != b.to_bits())?;
+    Some(Difference::Torque { joint, recorded, computed })
 }

@@ -22,15 +22,15 @@ pub const MAX_FRAME: usize = MAX_MESSAGE + CHECKSUM + (MAX_MESSAGE + CHECKSUM).d
 // A static, so that the tables lie in flash once and are not copied to the stack at each use.
 static CRC_TABLES: [[u32; 256]; 4] = {
     let mut tables = [[0; 256]; 4];
-    let mut byte = 0;
+    let mut byte = 0_u32;
     while byte < 256 {
-        let mut value = byte as u32;
+        let mut value = byte;
         let mut bit = 0;
         while bit < 8 {
             value = (value >> 1) ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 };
             bit += 1;
         }
-        tables[0][byte] = value;
+        tables[0][byte as usize] = value;
         byte += 1;
     }
     let mut behind = 1;
@@ -268,11 +268,11 @@ impl Decoder {
         let (error, count) = match opened {
             Ok(bytes) => {
                 let mut bytes = postcard::Deserializer::from_bytes(bytes);
-                if let Ok(message) = T::deserialize(&mut bytes) {
-                    if bytes.finalize().is_ok_and(<[u8]>::is_empty) {
-                        counts.good = counts.good.wrapping_add(1);
-                        return Ok(message);
-                    }
+                if let Ok(message) = T::deserialize(&mut bytes)
+                    && bytes.finalize().is_ok_and(<[u8]>::is_empty)
+                {
+                    counts.good = counts.good.wrapping_add(1);
+                    return Ok(message);
                 }
                 (FrameError::Malformed, &mut counts.malformed)
             }
