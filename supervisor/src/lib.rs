@@ -2,6 +2,8 @@
 
 mod board;
 mod link;
+#[cfg(unix)]
+pub mod port;
 pub mod robot;
 
 pub use board::{Board, BoardError};
