@@ -1,6 +1,7 @@
 //! The PC at the other end of a tesaki board's serial line: robot folders, and the client side of the protocol.
 
 mod board;
+pub mod fault_injector;
 mod link;
 #[cfg(unix)]
 pub mod port;
