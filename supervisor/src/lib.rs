@@ -2,6 +2,8 @@
 
 mod board;
 pub mod fault_injector;
+#[cfg(unix)]
+pub mod hub;
 mod link;
 #[cfg(unix)]
 pub mod port;
