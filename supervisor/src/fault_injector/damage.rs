@@ -200,7 +200,7 @@ mod tests {
 
     /// Frames of 20 bytes, each of one letter.
     fn stream(frames: usize) -> Vec<u8> {
-        (0..frames).flat_map(|frame| [[1 + (frame % 250) as u8; 19].as_slice(), &[0]].concat()).collect()
+        (1..=250).cycle().take(frames).flat_map(|letter| [[letter; 19].as_slice(), &[0]].concat()).collect()
     }
 
     fn passed(faults: &str, bytes: &[u8]) -> (Vec<u8>, Injected) {

@@ -1,6 +1,6 @@
 use std::collections::VecDeque;
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use super::{Damage, Injected, LinkFaults, Random};
 use crate::ByteLink;
@@ -162,6 +162,7 @@ impl<L: ByteLink> ByteLink for FaultyLink<L> {
 mod tests {
     use super::*;
     use std::thread;
+    use std::time::Duration;
 
     /// Gives back what is sent.
     #[derive(Default)]
@@ -223,24 +224,23 @@ mod tests {
     #[test]
     fn delays_keep_the_order_and_the_limit() {
         let mut link = link("seed=1,delay=40ms@0.5");
-        let (received, last) = echoed(&mut link, 50, 300);
+        let (received, last) = echoed(&mut link, 50, 500);
         let expected: Vec<u8> = (1..=50).flat_map(|frame| [frame, frame, frame, 0]).collect();
         assert_eq!(received, expected);
         let injected = link.injected();
         assert!((10..=40).contains(&link.sent().delayed), "{injected}");
-        assert!(last > Duration::from_millis(30) && last < Duration::from_millis(120), "{last:?}");
+        assert!(last > Duration::from_millis(30) && last < Duration::from_millis(200), "{last:?}");
     }
 
     #[test]
     fn a_stall_is_silence_and_then_everything() {
-        let mut link = link("stall=60ms@1");
+        let mut link = link("stall=100ms@1");
         let start = Instant::now();
         link.send(&[9, 0]).unwrap();
         let mut buffer = [0; 8];
         assert_eq!(link.receive(&mut buffer, start + Duration::from_millis(50)).unwrap(), 0);
-        assert!(start.elapsed() < Duration::from_millis(60));
         assert_eq!(link.receive(&mut buffer, start + Duration::from_secs(2)).unwrap(), 2);
-        assert!(start.elapsed() >= Duration::from_millis(120)); // one in each direction
+        assert!(start.elapsed() >= Duration::from_millis(200)); // one in each direction
         assert_eq!(link.injected().stalled, 2);
     }
 }

@@ -19,13 +19,15 @@ pub(super) struct Client {
     slave: Option<OwnedFd>,
     frames: Whole,
     backlog: VecDeque<u8>,
+    /// Closed at its side. What it sent before is still read: it may have said its last word and left.
+    deaf: bool,
     /// Bytes that it was too slow for.
     pub(super) dropped: u64,
 }
 
 impl Client {
     pub(super) fn new(file: File, slave: Option<OwnedFd>) -> Self {
-        Self { file, slave, frames: Whole::default(), backlog: VecDeque::new(), dropped: 0 }
+        Self { file, slave, frames: Whole::default(), backlog: VecDeque::new(), deaf: false, dropped: 0 }
     }
 
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
@@ -50,12 +52,9 @@ impl Client {
     }
 
     /// Writes what the client takes and keeps the rest for later, or drops it if there is too much of it.
-    ///
-    /// # Errors
-    /// When the client is gone.
-    pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.flush()?;
-        let written = if self.backlog.is_empty() { stream::write(&self.file, bytes)? } else { 0 };
+    pub(super) fn write(&mut self, bytes: &[u8]) {
+        self.flush();
+        let written = if self.backlog.is_empty() { write_to(&self.file, &mut self.deaf, bytes) } else { 0 };
         let rest = bytes.get(written..).unwrap_or_default();
         // Most of the time nobody has a pseudo-terminal open, and who opens it wants news: the kernel's few kB are
         // backlog enough. The frame that is cut there fails its checksum.
@@ -65,21 +64,27 @@ impl Client {
         } else {
             self.dropped = self.dropped.wrapping_add(u64::try_from(rest.len()).unwrap_or(u64::MAX));
         }
-        Ok(())
     }
 
     /// Writes of the backlog what the client takes.
-    ///
-    /// # Errors
-    /// When the client is gone.
-    pub(super) fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) {
         while !self.backlog.is_empty() {
-            let written = stream::write(&self.file, self.backlog.as_slices().0)?;
+            let written = write_to(&self.file, &mut self.deaf, self.backlog.as_slices().0);
             if written == 0 {
                 break;
             }
             self.backlog.drain(..written);
         }
-        Ok(())
     }
+}
+
+/// Writes what the client takes. What a deaf one is told counts as taken.
+fn write_to(file: &File, deaf: &mut bool, bytes: &[u8]) -> usize {
+    if !*deaf {
+        match stream::write(file, bytes) {
+            Ok(written) => return written,
+            Err(_) => *deaf = true,
+        }
+    }
+    bytes.len()
 }

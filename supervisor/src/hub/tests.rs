@@ -106,6 +106,20 @@ fn who_does_not_read_holds_up_nobody() {
 }
 
 #[test]
+fn the_last_word_of_a_client_that_left_is_heard() {
+    let (mut hub, folder) = hub("hub-last");
+    let mut client = open(hub.address()).unwrap();
+    client.send(&[3, 0]).unwrap();
+    drop(client);
+    hub.broadcast(&[1, 0]);
+    hub.broadcast(&[1, 0]);
+    assert_eq!(received(&mut hub, 2), [3, 0]);
+    assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(20)).unwrap(), 0);
+    assert_eq!(hub.clients(), 0);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
 fn overlong_frames_are_dropped_whole() {
     let mut hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned())).unwrap();
     let Address::Tcp(host) = hub.address().clone() else { panic!() };

@@ -138,6 +138,11 @@ fn open_serial(path: &Path) -> Result<File, PortError> {
         }
         // Linux's answer for a /dev/ttyS* without hardware.
         Some(Errno::EIO) => not_serial("there is no hardware behind it"),
+        // `serial2` read the settings back and found others: a plain UART often ends at 115200 baud.
+        None => explain(io::Error::new(
+            io::ErrorKind::Unsupported,
+            format!("it cannot do {BAUD_RATE} baud with 8 data bits and no parity: use an adapter that can"),
+        )),
         _ => explain(error),
     })?;
     Ok(OwnedFd::from(port).into())

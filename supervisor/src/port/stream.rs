@@ -16,7 +16,10 @@ pub(crate) fn wait(fds: &mut [PollFd<'_>], deadline: Instant) -> io::Result<bool
         #[cfg(target_os = "linux")]
         let result = nix::poll::ppoll(fds, Some(left.into()), None);
         #[cfg(not(target_os = "linux"))]
-        let result = nix::poll::poll(fds, nix::poll::PollTimeout::try_from(left).unwrap_or_default());
+        let result = nix::poll::poll(
+            fds,
+            nix::poll::PollTimeout::try_from(left).unwrap_or(nix::poll::PollTimeout::MAX),
+        );
         match result {
             Ok(events) => return Ok(events > 0),
             Err(Errno::EINTR) => {}
