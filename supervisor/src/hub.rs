@@ -5,23 +5,21 @@
 //! [`Hub::pump`] carries the bytes. It has no threads: clients are served inside these calls.
 
 mod client;
+mod listener;
 
 use std::collections::VecDeque;
-use std::fs::{self, File};
 use std::io;
-use std::net::TcpListener;
-use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
-use std::os::unix::fs::FileTypeExt as _;
-use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
+use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 
 use crate::ByteLink;
 use crate::port::{Address, stream};
 use client::Client;
+use listener::Listener;
 
 /// The longest frame that passes, its zero included. Longer ones are dropped whole.
 pub const LONGEST_FRAME: usize = 512;
@@ -55,45 +53,6 @@ impl Whole {
     }
 }
 
-#[derive(Debug)]
-enum Listener {
-    Unix(UnixListener, PathBuf),
-    Tcp(TcpListener),
-}
-
-impl Listener {
-    fn fd(&self) -> BorrowedFd<'_> {
-        match self {
-            Self::Unix(listener, _) => listener.as_fd(),
-            Self::Tcp(listener) => listener.as_fd(),
-        }
-    }
-
-    fn accept(&self) -> io::Result<File> {
-        match self {
-            Self::Unix(listener, _) => {
-                let (socket, _) = listener.accept()?;
-                socket.set_nonblocking(true)?;
-                Ok(OwnedFd::from(socket).into())
-            }
-            Self::Tcp(listener) => {
-                let (socket, _) = listener.accept()?;
-                socket.set_nonblocking(true)?;
-                socket.set_nodelay(true)?;
-                Ok(OwnedFd::from(socket).into())
-            }
-        }
-    }
-}
-
-impl Drop for Listener {
-    fn drop(&mut self) {
-        if let Self::Unix(_, path) = self {
-            let _ = fs::remove_file(path);
-        }
-    }
-}
-
 /// Shares one board among several clients. A client that does not read loses bytes, and never holds up the others.
 #[derive(Debug)]
 pub struct Hub {
@@ -122,26 +81,7 @@ impl Hub {
     /// # Errors
     /// As [`Hub::listen`].
     pub fn also_listen(&mut self, address: &Address) -> io::Result<()> {
-        let (listener, address) = match address {
-            Address::Unix(path) => (Listener::Unix(listen_unix(path)?, path.clone()), address.clone()),
-            Address::Tcp(host) => {
-                let listener = TcpListener::bind(host).map_err(|error| {
-                    io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"))
-                })?;
-                listener.set_nonblocking(true)?;
-                let bound = Address::Tcp(listener.local_addr()?.to_string());
-                (Listener::Tcp(listener), bound)
-            }
-            Address::Auto | Address::Path(_) => {
-                return Err(io::Error::new(
-                    io::ErrorKind::InvalidInput,
-                    format!(
-                        "cannot listen at {address}: give a socket, like unix:///run/hand.sock or tcp://localhost:7400"
-                    ),
-                ));
-            }
-        };
-        self.listeners.push((listener, address));
+        self.listeners.push(Listener::new(address)?);
         Ok(())
     }
 
@@ -157,7 +97,6 @@ impl Hub {
         cfmakeraw(&mut settings);
         tcsetattr(&pty.slave, SetArg::TCSANOW, &settings)?;
         let path = nix::unistd::ttyname(&pty.slave)?;
-        use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
         fcntl(&pty.master, FcntlArg::F_SETFL(OFlag::O_RDWR | OFlag::O_NONBLOCK))?;
         // A child process that kept it would keep the terminal alive.
         for end in [&pty.master, &pty.slave] {
@@ -206,12 +145,7 @@ impl Hub {
     ///
     /// # Errors
     /// When the board's link is gone.
-    pub fn pump<L: ByteLink>(
-        &mut self,
-        board: &mut L,
-        turn: std::time::Duration,
-        deadline: Instant,
-    ) -> io::Result<()> {
+    pub fn pump<L: ByteLink>(&mut self, board: &mut L, turn: Duration, deadline: Instant) -> io::Result<()> {
         let (mut frames, mut buffer) = (Vec::new(), [0; 4096]);
         loop {
             let now = Instant::now();
@@ -290,28 +224,6 @@ impl ByteLink for Hub {
         }
         Ok(length)
     }
-}
-
-/// Listens at a socket file, and takes the place of one that a crashed program left.
-fn listen_unix(path: &Path) -> io::Result<UnixListener> {
-    let fail = |error: io::Error| {
-        io::Error::new(error.kind(), format!("cannot listen at unix://{}: {error}", path.display()))
-    };
-    if fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket()) {
-        match UnixStream::connect(path) {
-            Ok(_) => {
-                let error = "another program listens there: end it, or choose another path";
-                return Err(fail(io::Error::new(io::ErrorKind::AddrInUse, error)));
-            }
-            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {
-                fs::remove_file(path).map_err(fail)?;
-            }
-            Err(error) => return Err(fail(error)),
-        }
-    }
-    let listener = UnixListener::bind(path).map_err(fail)?;
-    listener.set_nonblocking(true)?;
-    Ok(listener)
 }
 
 #[cfg(test)]

@@ -9,14 +9,16 @@ mod error;
 mod list;
 mod open;
 mod reopening;
+mod serial;
 pub(crate) mod stream;
 
 pub use address::{Address, AddressError};
 pub use announcement::Announcement;
 pub use error::PortError;
 pub use list::{Found, latency_timer, list};
-pub use open::{BAUD_RATE, Port, open};
+pub use open::{Port, open};
 pub use reopening::Reopening;
+pub use serial::BAUD_RATE;
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]

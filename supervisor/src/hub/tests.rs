@@ -1,7 +1,8 @@
+use std::fs;
 use std::io::Write as _;
 use std::net::TcpStream;
+use std::os::unix::net::UnixListener;
 use std::thread;
-use std::time::Duration;
 
 use super::*;
 use crate::port::{Port, open, tests::folder};

@@ -65,7 +65,7 @@ fn has_uart(path: &Path) -> bool {
         .is_none_or(|kind| kind.trim() != "0")
 }
 
-/// How long a USB serial adapter keeps received bytes before it passes them on [ms]: FTDI's chips wait 16 ms unless
+/// How long a USB serial adapter keeps received bytes before it passes them on, in ms: FTDI's chips wait 16 ms unless
 /// told otherwise, which is most of a request's round trip. `None` for adapters (and systems) that do not say.
 pub fn latency_timer(path: &Path) -> Option<u32> {
     latency_timer_in(Path::new("/sys/bus/usb-serial/devices"), path)
