@@ -11,9 +11,8 @@ struct Direction {
     damage: Damage,
     /// Apart from the damage's, so that what happens to bytes does not depend on how they are cut into chunks.
     random: Random,
+    /// In the order in which they were sent: a late one holds up those behind it.
     chunks: VecDeque<(Instant, Vec<u8>)>,
-    /// When the last chunk arrives: none may overtake it.
-    last: Option<Instant>,
     delayed: u64,
     stalled: u64,
 }
@@ -24,7 +23,6 @@ impl Direction {
             damage: Damage::new(faults, direction),
             random: Random::new(faults.seed, direction + 2),
             chunks: VecDeque::new(),
-            last: None,
             delayed: 0,
             stalled: 0,
         }
@@ -44,8 +42,6 @@ impl Direction {
             self.stalled += 1;
             due += faults.stall.duration;
         }
-        let due = self.last.map_or(due, |last| last.max(due));
-        self.last = Some(due);
         let mut out = Vec::with_capacity(bytes.len());
         self.damage.pass(bytes, &mut out);
         if !out.is_empty() {

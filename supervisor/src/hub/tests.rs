@@ -67,7 +67,11 @@ fn two_clients_and_a_terminal_share_the_board() {
 #[test]
 fn a_terminal_survives_who_closes_it() {
     let (mut hub, folder) = hub("hub-terminal");
-    let address = Address::Path(hub.add_pty().unwrap());
+    let path = hub.add_pty().unwrap();
+    // Raw for programs that do not make it so: a cooked terminal would put a 13 before the 10.
+    fs::OpenOptions::new().write(true).open(&path).unwrap().write_all(&[1, 10, 0]).unwrap();
+    assert_eq!(received(&mut hub, 3), [1, 10, 0]);
+    let address = Address::Path(path);
     for round in 1..=3 {
         let mut client = open(&address).unwrap();
         client.send(&[round, 0]).unwrap();
