@@ -218,6 +218,14 @@ mod tests {
     }
 
     #[test]
+    fn what_does_not_fit_the_buffer_comes_with_the_next_call() {
+        let (received, _) = echoed(&mut link("duplicate=1"), 2, 50);
+        let expected: Vec<u8> =
+            [1, 1, 1, 1, 2, 2, 2, 2].iter().flat_map(|&frame| [frame, frame, frame, 0]).collect();
+        assert_eq!(received, expected);
+    }
+
+    #[test]
     fn delays_keep_the_order_and_the_limit() {
         let mut link = link("seed=1,delay=40ms@0.5");
         let (received, last) = echoed(&mut link, 50, 500);
