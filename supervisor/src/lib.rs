@@ -1,4 +1,5 @@
-//! The PC at the other end of a tesaki board's serial line: robot folders, and the client side of the protocol.
+//! The PC at the other end of a tesaki board's serial line: robot folders, the client side of the protocol,
+//! and the ways to the board: ports, a hub for several programs, and a bad line for tests.
 
 mod board;
 pub mod fault_injector;

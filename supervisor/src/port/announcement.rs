@@ -119,7 +119,8 @@ mod tests {
 
     #[test]
     fn a_board_is_listed_while_it_is_announced_and_left_overs_are_removed() {
-        let folder = crate::port::tests::folder("announcements").join("tesaki");
+        let parent = crate::port::tests::folder("announcements");
+        let folder = parent.join("tesaki");
         let address = Address::Unix("/run/hand.sock".into());
         let board = Announcement::in_folder(&folder, "hand/3", &address, "simulated\nhand3").unwrap();
         assert_eq!(fs::metadata(&folder).unwrap().mode() & 0o777, 0o700);
@@ -136,7 +137,7 @@ mod tests {
         drop(board);
         assert!(!path.exists());
         assert_eq!(list_folder(&folder), []);
-        fs::remove_dir_all(folder).unwrap();
+        fs::remove_dir_all(parent).unwrap();
     }
 
     #[test]
