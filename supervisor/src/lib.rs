@@ -1,7 +1,13 @@
-//! The PC at the other end of a tesaki board's serial line: robot folders, and the client side of the protocol.
+//! The PC at the other end of a tesaki board's serial line: robot folders, the client side of the protocol,
+//! and the ways to the board: ports, a hub for several programs, and a bad line for tests.
 
 mod board;
+pub mod fault_injector;
+#[cfg(unix)]
+pub mod hub;
 mod link;
+#[cfg(unix)]
+pub mod port;
 pub mod robot;
 
 pub use board::{Board, BoardError};

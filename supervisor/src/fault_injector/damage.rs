@@ -1,0 +1,286 @@
+use std::fmt;
+use std::ops::Add;
+
+use super::{LinkFaults, Random};
+
+/// How many faults were injected, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Injected {
+    /// Bytes that came in.
+    pub bytes: u64,
+    /// Frames that came in, told by their zeros.
+    pub frames: u64,
+    /// Bytes lost one by one; splices not counted.
+    pub dropped: u64,
+    /// Bytes with a flipped bit.
+    pub flipped: u64,
+    /// Places where two frames ran into each other.
+    pub spliced: u64,
+    /// Frames that went out twice.
+    pub duplicated: u64,
+    /// Chunks that came late.
+    pub delayed: u64,
+    /// Silences.
+    pub stalled: u64,
+}
+
+impl Injected {
+    /// Faults of all kinds.
+    pub const fn total(&self) -> u64 {
+        self.dropped + self.flipped + self.spliced + self.duplicated + self.delayed + self.stalled
+    }
+}
+
+impl Add for Injected {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            bytes: self.bytes + other.bytes,
+            frames: self.frames + other.frames,
+            dropped: self.dropped + other.dropped,
+            flipped: self.flipped + other.flipped,
+            spliced: self.spliced + other.spliced,
+            duplicated: self.duplicated + other.duplicated,
+            delayed: self.delayed + other.delayed,
+            stalled: self.stalled + other.stalled,
+        }
+    }
+}
+
+impl fmt::Display for Injected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { bytes, frames, dropped, flipped, spliced, duplicated, delayed, stalled } = self;
+        write!(
+            f,
+            "{frames} frames ({bytes} bytes): {dropped} bytes dropped, {flipped} flipped, {spliced} frames spliced, \
+             {duplicated} duplicated, {delayed} chunks delayed, {stalled} stalls"
+        )
+    }
+}
+
+/// A frame that is longer is no frame of any protocol here, and is not repeated.
+const LONGEST: usize = 512;
+
+/// What a splice does to the bytes that pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Splice {
+    /// Nothing.
+    None,
+    /// Starts after so many more bytes, at the latest at the zero.
+    Before(u32),
+    /// Swallows up to the zero.
+    Tail,
+    /// Swallows so many more bytes, behind the zero.
+    Head(u32),
+}
+
+/// Damages bytes that pass through it, one direction of a line. Knows no time, so that tests can send millions of
+/// frames; the same bytes come out the same for the same seed, however they are cut into pieces.
+#[derive(Clone, Debug)]
+pub struct Damage {
+    faults: LinkFaults,
+    random: Random,
+    splice: Splice,
+    /// Bytes in the frame that comes in.
+    length: u32,
+    /// Length of the frame before, by which the places of splices are chosen: the end of the present one is not
+    /// known, and waiting for it would delay the line.
+    usual: u32,
+    /// What went out since the last zero that did.
+    frame: Vec<u8>,
+    injected: Injected,
+}
+
+impl Damage {
+    /// The damage of the direction number `direction` of a line, which is another for each.
+    pub fn new(faults: &LinkFaults, direction: u64) -> Self {
+        let mut damage = Self {
+            random: Random::new(faults.seed, direction),
+            faults: faults.clone(),
+            splice: Splice::None,
+            length: 0,
+            usual: 1,
+            frame: Vec::with_capacity(LONGEST),
+            injected: Injected::default(),
+        };
+        damage.plan_splice();
+        damage
+    }
+
+    /// Lets `bytes` pass and appends what is left of them to `out`.
+    pub fn pass(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
+        for &byte in bytes {
+            self.injected.bytes += 1;
+            self.length = self.length.saturating_add(1);
+            let kept = self.splice(byte);
+            if byte == 0 {
+                self.injected.frames += 1;
+                self.usual = std::mem::take(&mut self.length);
+                if self.splice == Splice::None {
+                    self.plan_splice();
+                }
+            }
+            if kept {
+                self.pass_byte(byte, out);
+            }
+        }
+    }
+
+    /// What was done so far.
+    pub const fn injected(&self) -> Injected {
+        self.injected
+    }
+
+    /// Decides at the start of a frame whether it will lose its end.
+    fn plan_splice(&mut self) {
+        let (will, place) = (self.random.chance(self.faults.splice), self.random.below(self.usual));
+        self.splice = if will { Splice::Before(place) } else { Splice::None };
+    }
+
+    /// Whether the splices let this byte pass.
+    fn splice(&mut self, byte: u8) -> bool {
+        if let Splice::Before(left) = self.splice {
+            if left > 0 && byte != 0 {
+                self.splice = Splice::Before(left - 1);
+                return true;
+            }
+            self.splice = Splice::Tail;
+        }
+        match self.splice {
+            Splice::Tail if byte == 0 => {
+                self.injected.spliced += 1;
+                self.splice = match self.random.below(self.length) {
+                    0 => Splice::None,
+                    head => Splice::Head(head),
+                };
+                false
+            }
+            Splice::Tail => false,
+            Splice::Head(left) => {
+                self.splice = if left > 1 { Splice::Head(left - 1) } else { Splice::None };
+                false
+            }
+            Splice::None | Splice::Before(_) => true,
+        }
+    }
+
+    fn pass_byte(&mut self, byte: u8, out: &mut Vec<u8>) {
+        // One draw decides: a byte is either lost or flipped.
+        let draw = self.random.fraction();
+        let byte = if draw < self.faults.drop {
+            self.injected.dropped += 1;
+            return;
+        } else if draw < self.faults.drop + self.faults.flip {
+            self.injected.flipped += 1;
+            byte ^ (1 << self.random.below(8))
+        } else {
+            byte
+        };
+        out.push(byte);
+        if self.frame.len() <= LONGEST {
+            self.frame.push(byte);
+        }
+        if byte == 0 {
+            // A lone zero is padding, and says nothing twice.
+            let whole = (2..=LONGEST).contains(&self.frame.len());
+            if whole && self.random.chance(self.faults.duplicate) {
+                self.injected.duplicated += 1;
+                out.extend_from_slice(&self.frame);
+            }
+            self.frame.clear();
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Frames of 20 bytes, each of one letter.
+    fn stream(frames: usize) -> Vec<u8> {
+        (1..=250).cycle().take(frames).flat_map(|letter| [[letter; 19].as_slice(), &[0]].concat()).collect()
+    }
+
+    fn passed(faults: &str, bytes: &[u8]) -> (Vec<u8>, Injected) {
+        let mut damage = Damage::new(&faults.parse().unwrap(), 0);
+        let mut out = Vec::new();
+        damage.pass(bytes, &mut out);
+        (out, damage.injected())
+    }
+
+    /// Within five standard deviations of what the probability promises.
+    fn is_about(count: u64, of: f64, probability: f64) -> bool {
+        let deviation = f64::sqrt(of * probability * (1.0 - probability));
+        (f64::from(u32::try_from(count).unwrap()) - of * probability).abs() < 5.0 * deviation
+    }
+
+    #[test]
+    fn a_perfect_line_changes_nothing() {
+        let bytes = stream(100);
+        let (out, injected) = passed("", &bytes);
+        assert_eq!(out, bytes);
+        assert_eq!(injected, Injected { bytes: 2000, frames: 100, ..Injected::default() });
+    }
+
+    #[test]
+    fn the_seed_and_the_bytes_decide_and_not_the_pieces() {
+        let bytes = stream(5000);
+        let (out, injected) = passed("seed=1,all=0.01", &bytes);
+        for size in [1, 7, 64] {
+            let mut damage = Damage::new(&"seed=1,all=0.01".parse().unwrap(), 0);
+            let mut pieces = Vec::new();
+            bytes.chunks(size).for_each(|piece| damage.pass(piece, &mut pieces));
+            assert!(pieces == out, "pieces of {size}");
+            assert_eq!(damage.injected(), injected);
+        }
+        assert_ne!(passed("seed=2,all=0.01", &bytes).0, out);
+        let mut other = Damage::new(&"seed=1,all=0.01".parse().unwrap(), 1);
+        let mut pieces = Vec::new();
+        other.pass(&bytes, &mut pieces);
+        assert_ne!(pieces, out);
+    }
+
+    #[test]
+    fn each_kind_is_as_frequent_as_asked_and_does_what_it_says() {
+        let bytes = stream(20_000);
+        let length = bytes.len();
+        let (out, injected) = passed("drop=0.01", &bytes);
+        assert!(is_about(injected.dropped, 400_000.0, 0.01), "{injected}");
+        assert_eq!((length - out.len()) as u64, injected.total());
+
+        let (out, injected) = passed("flip=0.01", &bytes);
+        assert!(is_about(injected.flipped, 400_000.0, 0.01), "{injected}");
+        let differing = bytes.iter().zip(&out).filter(|(one, other)| one != other);
+        assert!(differing.clone().all(|(one, other)| (one ^ other).count_ones() == 1));
+        assert_eq!((out.len(), differing.count() as u64), (length, injected.total()));
+
+        let (out, injected) = passed("duplicate=0.1", &bytes);
+        assert!(is_about(injected.duplicated, 20_000.0, 0.1), "{injected}");
+        assert_eq!(out.len() as u64, length as u64 + 20 * injected.total());
+        let mut once: Vec<_> = out.split(|&byte| byte == 0).collect();
+        once.dedup();
+        assert_eq!(once.len(), 20_001); // the one behind the last zero is empty
+    }
+
+    #[test]
+    fn a_splice_takes_a_run_of_bytes_with_a_zero() {
+        let bytes = stream(20_000);
+        let (out, injected) = passed("splice=0.1", &bytes);
+        // A frame that lost its head is not planned anew, so there are fewer than one in ten.
+        assert!((1700..=2000).contains(&injected.spliced), "{injected}");
+        let zeros = out.iter().filter(|&&byte| byte == 0).count() as u64;
+        assert_eq!(20_000 - zeros, injected.spliced);
+        // What remains runs from one frame into the next, in many different lengths.
+        let mixed: Vec<_> = out
+            .split(|&byte| byte == 0)
+            .filter(|frame| frame.first() != frame.last())
+            .map(<[u8]>::len)
+            .collect();
+        assert!(mixed.len() > 1500, "{}", mixed.len());
+        for length in [3, 10, 20, 30] {
+            assert!(mixed.contains(&length), "none of {length}");
+        }
+    }
+}

@@ -1,0 +1,181 @@
+use std::fs;
+use std::io::Write as _;
+use std::net::TcpStream;
+use std::os::unix::net::UnixListener;
+use std::thread;
+
+use super::*;
+use crate::port::{Port, open, tests::folder};
+
+fn within(milliseconds: u64) -> Instant {
+    Instant::now() + Duration::from_millis(milliseconds)
+}
+
+/// A hub in a folder of its own.
+fn hub(name: &str) -> (Hub, PathBuf) {
+    let folder = folder(name);
+    fs::create_dir_all(&folder).unwrap();
+    (Hub::listen(&Address::Unix(folder.join("hub.sock"))).unwrap(), folder)
+}
+
+fn received(link: &mut impl ByteLink, length: usize) -> Vec<u8> {
+    let mut bytes = vec![0; length];
+    let mut filled = 0;
+    while filled < length {
+        match ByteLink::receive(link, &mut bytes[filled..], within(500)).unwrap() {
+            0 => panic!("only {:?} came", &bytes[..filled]),
+            more => filled += more,
+        }
+    }
+    bytes
+}
+
+#[test]
+fn two_clients_and_a_terminal_share_the_board() {
+    let (mut hub, folder) = hub("hub-share");
+    let pty = hub.add_pty().unwrap();
+    let mut clients: Vec<Port> =
+        [hub.address(), hub.address(), &Address::Path(pty)].map(|address| open(address).unwrap()).into();
+    // Pieces of different clients come whole, each frame by itself.
+    clients[0].send(&[1, 1]).unwrap();
+    clients[1].send(&[2, 2, 0]).unwrap();
+    clients[2].send(&[3, 0, 13, 0x11, 0x03, 0]).unwrap(); // with what a cooked terminal would swallow
+    let mut frames = Vec::new();
+    while frames.len() < 9 {
+        assert!(hub.receive(&mut frames, within(500)).unwrap() > 0, "only {frames:?} came");
+    }
+    let mut sorted: Vec<_> = frames.split_inclusive(|&byte| byte == 0).collect();
+    sorted.sort_unstable();
+    assert_eq!(sorted, [&[2, 2, 0][..], &[3, 0], &[13, 0x11, 0x03, 0]]);
+    clients[0].send(&[1, 0, 4]).unwrap();
+    assert_eq!(received(&mut hub, 4), [1, 1, 1, 0]);
+    assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(20)).unwrap(), 0);
+
+    hub.broadcast(&[7, 10, 13, 0]);
+    for client in &mut clients {
+        assert_eq!(received(client, 4), [7, 10, 13, 0]);
+    }
+    assert_eq!(hub.clients(), 3);
+    clients.remove(0);
+    assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(20)).unwrap(), 0);
+    assert_eq!(hub.clients(), 2);
+    drop(hub);
+    assert!(!folder.join("hub.sock").exists());
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_terminal_survives_who_closes_it() {
+    let (mut hub, folder) = hub("hub-terminal");
+    let path = hub.add_pty().unwrap();
+    // Raw for programs that do not make it so: a cooked terminal would put a 13 before the 10.
+    fs::OpenOptions::new().write(true).open(&path).unwrap().write_all(&[1, 10, 0]).unwrap();
+    assert_eq!(received(&mut hub, 3), [1, 10, 0]);
+    let address = Address::Path(path);
+    for round in 1..=3 {
+        let mut client = open(&address).unwrap();
+        client.send(&[round, 0]).unwrap();
+        assert_eq!(received(&mut hub, 2), [round, 0]);
+        hub.broadcast(&[round, round, 0]);
+        assert_eq!(received(&mut client, 3), [round, round, 0]);
+        drop(client);
+        assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(10)).unwrap(), 0);
+    }
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn who_does_not_read_holds_up_nobody() {
+    let (mut hub, folder) = hub("hub-slow");
+    let pty = Address::Path(hub.add_pty().unwrap());
+    let mut reads = open(hub.address()).unwrap();
+    let mut sleeps = open(hub.address()).unwrap();
+    let frame: Vec<u8> = [[5; 99].as_slice(), &[0]].concat();
+    let start = Instant::now();
+    for _ in 0..20_000 {
+        hub.broadcast(&frame);
+        assert_eq!(received(&mut reads, 100), frame);
+    }
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+    // The terminal lost nearly all, the sleeper all but what the socket and the backlog hold.
+    assert!((2_000_000..4_000_000).contains(&hub.dropped()), "{}", hub.dropped());
+    assert_eq!(hub.clients(), 3);
+    // Both hear again once they listen: the sleeper old frames first, the terminal only news.
+    sleeps.send(&[1, 0]).unwrap();
+    assert_eq!(received(&mut hub, 2), [1, 0]);
+    assert_eq!(received(&mut sleeps, 100), frame);
+    let mut terminal = open(&pty).unwrap();
+    hub.broadcast(&[9, 0]);
+    assert_eq!(received(&mut terminal, 2), [9, 0]);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn the_last_word_of_a_client_that_left_is_heard() {
+    let (mut hub, folder) = hub("hub-last");
+    let mut client = open(hub.address()).unwrap();
+    client.send(&[3, 0]).unwrap();
+    drop(client);
+    hub.broadcast(&[1, 0]);
+    hub.broadcast(&[1, 0]);
+    assert_eq!(received(&mut hub, 2), [3, 0]);
+    assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(20)).unwrap(), 0);
+    assert_eq!(hub.clients(), 0);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn overlong_frames_are_dropped_whole() {
+    let mut hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned())).unwrap();
+    let Address::Tcp(host) = hub.address().clone() else { panic!() };
+    let mut client = TcpStream::connect(host).unwrap();
+    let longest = [[7; LONGEST_FRAME - 1].as_slice(), &[0]].concat();
+    client.write_all(&[8; LONGEST_FRAME]).unwrap();
+    client.write_all(&[0]).unwrap();
+    client.write_all(&[9; 10_000]).unwrap();
+    client.write_all(&[0]).unwrap();
+    client.write_all(&longest).unwrap();
+    assert_eq!(received(&mut hub, LONGEST_FRAME), longest);
+    assert_eq!(ByteLink::receive(&mut hub, &mut [0; 8], within(20)).unwrap(), 0);
+}
+
+#[test]
+fn a_left_over_socket_is_replaced_and_a_used_one_is_not() {
+    let (hub, folder) = hub("hub-socket");
+    let address = hub.address().clone();
+    let error = Hub::listen(&address).unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::AddrInUse);
+    assert!(error.to_string().contains("another program listens there"), "{error}");
+    drop(hub);
+    drop(UnixListener::bind(folder.join("hub.sock")).unwrap()); // leaves its file
+    Hub::listen(&address).unwrap();
+    let error = Hub::listen(&Address::Auto).unwrap_err();
+    assert!(error.to_string().contains("give a socket"), "{error}");
+    fs::write(folder.join("file"), "precious").unwrap();
+    Hub::listen(&Address::Unix(folder.join("file"))).unwrap_err();
+    assert_eq!(fs::read(folder.join("file")).unwrap(), b"precious");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_board_behind_a_link_is_pumped() {
+    let (mut hub, folder) = hub("hub-pump");
+    let (mut board_side, below) = self::hub("hub-pump-board");
+    let mut board = open(board_side.address()).unwrap();
+    let mut client = open(hub.address()).unwrap();
+    let pump = thread::spawn(move || {
+        hub.pump(&mut board, Duration::from_millis(1), within(300)).unwrap();
+        hub
+    });
+    client.send(&[6, 0]).unwrap();
+    assert_eq!(received(&mut board_side, 2), [6, 0]);
+    board_side.broadcast(&[6, 6, 0]);
+    assert_eq!(received(&mut client, 3), [6, 6, 0]);
+    let mut hub = pump.join().unwrap();
+    // A board that is gone ends it.
+    let mut board = open(board_side.address()).unwrap();
+    drop(board_side);
+    hub.pump(&mut board, Duration::from_millis(1), within(500)).unwrap_err();
+    fs::remove_dir_all(folder).unwrap();
+    fs::remove_dir_all(below).unwrap();
+}

@@ -1,0 +1,51 @@
+//! Finding and opening the board's end of the link: serial ports, sockets, pseudo-terminals.
+//!
+//! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated boards
+//! included, which make themselves known by an [`Announcement`].
+
+mod address;
+mod announcement;
+mod error;
+mod list;
+mod open;
+mod reopening;
+mod serial;
+pub(crate) mod stream;
+
+pub use address::{Address, AddressError};
+pub use announcement::Announcement;
+pub use error::PortError;
+pub use list::{Found, latency_timer, list};
+pub use open::{Port, open};
+pub use reopening::Reopening;
+pub use serial::BAUD_RATE;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+pub(crate) mod tests {
+    use std::fs::{self, File};
+    use std::os::fd::OwnedFd;
+    use std::path::PathBuf;
+
+    /// A path in the temporary folder that is this test's alone, with nothing there.
+    pub(crate) fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("tesaki-test-{}-{name}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        folder
+    }
+
+    /// A pseudo-terminal as somebody else's program would make it.
+    pub(crate) struct Pty {
+        pub(crate) master: File,
+        pub(crate) path: PathBuf,
+        _slave: OwnedFd,
+    }
+
+    impl Pty {
+        pub(crate) fn new() -> Self {
+            let pty = nix::pty::openpty(None, None).unwrap();
+            let path = nix::unistd::ttyname(&pty.slave).unwrap();
+            Self { master: pty.master.into(), path, _slave: pty.slave }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+use std::fmt::Write as _;
+use std::io;
+use std::path::PathBuf;
+
+use super::{Address, Found};
+
+/// Why a port could not be opened, in words for whoever has to plug something in.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// There is no such port.
+    #[error("{address} does not exist; {}", what_exists(.found))]
+    DoesNotExist {
+        /// What was asked for.
+        address: Address,
+        /// What there is instead.
+        found: Vec<Found>,
+    },
+    /// The port belongs to others.
+    #[error(
+        "no permission to open {}: it needs membership in the group `{group}`. \
+         Run `sudo usermod -aG {group} $USER`, then log out and in again",
+        path.display()
+    )]
+    Permission {
+        /// The port.
+        path: PathBuf,
+        /// The group that may open it.
+        group: String,
+    },
+    /// Another process has it.
+    #[error("{} is in use by another program{}: end that one, or choose another port with --port",
+        path.display(), holder(.pid, .program))]
+    Busy {
+        /// The port.
+        path: PathBuf,
+        /// Who has it, if that could be found out.
+        pid: Option<u32>,
+        /// That program's name.
+        program: Option<String>,
+    },
+    /// A file, but no terminal.
+    #[error("{} is not a serial port: {hint}", path.display())]
+    NotSerial {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and what to do.
+        hint: String,
+    },
+    /// Nobody listens there.
+    #[error("nobody answers at {address}: is `host-sim serve` running?")]
+    Refused {
+        /// What was asked for.
+        address: Address,
+    },
+    /// `auto`, and nothing is there.
+    #[error(
+        "no board found: plug one in (its USB serial port then shows as /dev/ttyUSB… or /dev/ttyACM…), \
+         start a simulated one with `cargo sim serve`, or name a port with --port{}", also(.others)
+    )]
+    NoDevice {
+        /// Ports that exist, but that `auto` does not dare to write to.
+        others: Vec<Found>,
+    },
+    /// `auto`, and there is more than one.
+    #[error("{} boards found; choose one with --port, like `--port {}`:{}", found.len(),
+        found.first().map(|found| found.address.to_string()).unwrap_or_default(), lines(.found))]
+    Several {
+        /// All of them.
+        found: Vec<Found>,
+    },
+    /// Anything else.
+    #[error("cannot open {address}: {source}")]
+    Other {
+        /// What was asked for.
+        address: Address,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+impl From<PortError> for io::Error {
+    fn from(error: PortError) -> Self {
+        let kind = match &error {
+            PortError::DoesNotExist { .. } | PortError::NoDevice { .. } => io::ErrorKind::NotFound,
+            PortError::Permission { .. } => io::ErrorKind::PermissionDenied,
+            PortError::Busy { .. } => io::ErrorKind::ResourceBusy,
+            PortError::NotSerial { .. } | PortError::Several { .. } => io::ErrorKind::InvalidInput,
+            PortError::Refused { .. } => io::ErrorKind::ConnectionRefused,
+            PortError::Other { source, .. } => source.kind(),
+        };
+        Self::new(kind, error)
+    }
+}
+
+fn lines(found: &[Found]) -> String {
+    found.iter().fold(String::new(), |mut text, found| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "\n  {}  {}", found.address, found.description);
+        text
+    })
+}
+
+fn what_exists(found: &[Found]) -> String {
+    if found.is_empty() {
+        "nor does any other: is the board plugged in, is a simulated one running (`cargo sim serve`)?"
+            .to_owned()
+    } else {
+        format!("there are:{}", lines(found))
+    }
+}
+
+fn also(others: &[Found]) -> String {
+    if others.is_empty() { String::new() } else { format!(", perhaps one of these:{}", lines(others)) }
+}
+
+fn holder(pid: &Option<u32>, program: &Option<String>) -> String {
+    match (pid, program) {
+        (Some(pid), Some(program)) => format!(" ({program}, pid {pid})"),
+        (Some(pid), None) => format!(" (pid {pid})"),
+        (None, _) => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(path: &str) -> Found {
+        Found {
+            address: Address::Path(path.into()),
+            description: "CP2102".to_owned(),
+            simulated: false,
+            automatic: true,
+        }
+    }
+
+    #[test]
+    fn messages_say_what_to_do() {
+        let text =
+            PortError::Several { found: vec![found("/dev/ttyUSB0"), found("/dev/ttyUSB1")] }.to_string();
+        assert_eq!(
+            text,
+            "2 boards found; choose one with --port, like `--port /dev/ttyUSB0`:\n  /dev/ttyUSB0  CP2102\n  \
+             /dev/ttyUSB1  CP2102"
+        );
+        let text = PortError::Permission { path: "/dev/ttyUSB0".into(), group: "dialout".into() }.to_string();
+        assert!(text.contains("`sudo usermod -aG dialout $USER`"), "{text}");
+        let text = PortError::Busy { path: "/dev/ttyUSB0".into(), pid: Some(7), program: None }.to_string();
+        assert!(text.starts_with("/dev/ttyUSB0 is in use by another program (pid 7)"), "{text}");
+        let nothing = PortError::DoesNotExist { address: Address::Path("/dev/x".into()), found: vec![] };
+        assert!(nothing.to_string().contains("is the board plugged in"), "{nothing}");
+        let nothing = PortError::NoDevice { others: vec![found("/dev/ttyS0")] };
+        assert!(nothing.to_string().contains("cargo sim serve"), "{nothing}");
+        assert!(nothing.to_string().contains("/dev/ttyS0"), "{nothing}");
+    }
+}

@@ -1,0 +1,226 @@
+use std::fs::File;
+use std::io;
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::serial::{busy, group, open_serial};
+use super::{Address, Found, PortError, list, stream};
+use crate::ByteLink;
+
+/// For so long a peer may take no bytes before a send is given up: many times what the longest frame needs.
+const SEND_LIMIT: Duration = Duration::from_millis(250);
+/// For so long a connection is tried.
+const CONNECT_LIMIT: Duration = Duration::from_secs(2);
+
+/// An open link to a board. A serial port is this process's alone as long as this value lives.
+#[derive(Debug)]
+pub struct Port {
+    file: File,
+    address: Address,
+}
+
+impl Port {
+    /// What was opened; never [`Address::Auto`].
+    pub const fn address(&self) -> &Address {
+        &self.address
+    }
+}
+
+impl ByteLink for Port {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        stream::write_until(&self.file, bytes, Instant::now() + SEND_LIMIT)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+        stream::read_until(&self.file, buffer, deadline)
+    }
+}
+
+/// Opens the link to a board.
+///
+/// # Errors
+/// See [`PortError`], whose texts say what to do.
+pub fn open(address: &Address) -> Result<Port, PortError> {
+    open_within(address, CONNECT_LIMIT)
+}
+
+/// Opens, but gives up a TCP connection after `limit`. (The look-up of a host's name may still take longer.)
+pub(super) fn open_within(address: &Address, limit: Duration) -> Result<Port, PortError> {
+    let address = match address {
+        Address::Auto => choose(list())?,
+        address => address.clone(),
+    };
+    let opened = match &address {
+        Address::Auto => Err(io::ErrorKind::Unsupported.into()), // cannot be: nobody announces it
+        Address::Path(path) => return open_serial(path).map(|file| Port { file, address }),
+        Address::Unix(path) => connect_unix(path),
+        Address::Tcp(host) => connect_tcp(host, limit),
+    };
+    match opened {
+        Ok(file) => Ok(Port { file, address }),
+        Err(error) => Err(explain(address, error)),
+    }
+}
+
+/// The board that `auto` means.
+fn choose(found: Vec<Found>) -> Result<Address, PortError> {
+    let (mut boards, others): (Vec<_>, Vec<_>) =
+        found.into_iter().partition(|found| found.automatic && found.address != Address::Auto);
+    match boards.pop() {
+        None => Err(PortError::NoDevice { others }),
+        Some(board) if boards.is_empty() => Ok(board.address),
+        Some(board) => {
+            boards.push(board);
+            Err(PortError::Several { found: boards })
+        }
+    }
+}
+
+fn connect_unix(path: &Path) -> io::Result<File> {
+    let socket = UnixStream::connect(path)?;
+    socket.set_nonblocking(true)?;
+    Ok(OwnedFd::from(socket).into())
+}
+
+fn connect_tcp(host: &str, limit: Duration) -> io::Result<File> {
+    let mut failed = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+    for address in host.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, limit.max(Duration::from_millis(1))) {
+            Ok(socket) => {
+                socket.set_nonblocking(true)?;
+                // Requests are short and answers are waited for.
+                socket.set_nodelay(true)?;
+                return Ok(OwnedFd::from(socket).into());
+            }
+            Err(error) => failed = error,
+        }
+    }
+    Err(failed)
+}
+
+/// Turns the system's refusal into advice.
+pub(super) fn explain(address: Address, source: io::Error) -> PortError {
+    match (source.kind(), &address) {
+        (io::ErrorKind::ResourceBusy, Address::Path(path)) => busy(path),
+        (io::ErrorKind::PermissionDenied, Address::Path(path) | Address::Unix(path)) => {
+            PortError::Permission { group: group(path), path: path.clone() }
+        }
+        (io::ErrorKind::NotFound, Address::Path(_) | Address::Unix(_)) => {
+            PortError::DoesNotExist { address, found: list() }
+        }
+        (io::ErrorKind::ConnectionRefused, _) => PortError::Refused { address },
+        _ => PortError::Other { address, source },
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::port::tests::{Pty, folder};
+    use std::fs;
+    use std::io::{Read as _, Write as _};
+    use std::net::TcpListener;
+    use std::os::unix::net::UnixListener;
+
+    fn path(path: impl AsRef<Path>) -> Address {
+        Address::Path(path.as_ref().to_owned())
+    }
+
+    fn soon() -> Instant {
+        Instant::now() + Duration::from_millis(20)
+    }
+
+    #[test]
+    fn a_terminal_carries_every_byte_both_ways_and_is_locked() {
+        let mut pty = Pty::new();
+        let mut port = open(&path(&pty.path)).unwrap();
+        let every: Vec<u8> = (0..=255).collect();
+        port.send(&every).unwrap();
+        let mut buffer = [0; 256];
+        pty.master.read_exact(&mut buffer).unwrap();
+        assert_eq!(buffer[..], every);
+        pty.master.write_all(&every).unwrap();
+        let mut received: Vec<u8> = Vec::new();
+        while received.len() < 256 {
+            let length = port.receive(&mut buffer, Instant::now() + Duration::from_secs(2)).unwrap();
+            assert!(length > 0, "lost after {received:?}");
+            received.extend(&buffer[..length]);
+        }
+        assert_eq!(received, every);
+        assert_eq!(port.receive(&mut buffer, soon()).unwrap(), 0);
+
+        let error = open(&path(&pty.path)).unwrap_err();
+        let PortError::Busy { pid, .. } = &error else { panic!("{error}") };
+        assert_eq!(*pid, Some(std::process::id()), "{error}");
+        drop(port);
+        open(&path(&pty.path)).unwrap();
+    }
+
+    #[test]
+    fn a_terminal_that_goes_away_is_an_error_not_silence() {
+        let pty = Pty::new();
+        let mut port = open(&path(&pty.path)).unwrap();
+        drop(pty);
+        assert!(port.receive(&mut [0; 8], soon()).is_err());
+        assert!(port.send(&[1, 0]).is_err());
+    }
+
+    #[test]
+    fn a_socket_that_is_closed_is_an_error_after_its_last_bytes() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut port = open(&Address::Tcp(listener.local_addr().unwrap().to_string())).unwrap();
+        let (mut peer, _) = listener.accept().unwrap();
+        peer.write_all(&[5, 0]).unwrap();
+        drop(peer);
+        let mut buffer = [0; 8];
+        assert_eq!(port.receive(&mut buffer, soon()).unwrap(), 2);
+        let error = port.receive(&mut buffer, soon()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof);
+    }
+
+    #[test]
+    fn each_failure_has_its_own_advice() {
+        let folder = folder("failures");
+        fs::create_dir_all(&folder).unwrap();
+        let socket = folder.join("x.sock");
+        let error = open(&path("/dev/ttyNONE9")).unwrap_err();
+        assert!(matches!(error, PortError::DoesNotExist { .. }), "{error}");
+        let error = open(&Address::Unix(socket.clone())).unwrap_err();
+        assert!(matches!(error, PortError::DoesNotExist { .. }), "{error}");
+        let listener = UnixListener::bind(&socket).unwrap();
+        let error = open(&path(&socket)).unwrap_err().to_string();
+        assert!(error.contains("write unix:///"), "{error}");
+        drop(listener); // leaves its file
+        let error = open(&Address::Unix(socket)).unwrap_err();
+        assert!(matches!(error, PortError::Refused { .. }), "{error}");
+        for other in [Path::new("/dev/null"), &folder] {
+            let error = open(&path(other)).unwrap_err();
+            assert!(matches!(error, PortError::NotSerial { .. }), "{error}");
+        }
+        let denied = explain(path("/dev/null"), io::ErrorKind::PermissionDenied.into());
+        assert!(matches!(&denied, PortError::Permission { group, .. } if group == "dialout"), "{denied}");
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let error = open(&Address::Tcp(port.to_string())).unwrap_err();
+        assert!(matches!(error, PortError::Refused { .. }), "{error}");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn auto_takes_the_only_board_and_no_built_in_port() {
+        let found = |name: &str, automatic| Found {
+            address: path(name),
+            description: String::new(),
+            simulated: false,
+            automatic,
+        };
+        assert_eq!(choose(vec![found("s", false), found("a", true)]).unwrap(), path("a"));
+        let none = choose(vec![found("s", false)]);
+        assert!(matches!(none, Err(PortError::NoDevice { others }) if others.len() == 1));
+        let several = choose(vec![found("a", true), found("b", true)]);
+        assert!(matches!(several, Err(PortError::Several { found }) if found.len() == 2));
+    }
+}

@@ -1,0 +1,182 @@
+use std::io;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::open::open_within;
+use super::{Address, Port, PortError, open};
+use crate::ByteLink;
+
+/// How often a lost port is tried.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// A link that survives unplugging and plugging in again, or a simulator's restart.
+///
+/// It never fails: while the port is away, nothing is received, and what is sent is lost and counted, as on a bad
+/// wire. [`Address::Auto`] is looked up anew each time, as an adapter may come back under another number.
+#[derive(Debug)]
+pub struct Reopening {
+    address: Address,
+    port: Option<Port>,
+    next_try: Instant,
+    reopened: u32,
+    lost: u64,
+    error: Option<PortError>,
+}
+
+impl Reopening {
+    /// A link to `address`, which is opened when something is first received.
+    pub fn new(address: Address) -> Self {
+        Self { address, port: None, next_try: Instant::now(), reopened: 0, lost: 0, error: None }
+    }
+
+    /// A link to `address`, which must be there now.
+    ///
+    /// # Errors
+    /// When it is not.
+    pub fn open(address: Address) -> Result<Self, PortError> {
+        let port = open(&address)?;
+        Ok(Self { port: Some(port), ..Self::new(address) })
+    }
+
+    /// How often the port was opened again, or late.
+    pub const fn reopened(&self) -> u32 {
+        self.reopened
+    }
+
+    /// Whether the port is there.
+    pub const fn is_open(&self) -> bool {
+        self.port.is_some()
+    }
+
+    /// The open port.
+    pub const fn port(&self) -> Option<&Port> {
+        self.port.as_ref()
+    }
+
+    /// How many bytes were sent while the port was away, or to a peer that took none.
+    pub const fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Why the last attempt to open the port failed; `None` when it is open.
+    pub const fn error(&self) -> Option<&PortError> {
+        self.error.as_ref()
+    }
+
+    fn close(&mut self) {
+        self.port = None;
+        // Not at once: the device file of an unplugged adapter lives on for a moment.
+        self.next_try = Instant::now() + RETRY;
+    }
+
+    fn reopen(&mut self, deadline: Instant) {
+        let now = Instant::now();
+        match open_within(&self.address, deadline.saturating_duration_since(now)) {
+            Ok(port) => {
+                self.port = Some(port);
+                self.error = None;
+                self.reopened = self.reopened.wrapping_add(1);
+            }
+            Err(error) => self.error = Some(error),
+        }
+        self.next_try = now + RETRY;
+    }
+}
+
+impl ByteLink for Reopening {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let result = self.port.as_mut().map(|port| port.send(bytes));
+        if !matches!(result, Some(Ok(()))) {
+            self.lost = self.lost.wrapping_add(u64::try_from(bytes.len()).unwrap_or(u64::MAX));
+        }
+        // A peer that takes no bytes is stuck but there, and opening it again would not help it.
+        if matches!(&result, Some(Err(error)) if error.kind() != io::ErrorKind::TimedOut) {
+            self.close();
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+        loop {
+            if let Some(port) = &mut self.port {
+                match port.receive(buffer, deadline) {
+                    Ok(length) => return Ok(length),
+                    Err(_) => self.close(),
+                }
+            } else if self.next_try <= Instant::now() {
+                self.reopen(deadline);
+            } else {
+                let wake = self.next_try.min(deadline);
+                thread::sleep(wake.saturating_duration_since(Instant::now()));
+                if wake == deadline {
+                    return Ok(0);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::port::tests::folder;
+    use std::fs;
+    use std::io::Write as _;
+    use std::os::unix::net::UnixListener;
+
+    fn within(milliseconds: u64) -> Instant {
+        Instant::now() + Duration::from_millis(milliseconds)
+    }
+
+    #[test]
+    fn a_socket_that_is_closed_and_listened_to_again_is_opened_again() {
+        let folder = folder("reopening");
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("x.sock");
+        let listener = UnixListener::bind(&path).unwrap();
+        let mut link = Reopening::open(Address::Unix(path.clone())).unwrap();
+        let (mut peer, _) = listener.accept().unwrap();
+        peer.write_all(&[1]).unwrap();
+        let mut buffer = [0; 8];
+        assert_eq!(link.receive(&mut buffer, within(1000)).unwrap(), 1);
+
+        drop((peer, listener));
+        fs::remove_file(&path).unwrap();
+        // The deadline holds although the next try comes later. The best of a few, as the machine may be busy.
+        let waited = (0..4).map(|_| {
+            let start = Instant::now();
+            assert_eq!(link.receive(&mut buffer, within(20)).unwrap(), 0);
+            start.elapsed()
+        });
+        let waited = waited.min().unwrap();
+        assert!(waited >= Duration::from_millis(20) && waited < Duration::from_millis(60), "{waited:?}");
+        assert_eq!(link.receive(&mut buffer, within(150)).unwrap(), 0);
+        assert!(!link.is_open());
+        assert!(matches!(link.error(), Some(PortError::DoesNotExist { .. })));
+        link.send(&[1, 2, 3]).unwrap();
+        assert_eq!((link.lost(), link.reopened()), (3, 0));
+
+        let listener = UnixListener::bind(&path).unwrap();
+        let server = thread::spawn(move || {
+            let (mut peer, _) = listener.accept().unwrap();
+            peer.write_all(&[7, 8]).unwrap();
+            peer
+        });
+        assert_eq!(link.receive(&mut buffer, within(2000)).unwrap(), 2);
+        assert_eq!(buffer[..2], [7, 8]);
+        assert!(link.is_open() && link.error().is_none());
+        link.send(&[4]).unwrap();
+        assert_eq!((link.lost(), link.reopened()), (3, 1));
+        drop(server.join().unwrap());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn what_is_not_there_at_all_is_told_at_once() {
+        let error = Reopening::open(Address::Path("/dev/ttyNONE9".into())).unwrap_err();
+        assert!(matches!(error, PortError::DoesNotExist { .. }));
+        let mut link = Reopening::new(Address::Path("/dev/ttyNONE9".into()));
+        assert_eq!(link.receive(&mut [0; 8], within(10)).unwrap(), 0);
+    }
+}

@@ -1,0 +1,84 @@
+//! What serial ports, sockets and pseudo-terminals have in common: a file descriptor that does not block.
+
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+use std::os::fd::AsFd as _;
+use std::time::Instant;
+
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags};
+
+/// Waits until something happens to one of `fds`, or until `deadline`. Whether something happened.
+pub(crate) fn wait(fds: &mut [PollFd<'_>], deadline: Instant) -> io::Result<bool> {
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        // `poll` counts milliseconds, too coarse for control cycles.
+        #[cfg(target_os = "linux")]
+        let result = nix::poll::ppoll(fds, Some(left.into()), None);
+        #[cfg(not(target_os = "linux"))]
+        let result = nix::poll::poll(
+            fds,
+            nix::poll::PollTimeout::try_from(left).unwrap_or(nix::poll::PollTimeout::MAX),
+        );
+        match result {
+            Ok(events) => return Ok(events > 0),
+            Err(Errno::EINTR) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// What can be read now: `None` when there is nothing.
+///
+/// # Errors
+/// Also at the end of the stream: from a tty that went away, 0 bytes or `EIO`; from a socket, 0 bytes.
+pub(crate) fn read(mut file: &File, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+    loop {
+        match file.read(buffer) {
+            Ok(0) if !buffer.is_empty() => {
+                return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end has gone away"));
+            }
+            Ok(length) => return Ok(Some(length)),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Writes what the other end takes now, perhaps nothing, and says how much that was.
+pub(crate) fn write(mut file: &File, bytes: &[u8]) -> io::Result<usize> {
+    loop {
+        match file.write(bytes) {
+            Ok(length) => return Ok(length),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(0),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Reads what is there, waiting for the first byte until `deadline`; 0 when none came.
+pub(crate) fn read_until(file: &File, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
+    loop {
+        if let Some(length) = read(file, buffer)? {
+            return Ok(length);
+        }
+        if !wait(&mut [PollFd::new(file.as_fd(), PollFlags::POLLIN)], deadline)? {
+            return Ok(0);
+        }
+    }
+}
+
+/// Writes everything, or what goes until `deadline`.
+pub(crate) fn write_until(file: &File, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
+    loop {
+        bytes = bytes.get(write(file, bytes)?..).unwrap_or_default();
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        if !wait(&mut [PollFd::new(file.as_fd(), PollFlags::POLLOUT)], deadline)? {
+            return Err(io::Error::new(io::ErrorKind::TimedOut, "the other end takes no bytes"));
+        }
+    }
+}
