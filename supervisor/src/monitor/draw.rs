@@ -91,10 +91,12 @@ fn over(frame: &mut Frame, title: &str, width: u16, lines: Vec<Line>) {
     }
     let width = width.min(screen.width - 2);
     let inside = usize::from(width - 4);
-    let rows: usize = lines.iter().map(|line| line.width().div_ceil(inside).max(1)).sum();
-    let height = u16::try_from(rows + 2).unwrap_or(u16::MAX).min(screen.height - 2).max(5);
+    // Lines break between words, which takes some room.
+    let height = |line: &Line| if line.width() <= inside { 1 } else { line.width().div_ceil(inside - 8) };
+    let rows: usize = lines.iter().map(height).sum();
+    let height = u16::try_from(rows + 2).unwrap_or(u16::MAX).min(screen.height - 2);
     let area = screen.centered(Constraint::Length(width), Constraint::Length(height));
-    let block = panel(title).padding(Padding::horizontal(1)).border_style(Style::new());
+    let block = panel(title).border_style(Style::new());
     frame.render_widget(Clear, area);
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }).block(block), area);
 }
@@ -128,7 +130,7 @@ fn draw_joints(frame: &mut Frame, view: &View, selected: Option<usize>, area: Re
         title = format!("{title}(old: nothing heard for {:.1} s) ", view.link.last_seconds);
     }
     let legend = Line::from(" █ measured  ◆ reference  ~ near limit  ! beyond ").right_aligned();
-    let block = panel(&title).title_bottom(legend);
+    let block = panel(&title).padding(Padding::ZERO).title_bottom(legend);
     let inside = block.inner(area);
     frame.render_widget(block, area);
     joints::draw(&view.joints, first, selected, inside, frame.buffer_mut());
@@ -183,7 +185,7 @@ fn draw_detail(frame: &mut Frame, joint: Option<&JointView>, area: Rect) {
 /// As many of the newest faults as there is room for, newest last.
 fn draw_fault_panel(frame: &mut Frame, faults: &[String], area: Rect) {
     let room = usize::from(area.height.saturating_sub(2));
-    let width = area.width.saturating_sub(4);
+    let width = area.width.saturating_sub(6);
     let mut lines: Vec<Line> = faults[faults.len().saturating_sub(room)..]
         .iter()
         .map(|fault| {
@@ -204,7 +206,7 @@ fn draw_link(frame: &mut Frame, link: &LinkView, area: Rect) {
     let bad = |bad: bool, text: String| {
         if bad { Span::styled(format!("{text} !"), Style::new().fg(Color::Yellow)) } else { Span::raw(text) }
     };
-    let slow = !(link.rate >= 0.9 * link.expected_rate);
+    let slow = link.rate.is_nan() || link.rate < 0.9 * link.expected_rate;
     let mut parts = vec![
         if link.open {
             Span::raw(" link open")
@@ -215,7 +217,7 @@ fn draw_link(frame: &mut Frame, link: &LinkView, area: Rect) {
         bad(link.lost > 0, format!("lost {}", link.lost)),
         bad(link.damaged > 0, format!("damaged {}", link.damaged)),
     ];
-    let late = !(link.last_seconds < 0.5);
+    let late = link.last_seconds.is_nan() || link.last_seconds > 0.5;
     let last = bad(late, format!("last {:.1} s ago", link.last_seconds));
     if late {
         parts.insert(1, last);
@@ -232,7 +234,9 @@ fn draw_hint(frame: &mut Frame, hint: &str, fault: Option<&String>, area: Rect) 
         spans.push(Span::styled(format!("▸ {hint}  "), BOLD));
     }
     if let Some(fault) = fault {
-        spans.push(Span::styled(format!("! {fault}"), Style::new().fg(Color::Red)));
+        let room = usize::from(area.width).saturating_sub(spans.iter().map(Span::width).sum());
+        let text = shorten(&format!("! {fault}"), u16::try_from(room).unwrap_or(u16::MAX));
+        spans.push(Span::styled(text, Style::new().fg(Color::Red)));
     }
     frame.render_widget(Line::from(spans), area);
 }
@@ -240,6 +244,10 @@ fn draw_hint(frame: &mut Frame, hint: &str, fault: Option<&String>, area: Rect) 
 fn draw_keys(frame: &mut Frame, area: Rect) {
     let mut spans = vec![Span::raw(" ")];
     for (key, text) in KEYS {
+        // The arrows are the ones that are found without being told.
+        if key == "↑↓" && area.width < 72 {
+            continue;
+        }
         spans.push(Span::styled(format!(" {key} "), Style::new().add_modifier(Modifier::REVERSED)));
         spans.push(Span::raw(format!(" {text} ")));
     }
@@ -250,6 +258,7 @@ fn panel(title: &str) -> Block<'static> {
     Block::bordered()
         .border_type(BorderType::Rounded)
         .border_style(DIM)
+        .padding(Padding::horizontal(1))
         .title(Span::styled(title.to_owned(), BOLD.remove_modifier(Modifier::DIM)))
 }
 
@@ -270,7 +279,8 @@ fn fitting<'a>(parts: impl IntoIterator<Item = Span<'a>>, width: u16) -> Line<'a
 /// One line with a left and a right end; the right one stays whole.
 fn split(frame: &mut Frame, area: Rect, left: Line, right: Line) {
     let width = u16::try_from(right.width()).unwrap_or(u16::MAX);
-    let [start, end] = Layout::horizontal([Constraint::Fill(1), Constraint::Length(width)]).areas(area);
+    let [start, end] =
+        Layout::horizontal([Constraint::Fill(1), Constraint::Length(width)]).spacing(1).areas(area);
     frame.render_widget(left, start);
     frame.render_widget(right, end);
 }

@@ -138,7 +138,7 @@ const fn heading(column: Column) -> (&'static str, bool) {
         Column::Velocity => ("rad/s", true),
         Column::Bar => ("torque", false),
         Column::Torque => ("N·m", true),
-        Column::Limit => ("of max", true),
+        Column::Limit => ("max", true),
         Column::History => ("history", false),
     }
 }
@@ -218,7 +218,7 @@ fn draw_track(joint: &JointView, place: Place, area: Rect, buffer: &mut Buffer) 
         put(if position < 0.0 { 0 } else { last }, if position < 0.0 { "◀" } else { "▶" });
     } else {
         let half = step(position, 2 * last + 1);
-        if half % 2 == 0 {
+        if half.is_multiple_of(2) {
             put(half / 2, "█");
         } else {
             put(half / 2, "▐");
@@ -250,7 +250,7 @@ fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     let filled = step((torque / limit).abs(), 2 * side + 1);
     let style = torque_style(joint);
     let style = if style.fg.is_none() { Style::new().fg(Color::Cyan) } else { style };
-    let (half, beyond) = if torque < 0.0 { ("▐", "◀") } else { ("▌", "▶") };
+    let (half, beyond) = if torque < 0.0 { ("╺", "◀") } else { ("╸", "▶") };
     for cell in 1..=filled.div_ceil(2) {
         let x = if torque < 0.0 { middle - cell } else { middle + cell };
         let sign = if cell == side && torque.abs() > limit {
@@ -258,7 +258,7 @@ fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
         } else if 2 * cell > filled {
             half
         } else {
-            "█"
+            "━"
         };
         let cell = &mut buffer[(x, area.y)];
         cell.reset();
@@ -266,11 +266,15 @@ fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     }
 }
 
-/// The newest positions within the joint's limits.
+/// The positions within the joint's limits, newest to the right, as many of them as there are cells.
 fn draw_history(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     let style = if joint.homed { Style::new().fg(Color::Green) } else { DIM };
-    for (x, &position) in (area.x..area.right()).rev().zip(joint.history.iter().rev()) {
-        let sign = share(position, joint).map_or(" ", |share| SPARKS[usize::from(step(share, 8))]);
+    let (count, width) = (joint.history.len(), usize::from(area.width));
+    for (back, x) in (area.x..area.right()).rev().enumerate() {
+        let age = if count > width { back * count / width } else { back };
+        let position = joint.history.iter().rev().nth(age);
+        let share = position.and_then(|&position| share(position, joint));
+        let sign = share.map_or(" ", |share| SPARKS[usize::from(step(share, 8))]);
         buffer[(x, area.y)].set_symbol(sign).set_style(style);
     }
 }
