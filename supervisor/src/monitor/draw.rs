@@ -152,9 +152,9 @@ fn draw_detail(frame: &mut Frame, joint: Option<&JointView>, area: Rect) {
     let error = joint.reference - joint.position;
     let parts = [
         format!("{} rad", number(joint.position, 3)),
+        format!("{}°", number(joint.position.to_degrees(), 1)),
         format!("error {} rad", number(error, 3)),
         format!("limits {} … {}", number(joint.lower, 2), number(joint.upper, 2)),
-        format!("{}°", number(joint.position.to_degrees(), 1)),
     ];
     frame.render_widget(fitting(parts.into_iter().map(Span::raw), text.width), text);
 
@@ -182,24 +182,20 @@ fn draw_detail(frame: &mut Frame, joint: Option<&JointView>, area: Rect) {
     frame.render_widget(chart, curve);
 }
 
-/// As many of the newest faults as there is room for, newest last.
+/// The newest faults first, as many as there is room for.
 fn draw_fault_panel(frame: &mut Frame, faults: &[String], area: Rect) {
-    let room = usize::from(area.height.saturating_sub(2));
-    let width = area.width.saturating_sub(6);
-    let mut lines: Vec<Line> = faults[faults.len().saturating_sub(room)..]
-        .iter()
-        .map(|fault| {
-            Line::from(vec![
-                Span::styled("! ", Style::new().fg(Color::Red)),
-                Span::raw(shorten(fault, width)),
-            ])
-        })
-        .collect();
+    let sign = || Span::styled("! ", Style::new().fg(Color::Red));
+    let newest = faults.iter().rev().take(usize::from(area.height));
+    let mut lines: Vec<Line> = newest.map(|fault| Line::from(vec![sign(), Span::raw(fault)])).collect();
     if lines.is_empty() {
         lines.push(Line::styled("none", DIM));
     }
-    let title = format!(" faults: {} ", faults.len());
-    frame.render_widget(Paragraph::new(lines).block(panel(&title)), area);
+    let title = if faults.len() > 1 {
+        format!(" faults: {}, newest first ", faults.len())
+    } else {
+        " faults ".into()
+    };
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }).block(panel(&title)), area);
 }
 
 fn draw_link(frame: &mut Frame, link: &LinkView, area: Rect) {

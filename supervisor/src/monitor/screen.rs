@@ -85,9 +85,12 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // Nobody is left to tell.
+        // Nobody is left to tell of errors.
         let _ = self.terminal.show_cursor();
-        let _ = ratatui::try_restore();
+        // In a panic the hook has done this, and a second time would put the cursor over the message.
+        if !std::thread::panicking() {
+            let _ = ratatui::try_restore();
+        }
     }
 }
 

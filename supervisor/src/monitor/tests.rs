@@ -99,7 +99,7 @@ fn dump(name: &str, buffer: &Buffer) {
             text += &format!("{x}\t{y}\t{}\t{:?}\t{:?}\n", cell.symbol(), cell.fg, cell.modifier);
         }
     }
-    std::fs::write(std::path::Path::new(&folder).join(name), text).unwrap();
+    std::fs::write(std::path::Path::new(&folder).join(name), text).expect("a folder to write to");
 }
 
 #[test]
@@ -193,14 +193,14 @@ fn limits_are_told_in_signs_and_colours() {
         let cell = (0..80)
             .map(|x| &buffer[(x, 4)])
             .find(|cell| cell.symbol() == sign || (sign == "█" && half.contains(&cell.symbol())));
-        assert_eq!(cell.unwrap().fg, colour, "{position}: {row}");
+        assert_eq!(cell.expect("a block").fg, colour, "{position}: {row}");
     }
 }
 
 #[test]
 fn reference_on_the_block_is_a_hole_in_it() {
     let buffer = buffer(80, 24, |frame| draw(frame, &view(vec![joint("elbow", 0.5)]), None));
-    let cell = (0..80).map(|x| &buffer[(x, 4)]).find(|cell| cell.symbol() == "◆").unwrap();
+    let cell = (0..80).map(|x| &buffer[(x, 4)]).find(|cell| cell.symbol() == "◆").expect("a reference");
     assert!(cell.modifier.contains(Modifier::REVERSED) && cell.fg == Color::Green);
 }
 
