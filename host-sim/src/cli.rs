@@ -28,6 +28,30 @@ enum Command {
     List,
     /// Run a scenario: a table at the end; CSV, JSON and a page with figures in a folder
     Run(Run),
+    /// Offer a simulated board, in real time, on a pseudo-terminal and a socket: for `tesaki` and other supervisors
+    #[cfg(unix)]
+    #[command(after_help = format!("While it runs, a line on the standard input makes trouble:\n{}", tesaki_sim::serve::TROUBLE))]
+    Serve(Serve),
+}
+
+#[cfg(unix)]
+#[derive(Args)]
+struct Serve {
+    /// Folder of the robot
+    #[arg(long, default_value_os_t = workspace().join("robots/hand3"))]
+    robot: PathBuf,
+    /// Where the control core runs
+    #[arg(long, value_enum, default_value_t = Where::Native)]
+    controller: Where,
+    /// Where other programs find it: unix://PATH or tcp://HOST:PORT. Without it, a socket of its own
+    #[arg(long)]
+    listen: Option<tesaki_supervisor::port::Address>,
+    /// Decides the machine's deviations and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Firmware image for `--controller qemu`
+    #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
+    elf: PathBuf,
 }
 
 #[derive(Args)]
@@ -105,6 +129,8 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
+        #[cfg(unix)]
+        Some(Command::Serve(options)) => serve(&options).map(|()| true),
     }
 }
 
@@ -160,6 +186,64 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
         }
     }
     Ok(passed)
+}
+
+#[cfg(unix)]
+fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+    use tesaki_sim::serve::{ServedBoard, home_command, serve};
+    use tesaki_sim::virtual_board::VirtualBoard;
+    use tesaki_supervisor::hub::Hub;
+    use tesaki_supervisor::port::{Address, Announcement};
+    use tesaki_supervisor::robot::RobotFolder;
+
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
+    let robot = RobotFolder::load(&options.robot)?;
+    let name = robot.model.name.as_str();
+    let values = PlantValues::load(&options.robot)?;
+    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+    let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(options.seed))?;
+    let (mut native, mut qemu);
+    let board: &mut dyn ServedBoard = match options.controller {
+        Where::Native => {
+            native = VirtualBoard::default();
+            &mut native
+        }
+        Where::Qemu => {
+            qemu = Qemu::boot(&options.elf)?;
+            &mut qemu
+        }
+    };
+    let folder = tempfile::Builder::new().prefix("tesaki-").tempdir()?;
+    let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
+    let mut hub = Hub::listen(&listen).map_err(|error| format!("cannot listen at {listen}: {error}"))?;
+    let terminal = hub.add_pty()?;
+    let where_it_runs = match options.controller {
+        Where::Native => "simulated",
+        Where::Qemu => "simulated, its firmware in QEMU",
+    };
+    let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {where_it_runs}"))?;
+    println!(
+        "{name}, {where_it_runs}, seed {}: a board without a model, as after power-on.\n\
+         \x20 socket           {} (`--port auto` finds it; several programs may share it)\n\
+         \x20 pseudo-terminal  {} (like a serial port)\n\n\
+         In another terminal, with `alias tesaki='cargo tesaki'`:\n\
+         \x20 tesaki doctor\n\
+         \x20 tesaki model push {}\n\
+         \x20 {}\n\
+         \x20 tesaki move {}=0.3\n\n\
+         Ctrl-C ends; `help` lists the trouble that can be made here.",
+        options.seed,
+        hub.address(),
+        terminal.display(),
+        options.robot.display(),
+        home_command(&plant, &robot.model),
+        robot.model.joint_name(0),
+    );
+    serve(&mut hub, board, &mut plant, &robot.model, &|| STOP.load(Ordering::Relaxed))?;
+    Ok(())
 }
 
 type SeedResult = (Summary, Outcome, Vec<u8>);

@@ -12,3 +12,6 @@ pub mod plant;
 pub mod qemu;
 pub mod report;
 pub mod scenario;
+#[cfg(unix)]
+pub mod serve;
+pub mod virtual_board;

@@ -106,6 +106,11 @@ impl Qemu {
         self.greet(Instant::now() + START)
     }
 
+    /// The supervisor link, for who speaks the protocol by themselves.
+    pub fn link_mut(&mut self) -> &mut impl ByteLink {
+        self.board.link_mut()
+    }
+
     /// A UART that is not set up yet drops what it is sent: greets until there is an answer.
     fn greet(&mut self, deadline: Instant) -> Result<(), BoardError> {
         self.board.set_timeout(GREETING);

@@ -6,6 +6,9 @@ pub mod fault_injector;
 #[cfg(unix)]
 pub mod hub;
 mod link;
+pub mod mcap;
+#[cfg(feature = "cli")]
+pub mod monitor;
 #[cfg(unix)]
 pub mod port;
 pub mod robot;

@@ -69,6 +69,11 @@ impl<L: ByteLink> LinkBoard<L> {
         &self.link
     }
 
+    /// The link, to be used by hand.
+    pub const fn link_mut(&mut self) -> &mut L {
+        &mut self.link
+    }
+
     /// Frames received, by kind of damage.
     pub const fn counts(&self) -> FrameCounts {
         self.decoder.counts()
@@ -109,101 +114,6 @@ impl<L: ByteLink> LinkBoard<L> {
             }
         }
         Ok(self.inbox.pop_front())
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
-
-    /// Receives what is there, waiting for the first byte until `deadline`; 0 when none came.
-    ///
-    /// # Errors
-    /// When the link is gone.
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize>;
-}
-
-/// A board at the other end of a [`ByteLink`].
-#[derive(Debug)]
-pub struct LinkBoard<L> {
-    link: L,
-    decoder: Decoder,
-    client: u32,
-    sequence: u16,
-    timeout: Duration,
-    inbox: VecDeque<FromBoard>,
-    /// Requests that were sent again.
-    repeats: u64,
-    round_trip: Option<Duration>,
-}
-
-impl<L: ByteLink> LinkBoard<L> {
-    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is sent
-    /// again until then.
-    pub fn new(link: L, timeout: Duration) -> Self {
-        // Two programs must not choose the same number, and it needs no secrecy.
-        #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
-        let client = RandomState::new().build_hasher().finish() as u32;
-        let inbox = VecDeque::new();
-        let decoder = Decoder::new();
-        Self { link, decoder, client, sequence: 0, timeout, inbox, repeats: 0, round_trip: None }
-    }
-
-    /// Answers are waited for so long from now on.
-    pub const fn set_timeout(&mut self, timeout: Duration) {
-        self.timeout = timeout;
-    }
-
-    /// The number by which the board knows this client.
-    pub const fn client(&self) -> u32 {
-        self.client
-    }
-
-    /// The link.
-    pub const fn link(&self) -> &L {
-        &self.link
-    }
-
-    /// Frames received, by kind of damage.
-    pub const fn counts(&self) -> FrameCounts {
-        self.decoder.counts()
-    }
-
-    /// Requests that had to be sent again.
-    pub const fn repeats(&self) -> u64 {
-        self.repeats
-    }
-
-    /// From the last request to its reply.
-    pub const fn round_trip(&self) -> Option<Duration> {
-        self.round_trip
-    }
-
-    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says the whole
-    /// aim: one that is lost is made up for by the next. A refusal comes as an
-    /// [event](Self::next_event).
-    ///
-    /// # Errors
-    /// When the link fails.
-    pub fn post(&mut self, request: Request) -> Result<u16, BoardError> {
-        self.sequence = self.sequence.wrapping_add(1);
-        self.send(&RequestFrame { client: self.client, sequence: self.sequence, request })?;
-        Ok(self.sequence)
-    }
-
-    /// The next thing that came unasked; `None` when nothing comes until `deadline`.
-    ///
-    /// # Errors
-    /// When the link fails.
-    pub fn next_event(&mut self, deadline: Instant) -> Result<Option<Event>, BoardError> {
-        loop {
-            if let Some(event) = self.inbox.pop_front() {
-                return Ok(Some(event));
-            }
-            if let Some(ReplyFrame { reply: Reply::Refused(refusal), .. }) = self.receive(deadline, None)? {
-                return Ok(Some(Event::Refused(refusal)));
-            }
-            if self.inbox.is_empty() && Instant::now() >= deadline {
-                return Ok(None);
-            }
-        }
     }
 
     fn send(&mut self, request: &RequestFrame) -> Result<(), BoardError> {

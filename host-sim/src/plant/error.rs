@@ -3,6 +3,14 @@ use thiserror::Error;
 /// Why a plant cannot be made, or not driven.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlantError {
+    /// The values cannot be read.
+    #[error("cannot read {}: {source}; a robot that is simulated has a plant.toml in its folder", path.display())]
+    Read {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
     /// `plant.toml` cannot be read.
     #[error("plant.toml: {0}")]
     Syntax(String),

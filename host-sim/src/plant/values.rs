@@ -83,6 +83,16 @@ pub struct Integration {
 }
 
 impl PlantValues {
+    /// Reads `plant.toml` in a robot's folder.
+    ///
+    /// # Errors
+    /// When it cannot be read, or what is wrong in it.
+    pub fn load(robot: &std::path::Path) -> Result<Self, PlantError> {
+        let path = robot.join("plant.toml");
+        let text = std::fs::read_to_string(&path).map_err(|source| PlantError::Read { path, source })?;
+        Self::from_toml(&text)
+    }
+
     /// Reads the text of a `plant.toml` and checks it.
     ///
     /// # Errors

@@ -140,7 +140,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
     }
     let robot = RobotFolder::load(setting.robot)?;
-    let values = load_values(setting.robot)?;
+    let values = PlantValues::load(setting.robot)?;
     let ticks = (setting.duration / 4.0 / T).round() as u32;
 
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
@@ -354,11 +354,4 @@ fn table(recording: &Recording, model: &RobotModel) -> String {
         columns.push(Column::new(format!("{name} torque"), "N·m", &recording.torque[index]));
     }
     csv(&columns)
-}
-
-fn load_values(robot: &std::path::Path) -> Result<PlantValues, ScenarioError> {
-    let path = robot.join("plant.toml");
-    let text = std::fs::read_to_string(&path)
-        .map_err(|source| tesaki_supervisor::robot::RobotError::Read { path, source })?;
-    Ok(PlantValues::from_toml(&text)?)
 }

@@ -1,0 +1,251 @@
+//! `host-sim serve`: a simulated board for everyone, in real time.
+
+use std::io::{self, BufRead};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use tesaki::model::RobotModel;
+use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki_supervisor::hub::Hub;
+use tesaki_supervisor::{BoardError, ByteLink};
+
+use crate::controller::Controller;
+use crate::plant::{Plant, PlantError};
+use crate::qemu::Qemu;
+use crate::virtual_board::VirtualBoard;
+
+/// The control period.
+const PERIOD: Duration = Duration::from_millis(10);
+/// Real time that is given up rather than caught up with.
+const BEHIND: Duration = Duration::from_millis(100);
+
+/// A board whose sensors and drives are simulated, and whose supervisor link is bytes.
+pub trait ServedBoard {
+    /// Passes bytes from supervisors on, and takes what the board has to say.
+    ///
+    /// # Errors
+    /// When the board is gone.
+    fn exchange(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<()>;
+
+    /// One control period.
+    ///
+    /// # Errors
+    /// When the board is gone.
+    fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError>;
+
+    /// Presses the reset button.
+    ///
+    /// # Errors
+    /// When the board does not come back.
+    fn reset(&mut self) -> Result<(), BoardError>;
+}
+
+impl ServedBoard for VirtualBoard {
+    fn exchange(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
+        self.receive(bytes, out);
+        Ok(())
+    }
+
+    fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError> {
+        Ok(self.tick(sensors, out))
+    }
+
+    fn reset(&mut self) -> Result<(), BoardError> {
+        self.reset();
+        Ok(())
+    }
+}
+
+impl ServedBoard for Qemu {
+    fn exchange(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
+        let link = self.link_mut();
+        if !bytes.is_empty() {
+            link.send(bytes)?;
+        }
+        let mut buffer = [0; 4096];
+        let length = link.receive(&mut buffer, Instant::now())?;
+        out.extend_from_slice(&buffer[..length]);
+        Ok(())
+    }
+
+    fn tick(&mut self, sensors: &SensorFrame, _: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError> {
+        Controller::tick(self, sensors)
+    }
+
+    fn reset(&mut self) -> Result<(), BoardError> {
+        Self::reset(self)
+    }
+}
+
+/// Why the simulated board stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The clients' side.
+    #[error("the clients' side failed: {0}")]
+    Hub(#[from] io::Error),
+    /// The board.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// The plant.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+}
+
+/// What can be done to the machine while it runs, a line each on the standard input.
+pub const TROUBLE: &str = "\
+  estop on|off           press or release the emergency stop
+  supply VOLTS           change the supply voltage
+  encoder JOINT COUNTS   let an encoder jump by so many counts
+  freeze JOINT           let an encoder stand still; again: let it go on
+  reset                  press the board's reset button";
+
+/// Trouble from the standard input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Trouble {
+    EmergencyStop(bool),
+    Supply(u16),
+    Jump(usize, i32),
+    Freeze(usize),
+    Reset,
+}
+
+fn parse(line: &str, model: &RobotModel) -> Result<Option<Trouble>, String> {
+    let joint = |name: &str| {
+        model.joints.iter().position(|joint| joint.name == name).ok_or_else(|| {
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            format!("there is no joint {name:?}; there are: {}", names.join(", "))
+        })
+    };
+    let words: Vec<&str> = line.split_whitespace().collect();
+    Ok(Some(match words[..] {
+        [] => return Ok(None),
+        ["estop", "on"] => Trouble::EmergencyStop(true),
+        ["estop", "off"] => Trouble::EmergencyStop(false),
+        ["supply", volts] => match volts.parse::<f32>() {
+            Ok(volts) if (0.0..=65.0).contains(&volts) => Trouble::Supply((volts * 1000.0) as u16),
+            _ => return Err(format!("{volts:?} is no voltage from 0 to 65")),
+        },
+        ["encoder", name, counts] => {
+            let counts = counts.parse().map_err(|_| format!("{counts:?} is no number of counts"))?;
+            Trouble::Jump(joint(name)?, counts)
+        }
+        ["freeze", name] => Trouble::Freeze(joint(name)?),
+        ["reset"] => Trouble::Reset,
+        _ => return Err(format!("{line:?} is not understood. There are:\n{TROUBLE}")),
+    }))
+}
+
+/// Falsifies what the sensors read.
+#[derive(Default)]
+struct Spoiler {
+    emergency_stop: bool,
+    supply: Option<u16>,
+    offsets: Vec<i32>,
+    frozen: Vec<Option<i32>>,
+    last: Vec<i32>,
+}
+
+impl Spoiler {
+    fn cause(&mut self, trouble: Trouble, joints: usize) {
+        self.offsets.resize(joints, 0);
+        self.frozen.resize(joints, None);
+        match trouble {
+            Trouble::EmergencyStop(pressed) => self.emergency_stop = pressed,
+            Trouble::Supply(millivolts) => self.supply = Some(millivolts),
+            Trouble::Jump(joint, counts) => self.offsets[joint] += counts,
+            Trouble::Freeze(joint) => {
+                let count = self.last.get(joint).copied().unwrap_or(0);
+                self.frozen[joint] = if self.frozen[joint].is_none() { Some(count) } else { None };
+            }
+            Trouble::Reset => {}
+        }
+    }
+
+    fn spoil(&mut self, frame: &mut SensorFrame) {
+        if self.emergency_stop {
+            frame.flags = SensorFlags(frame.flags.0 | SensorFlags::EMERGENCY_STOP);
+        }
+        frame.supply = self.supply.unwrap_or(frame.supply);
+        for (index, count) in frame.encoders.iter_mut().enumerate() {
+            *count += self.offsets.get(index).copied().unwrap_or(0);
+            *count = self.frozen.get(index).copied().flatten().unwrap_or(*count);
+        }
+        self.last = frame.encoders.to_vec();
+    }
+}
+
+/// Lines from the standard input, as long as there are any.
+fn lines() -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                break;
+            }
+        }
+    });
+    receiver
+}
+
+/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as fast as it
+/// can.
+///
+/// # Errors
+/// When board, plant or the clients' side fail.
+pub fn serve(
+    hub: &mut Hub,
+    board: &mut dyn ServedBoard,
+    plant: &mut Plant,
+    model: &RobotModel,
+    stop: &dyn Fn() -> bool,
+) -> Result<(), ServeError> {
+    let lines = lines();
+    let mut spoiler = Spoiler::default();
+    let (mut requests, mut answers) = (Vec::new(), Vec::new());
+    let mut sequence = 0_u32;
+    let mut next = Instant::now();
+    while !stop() {
+        sequence = sequence.wrapping_add(1);
+        let mut sensors = plant.sensors(sequence);
+        spoiler.spoil(&mut sensors);
+        let actuators = board.tick(&sensors, &mut answers)?;
+        if actuators.torques.len() == model.joints.len() {
+            plant.apply(&actuators)?;
+        } else {
+            // A board without a model, or with that of another robot, moves nothing.
+            let torques = model.joints.iter().map(|_| 0.0).collect();
+            plant.apply(&ActuatorFrame { sequence, enabled: false, torques })?;
+        }
+        next += PERIOD;
+        if next + BEHIND < Instant::now() {
+            next = Instant::now();
+        }
+        loop {
+            board.exchange(&requests, &mut answers)?;
+            requests.clear();
+            hub.broadcast(&answers);
+            answers.clear();
+            let now = Instant::now();
+            if now >= next {
+                break;
+            }
+            hub.receive(&mut requests, next.min(now + Duration::from_millis(1)))?;
+        }
+        for line in lines.try_iter() {
+            match parse(&line, model) {
+                Ok(Some(Trouble::Reset)) => board.reset()?,
+                Ok(Some(trouble)) => spoiler.cause(trouble, model.joints.len()),
+                Ok(None) => {}
+                Err(message) => eprintln!("{message}"),
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The command that homes the machine as it stands.
+pub fn home_command(plant: &Plant, model: &RobotModel) -> String {
+    let angles = plant.homed_positions();
+    let words = model.joints.iter().zip(angles).map(|(joint, angle)| format!("{}={angle:.3}", joint.name));
+    format!("tesaki home {}", words.collect::<Vec<_>>().join(" "))
+}

@@ -1,0 +1,159 @@
+//! The short commands: list, info, disarm, stop, faults, share.
+
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use tesaki::protocol::{Identity, Request, ResetCause, Status};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::hub::Hub;
+use tesaki_supervisor::port::{self, Address, Reopening};
+
+use crate::args::Options;
+use crate::failure::Failure;
+use crate::output;
+use crate::session::{Session, hex, interrupted, version, words};
+
+pub fn list(options: &Options) -> Result<(), Failure> {
+    let found = port::list();
+    let value: Vec<_> = found
+        .iter()
+        .map(|port| {
+            json!({ "port": port.address.to_string(), "description": port.description, "simulated": port.simulated })
+        })
+        .collect();
+    output::result(options, &value, || {
+        if found.is_empty() {
+            return "no ports: plug a board in, or start a simulated one with `cargo sim serve`".to_owned();
+        }
+        let mut text = String::new();
+        for port in &found {
+            let _ = writeln!(text, "{:<24} {}", port.address.to_string(), port.description);
+        }
+        text
+    })
+}
+
+/// What the capabilities mean.
+fn capabilities(bits: u32) -> String {
+    let known = [
+        (Identity::PLANT_LINK, "plant link"),
+        (Identity::POWER_STAGES, "power stages"),
+        (Identity::JOINT_SERVO, "joint servo"),
+    ];
+    let names: Vec<&str> = known.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
+    names.join(", ")
+}
+
+pub fn info(options: &Options) -> Result<(), Failure> {
+    let mut session = Session::open(options)?;
+    let status = session.board.status()?;
+    let value = json!({ "port": session.place, "identity": session.identity, "status": status });
+    output::result(options, &value, || {
+        let Status { node, board } = &status;
+        let Identity { firmware, image, board: number, capabilities: bits } = session.identity;
+        let mut text = String::new();
+        let mut line = |name: &str, value: &str| {
+            let _ = writeln!(text, "{name:<14} {value}");
+        };
+        line("port", &session.place);
+        line("firmware", &version(firmware));
+        line("image", &hex(&image, "none: the control core runs in a program"));
+        line("board", &hex(&number, "none: not a real microcontroller"));
+        line("capabilities", &capabilities(bits));
+        let robot =
+            if node.model.is_empty() { "none: push one with `tesaki model push`" } else { &node.model };
+        line("robot", robot);
+        if !node.model.is_empty() {
+            line("model", &format!("{:08x}", node.model_checksum));
+            line("homed", &format!("{} joints", node.homed.count_ones()));
+        }
+        line("mode", &node.mode.to_string());
+        let read = if node.faults_read { "" } else { ", not all of them read" };
+        line("faults", &format!("{}{read}", node.faults));
+        let commander = match node.commander {
+            None => "nobody".to_owned(),
+            Some(client) if client == session.board.client() => "this program".to_owned(),
+            Some(client) => format!("client {client:08x}"),
+        };
+        line("commanded by", &commander);
+        line("supply", &format!("{:.1} V", node.supply));
+        line("last tick", &node.tick.to_string());
+        line("clock", &format!("{:?}", board.clock));
+        line("last reset", &format!("{:?}", board.reset));
+        if board.reset != ResetCause::PowerOn && !board.last_words.is_empty() {
+            line("last words", &board.last_words);
+        }
+        if board.stack_size > 0 {
+            line("stack", &format!("{} of {} bytes used at most", board.stack_used, board.stack_size));
+        }
+        let frames = board.supervisor_link.frames;
+        let damaged = frames.overlong + frames.framing + frames.checksum + frames.malformed;
+        line("link", &format!("{} good and {damaged} damaged frames received by the board", frames.good));
+        text
+    })
+}
+
+pub fn disarm(options: &Options) -> Result<(), Failure> {
+    let mut session = Session::open(options)?;
+    session.board.ask("disarm", Request::Disarm)?;
+    let mode = session.board.status()?.node.mode;
+    output::result(options, &json!({ "mode": mode }), || format!("outputs off; the board is {mode}"))
+}
+
+pub fn stop(options: &Options) -> Result<(), Failure> {
+    let mut session = Session::open(options)?;
+    session.board.ask("stop", Request::Stop)?;
+    let mode = session.board.status()?.node.mode;
+    output::result(options, &json!({ "mode": mode }), || {
+        format!("stop sent; the board is {mode}. `tesaki disarm` switches the outputs off")
+    })
+}
+
+pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
+    let mut session = if clear { Session::command(options)? } else { Session::open(options)? };
+    let log = session.board.faults()?;
+    // Without a model the faults have joint numbers instead of names.
+    let model = session.board.model().ok();
+    let list: Vec<_> = log
+        .faults
+        .iter()
+        .map(|fault| json!({ "number": fault.cause.number(), "fault": fault, "text": words(fault, model.as_ref()) }))
+        .collect();
+    if clear {
+        session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
+    }
+    let mode = session.board.status()?.node.mode;
+    if clear {
+        session.release()?;
+    }
+    output::result(options, &json!({ "total": log.total, "faults": list, "mode": mode }), || {
+        let mut text = String::new();
+        for fault in &log.faults {
+            let _ = writeln!(text, "{}", words(fault, model.as_ref()));
+        }
+        let forgotten = log.total as usize - log.faults.len().min(log.total as usize);
+        if forgotten > 0 {
+            let _ = writeln!(text, "and {forgotten} older ones, no longer remembered");
+        }
+        let cleared = if clear { "; cleared" } else { "" };
+        let _ = write!(text, "{} faults since power-on{cleared}. The board is {mode}", log.total);
+        text
+    })
+}
+
+pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
+    let interrupted = interrupted()?;
+    let mut board = Reopening::open(options.port.clone())?;
+    let mut hub = Hub::listen(listen).map_err(Failure::file(listen.to_string()))?;
+    let place = board.port().map_or_else(String::new, |port| port.address().to_string());
+    output::notice(
+        options,
+        &format!("{place} is shared at {}: use `--port {}`; Ctrl-C ends", hub.address(), hub.address()),
+    );
+    while !interrupted.load(std::sync::atomic::Ordering::Relaxed) {
+        hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
+            .map_err(Failure::file(place.clone()))?;
+    }
+    Ok(())
+}

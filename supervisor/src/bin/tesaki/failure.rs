@@ -1,0 +1,75 @@
+//! Why a command came to nothing, and the exit code that says so to scripts.
+
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use tesaki_supervisor::BoardError;
+use tesaki_supervisor::port::PortError;
+use tesaki_supervisor::robot::RobotError;
+
+/// Why a command came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The command line makes no sense for this robot.
+    #[error("{0}")]
+    Usage(String),
+    /// There is no board, or its port cannot be opened.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The board refused, does not answer, or is another one.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// The board is in fault.
+    #[error(
+        "the board is in fault: {0}\nRead the faults and clear them with `tesaki faults --clear`, then try again"
+    )]
+    Fault(String),
+    /// Something took too long.
+    #[error("{0}")]
+    Late(String),
+    /// A robot folder.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    /// A file.
+    #[error("{path}: {source}", path = path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Anything else.
+    #[error("{0}")]
+    Other(String),
+    /// The reader of our output has gone, which is its right.
+    #[error("nobody reads the output")]
+    Pipe,
+}
+
+impl Failure {
+    /// The number for scripts: see the help.
+    pub const fn number(&self) -> u8 {
+        match self {
+            Self::Robot(_) | Self::File { .. } | Self::Other(_) => 1,
+            Self::Usage(_) | Self::Board(BoardError::TooManyJoints(_)) => 2,
+            Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
+            Self::Board(BoardError::SchemaMismatch { .. }) => 4,
+            Self::Fault(_) => 5,
+            Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
+            Self::Board(_) => 7,
+            Self::Pipe => 0,
+        }
+    }
+
+    /// [`Failure::number`] for the system.
+    pub fn exit_code(&self) -> ExitCode {
+        ExitCode::from(self.number())
+    }
+
+    /// For files.
+    pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::File { path, source }
+    }
+}

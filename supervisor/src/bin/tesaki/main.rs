@@ -1,0 +1,62 @@
+//! `tesaki`: the supervisor's command line.
+
+mod args;
+mod board;
+mod doctor;
+mod failure;
+mod model;
+mod motion;
+mod output;
+mod parameter;
+mod recording;
+mod session;
+mod watch;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command, ModelCommand};
+use failure::Failure;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(&cli) {
+        Ok(code) => code,
+        Err(failure) => {
+            output::failure(&cli.options, &failure);
+            failure.exit_code()
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<ExitCode, Failure> {
+    let options = &cli.options;
+    match &cli.command {
+        Command::List => board::list(options),
+        Command::Info => board::info(options),
+        Command::Doctor { robot } => return doctor::run(options, robot.as_deref()),
+        Command::Monitor => watch::run(options),
+        Command::Arm(arm) => motion::arm(options, arm),
+        Command::Disarm => board::disarm(options),
+        Command::Stop => board::stop(options),
+        Command::Move(aim) => motion::go(options, aim),
+        Command::Home(home) => motion::home(options, home),
+        Command::Read { path } => parameter::read(options, path.as_deref()),
+        Command::Set { path, value } => parameter::set(options, path, value),
+        Command::Model { command } => match command {
+            ModelCommand::Push { robot } => model::push(options, robot),
+            ModelCommand::Show => model::show(options),
+            ModelCommand::Check { robot } => model::check(options, robot),
+        },
+        Command::Faults { clear } => board::faults(options, *clear),
+        Command::Record(record) => recording::record(options, record),
+        Command::Replay { log } => recording::replay(options, log),
+        Command::Share { listen } => board::share(options, listen),
+        Command::Completions { shell } => {
+            args::completions(*shell);
+            Ok(())
+        }
+    }
+    .map(|()| ExitCode::SUCCESS)
+}

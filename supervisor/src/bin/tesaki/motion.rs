@@ -1,0 +1,250 @@
+//! The commands that move joints: arm, move, home.
+
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use tesaki::math::abs;
+use tesaki::model::{JointModel, RobotModel};
+use tesaki::protocol::{Mode, Request, SetPoint, Telemetry};
+use tesaki_supervisor::{Board, BoardError};
+
+use crate::args::{Arm, Home, Move, Options};
+use crate::failure::Failure;
+use crate::output;
+use crate::session::{Session, interrupted};
+
+/// From one set-point to the next: well inside the command timeout, so that a few may be lost.
+const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// From one line of JSON to the next.
+const REPORT: Duration = Duration::from_millis(100);
+/// A board that is silent for longer has gone.
+const GONE: Duration = Duration::from_secs(5);
+/// Telemetries in a row within the tolerance that count as arrived.
+const ARRIVED: u32 = 10;
+
+pub fn arm(options: &Options, arm: &Arm) -> Result<(), Failure> {
+    let mut motion = Motion::begin(options)?;
+    let goal = motion.positions()?;
+    output::confirm(
+        options,
+        &format!("The joints of {} will be powered and hold. Go on?", motion.model.name),
+    )?;
+    motion.arm(arm.servo.into())?;
+    output::notice(options, "armed: the joints hold; Ctrl-C disarms");
+    let until = arm.duration.map(|duration| Instant::now() + duration);
+    let end = motion.drive(&goal, |_, now| until.is_some_and(|until| now >= until))?;
+    motion.end(end == End::Interrupted)
+}
+
+pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
+    let mut motion = Motion::begin(options)?;
+    let unit = if aim.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    let mut goal = motion.positions()?;
+    for (name, angle) in &aim.joints {
+        let (index, joint) = find(&motion.model, name)?;
+        let base = if aim.relative { goal[index] } else { 0.0 };
+        goal[index] = base + angle * unit;
+        check(joint, goal[index])?;
+    }
+    let goal = goal;
+    let named = &aim.joints;
+    output::confirm(options, &format!("{} of {} will move. Go on?", joints(named.len()), motion.model.name))?;
+    motion.arm(aim.servo.into())?;
+    let deadline = Instant::now() + aim.within;
+    let (mut near, mut farthest) = (0, (0, 0.0_f32));
+    let end = motion.drive(&goal, |telemetry, now| {
+        if let Some(telemetry) = telemetry {
+            let errors = telemetry.joints.iter().zip(&goal).map(|(joint, goal)| abs(goal - joint.position));
+            farthest = errors
+                .enumerate()
+                .fold((0, 0.0), |worst, (index, error)| if error > worst.1 { (index, error) } else { worst });
+            near = if farthest.1 <= aim.tolerance { near + 1 } else { 0 };
+        }
+        near >= ARRIVED || now >= deadline
+    })?;
+    if end == End::Interrupted {
+        return motion.end(true);
+    }
+    if near < ARRIVED {
+        let joint = motion.model.joint_name(farthest.0).to_owned();
+        motion.end(false)?;
+        return Err(Failure::Late(format!(
+            "{joint} is still {:.4} rad from its goal after {} s (tolerance {} rad): the board is disarmed. Is the joint \
+             blocked, or --within too short?",
+            farthest.1,
+            aim.within.as_secs_f64(),
+            aim.tolerance
+        )));
+    }
+    output::result(options, &json!({ "arrived": true, "largest_error": farthest.1 }), || {
+        format!("arrived: the largest error is {:.4} rad", farthest.1)
+    })?;
+    if aim.hold {
+        output::notice(options, "holding; Ctrl-C disarms");
+        motion.drive(&goal, |_, _| false)?;
+    }
+    motion.end(false)
+}
+
+pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
+    let mut session = Session::command(options)?;
+    let model = session.model()?;
+    let unit = if home.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    let mut angles: Vec<Option<f32>> = vec![home.others.map(|angle| angle * unit); model.joints.len()];
+    for (name, angle) in &home.joints {
+        let (index, _) = find(&model, name)?;
+        angles[index] = Some(angle * unit);
+    }
+    let mut positions = Vec::new();
+    for (joint, angle) in model.joints.iter().zip(angles) {
+        let angle = angle.ok_or_else(|| {
+            Failure::Usage(format!(
+                "{} has no angle: name every joint, or give the rest with --others",
+                joint.name
+            ))
+        })?;
+        check(joint, angle)?;
+        positions.push(angle);
+    }
+    output::confirm(options, "The joints will be taken to stand at these angles. Is that so?")?;
+    session.board.home(&positions)?;
+    session.release()?;
+    output::result(options, &json!({ "homed": positions }), || format!("{} homed", joints(positions.len())))
+}
+
+fn joints(count: usize) -> String {
+    if count == 1 { "1 joint".to_owned() } else { format!("{count} joints") }
+}
+
+/// The joint called `name`.
+fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
+    model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {
+        let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+        Failure::Usage(format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", ")))
+    })
+}
+
+/// The board checks this, too, but knows no names.
+fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
+    let limits = joint.limits;
+    if angle >= limits.lower && angle <= limits.upper {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "{}: {angle} rad is outside its limits {} to {} rad",
+        joint.name, limits.lower, limits.upper
+    )))
+}
+
+/// Why a motion ended without a failure.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum End {
+    /// What was asked for is done.
+    Done,
+    /// Ctrl-C.
+    Interrupted,
+}
+
+/// A board that this program commands and may have armed.
+struct Motion<'a> {
+    session: Session,
+    options: &'a Options,
+    model: RobotModel,
+    armed: bool,
+}
+
+impl<'a> Motion<'a> {
+    fn begin(options: &'a Options) -> Result<Self, Failure> {
+        let mut session = Session::command(options)?;
+        let model = session.model()?;
+        let mode = session.board.status()?.node.mode;
+        session.require_no_fault(mode, Some(&model))?;
+        Ok(Self { session, options, model, armed: false })
+    }
+
+    /// Where the joints are, within their limits.
+    fn positions(&mut self) -> Result<Vec<f32>, Failure> {
+        let telemetry = self.session.telemetry_now()?;
+        let joints = telemetry.joints.iter().zip(&self.model.joints);
+        // A joint may rest against its stop, a hair outside.
+        Ok(joints
+            .map(|(state, joint)| state.position.clamp(joint.limits.lower, joint.limits.upper))
+            .collect())
+    }
+
+    fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
+        // Caught from here on: whoever presses Ctrl-C wants the outputs off.
+        interrupted()?;
+        self.session.arm(servo)?;
+        self.armed = true;
+        Ok(())
+    }
+
+    /// Keeps the board at `goal` until `done` says so; `None` is passed when nothing new is known.
+    fn drive(
+        &mut self,
+        goal: &[f32],
+        mut done: impl FnMut(Option<&Telemetry>, Instant) -> bool,
+    ) -> Result<End, Failure> {
+        let interrupted = interrupted()?;
+        let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
+        let (mut heard, mut reported) = (Instant::now(), None::<Instant>);
+        loop {
+            if interrupted.load(Ordering::Relaxed) {
+                return Ok(End::Interrupted);
+            }
+            self.session.board.post(Request::SetPoint(SetPoint::Goal { positions: positions.clone() }))?;
+            let next = Instant::now() + KEEP_ALIVE;
+            let mut latest = None;
+            while Instant::now() < next {
+                match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
+                    Ok(telemetry) => latest = Some(telemetry),
+                    Err(Failure::Late(_)) => {}
+                    Err(failure) => return Err(self.abandon(failure)),
+                }
+            }
+            let now = Instant::now();
+            if let Some(telemetry) = &latest {
+                heard = now;
+                if telemetry.mode == Mode::Fault {
+                    self.armed = false;
+                    let fault = self.session.fault(Some(&self.model))?;
+                    return Err(Failure::Fault(fault));
+                }
+                if telemetry.mode == Mode::Disarmed {
+                    self.armed = false;
+                    return Err(Failure::Other("another program disarmed the board".to_owned()));
+                }
+                if self.options.json && reported.is_none_or(|last| now - last >= REPORT) {
+                    reported = Some(now);
+                    output::line(&serde_json::to_string(telemetry).unwrap_or_default())?;
+                }
+            } else if now - heard > GONE {
+                return Err(self.abandon(Failure::Late(format!(
+                    "nothing came from the board for {} s: its own command timeout has stopped it",
+                    GONE.as_secs()
+                ))));
+            }
+            if done(latest.as_ref(), now) {
+                return Ok(End::Done);
+            }
+        }
+    }
+
+    /// Switches off on the way out of a failure, if that is still possible.
+    fn abandon(&mut self, failure: Failure) -> Failure {
+        if self.armed {
+            let _ = self.session.board.ask("disarm", Request::Disarm);
+        }
+        failure
+    }
+
+    /// Switches off and hands the command back.
+    fn end(mut self, interrupted: bool) -> Result<(), Failure> {
+        self.session.board.ask("disarm", Request::Disarm)?;
+        self.armed = false;
+        output::notice(self.options, if interrupted { "\ninterrupted: disarmed" } else { "disarmed" });
+        self.session.release()
+    }
+}

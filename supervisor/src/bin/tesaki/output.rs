@@ -1,0 +1,64 @@
+//! Printing, for people and for programs.
+
+use std::io::{self, IsTerminal, Write};
+
+use serde::Serialize;
+
+use crate::args::Options;
+use crate::failure::Failure;
+
+/// Prints `value` as JSON, or else what `text` makes.
+pub fn result<T: Serialize>(
+    options: &Options,
+    value: &T,
+    text: impl FnOnce() -> String,
+) -> Result<(), Failure> {
+    if options.json {
+        line(&serde_json::to_string(value).map_err(|error| Failure::Other(error.to_string()))?)
+    } else {
+        line(text().trim_end())
+    }
+}
+
+/// Prints a line.
+pub fn line(text: &str) -> Result<(), Failure> {
+    match writeln!(io::stdout(), "{text}") {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Failure::Pipe),
+        other => other.map_err(Failure::file("standard output")),
+    }
+}
+
+/// Tells people what is going on; silent for programs.
+pub fn notice(options: &Options, text: &str) {
+    if !options.json {
+        eprintln!("{text}");
+    }
+}
+
+/// Says why the command came to nothing.
+pub fn failure(options: &Options, failure: &Failure) {
+    if matches!(failure, Failure::Pipe) {
+        return;
+    }
+    if options.json {
+        let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
+        let _ = line(&value.to_string());
+    } else {
+        eprintln!("tesaki: {failure}");
+    }
+}
+
+/// Asks for consent where there is somebody to ask.
+pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
+    if options.non_interactive || options.json || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
+        return Ok(());
+    }
+    eprint!("{question} [y/N] ");
+    let mut answer = String::new();
+    io::stdin().read_line(&mut answer).map_err(Failure::file("standard input"))?;
+    if matches!(answer.trim(), "y" | "Y" | "yes") {
+        Ok(())
+    } else {
+        Err(Failure::Usage("not confirmed: nothing was done".to_owned()))
+    }
+}

@@ -1,0 +1,175 @@
+//! `read` and `set`: the joints' state, and the parameters of the model on the board.
+
+use std::fmt::Write as _;
+
+use serde_json::Value;
+use tesaki::model::RobotModel;
+use tesaki_supervisor::Board;
+
+use crate::args::Options;
+use crate::failure::Failure;
+use crate::output;
+use crate::session::Session;
+
+pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
+    let mut session = Session::open(options)?;
+    let model = session.model()?;
+    let Some(path) = path else {
+        return state(options, &mut session, &model);
+    };
+    let tree = tree(&model)?;
+    let path = if path == "model" { "" } else { path };
+    let mut found = Vec::new();
+    for name in expand(&tree, path)? {
+        leaves(&name, at(&tree, &name)?, &mut found);
+    }
+    let value: serde_json::Map<String, Value> = found.iter().cloned().collect();
+    output::result(options, &value, || {
+        let mut text = String::new();
+        for (name, value) in &found {
+            let _ = writeln!(text, "{name} = {value}");
+        }
+        text
+    })
+}
+
+fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result<(), Failure> {
+    let telemetry = session.telemetry_now()?;
+    let homed = session.board.status()?.node.homed;
+    output::result(options, &telemetry, || {
+        let mut text = format!(
+            "{:<20} {:>10} {:>10} {:>10} {:>10}\n",
+            "joint", "angle", "velocity", "reference", "torque"
+        );
+        let _ = writeln!(text, "{:<20} {:>10} {:>10} {:>10} {:>10}", "", "rad", "rad/s", "rad", "N·m");
+        for (index, (joint, state)) in model.joints.iter().zip(&telemetry.joints).enumerate() {
+            let _ = write!(
+                text,
+                "{:<20} {:>10.4} {:>10.3} {:>10.4} {:>10.4}",
+                joint.name, state.position, state.velocity, state.reference, state.torque
+            );
+            let _ = writeln!(text, "{}", if homed >> index & 1 == 0 { "  not homed" } else { "" });
+        }
+        let _ = write!(text, "{} in tick {}", telemetry.mode, telemetry.tick);
+        text
+    })
+}
+
+pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
+    let mut session = Session::command(options)?;
+    let model = session.model()?;
+    let mut tree = tree(&model)?;
+    let names = expand(&tree, path)?;
+    for name in &names {
+        let old = at_mut(&mut tree, name)?;
+        if old.is_object() || (old.is_array() && !value.trim_start().starts_with('[')) {
+            return Err(Failure::Usage(format!(
+                "{name} is a group: `tesaki read {name}` lists what is in it"
+            )));
+        }
+        *old = parse(old, value);
+    }
+    let changed: RobotModel = from_tree(tree).map_err(|problem| {
+        Failure::Usage(format!("{path} = {value}: {problem}; `tesaki read {path}` shows what stands there"))
+    })?;
+    changed.validate().map_err(|error| {
+        let joint = error
+            .joint
+            .map_or_else(String::new, |joint| format!("{}: ", model.joint_name(usize::from(joint))));
+        Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
+    })?;
+    session.board.push_model(&changed)?;
+    session.release()?;
+    output::result(options, &names, || {
+        format!("{} = {value} (until the next reset or push)", names.join(", "))
+    })
+}
+
+/// A word stays a word, and finds the spelling that the model has for it.
+fn parse(old: &Value, text: &str) -> Value {
+    match serde_json::from_str(text) {
+        Ok(value) => value,
+        Err(_) if old.is_string() => {
+            let mut letters = text.chars();
+            Value::String(letters.next().map_or_else(String::new, |first| {
+                first.to_uppercase().chain(letters.flat_map(char::to_lowercase)).collect()
+            }))
+        }
+        Err(_) => Value::String(text.to_owned()),
+    }
+}
+
+/// The model as a tree, its joints by name.
+fn tree(model: &RobotModel) -> Result<Value, Failure> {
+    let other = |error: serde_json::Error| Failure::Other(error.to_string());
+    // By way of the text: it has the shortest digits that mean the number, and not those of its double precision.
+    let mut tree: Value =
+        serde_json::from_str(&serde_json::to_string(model).map_err(other)?).map_err(other)?;
+    if let Some(joints) = tree.get_mut("joints")
+        && let Value::Array(list) = joints.take()
+    {
+        let named = list.into_iter().map(|joint| {
+            let name = joint.get("name").and_then(Value::as_str).unwrap_or_default().to_owned();
+            (name, joint)
+        });
+        *joints = Value::Object(named.collect());
+    }
+    Ok(tree)
+}
+
+/// The reverse.
+fn from_tree(mut tree: Value) -> Result<RobotModel, serde_json::Error> {
+    if let Some(joints) = tree.get_mut("joints")
+        && let Value::Object(named) = joints.take()
+    {
+        *joints = Value::Array(named.into_iter().map(|(_, joint)| joint).collect());
+    }
+    serde_json::from_value(tree)
+}
+
+/// The paths that `path` means: `*` stands for every joint.
+fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
+    let Some((before, after)) = path.split_once('*') else {
+        at(tree, path)?;
+        return Ok(vec![path.to_owned()]);
+    };
+    let group = at(tree, before.trim_end_matches('.'))?;
+    let names = group.as_object().into_iter().flat_map(|group| group.keys());
+    names
+        .map(|name| expand(tree, &format!("{before}{name}{after}")).map(|mut paths| paths.remove(0)))
+        .collect()
+}
+
+fn steps(path: &str) -> impl Iterator<Item = &str> {
+    path.split('.').filter(|step| !step.is_empty())
+}
+
+fn at<'a>(tree: &'a Value, path: &str) -> Result<&'a Value, Failure> {
+    steps(path).try_fold(tree, |value, step| value.get(step).ok_or_else(|| unknown(value, step, path)))
+}
+
+fn at_mut<'a>(tree: &'a mut Value, path: &str) -> Result<&'a mut Value, Failure> {
+    steps(path).try_fold(tree, |value, step| {
+        if value.get(step).is_some() { Ok(&mut value[step]) } else { Err(unknown(value, step, path)) }
+    })
+}
+
+fn unknown(value: &Value, step: &str, path: &str) -> Failure {
+    let known = match value {
+        Value::Object(group) => group.keys().map(String::as_str).collect::<Vec<_>>().join(", "),
+        _ => "nothing".to_owned(),
+    };
+    Failure::Usage(format!("there is no {step:?} in {path:?}; there is: {known}"))
+}
+
+fn leaves(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {
+    match value {
+        Value::Object(group) => {
+            for (name, value) in group {
+                let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+                leaves(&path, value, found);
+            }
+        }
+        value => found.push((path.to_owned(), value.clone())),
+    }
+}

@@ -1,0 +1,316 @@
+//! `record` and `replay`.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Read, Write};
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use serde_json::json;
+use tesaki::node::{Node, Replay};
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
+use tesaki::protocol::{
+    EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Request, RequestFrame,
+    SCHEMA_KEY, Stream, Telemetry,
+};
+use tesaki_supervisor::mcap::{Joints, Level, Recording, RecordingError};
+use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::{Board, BoardError};
+
+use crate::args::{Options, Record};
+use crate::failure::Failure;
+use crate::output;
+use crate::session::{Session, hex, interrupted, version, words};
+
+/// A control period [ns].
+const TICK: u64 = 10_000_000;
+/// From one line of JSON to the next.
+const REPORT: Duration = Duration::from_secs(1);
+/// A board that is silent for longer has gone.
+const GONE: Duration = Duration::from_secs(30);
+
+pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
+    let interrupted = interrupted()?;
+    let mut session = Session::open(options)?;
+    let model = session.model()?;
+    let robot = record.robot.as_deref().map(RobotFolder::load).transpose()?;
+    let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
+    let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
+    let log_path = record.name.with_extension("log");
+    let mcap_path = record.name.with_extension("mcap");
+
+    let about = BTreeMap::from([
+        ("robot".to_owned(), model.name.to_string()),
+        ("firmware".to_owned(), version(session.identity.firmware)),
+        ("image".to_owned(), hex(&session.identity.image, "none")),
+        ("board".to_owned(), hex(&session.identity.board, "none")),
+    ]);
+    let names = model.joints.iter().map(|joint| joint.name.to_string()).collect();
+    let mcap_failure = |error: RecordingError| Failure::Other(format!("{}: {error}", mcap_path.display()));
+    let mut viewer = Viewer {
+        recording: Recording::create(&mcap_path, urdf.as_deref(), &about).map_err(mcap_failure)?,
+        names,
+        epoch: None,
+        faults: session.board.faults()?.total,
+    };
+    let file = File::create(&log_path).map_err(Failure::file(&log_path))?;
+    let mut log = Log { file: BufWriter::new(file), last: 0, ticks: 0, lost: 0 };
+    log.begin(&mut session).map_err(log_failure(&log_path))?;
+    session.board.set_rate(Stream::Telemetry, 1)?;
+    output::notice(
+        options,
+        &format!(
+            "recording {} to {} and {}; Ctrl-C ends",
+            model.name,
+            log_path.display(),
+            mcap_path.display()
+        ),
+    );
+
+    let start = Instant::now();
+    let (mut reported, mut heard) = (start, start);
+    while !interrupted.load(Ordering::Relaxed)
+        && record.duration.is_none_or(|duration| start.elapsed() < duration)
+    {
+        let event = session.board.next_event(Instant::now() + Duration::from_millis(50))?;
+        let now = Instant::now();
+        match event {
+            Some(FromBoard::Log(entry)) => {
+                heard = now;
+                log.entry(&mut session, entry).map_err(log_failure(&log_path))?;
+            }
+            Some(FromBoard::Telemetry(telemetry)) => {
+                heard = now;
+                if telemetry.faults != viewer.faults {
+                    viewer.faults = telemetry.faults;
+                    let fault = session.board.faults()?.faults.last().copied();
+                    let text = fault.map_or_else(String::new, |fault| words(&fault, Some(&model)));
+                    viewer.fault(&telemetry, &text).map_err(mcap_failure)?;
+                    output::notice(options, &text);
+                }
+                viewer.telemetry(&telemetry).map_err(mcap_failure)?;
+            }
+            _ => {}
+        }
+        if now - heard > GONE {
+            return Err(Failure::Late(format!(
+                "nothing came from the board for {} s; what came before is in {}",
+                GONE.as_secs(),
+                log_path.display()
+            )));
+        }
+        if now - heard > REPORT {
+            // A board that was reset sends nothing until it is asked again.
+            if session
+                .board
+                .set_rate(Stream::Log, 1)
+                .and_then(|()| session.board.set_rate(Stream::Telemetry, 1))
+                .is_err()
+            {
+                let _ = session.board.hello();
+            }
+        }
+        if options.json && now - reported > REPORT {
+            reported = now;
+            output::line(&json!({ "ticks": log.ticks, "lost": log.lost }).to_string())?;
+        }
+    }
+    let _ = session.board.set_rate(Stream::Log, 0);
+    log.file.flush().map_err(Failure::file(&log_path))?;
+    viewer.recording.finish().map_err(mcap_failure)?;
+    let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": log.ticks, "lost": log.lost });
+    output::result(options, &value, || {
+        format!(
+            "{} ticks recorded, {} entries lost on the line\n{}: try `tesaki replay {}`\n{}: for Foxglove, PlotJuggler or Rerun",
+            log.ticks,
+            log.lost,
+            log_path.display(),
+            log_path.display(),
+            mcap_path.display()
+        )
+    })
+}
+
+/// Tells trouble with the file from trouble with the board.
+fn log_failure(path: &Path) -> impl FnOnce(LogError) -> Failure + '_ {
+    move |error| match error {
+        LogError::File(source) => Failure::file(path)(source),
+        LogError::Board(error) => error.into(),
+    }
+}
+
+#[derive(Debug, thiserror::Error)]
+enum LogError {
+    #[error(transparent)]
+    File(#[from] std::io::Error),
+    #[error(transparent)]
+    Board(#[from] BoardError),
+}
+
+/// The file from which the run can be repeated.
+struct Log {
+    file: BufWriter<File>,
+    /// Index of the last entry.
+    last: u32,
+    ticks: u64,
+    lost: u64,
+}
+
+impl Log {
+    /// What made the recording, the model, the state.
+    fn begin(&mut self, session: &mut Session) -> Result<(), LogError> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let (identity, unix_time) = (session.identity, since.as_secs());
+        self.write(&LogRecord::Start(LogStart { schema: SCHEMA_KEY, identity, unix_time }))?;
+        let (model, _) = session.board.export(Item::Model)?;
+        // As a client of its own would have sent it; the state that follows knows nothing of that client.
+        let mut sequence = 0;
+        let mut request = |request| {
+            sequence += 1;
+            LogRecord::Request(RequestFrame { client: 0, sequence, request })
+        };
+        let length = u32::try_from(model.len()).unwrap_or(u32::MAX);
+        let begin = Request::ModelBegin { length, checksum: checksum(&model) };
+        let mut records = vec![
+            request(Request::Hello { schema: SCHEMA_KEY }),
+            request(Request::TakeCommand { by_force: true }),
+            request(begin),
+        ];
+        for (offset, data) in (0..).step_by(MODEL_CHUNK).zip(model.chunks(MODEL_CHUNK)) {
+            let data = heapless::Vec::from_slice(data).unwrap_or_default();
+            records.push(request(Request::ModelChunk { offset, data }));
+        }
+        records.push(request(Request::ModelCommit));
+        for record in &records {
+            self.write(record)?;
+        }
+        session.board.set_rate(Stream::Log, 1)?;
+        self.state(session)
+    }
+
+    /// The state of the node now. Entries from before it that are still to come will be left out.
+    fn state(&mut self, session: &mut Session) -> Result<(), LogError> {
+        let (state, index) = session.board.export(Item::State)?;
+        for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
+            let data = heapless::Vec::from_slice(data).unwrap_or_default();
+            self.write(&LogRecord::State { offset, data })?;
+        }
+        let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
+        self.write(&LogRecord::Restore { length, checksum: checksum(&state) })?;
+        self.last = index;
+        Ok(())
+    }
+
+    fn entry(&mut self, session: &mut Session, entry: LogEntry) -> Result<(), LogError> {
+        let step = entry.index.wrapping_sub(self.last).cast_signed();
+        if step <= 0 && step > -10_000 {
+            return Ok(()); // from before the state
+        }
+        if step != 1 {
+            // Lost on the line, or the board was reset.
+            let missing = u32::try_from(step - 1).unwrap_or(0);
+            self.lost += u64::from(missing);
+            self.write(&LogRecord::Gap { missing })?;
+            return self.state(session);
+        }
+        self.last = entry.index;
+        self.ticks += u64::from(matches!(entry.record, LogRecord::Actuators(_)));
+        self.write(&entry.record)
+    }
+
+    fn write(&mut self, record: &LogRecord) -> Result<(), LogError> {
+        let mut frame = [0; MAX_FRAME];
+        let length = encode(record, &mut frame).map_err(std::io::Error::other)?;
+        Ok(self.file.write_all(&frame[..length])?)
+    }
+}
+
+/// The file for viewers.
+struct Viewer {
+    recording: Recording,
+    names: Vec<String>,
+    /// When tick 0 was [ns since 1970].
+    epoch: Option<u64>,
+    faults: u32,
+}
+
+impl Viewer {
+    fn time(&mut self, telemetry: &Telemetry) -> u64 {
+        let since_start = u64::from(telemetry.tick) * TICK;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
+        *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start
+    }
+
+    fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), RecordingError> {
+        let time = self.time(telemetry);
+        let list = |value: fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
+            telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
+        };
+        let (position, velocity, effort) =
+            (list(|joint| joint.position), list(|joint| joint.velocity), list(|joint| joint.torque));
+        let names = &self.names;
+        let joints = Joints { names, position: &position, velocity: &velocity, effort: &effort };
+        self.recording.joint_states(time, joints)?;
+        let references = list(|joint| joint.reference);
+        self.recording.references(time, Joints { names, position: &references, velocity: &[], effort: &[] })
+    }
+
+    fn fault(&mut self, telemetry: &Telemetry, text: &str) -> Result<(), RecordingError> {
+        let time = self.time(telemetry);
+        self.recording.log(time, Level::Error, "board", text)
+    }
+}
+
+pub fn replay(options: &Options, path: &Path) -> Result<(), Failure> {
+    let mut file = File::open(path).map_err(Failure::file(path))?;
+    let mut node = Box::new(Node::new());
+    let mut replay = Replay::new(&mut node);
+    let mut decoder = Decoder::new();
+    let (mut ticks, mut gaps, mut damaged) = (0_u64, 0_u64, 0_u64);
+    let mut start = None;
+    let mut buffer = vec![0; 65_536];
+    loop {
+        let length = file.read(&mut buffer).map_err(Failure::file(path))?;
+        if length == 0 {
+            break;
+        }
+        let mut bytes = &buffer[..length];
+        while decoder.take(&mut bytes) {
+            let record = match decoder.message::<LogRecord>() {
+                Ok(record) => record,
+                Err(_) => {
+                    damaged += 1;
+                    // What was lost is unknown, so what follows cannot be compared.
+                    LogRecord::Gap { missing: 0 }
+                }
+            };
+            match &record {
+                LogRecord::Start(made) => start = Some(*made),
+                LogRecord::Gap { .. } => gaps += 1,
+                _ => {}
+            }
+            let same = replay
+                .feed(&record)
+                .map_err(|error| Failure::Other(format!("{}: {error}", path.display())))?;
+            ticks += u64::from(same);
+        }
+    }
+    if ticks == 0 {
+        return Err(Failure::Other(format!(
+            "{}: no tick could be compared; is this a recording of `tesaki record` or a simulator's frames.log?",
+            path.display()
+        )));
+    }
+    let value = json!({ "identical_ticks": ticks, "gaps": gaps, "damaged_frames": damaged, "start": start });
+    output::result(options, &value, || {
+        let made = start.map_or_else(String::new, |start| {
+            let image = hex(&start.identity.image, "none");
+            format!(" (recorded with firmware {}, image {image})", version(start.identity.firmware))
+        });
+        let gaps =
+            if gaps == 0 { String::new() } else { format!("; {gaps} gaps, {damaged} damaged entries") };
+        format!("{ticks} ticks identical, to the last bit{made}{gaps}")
+    })
+}

@@ -1,0 +1,153 @@
+//! A talk with a board.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Fault, FromBoard, Identity, Mode, Refusal, Reply, Request, Stream, Task, Telemetry};
+use tesaki_supervisor::fault_injector::{FaultyLink, LinkFaults};
+use tesaki_supervisor::port::Reopening;
+use tesaki_supervisor::{Board, BoardError, LinkBoard};
+
+use crate::args::Options;
+use crate::failure::Failure;
+
+/// The line to the board: opened again when it goes away, and damaged on purpose where that is asked for.
+pub type Line = FaultyLink<Reopening>;
+
+/// A board that has said hello.
+pub struct Session {
+    pub board: LinkBoard<Line>,
+    pub identity: Identity,
+    /// Where it is.
+    pub place: String,
+}
+
+impl Session {
+    /// Opens the port and greets the board.
+    pub fn open(options: &Options) -> Result<Self, Failure> {
+        let mut board = dial(options)?;
+        let identity = board.hello()?;
+        let place = place(&board);
+        Ok(Self { board, identity, place })
+    }
+
+    /// The same, and takes command.
+    pub fn command(options: &Options) -> Result<Self, Failure> {
+        let mut session = Self::open(options)?;
+        session.board.take_command(options.take_over)?;
+        Ok(session)
+    }
+
+    /// Hands the command back, so that the next one need not wait.
+    pub fn release(mut self) -> Result<(), Failure> {
+        Ok(self.board.ask("release the command", Request::ReleaseCommand)?)
+    }
+
+    /// The model on the board, with a hint when there is none.
+    pub fn model(&mut self) -> Result<RobotModel, Failure> {
+        match self.board.model() {
+            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {
+                Err(Failure::Board(BoardError::Refused {
+                    action: "tell its model (send one with `tesaki model push robots/NAME`)",
+                    refusal: Refusal::NoModel,
+                }))
+            }
+            other => Ok(other?),
+        }
+    }
+
+    /// The last fault in words; with the joint's name where the model is known.
+    pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
+        let log = self.board.faults()?;
+        Ok(log.faults.last().map_or_else(|| "no fault is recorded".to_owned(), |fault| words(fault, model)))
+    }
+
+    /// Fails when the board is in fault.
+    pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
+        if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
+    }
+
+    /// Waits for the next telemetry.
+    pub fn telemetry(&mut self, within: Duration) -> Result<Telemetry, Failure> {
+        let deadline = Instant::now() + within;
+        while let Some(event) = self.board.next_event(deadline)? {
+            match event {
+                FromBoard::Telemetry(telemetry) => return Ok(telemetry),
+                FromBoard::Reply(reply) => refused(&reply.reply)?,
+                _ => {}
+            }
+        }
+        Err(Failure::Late(format!(
+            "no telemetry within {} s: the board has no sensor readings, or its control does not run (`tesaki doctor` \
+             looks closer)",
+            within.as_secs_f64()
+        )))
+    }
+
+    /// One telemetry, now; leaves the rate as a monitor would want it.
+    pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
+        self.board.set_rate(Stream::Telemetry, 2)?;
+        self.telemetry(Duration::from_secs(1))
+    }
+
+    /// Arms the board.
+    pub fn arm(&mut self, servo: ServoMode) -> Result<(), Failure> {
+        Ok(self.board.arm(Task::JointServo(servo))?)
+    }
+}
+
+/// An error for a set-point that was refused; one that came late, or twice over a bad line, is none.
+fn refused(reply: &Reply) -> Result<(), Failure> {
+    match *reply {
+        Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => Ok(()),
+        Reply::Refused(refusal) => Err(BoardError::Refused { action: "move", refusal }.into()),
+        _ => Ok(()),
+    }
+}
+
+/// Opens the port.
+pub fn dial(options: &Options) -> Result<LinkBoard<Line>, Failure> {
+    let faults = options.link_faults.clone().unwrap_or_else(LinkFaults::default);
+    let link = FaultyLink::new(Reopening::open(options.port.clone())?, faults);
+    Ok(LinkBoard::new(link, options.timeout))
+}
+
+/// Where the board is.
+pub fn place(board: &LinkBoard<Line>) -> String {
+    let port = board.link().get_ref().port();
+    port.map_or_else(String::new, |port| port.address().to_string())
+}
+
+/// A fault in words.
+pub fn words(fault: &Fault, model: Option<&RobotModel>) -> String {
+    model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
+}
+
+/// Set by Ctrl-C and by a polite end of the process.
+pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
+    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+    if let Some(flag) = FLAG.get() {
+        return Ok(Arc::clone(flag));
+    }
+    let flag = Arc::new(AtomicBool::new(false));
+    let signal = Arc::clone(&flag);
+    ctrlc::set_handler(move || signal.store(true, Ordering::Relaxed))
+        .map_err(|error| Failure::Other(format!("Ctrl-C cannot be caught: {error}")))?;
+    Ok(Arc::clone(FLAG.get_or_init(|| flag)))
+}
+
+/// Version numbers as people write them.
+pub fn version([major, minor, patch]: [u8; 3]) -> String {
+    format!("{major}.{minor}.{patch}")
+}
+
+/// Bytes as hexadecimal digits; `none` for those that are all zero.
+pub fn hex(bytes: &[u8], none: &str) -> String {
+    if bytes.iter().all(|&byte| byte == 0) {
+        return none.to_owned();
+    }
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

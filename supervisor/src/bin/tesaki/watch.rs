@@ -1,0 +1,198 @@
+//! `monitor`: the joints live.
+
+use std::time::{Duration, Instant};
+
+use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, Mode, Request, Status, Stream, Telemetry};
+use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, State, View};
+use tesaki_supervisor::{Board, BoardError};
+
+use crate::args::Options;
+use crate::failure::Failure;
+use crate::output;
+use crate::session::{Session, version, words};
+
+/// Ticks between two telemetries.
+const EVERY: u16 = 4;
+/// Ticks between two status messages.
+const STATUS_EVERY: u16 = 100;
+/// Without telemetry for longer, the board is asked again.
+const SILENCE: Duration = Duration::from_millis(700);
+
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let mut session = Session::open(options)?;
+    let model = session.model()?;
+    if options.json {
+        return stream(&mut session);
+    }
+    let mut watch = Watch::new(&mut session, model)?;
+    let mut screen =
+        Screen::enter().map_err(|error| Failure::Other(format!("{error}; `--json` prints lines instead")))?;
+    let (mut selected, mut overlay) = (None, None);
+    loop {
+        watch.listen(&mut session, Instant::now() + Duration::from_millis(40))?;
+        screen.draw(&watch.view, selected, overlay).map_err(Failure::file("terminal"))?;
+        match screen.key(Duration::from_millis(1)).map_err(Failure::file("terminal"))? {
+            None => {}
+            Some(Key::Quit) if overlay.is_some() => overlay = None,
+            Some(Key::Quit) => break,
+            // Anyone may stop the machine; the answer shows in the view.
+            Some(Key::Stop) => drop(session.board.post(Request::Stop)?),
+            Some(Key::Disarm) => drop(session.board.post(Request::Disarm)?),
+            Some(Key::ReadFaults) => {
+                watch.read_faults(&mut session)?;
+                overlay = if overlay == Some(Overlay::Faults) { None } else { Some(Overlay::Faults) };
+            }
+            Some(Key::Help) => {
+                overlay = if overlay == Some(Overlay::Help) { None } else { Some(Overlay::Help) }
+            }
+            Some(key) => selected = key.select(selected, watch.view.joints.len()),
+        }
+    }
+    drop(screen);
+    let _ = session.board.set_rate(Stream::Status, 0);
+    Ok(())
+}
+
+/// One object a line, until the reader has had enough.
+fn stream(session: &mut Session) -> Result<(), Failure> {
+    session.board.set_rate(Stream::Telemetry, EVERY)?;
+    loop {
+        match session.telemetry(Duration::from_secs(1)) {
+            Ok(telemetry) => output::line(&serde_json::to_string(&telemetry).unwrap_or_default())?,
+            Err(Failure::Late(_)) => session.board.set_rate(Stream::Telemetry, EVERY)?,
+            Err(failure) => return Err(failure),
+        }
+    }
+}
+
+struct Watch {
+    model: RobotModel,
+    view: View,
+    /// When the last telemetry came.
+    heard: Instant,
+    last_tick: Option<u32>,
+    /// Telemetries in the second that runs.
+    frames: u32,
+    second: Instant,
+    known_faults: Option<u32>,
+}
+
+impl Watch {
+    fn new(session: &mut Session, model: RobotModel) -> Result<Self, Failure> {
+        let joints = model.joints.iter().map(|joint| JointView {
+            name: joint.name.to_string(),
+            lower: joint.limits.lower,
+            upper: joint.limits.upper,
+            torque_limit: joint.limits.torque,
+            ..JointView::default()
+        });
+        let title =
+            format!("{} on {}, firmware {}", model.name, session.place, version(session.identity.firmware));
+        let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
+        let view = View { title, joints: joints.collect(), link, ..View::default() };
+        let now = Instant::now();
+        let mut watch =
+            Self { model, view, heard: now, last_tick: None, frames: 0, second: now, known_faults: None };
+        watch.subscribe(session)?;
+        watch.status(&session.board.status()?);
+        Ok(watch)
+    }
+
+    fn subscribe(&mut self, session: &mut Session) -> Result<(), BoardError> {
+        session.board.set_rate(Stream::Telemetry, EVERY)?;
+        session.board.set_rate(Stream::Status, STATUS_EVERY)
+    }
+
+    /// Takes what comes until `deadline`.
+    fn listen(&mut self, session: &mut Session, deadline: Instant) -> Result<(), Failure> {
+        while let Some(event) = session.board.next_event(deadline)? {
+            match event {
+                FromBoard::Telemetry(telemetry) => self.telemetry(&telemetry),
+                FromBoard::Status(status) => self.status(&status),
+                _ => {}
+            }
+        }
+        let now = Instant::now();
+        let silence = now - self.heard;
+        let link = &mut self.view.link;
+        link.last_seconds = silence.as_secs_f32();
+        link.open = session.board.link().get_ref().is_open();
+        let counts = session.board.counts();
+        link.damaged = u64::from(counts.overlong + counts.framing + counts.checksum + counts.malformed);
+        link.round_trip_ms = session.board.round_trip().map(|trip| trip.as_secs_f32() * 1e3);
+        if now - self.second >= Duration::from_secs(1) {
+            #[expect(clippy::cast_precision_loss, reason = "at most a hundred")]
+            let frames = self.frames as f32;
+            link.rate = frames / (now - self.second).as_secs_f32();
+            (self.frames, self.second) = (0, now);
+        }
+        if silence > SILENCE {
+            self.view.state = State::Lost;
+            self.view.hint = if link.open {
+                "nothing comes: is the control running? `tesaki doctor` looks closer".to_owned()
+            } else {
+                "the port is gone: plug it in again, this view goes on by itself".to_owned()
+            };
+            // It may have been reset, and knows nothing of us.
+            session.board.set_timeout(Duration::from_millis(200));
+            if session.board.hello().is_ok() {
+                match self.subscribe(session) {
+                    Ok(()) | Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => {}
+                    Err(error) => return Err(error.into()),
+                }
+            }
+        }
+        if self.known_faults.is_none() && silence < SILENCE {
+            self.read_faults(session)?;
+        }
+        Ok(())
+    }
+
+    fn telemetry(&mut self, telemetry: &Telemetry) {
+        self.heard = Instant::now();
+        self.frames += 1;
+        let step = self.last_tick.map(|last| telemetry.tick.wrapping_sub(last));
+        self.last_tick = Some(telemetry.tick);
+        let every = u32::from(EVERY);
+        if let Some(step) = step
+            && step > every
+            && step < 100 * every
+        {
+            self.view.link.lost += u64::from(step / every - 1);
+        }
+        self.view.time = f64::from(telemetry.tick) * 0.01;
+        self.view.mode = telemetry.mode.to_string();
+        (self.view.state, self.view.hint) = match telemetry.mode {
+            Mode::Disarmed => (State::Disarmed, String::new()),
+            Mode::Armed(_) => (State::Armed, "space stops the machine".to_owned()),
+            Mode::Fault => (State::Fault, "`tesaki faults --clear` leads back to disarmed".to_owned()),
+        };
+        for (view, joint) in self.view.joints.iter_mut().zip(&telemetry.joints) {
+            view.remember(joint.position);
+            (view.velocity, view.reference, view.torque) = (joint.velocity, joint.reference, joint.torque);
+        }
+        if self.known_faults.is_some_and(|known| known != telemetry.faults) {
+            self.known_faults = None;
+        }
+    }
+
+    fn status(&mut self, status: &Status) {
+        self.view.supply = Some(status.node.supply);
+        for (index, view) in self.view.joints.iter_mut().enumerate() {
+            view.homed = status.node.homed >> index & 1 != 0;
+        }
+    }
+
+    fn read_faults(&mut self, session: &mut Session) -> Result<(), Failure> {
+        match session.board.faults() {
+            Ok(log) => {
+                self.view.faults = log.faults.iter().map(|fault| words(fault, Some(&self.model))).collect();
+                self.known_faults = Some(log.total);
+                Ok(())
+            }
+            Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+}

@@ -1,0 +1,335 @@
+use ratatui::buffer::Buffer;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+
+use super::JointView;
+
+/// This close to a limit, as a share of the range, is near it.
+const NEAR: f64 = 0.05;
+const SPARKS: [&str; 8] = ["▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"];
+
+pub(super) const DIM: Style = Style::new().add_modifier(Modifier::DIM);
+pub(super) const BOLD: Style = Style::new().add_modifier(Modifier::BOLD);
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Column {
+    Mark,
+    Name,
+    Lower,
+    Track,
+    Upper,
+    Position,
+    Degrees,
+    Reference,
+    Velocity,
+    Bar,
+    Torque,
+    Limit,
+    History,
+}
+
+/// How a joint's position sits in its limits.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Place {
+    NotHomed,
+    NoReading,
+    NoLimits,
+    Inside,
+    Near,
+    Outside,
+}
+
+impl Place {
+    fn of(joint: &JointView) -> Self {
+        if !joint.homed {
+            return Self::NotHomed;
+        }
+        if !joint.position.is_finite() {
+            return Self::NoReading;
+        }
+        let Some(share) = share(joint.position, joint) else { return Self::NoLimits };
+        if !(0.0..=1.0).contains(&share) {
+            Self::Outside
+        } else if !(NEAR..=1.0 - NEAR).contains(&share) {
+            Self::Near
+        } else {
+            Self::Inside
+        }
+    }
+
+    const fn mark(self) -> &'static str {
+        match self {
+            Self::NotHomed => "○",
+            Self::NoReading => "?",
+            Self::Near => "~",
+            Self::Outside => "!",
+            Self::NoLimits | Self::Inside => " ",
+        }
+    }
+
+    const fn style(self) -> Style {
+        match self {
+            Self::NotHomed => DIM,
+            Self::NoLimits | Self::Inside => Style::new(),
+            Self::Near => Style::new().fg(Color::Yellow),
+            Self::NoReading | Self::Outside => Style::new().fg(Color::Red).add_modifier(Modifier::BOLD),
+        }
+    }
+}
+
+/// Draws the heading and the joints from `first` on, one a line.
+pub(super) fn draw(
+    joints: &[JointView],
+    first: usize,
+    selected: Option<usize>,
+    area: Rect,
+    buffer: &mut Buffer,
+) {
+    let columns = columns(joints, area.width);
+    let widths = columns.iter().map(|&(_, width)| width);
+    let row = Rect { height: 1.min(area.height), ..area };
+    let cells = Layout::horizontal(widths).spacing(1).split(row);
+    for (&(column, _), &cell) in columns.iter().zip(cells.iter()) {
+        let (text, right) = heading(column);
+        write(text, right, cell, DIM, buffer);
+    }
+    for ((index, joint), y) in joints.iter().enumerate().skip(first).zip(area.y + 1..area.bottom()) {
+        for (&(column, _), &cell) in columns.iter().zip(cells.iter()) {
+            draw_cell(column, joint, selected == Some(index), Rect { y, ..cell }, buffer);
+        }
+    }
+}
+
+/// The columns that `width` has room for.
+fn columns(joints: &[JointView], width: u16) -> Vec<(Column, Constraint)> {
+    let longest = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0);
+    let most = if width < 76 { 12 } else { 16 + width.saturating_sub(94) / 4 };
+    let name = u16::try_from(longest).unwrap_or(most).clamp(5, most.min(32));
+    let number = Constraint::Length(6);
+    let all = [
+        (0, Column::Mark, Constraint::Length(2)),
+        (0, Column::Name, Constraint::Length(name)),
+        (112, Column::Lower, number),
+        (0, Column::Track, Constraint::Fill(5)),
+        (112, Column::Upper, number),
+        (0, Column::Position, number),
+        (94, Column::Degrees, number),
+        (76, Column::Reference, number),
+        (0, Column::Velocity, number),
+        (0, Column::Bar, Constraint::Fill(3)),
+        (0, Column::Torque, number),
+        (94, Column::Limit, number),
+        (130, Column::History, Constraint::Fill(4)),
+    ];
+    all.into_iter().filter(|&(from, ..)| width >= from).map(|(_, column, size)| (column, size)).collect()
+}
+
+/// A column's title, and whether it stands to the right.
+const fn heading(column: Column) -> (&'static str, bool) {
+    match column {
+        Column::Mark => ("", false),
+        Column::Name => ("joint", false),
+        Column::Lower => ("lower", true),
+        Column::Track => ("position", false),
+        Column::Upper => ("upper", false),
+        Column::Position => ("rad", true),
+        Column::Degrees => ("deg", true),
+        Column::Reference => ("ref", true),
+        Column::Velocity => ("rad/s", true),
+        Column::Bar => ("torque", false),
+        Column::Torque => ("N·m", true),
+        Column::Limit => ("max", true),
+        Column::History => ("history", false),
+    }
+}
+
+fn draw_cell(column: Column, joint: &JointView, selected: bool, area: Rect, buffer: &mut Buffer) {
+    let place = Place::of(joint);
+    let grey = if joint.homed { Style::new() } else { DIM };
+    let right = |text: String, style: Style, buffer: &mut Buffer| write(&text, true, area, style, buffer);
+    match column {
+        Column::Mark => {
+            write(if selected { "▸" } else { " " }, false, area, BOLD, buffer);
+            write(place.mark(), true, area, place.style(), buffer);
+        }
+        Column::Name => {
+            let style = place.style();
+            write(
+                &shorten(&joint.name, area.width),
+                false,
+                area,
+                if selected { style.patch(BOLD) } else { style },
+                buffer,
+            );
+        }
+        Column::Lower => right(number(joint.lower, 2), DIM, buffer),
+        Column::Track => draw_track(joint, place, area, buffer),
+        Column::Upper => write(number(joint.upper, 2).trim_start(), false, area, DIM, buffer),
+        Column::Position => right(number(joint.position, 3), place.style(), buffer),
+        Column::Degrees => right(number(joint.position.to_degrees(), 1), place.style(), buffer),
+        Column::Reference => right(number(joint.reference, 3), grey, buffer),
+        Column::Velocity => right(number(joint.velocity, 3), grey, buffer),
+        Column::Bar => draw_bar(joint, area, buffer),
+        Column::Torque => right(number(joint.torque, 3), torque_style(joint), buffer),
+        Column::Limit => right(number(joint.torque_limit, 3), DIM, buffer),
+        Column::History => draw_history(joint, area, buffer),
+    }
+}
+
+/// The range of the joint as a line, the position as a block on it in steps of half a cell.
+fn draw_track(joint: &JointView, place: Place, area: Rect, buffer: &mut Buffer) {
+    let word = match place {
+        Place::NotHomed => "not homed",
+        Place::NoReading => "no reading",
+        Place::NoLimits => "no limits",
+        Place::Inside | Place::Near | Place::Outside => "",
+    };
+    if !word.is_empty() || area.width < 5 {
+        let text = format!("{:╌^1$}", format!(" {word} "), usize::from(area.width));
+        return write(
+            &text,
+            false,
+            area,
+            if place == Place::NoReading { place.style() } else { DIM },
+            buffer,
+        );
+    }
+    for x in area.x..area.right() {
+        let sign = if x == area.x {
+            "├"
+        } else if x + 1 == area.right() {
+            "┤"
+        } else {
+            "─"
+        };
+        buffer[(x, area.y)].set_symbol(sign).set_style(DIM);
+    }
+    let (Some(position), reference) = (share(joint.position, joint), share(joint.reference, joint)) else {
+        return;
+    };
+    let style = if place == Place::Inside { Style::new().fg(Color::Green) } else { place.style() };
+    let mut put = |x: u16, sign: &str| {
+        let cell = &mut buffer[(area.x + x, area.y)];
+        cell.reset();
+        cell.set_symbol(sign).set_style(style);
+    };
+    let last = area.width - 1;
+    if place == Place::Outside {
+        put(if position < 0.0 { 0 } else { last }, if position < 0.0 { "◀" } else { "▶" });
+    } else {
+        let half = step(position, 2 * last + 1);
+        if half.is_multiple_of(2) {
+            put(half / 2, "█");
+        } else {
+            put(half / 2, "▐");
+            put(half / 2 + 1, "▌");
+        }
+    }
+    if let Some(reference) = reference {
+        let cell = &mut buffer[(area.x + step(reference, 2 * last + 1).div_ceil(2).min(last), area.y)];
+        let over = ["█", "▐", "▌"].contains(&cell.symbol());
+        if !["◀", "▶"].contains(&cell.symbol()) {
+            let style = if over { style.add_modifier(Modifier::REVERSED) } else { BOLD };
+            cell.reset();
+            cell.set_symbol("◆").set_style(style);
+        }
+    }
+}
+
+/// The torque from the middle out; the ends are the limit.
+fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
+    let side = area.width.saturating_sub(1) / 2;
+    let middle = area.x + side;
+    for x in area.x..=middle + side {
+        buffer[(x, area.y)].set_symbol(if x == middle { "│" } else { "·" }).set_style(DIM);
+    }
+    let (torque, limit) = (f64::from(joint.torque), f64::from(joint.torque_limit));
+    if side == 0 || !torque.is_finite() || !(limit.is_finite() && limit > 0.0) {
+        return;
+    }
+    let filled = step((torque / limit).abs(), 2 * side + 1);
+    let style = torque_style(joint);
+    let style = if style.fg.is_none() { Style::new().fg(Color::Cyan) } else { style };
+    let (half, beyond) = if torque < 0.0 { ("╺", "◀") } else { ("╸", "▶") };
+    for cell in 1..=filled.div_ceil(2) {
+        let x = if torque < 0.0 { middle - cell } else { middle + cell };
+        let sign = if cell == side && torque.abs() > limit {
+            beyond
+        } else if 2 * cell > filled {
+            half
+        } else {
+            "━"
+        };
+        let cell = &mut buffer[(x, area.y)];
+        cell.reset();
+        cell.set_symbol(sign).set_style(style);
+    }
+}
+
+/// The positions within the joint's limits, newest to the right, as many of them as there are cells.
+fn draw_history(joint: &JointView, area: Rect, buffer: &mut Buffer) {
+    let style = if joint.homed { Style::new().fg(Color::Green) } else { DIM };
+    let (count, width) = (joint.history.len(), usize::from(area.width));
+    for (back, x) in (area.x..area.right()).rev().enumerate() {
+        let age = if count > width { back * count / width } else { back };
+        let position = joint.history.iter().rev().nth(age);
+        let share = position.and_then(|&position| share(position, joint));
+        let sign = share.map_or(" ", |share| SPARKS[usize::from(step(share, 8))]);
+        buffer[(x, area.y)].set_symbol(sign).set_style(style);
+    }
+}
+
+fn torque_style(joint: &JointView) -> Style {
+    let (torque, limit) = (joint.torque.abs(), joint.torque_limit);
+    if torque.is_nan() || torque > limit {
+        Style::new().fg(Color::Red).add_modifier(Modifier::BOLD)
+    } else if torque > 0.9 * limit {
+        Style::new().fg(Color::Yellow)
+    } else if joint.homed {
+        Style::new()
+    } else {
+        DIM
+    }
+}
+
+/// Where an angle is in the joint's range: 0 at the lower limit, 1 at the upper one.
+fn share(angle: f32, joint: &JointView) -> Option<f64> {
+    let (lower, upper) = (f64::from(joint.lower), f64::from(joint.upper));
+    let share = (f64::from(angle) - lower) / (upper - lower);
+    (upper > lower && share.is_finite()).then_some(share)
+}
+
+/// Which of `steps` equal steps a share is in.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded before")]
+fn step(share: f64, steps: u16) -> u16 {
+    ((share.clamp(0.0, 1.0) * f64::from(steps)) as u16).min(steps.saturating_sub(1))
+}
+
+/// At most six characters: fewer decimals for the larger numbers.
+pub(super) fn number(value: f32, decimals: usize) -> String {
+    if !value.is_finite() {
+        return value.to_string().to_lowercase();
+    }
+    let texts = (0..=decimals).rev().map(|decimals| format!("{value:.decimals$}"));
+    let text = texts.into_iter().find(|text| text.len() <= 6).unwrap_or_else(|| format!("{value:.0e}"));
+    if text.starts_with('-') && !text.contains(|sign: char| ('1'..='9').contains(&sign)) {
+        text[1..].to_owned()
+    } else {
+        text
+    }
+}
+
+/// `text` in `width` cells, with an ellipsis for what is gone.
+pub(super) fn shorten(text: &str, width: u16) -> String {
+    let width = usize::from(width);
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    text.chars().take(width.saturating_sub(1)).chain(['…']).collect()
+}
+
+fn write(text: &str, right: bool, area: Rect, style: Style, buffer: &mut Buffer) {
+    let width = u16::try_from(text.chars().count()).unwrap_or(area.width).min(area.width);
+    let x = if right { area.right() - width } else { area.x };
+    buffer.set_stringn(x, area.y, text, usize::from(area.width), style);
+}

@@ -1,0 +1,103 @@
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use ratatui::DefaultTerminal;
+use ratatui::buffer::Buffer;
+use ratatui::crossterm::event;
+use ratatui::style::Color;
+
+use super::{Key, View, draw, draw_faults, draw_help};
+
+/// What lies over the view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overlay {
+    /// The keys and signs.
+    Help,
+    /// All faults.
+    Faults,
+}
+
+/// The terminal, taken over: other screen, no echo, keys one by one. It goes back to normal when this is
+/// dropped, and before the message of a panic.
+#[derive(Debug)]
+pub struct Screen {
+    terminal: DefaultTerminal,
+    colours: bool,
+}
+
+impl Screen {
+    /// Takes the terminal over. There are no colours if the environment has a non-empty `NO_COLOR`.
+    ///
+    /// # Errors
+    /// When standard output is no terminal, or one that cannot do this.
+    pub fn enter() -> io::Result<Self> {
+        if !io::stdout().is_terminal() {
+            return Err(io::Error::other("the monitor needs a terminal to draw on"));
+        }
+        let colours = std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+        match ratatui::try_init() {
+            Ok(terminal) => Ok(Self { terminal, colours }),
+            Err(error) => {
+                // Half-way may be in already; the error that counts is the first.
+                let _ = ratatui::try_restore();
+                Err(error)
+            }
+        }
+    }
+
+    /// Shows `view`, with `overlay` over it.
+    ///
+    /// # Errors
+    /// When the terminal is gone.
+    pub fn draw(&mut self, view: &View, selected: Option<usize>, overlay: Option<Overlay>) -> io::Result<()> {
+        let colours = self.colours;
+        self.terminal.draw(|frame| {
+            draw(frame, view, selected);
+            match overlay {
+                Some(Overlay::Help) => draw_help(frame),
+                Some(Overlay::Faults) => draw_faults(frame, view),
+                None => {}
+            }
+            if !colours {
+                drop_colours(frame.buffer_mut());
+            }
+        })?;
+        Ok(())
+    }
+
+    /// Waits for a key that means something, at most for `timeout`. A terminal that changed its size ends the
+    /// wait early, with `None`, so that it is drawn anew.
+    ///
+    /// # Errors
+    /// When the terminal is gone.
+    pub fn key(&mut self, timeout: Duration) -> io::Result<Option<Key>> {
+        let deadline = Instant::now() + timeout;
+        while event::poll(deadline.saturating_duration_since(Instant::now()))? {
+            let event = event::read()?;
+            let key = Key::from_event(&event);
+            if key.is_some() || matches!(event, event::Event::Resize(..)) {
+                return Ok(key);
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        // Nobody is left to tell of errors.
+        let _ = self.terminal.show_cursor();
+        // In a panic the hook has done this, and a second time would put the cursor over the message.
+        if !std::thread::panicking() {
+            let _ = ratatui::try_restore();
+        }
+    }
+}
+
+/// Leaves only what a terminal without colours shows: characters, bold, dim and reversed.
+pub(super) fn drop_colours(buffer: &mut Buffer) {
+    for cell in &mut buffer.content {
+        cell.fg = Color::Reset;
+        cell.bg = Color::Reset;
+    }
+}
