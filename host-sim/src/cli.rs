@@ -238,12 +238,20 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         options.seed,
         hub.address(),
         terminal.display(),
-        options.robot.display(),
+        shown(&options.robot).display(),
         home_command(&plant, &robot.model),
         robot.model.joint_name(0),
     );
     serve(&mut hub, board, &mut plant, &robot.model, &|| STOP.load(Ordering::Relaxed))?;
     Ok(())
+}
+
+/// The path as somebody in this folder would write it.
+#[cfg(unix)]
+fn shown(path: &Path) -> PathBuf {
+    let Ok(path) = path.canonicalize() else { return path.to_owned() };
+    let here = std::env::current_dir().unwrap_or_default();
+    path.strip_prefix(here).map_or(path.clone(), Path::to_owned)
 }
 
 type SeedResult = (Summary, Outcome, Vec<u8>);

@@ -4,12 +4,12 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlantError {
     /// The values cannot be read.
-    #[error("cannot read {}: {source}; a robot that is simulated has a plant.toml in its folder", path.display())]
+    #[error("cannot read {}: {reason}; a robot that is simulated has a plant.toml in its folder", path.display())]
     Read {
         /// The file.
         path: std::path::PathBuf,
         /// Why.
-        source: std::io::Error,
+        reason: String,
     },
     /// `plant.toml` cannot be read.
     #[error("plant.toml: {0}")]

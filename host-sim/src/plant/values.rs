@@ -89,7 +89,8 @@ impl PlantValues {
     /// When it cannot be read, or what is wrong in it.
     pub fn load(robot: &std::path::Path) -> Result<Self, PlantError> {
         let path = robot.join("plant.toml");
-        let text = std::fs::read_to_string(&path).map_err(|source| PlantError::Read { path, source })?;
+        let text = std::fs::read_to_string(&path)
+            .map_err(|error| PlantError::Read { path, reason: error.to_string() })?;
         Self::from_toml(&text)
     }
 

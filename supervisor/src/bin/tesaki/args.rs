@@ -21,9 +21,9 @@ Exit codes:
 
 Without a board: `cargo sim serve` offers a simulated one, which `--port auto` finds.";
 
-/// Commands a tesaki board from a PC.
+/// Commands a tesaki board from a PC
 #[derive(Parser)]
-#[command(version, about, after_help = EXIT_CODES, propagate_version = true)]
+#[command(version, about = "Commands a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
     #[command(flatten)]
     pub options: Options,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::protocol::{Identity, Request, ResetCause, Status};
+use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{self, Address, Reopening};
@@ -28,7 +28,7 @@ pub fn list(options: &Options) -> Result<(), Failure> {
         }
         let mut text = String::new();
         for port in &found {
-            let _ = writeln!(text, "{:<24} {}", port.address.to_string(), port.description);
+            let _ = writeln!(text, "{:<34} {}", port.address.to_string(), port.description);
         }
         text
     })
@@ -105,8 +105,9 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
     let mut session = Session::open(options)?;
     session.board.ask("stop", Request::Stop)?;
     let mode = session.board.status()?.node.mode;
-    output::result(options, &json!({ "mode": mode }), || {
-        format!("stop sent; the board is {mode}. `tesaki disarm` switches the outputs off")
+    output::result(options, &json!({ "mode": mode }), || match mode {
+        Mode::Fault => "stopped, and in fault; `tesaki disarm` switches the outputs off".to_owned(),
+        mode => format!("there was nothing to stop: the board is {mode}"),
     })
 }
 
@@ -124,9 +125,6 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
     }
     let mode = session.board.status()?.node.mode;
-    if clear {
-        session.release()?;
-    }
     output::result(options, &json!({ "total": log.total, "faults": list, "mode": mode }), || {
         let mut text = String::new();
         for fault in &log.faults {

@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::port::PortError;
 use tesaki_supervisor::robot::RobotError;
@@ -18,8 +19,11 @@ pub enum Failure {
     #[error(transparent)]
     Port(#[from] PortError),
     /// The board refused, does not answer, or is another one.
-    #[error(transparent)]
+    #[error("{0}{hint}", hint = hint(.0))]
     Board(#[from] BoardError),
+    /// The board has no model yet.
+    #[error("the board has no robot model: send one with `tesaki model push robots/NAME`")]
+    NoModel,
     /// The board is in fault.
     #[error(
         "the board is in fault: {0}\nRead the faults and clear them with `tesaki faults --clear`, then try again"
@@ -47,6 +51,21 @@ pub enum Failure {
     Pipe,
 }
 
+/// What to do about a refusal, in terms of this program.
+fn hint(error: &BoardError) -> &'static str {
+    match error {
+        BoardError::Refused { refusal: Refusal::Commanded { .. }, .. } => " (with --take-over)",
+        BoardError::Refused { refusal: Refusal::NotHomed { .. }, .. } => {
+            " (`tesaki home JOINT=ANGLE … --others 0`)"
+        }
+        BoardError::Refused {
+            refusal: Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault),
+            ..
+        } => " (`tesaki faults --clear` does both)",
+        _ => "",
+    }
+}
+
 impl Failure {
     /// The number for scripts: see the help.
     pub const fn number(&self) -> u8 {
@@ -57,7 +76,7 @@ impl Failure {
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,
             Self::Fault(_) => 5,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
-            Self::Board(_) => 7,
+            Self::Board(_) | Self::NoModel => 7,
             Self::Pipe => 0,
         }
     }

@@ -18,7 +18,6 @@ pub fn push(options: &Options, robot: &Path) -> Result<(), Failure> {
     let mut session = Session::command(options)?;
     session.board.push_model(&model)?;
     let node = session.board.status()?.node;
-    session.release()?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
         return Err(Failure::Other(format!(

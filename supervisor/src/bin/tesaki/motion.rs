@@ -109,7 +109,6 @@ pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
     }
     output::confirm(options, "The joints will be taken to stand at these angles. Is that so?")?;
     session.board.home(&positions)?;
-    session.release()?;
     output::result(options, &json!({ "homed": positions }), || format!("{} homed", joints(positions.len())))
 }
 
@@ -245,6 +244,6 @@ impl<'a> Motion<'a> {
         self.session.board.ask("disarm", Request::Disarm)?;
         self.armed = false;
         output::notice(self.options, if interrupted { "\ninterrupted: disarmed" } else { "disarmed" });
-        self.session.release()
+        Ok(())
     }
 }

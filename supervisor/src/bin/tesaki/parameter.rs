@@ -79,7 +79,6 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
     })?;
     session.board.push_model(&changed)?;
-    session.release()?;
     output::result(options, &names, || {
         format!("{} = {value} (until the next reset or push)", names.join(", "))
     })

@@ -23,6 +23,19 @@ pub struct Session {
     pub identity: Identity,
     /// Where it is.
     pub place: String,
+    /// Whether this program has the command.
+    commands: bool,
+}
+
+/// Whoever comes next need not wait until the board notices that we are gone.
+impl Drop for Session {
+    fn drop(&mut self) {
+        if self.commands {
+            self.board.set_timeout(Duration::from_millis(300));
+            // An armed board refuses, rightly: its command timeout ends that.
+            let _ = self.board.ask("release the command", Request::ReleaseCommand);
+        }
+    }
 }
 
 impl Session {
@@ -31,32 +44,23 @@ impl Session {
         let mut board = dial(options)?;
         let identity = board.hello()?;
         let place = place(&board);
-        Ok(Self { board, identity, place })
+        Ok(Self { board, identity, place, commands: false })
     }
 
     /// The same, and takes command.
     pub fn command(options: &Options) -> Result<Self, Failure> {
         let mut session = Self::open(options)?;
         session.board.take_command(options.take_over)?;
+        session.commands = true;
         Ok(session)
     }
 
-    /// Hands the command back, so that the next one need not wait.
-    pub fn release(mut self) -> Result<(), Failure> {
-        Ok(self.board.ask("release the command", Request::ReleaseCommand)?)
-    }
-
-    /// The model on the board, with a hint when there is none.
+    /// The model on the board.
     pub fn model(&mut self) -> Result<RobotModel, Failure> {
-        match self.board.model() {
-            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {
-                Err(Failure::Board(BoardError::Refused {
-                    action: "tell its model (send one with `tesaki model push robots/NAME`)",
-                    refusal: Refusal::NoModel,
-                }))
-            }
-            other => Ok(other?),
-        }
+        self.board.model().map_err(|error| match error {
+            BoardError::Refused { refusal: Refusal::NoModel, .. } => Failure::NoModel,
+            error => error.into(),
+        })
     }
 
     /// The last fault in words; with the joint's name where the model is known.
