@@ -212,15 +212,17 @@ def read_reply(r):
     raise ValueError(f"reply {number} was not asked for")
 
 
-def read_from_board(data):
-    """(client, sequence, reply), or ("telemetry", …), or None for what this client has no use for."""
+def read_from_board(data, our_client):
+    """(number of the request, reply), or (None, telemetry), or None for what this client has no use for."""
     r = Reader(data)
     number = r.uint()
     if number == 0:
         client, sequence, _tick = r.uint(), r.uint(), r.uint()
-        message = client, sequence, read_reply(r)
+        if client != our_client:
+            return None  # everybody at the line hears everything
+        message = sequence, read_reply(r)
     elif number == 1:
-        message = "telemetry", None, read_telemetry(r)
+        message = None, read_telemetry(r)
     else:
         return None
     r.end()
@@ -320,13 +322,13 @@ class Board:
             if message is None:
                 self.damaged += 1
                 continue
-            read = read_from_board(message)
+            read = read_from_board(message, self.client)
             if read is None:
                 continue
-            sender, sequence, content = read
-            if sender == "telemetry":
+            sequence, content = read
+            if sequence is None:
                 self.telemetry = content
-            elif sender == self.client:
+            else:
                 self.replies[sequence] = content
 
     def ask(self, number, fields=b""):
