@@ -8,8 +8,9 @@ use tesaki::protocol::{FromBoard, Reply, ReplyFrame, Request, RequestFrame};
 
 use crate::{Board, BoardError};
 
-/// How long one sending of a request waits for its answer before the request is sent again.
-const PATIENCE: Duration = Duration::from_millis(150);
+/// How long the first sending of a request waits for its answer before the request is sent again: short enough that a
+/// lost reply does not cost an armed board its command timeout. Each time it is sent again it waits twice as long.
+const PATIENCE: Duration = Duration::from_millis(40);
 /// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board sends.
 const INBOX: usize = 8192;
 
@@ -152,12 +153,13 @@ impl<L: ByteLink> Board for LinkBoard<L> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
-        let start = Instant::now();
-        let deadline = start + self.timeout;
+        let deadline = Instant::now() + self.timeout;
+        let mut wait = PATIENCE;
         loop {
             let sent = Instant::now();
             self.send(&frame)?;
-            let patience = (sent + PATIENCE).min(deadline);
+            let patience = (sent + wait).min(deadline);
+            wait *= 2;
             loop {
                 if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());
