@@ -101,15 +101,7 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
             )));
         }
         if now - heard > REPORT {
-            // A board that was reset sends nothing until it is asked again.
-            if session
-                .board
-                .set_rate(Stream::Log, 1)
-                .and_then(|()| session.board.set_rate(Stream::Telemetry, 1))
-                .is_err()
-            {
-                let _ = session.board.hello();
-            }
+            session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])?;
         }
         if options.json && now - reported > REPORT {
             reported = now;

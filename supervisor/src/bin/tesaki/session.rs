@@ -104,6 +104,20 @@ impl Session {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
     }
 
+    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us.
+    pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<(), Failure> {
+        self.board.set_timeout(Duration::from_millis(200));
+        let mut ask = || {
+            self.board.hello()?;
+            streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
+        };
+        match ask() {
+            // It is asked again in a while.
+            Ok(()) | Err(BoardError::Timeout { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// Waits for the next telemetry.
     pub fn telemetry(&mut self, within: Duration) -> Result<Telemetry, Failure> {
         let deadline = Instant::now() + within;
