@@ -436,6 +436,7 @@ fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
     assert_eq!(bench.send(other, 7, Request::Stop), Reply::Done);
     assert_eq!(bench.node.mode(), Mode::Fault);
     assert_eq!(bench.send(other, 8, Request::TakeCommand { by_force: true }), Reply::Done);
+    bench.ask(Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(refusal(bench.ask(goal())), Refusal::Commanded { by: other });
 }
 
