@@ -152,7 +152,7 @@ impl Spoiler {
         match trouble {
             Trouble::EmergencyStop(pressed) => self.emergency_stop = pressed,
             Trouble::Supply(millivolts) => self.supply = Some(millivolts),
-            Trouble::Jump(joint, counts) => self.offsets[joint] += counts,
+            Trouble::Jump(joint, counts) => self.offsets[joint] = self.offsets[joint].wrapping_add(counts),
             Trouble::Freeze(joint) => {
                 let count = self.last.get(joint).copied().unwrap_or(0);
                 self.frozen[joint] = if self.frozen[joint].is_none() { Some(count) } else { None };
@@ -167,7 +167,7 @@ impl Spoiler {
         }
         frame.supply = self.supply.unwrap_or(frame.supply);
         for (index, count) in frame.encoders.iter_mut().enumerate() {
-            *count += self.offsets.get(index).copied().unwrap_or(0);
+            *count = count.wrapping_add(self.offsets.get(index).copied().unwrap_or(0));
             *count = self.frozen.get(index).copied().flatten().unwrap_or(*count);
         }
         self.last = frame.encoders.to_vec();

@@ -1,7 +1,13 @@
 //! Arbitrary bytes into the codec, arbitrary requests in arbitrary orders into the node. Five seconds in the checks;
 //! `TESAKI_FUZZ_SECONDS=1800 cargo test --release -p tesaki-tests --test fuzz -- --nocapture` for longer. The seed of a
 //! failure is in its message; `TESAKI_FUZZ_SEED` repeats it.
-#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_precision_loss,
+    reason = "tests"
+)]
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -256,7 +262,7 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
             }
             sensors.sequence = sensors.sequence.wrapping_add(if random.one_in(200) { 3 } else { 1 });
             for count in &mut sensors.encoders {
-                *count += random.below(41) as i32 - 20;
+                *count = count.wrapping_add(random.below(41) as i32 - 20);
             }
             if random.one_in(60) {
                 let at = random.below(sensors.encoders.len().max(1));
