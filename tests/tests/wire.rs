@@ -115,13 +115,13 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
     while requests.sent - requests.intact + answers.sent - answers.intact < DAMAGED {
         burst += 1;
         let mut wire = Vec::new();
-        for index in 0..20 {
+        for index in 0..20_u8 {
             let request = match index % 4 {
-                0 => goal(&[0.001 * index as f32; 9]),
-                1 => Request::SetRate { stream: Stream::Status, every: 1000 + index as u16 },
+                0 => goal(&[0.001 * f32::from(index); 9]),
+                1 => Request::SetRate { stream: Stream::Status, every: 1000 + u16::from(index) },
                 2 => Request::ReadFaults,
                 _ => {
-                    Request::Home { positions: heapless::Vec::from_slice(&[0.01 * index as f32; 9]).unwrap() }
+                    Request::Home { positions: heapless::Vec::from_slice(&[0.01 * f32::from(index); 9]).unwrap() }
                 }
             };
             let frame = rig.frame(request);
@@ -162,7 +162,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
             }
         }
         assert!(arrived.contains(&good[1].sequence), "burst {burst}: the second good frame was lost");
-        if burst % 1000 == 0 {
+        if burst.is_multiple_of(1000) {
             sent.clear();
             said.clear();
         }
@@ -201,7 +201,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
         // Joints that follow exactly: the link is what is tested here.
         for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.board.node().telemetry().joints) {
             // A count that never moves would be a dead encoder.
-            *count = (joint.reference * 65_536.0 / core::f32::consts::TAU) as i32 + (index % 2) as i32;
+            *count = (joint.reference * 65_536.0 / core::f32::consts::TAU) as i32 + (index % 2).cast_signed();
         }
         rig.board.tick(&rig.sensors, &mut out);
         assert!(
