@@ -2,6 +2,7 @@
 
 mod board;
 mod link;
+pub mod mcap;
 pub mod robot;
 
 pub use board::{Board, BoardError};
