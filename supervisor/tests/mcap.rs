@@ -41,9 +41,10 @@ fn write(path: &Path) {
     };
     recording.tf(START, &[frame("palm", "f1", 1.0), frame("f1", "指先", 2.0)]).unwrap();
     recording.tf(START + 3, &[]).unwrap();
-    for step in 1..=30 {
-        let angle = 0.125 * step as f64;
-        recording.joint_states(START + step * SECOND / 10, &three, &[angle; 3], &[angle; 3], &[]).unwrap();
+    for step in 1..=30_u32 {
+        let angle = 0.125 * f64::from(step);
+        let time = START + u64::from(step) * SECOND / 10;
+        recording.joint_states(time, &three, &[angle; 3], &[angle; 3], &[]).unwrap();
     }
     let time = 1_700_000_001_000_000_001;
     recording.joint_states(time, &names(&["thumb_curl"]), &[0.25], &[-1.5], &[]).unwrap();
@@ -56,12 +57,9 @@ fn of_topic<'a>(messages: &'a [Message<'a>], topic: &str) -> Vec<&'a Message<'a>
 
 #[test]
 fn what_was_written_is_read_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("all.mcap");
+    // Stays there for other readers: tests/oracles/read_mcap.py.
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("all.mcap");
     write(&path);
-    if let Some(copy) = std::env::var_os("TESAKI_MCAP") {
-        std::fs::copy(&path, copy).unwrap();
-    }
     let file = std::fs::read(&path).unwrap();
 
     let messages: Vec<Message> = MessageStream::new(&file).unwrap().map(Result::unwrap).collect();
