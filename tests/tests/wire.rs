@@ -120,9 +120,9 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
                 0 => goal(&[0.001 * f32::from(index); 9]),
                 1 => Request::SetRate { stream: Stream::Status, every: 1000 + u16::from(index) },
                 2 => Request::ReadFaults,
-                _ => {
-                    Request::Home { positions: heapless::Vec::from_slice(&[0.01 * f32::from(index); 9]).unwrap() }
-                }
+                _ => Request::Home {
+                    positions: heapless::Vec::from_slice(&[0.01 * f32::from(index); 9]).unwrap(),
+                },
             };
             let frame = rig.frame(request);
             forth.pass(&bytes_of(&frame), &mut wire);
