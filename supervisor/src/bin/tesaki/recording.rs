@@ -66,7 +66,8 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
     );
 
     let start = Instant::now();
-    let (mut reported, mut heard) = (start, start);
+    let (mut reported, mut heard, mut asked) = (start, start, start);
+    let mut last_tick = None;
     while !interrupted.load(Ordering::Relaxed)
         && record.duration.is_none_or(|duration| start.elapsed() < duration)
     {
@@ -87,6 +88,13 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
                     output::notice(options, &text);
                 }
                 viewer.telemetry(&telemetry).map_err(mcap_failure)?;
+                // Rates are the board's, not ours: another program may have lowered this one.
+                let step =
+                    last_tick.replace(telemetry.tick).map_or(1, |last| telemetry.tick.wrapping_sub(last));
+                if step > 1 && now - asked > REPORT {
+                    asked = now;
+                    session.board.set_rate(Stream::Telemetry, 1)?;
+                }
             }
             _ => {}
         }

@@ -9,7 +9,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{
     Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, Request, Stream, Task, Telemetry,
 };
-use tesaki_supervisor::fault_injector::{FaultyLink, LinkFaults};
+use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
@@ -158,7 +158,7 @@ fn refused(reply: &Reply) -> Result<(), Failure> {
 
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<Line>, Failure> {
-    let faults = options.link_faults.clone().unwrap_or_else(LinkFaults::default);
+    let faults = options.link_faults.clone().unwrap_or_default();
     let link = FaultyLink::new(Reopening::open(options.port.clone())?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
