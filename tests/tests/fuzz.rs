@@ -246,7 +246,7 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
                 sequences[who] = match random.below(12) {
                     0 => sequences[who],
                     1 => sequences[who].wrapping_sub(random.below(5) as u32),
-                    _ => sequences[who] + 1,
+                    _ => sequences[who].wrapping_add(1),
                 };
                 let request = any_request(&mut random, &model, &pushed);
                 let frame = RequestFrame { client: 1 + who as u32, sequence: sequences[who] as u16, request };
