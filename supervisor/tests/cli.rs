@@ -63,9 +63,15 @@ impl Server {
     fn ready() -> Self {
         let server = Self::start();
         server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
-        let home: Vec<&str> = server.home.iter().map(String::as_str).collect();
-        server.succeeds(&home);
+        server.home();
         server
+    }
+
+    /// Homes, and allows a busy machine more than the 100 ms between two commands that a real one has to keep.
+    fn home(&self) {
+        let home: Vec<&str> = self.home.iter().map(String::as_str).collect();
+        self.succeeds(&home);
+        self.succeeds(&["set", "safety.command_timeout", "1"]);
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
@@ -113,7 +119,7 @@ impl Server {
 
     /// Waits until the board is in this mode.
     fn wait_for(&self, mode: &str) {
-        for _ in 0..100 {
+        for _ in 0..200 {
             if self.succeeds(&["info"]).contains(&format!("mode           {mode}")) {
                 return;
             }
@@ -169,10 +175,12 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     assert!(pushed.contains("9 joints"), "{pushed}");
     server.fails(&["move", "finger1_swing=0.3"], 7, &["not homed", "tesaki home"]);
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
-    let home: Vec<&str> = server.home.iter().map(String::as_str).collect();
-    server.succeeds(&home);
-    let well = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
-    assert!(well.contains("everything is well") && well.contains("the same as in"), "{well}");
+    server.home();
+    let well = server.succeeds(&["doctor"]);
+    assert!(well.contains("everything is well"), "{well}");
+    server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
+    let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
+    assert!(other.contains("is not the one in") && other.contains("tesaki model push"), "{other}");
     server.fails(&["move", "thumb=0.3"], 2, &["no joint \"thumb\"", "finger3_curl"]);
     server.fails(
         &["move", "finger1_swing=9"],
@@ -256,7 +264,7 @@ fn a_supervisor_that_dies_leaves_a_board_that_stops_by_itself_and_serves_the_nex
     victim.kill().unwrap();
     victim.wait().unwrap();
     server.wait_for("in fault");
-    server.fails(&["move", "finger1_swing=0"], 5, &["fault 0", "limit 0.1 s"]);
+    server.fails(&["move", "finger1_swing=0"], 5, &["fault 0", "limit 1 s"]);
     server.succeeds(&["faults", "--clear"]);
     server.succeeds(&["move", "finger1_swing=0.05"]);
 }
@@ -289,7 +297,7 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
 #[test]
 fn parameters_are_read_changed_and_refused_by_name() {
     let server = Server::ready();
-    assert!(server.succeeds(&["read", "safety.command_timeout"]).contains("safety.command_timeout = 0.1"));
+    assert!(server.succeeds(&["read", "safety.command_timeout"]).contains("safety.command_timeout = 1"));
     server.succeeds(&["set", "safety.reaction", "off"]);
     assert!(server.succeeds(&["read", "safety"]).contains("safety.reaction = \"Off\""));
     server.succeeds(&["set", "joints.*.limits.velocity", "4.5"]);
