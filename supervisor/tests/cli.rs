@@ -173,7 +173,11 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 to mend"]);
     let pushed = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
     assert!(pushed.contains("9 joints"), "{pushed}");
-    server.fails(&["move", "finger1_swing=0.3"], 7, &["not homed", "tesaki home"]);
+    server.fails(
+        &["move", "finger1_swing=0.3"],
+        7,
+        &["finger1_swing has a relative encoder and was not homed", "tesaki home"],
+    );
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
     server.home();
     let well = server.succeeds(&["doctor"]);

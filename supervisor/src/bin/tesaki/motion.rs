@@ -179,7 +179,7 @@ impl<'a> Motion<'a> {
     fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
         // Caught from here on: whoever presses Ctrl-C wants the outputs off.
         interrupted()?;
-        self.session.arm(servo)?;
+        self.session.arm(servo).map_err(|failure| failure.named(&self.model))?;
         self.armed = true;
         Ok(())
     }
@@ -206,7 +206,7 @@ impl<'a> Motion<'a> {
                 match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
                     Ok(telemetry) => latest = Some(telemetry),
                     Err(Failure::Late(_)) => {}
-                    Err(failure) => return Err(self.abandon(failure)),
+                    Err(failure) => return Err(self.abandon(failure.named(&self.model))),
                 }
             }
             let now = Instant::now();
