@@ -1,115 +1,372 @@
-"""Frames of the wire protocol, made without any of its Rust: postcard and COBS by hand, CRC-32 from zlib.
+#!/usr/bin/env python3
+"""Golden frames: every message of docs/protocol.md, written by hand-made COBS and postcard and by zlib's CRC-32."""
 
-Writes data/protocol_frames.in: a line `name: bytes` for each frame that docs/protocol.md shows.
-"""
-import pathlib
 import struct
 import zlib
+from pathlib import Path
+
+DATA = Path(__file__).parent / "data"
+
+# ---- postcard -------------------------------------------------------------------------------------------------------
 
 
-def varint(value):
+def uint(value):
+    """u16, u32, u64, lengths and numbers of variants: seven bits a byte, the lowest first."""
     out = bytearray()
-    while value >= 0x80:
-        out.append(value & 0x7F | 0x80)
+    while value > 127:
+        out.append(value & 127 | 128)
         value >>= 7
     out.append(value)
     return bytes(out)
 
 
-def zigzag(value):
-    return varint(value * 2 if value >= 0 else -value * 2 - 1)
+def sint(value):
+    """i16, i32: zigzag, then as above."""
+    return uint(2 * value if value >= 0 else -2 * value - 1)
 
 
-def f32(*values):
-    return b"".join(struct.pack("<f", value) for value in values)
+def byte(value):
+    return bytes([value])
 
 
-def floats(*values):
-    return varint(len(values)) + f32(*values)
+boolean = byte
+
+
+def real(value):
+    return struct.pack("<f", value)
+
+
+def reals(values):
+    """A fixed array: no length."""
+    return b"".join(real(value) for value in values)
+
+
+def sequence(items):
+    items = list(items)
+    return uint(len(items)) + b"".join(items)
+
+
+def blob(data):
+    return uint(len(data)) + bytes(data)
 
 
 def text(string):
-    data = string.encode()
-    return varint(len(data)) + data
+    return blob(string.encode())
+
+
+def option(value):
+    return b"\0" if value is None else b"\1" + value
+
+
+def key(value):
+    """A fixed array of bytes, written in hexadecimal."""
+    return bytes.fromhex(value)
+
+
+# ---- frames ---------------------------------------------------------------------------------------------------------
 
 
 def cobs(data):
-    out, run = bytearray(), bytearray()
-    for byte in data:
-        if byte == 0:
-            out += bytes([len(run) + 1]) + run
-            run = bytearray()
-        else:
-            run.append(byte)
-            if len(run) == 254:
-                out += b"\xff" + run
-                run = bytearray()
-    return bytes(out + bytes([len(run) + 1]) + run)
+    out = b""
+    runs = data.split(b"\0")
+    for run in runs:
+        while len(run) >= 254:  # a full group stands for no zero
+            out, run = out + b"\xff" + run[:254], run[254:]
+        out += bytes([len(run) + 1]) + run
+    # Nothing follows a full group at the end.
+    return out[:-1] if runs[-1] and len(runs[-1]) % 254 == 0 else out
 
 
 def frame(message):
     return cobs(message + zlib.crc32(message).to_bytes(4, "little")) + b"\0"
 
 
-CLIENT = 1
+LINES = []
 
 
-def request(sequence, kind, payload=b""):
-    return varint(CLIENT) + varint(sequence) + varint(kind) + payload
+def golden(name, message):
+    LINES.append((name, frame(message)))
 
 
-def reply(sequence, tick, kind, payload=b""):
-    return varint(0) + varint(CLIENT) + varint(sequence) + varint(tick) + varint(kind) + payload
+# ---- parts of messages ----------------------------------------------------------------------------------------------
+
+SCHEMA = 0x0123456789ABCDEF
+CLIENT = 0xC0FFEE
+IMAGE = "1f2e3d4c5b6a7988"
+BOARD = "300021000d51363034333832"
+FIRMWARE = byte(0) + byte(1) + byte(0)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(5)
+
+DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
 
 
-NAN_FREE = [0.0, -0.25, 0.5]
-FRAMES = {
-    "hello": request(1, 0, varint(0x0123456789ABCDEF)),
-    "take_command": request(2, 13, b"\x00"),
-    "model_begin": request(3, 1, varint(1800) + varint(0xDEADBEEF)),
-    "model_chunk": request(4, 2, varint(192) + varint(3) + bytes([7, 0, 9])),
-    "model_commit": request(5, 3),
-    "home": request(6, 4, floats(0.0, 0.5, -0.25)),
-    "arm_pid": request(7, 5, varint(0) + varint(0)),
-    "arm_observer": request(7, 5, varint(0) + varint(1)),
-    "disarm": request(9, 6),
-    "goal": request(10, 7, varint(0) + floats(0.1, 0.2, 0.3)),
-    "stream": request(11, 7, varint(1) + varint(1) + f32(0.1, 0.5, -2.0)),
-    "stop": request(12, 8),
-    "read_status": request(13, 9),
-    "read_faults": request(14, 10),
-    "clear_faults": request(15, 11, varint(3)),
-    "set_rate": request(16, 12, varint(0) + varint(5)),
-    "release_command": request(17, 14),
-    "export_model": request(18, 15, varint(0)),
-    "export_state": request(18, 15, varint(1)),
-    "read_export": request(19, 16, varint(192)),
-    "reply_hello": reply(
-        1, 0, 0,
-        varint(0x0123456789ABCDEF) + bytes([0, 1, 0]) + bytes(range(1, 9)) + bytes(12) + varint(5),
-    ),
-    "reply_done": reply(2, 300, 1),
-    "reply_refused_no_model": reply(7, 300, 2, varint(1)),
-    "reply_refused_not_homed": reply(7, 300, 2, varint(7) + bytes([4])),
-    "reply_refused_limits": reply(10, 300, 2, varint(11) + bytes([2]) + f32(9.0, -1.0, 1.0)),
-    "reply_refused_commanded": reply(10, 300, 2, varint(16) + varint(0xCAFE)),
-    "reply_refused_stale": reply(10, 300, 2, varint(18) + varint(11)),
-    "reply_faults": reply(
-        14, 1277, 4,
-        varint(1) + varint(1) + varint(0) + b"\x00" + f32(0.11, 0.1) + varint(1277),
-    ),
-    "reply_exported": reply(18, 300, 5, varint(1500) + varint(0x12345678) + varint(4000)),
-    "reply_chunk": reply(19, 300, 6, varint(192) + varint(2) + bytes([1, 2])),
-    "telemetry": varint(1) + varint(300) + varint(1) + varint(0) + varint(1) + varint(0)
-    + varint(2) + f32(0.1, 0.0, 0.1, 0.02) + f32(-0.2, 0.5, -0.19, -0.01),
-    "log_sensors": varint(3) + varint(77) + varint(1) + varint(300) + b"\x00" + varint(24000)
-    + varint(2) + zigzag(-5) + zigzag(65536) + varint(2) + zigzag(3) + zigzag(-400),
-    "sensors": varint(300) + b"\x01" + varint(24000) + varint(2) + zigzag(-5) + zigzag(65536)
-    + varint(2) + zigzag(3) + zigzag(-400),
-    "actuators": varint(300) + b"\x01" + floats(*NAN_FREE),
+def fault(cause, joint, value, limit, tick):
+    return uint(cause) + option(None if joint is None else byte(joint)) + real(value) + real(limit) + uint(tick)
+
+
+def frame_counts(good, overlong, framing, checksum, malformed):
+    return uint(good) + uint(overlong) + uint(framing) + uint(checksum) + uint(malformed)
+
+
+NO_STATISTICS = frame_counts(0, 0, 0, 0, 0) + uint(0) + uint(0) + uint(0)
+
+
+def node_status(mode, model, checksum, homed, faults, faults_read, commander, tick, supply):
+    return (mode + text(model) + uint(checksum) + uint(homed) + uint(faults) + boolean(faults_read)
+            + option(None if commander is None else uint(commander)) + uint(tick) + real(supply))
+
+
+def board_status(clock, reset, words, stack_used, stack_size, supervisor, plant):
+    return (IDENTITY + uint(clock) + uint(reset) + text(words) + uint(stack_used) + uint(stack_size)
+            + supervisor + plant)
+
+
+QUIET_BOARD = board_status(0, 0, "", 0, 0, NO_STATISTICS, NO_STATISTICS)
+
+
+def sensors(number, flags, supply, encoders, currents):
+    return (uint(number) + byte(flags) + uint(supply) + sequence(map(sint, encoders))
+            + sequence(map(sint, currents)))
+
+
+def actuators(number, enabled, torques):
+    return uint(number) + boolean(enabled) + sequence(map(real, torques))
+
+
+def telemetry(tick, mode, faults, joints):
+    return uint(tick) + mode + uint(faults) + sequence(map(reals, joints))
+
+
+def request(number, what, client=CLIENT):
+    return uint(client) + uint(number) + what
+
+
+def reply(number, tick, what, client=CLIENT):
+    return uint(0) + uint(client) + uint(number) + uint(tick) + what
+
+
+def model(reaction):
+    """A robot of one joint."""
+    joint = (
+        text("knuckle")
+        + reals([0.0, 0.0, 0.1]) + reals([0.0, 0.0, 0.0, 1.0])  # origin
+        + reals([0.0, 0.0, 1.0])  # axis
+        + real(0.02) + reals([0.02, 0.0, 0.0]) + reals([1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0])  # link
+        + reals([2e-4, 0.5, 1.5, 1e-3, 300.0, 3e-4])  # motor
+        + reals([0.02, 0.002])  # friction
+        + real(65536.0) + boolean(False) + sint(-40) + boolean(True)  # encoder
+        + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
+        + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
+    )
+    safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
+    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([byte(1)]) + sequence([joint]) + safety
+
+
+FINGER = model(2)
+LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
+TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1)}
+
+
+def goal(positions):
+    return uint(7) + uint(0) + sequence(map(real, positions))
+
+
+# ---- the session of the page ----------------------------------------------------------------------------------------
+
+
+def session():
+    crc = zlib.crc32(FINGER)
+
+    def step(number, name, what, answer, tick):
+        golden("request-session-" + name, request(number, what))
+        golden("board-session-" + name, reply(number, tick, answer))
+
+    done = uint(1)
+    golden("sensors-session-1", sensors(1, 0, 24000, [1000], [0]))
+    golden("actuators-session-1", actuators(1, False, []))
+    step(1, "hello", uint(0) + uint(SCHEMA), uint(0) + uint(SCHEMA) + IDENTITY, 1)
+    step(2, "take-command", uint(13) + boolean(False), done, 1)
+    step(3, "model-begin", uint(1) + uint(len(FINGER)) + uint(crc), done, 1)
+    step(4, "model-chunk-0", uint(2) + uint(0) + blob(FINGER[:192]), done, 1)
+    step(5, "model-chunk-192", uint(2) + uint(192) + blob(FINGER[192:]), done, 1)
+    step(6, "model-commit", uint(3), done, 0)
+    golden("sensors-session-2", sensors(2, 0, 24000, [1000], [0]))
+    golden("actuators-session-2", actuators(2, False, [0.0]))
+    step(7, "home", uint(4) + sequence([real(0.0)]), done, 2)
+    step(8, "set-rate", uint(12) + uint(0) + uint(1), done, 2)
+    step(9, "arm", uint(5) + TASK["observer"], done, 2)
+    golden("sensors-session-3", sensors(3, 0, 24000, [1000], [0]))
+    golden("actuators-session-3", actuators(3, True, [0.0]))
+    golden("board-session-telemetry", uint(1) + telemetry(3, ARMED_OBSERVER, 0, [[0.0, 0.0, 0.0, 0.0]]))
+    step(10, "goal", goal([0.5]), done, 3)
+    step(11, "goal-outside", goal([2.0]), uint(2) + uint(11) + byte(0) + reals([2.0, -1.5, 1.5]), 3)
+    step(12, "disarm", uint(6), done, 3)
+    status = node_status(DISARMED, "finger", crc, 1, 0, True, CLIENT, 3, 24.0) + QUIET_BOARD
+    step(13, "read-status", uint(9), uint(3) + status, 3)
+    step(14, "release-command", uint(14), done, 3)
+
+
+# ---- one of each ----------------------------------------------------------------------------------------------------
+
+
+def requests():
+    each = {
+        "hello": uint(0) + uint(SCHEMA),
+        "hello-0": uint(0) + uint(0),
+        "model-begin": uint(1) + uint(4096) + uint(0xDEADBEEF),
+        "model-chunk": uint(2) + uint(192) + blob([0, 1, 254, 255]),
+        "model-chunk-long": uint(2) + uint(3840) + blob([255] * 192),
+        "model-chunk-zeros": uint(2) + uint(0) + blob([0] * 192),
+        "model-commit": uint(3),
+        "home": uint(4) + sequence(map(real, [0.25, -1.5])),
+        "home-none": uint(4) + sequence([]),
+        "arm-pid": uint(5) + TASK["pid"],
+        "arm-observer": uint(5) + TASK["observer"],
+        "disarm": uint(6),
+        "set-point-goal": goal([0.5, -0.25, 0.125]),
+        "set-point-stream": uint(7) + uint(1) + sequence(map(reals, [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]])),
+        "set-point-stream-16": uint(7) + uint(1) + sequence([reals([LOWEST] * 3)] * 16),
+        "stop": uint(8),
+        "read-status": uint(9),
+        "read-faults": uint(10),
+        "clear-faults": uint(11) + uint(300),
+        "set-rate-telemetry": uint(12) + uint(0) + uint(1),
+        "set-rate-status": uint(12) + uint(1) + uint(100),
+        "set-rate-log": uint(12) + uint(2) + uint(65535),
+        "take-command": uint(13) + boolean(False),
+        "take-command-by-force": uint(13) + boolean(True),
+        "release-command": uint(14),
+        "export-model": uint(15) + uint(0),
+        "export-state": uint(15) + uint(1),
+        "read-export": uint(16) + uint(192),
+    }
+    for name, what in each.items():
+        golden("request-" + name, request(9, what))
+    golden("request-first-number", request(0, uint(9), client=1))
+    golden("request-last-number", request(65535, uint(9), client=0xFFFFFFFF))
+
+
+FIELDS = """joints chains gravity name origin-translation origin-rotation axis mass center-of-mass inertia
+rotor-inertia torque-constant current-limit current-resolution motor-bandwidth motor-delay coulomb viscous
+counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque-rate limit-following-error
+filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
+damping supply-min supply-max rest-error""".split()
+
+
+def refusals():
+    def error(joint, field, value, problem):
+        return uint(2) + option(None if joint is None else byte(joint)) + uint(field) + real(value) + problem
+
+    each = {
+        "schema-mismatch": uint(0) + uint(SCHEMA) + FIRMWARE,
+        "no-model": uint(1),
+        "model-not-finite": error(None, 2, float("inf"), uint(0)),
+        "model-below": error(3, 7, -0.5, uint(1) + real(0.0)),
+        "model-not-above": error(15, 20, 1.0, uint(2) + real(1.0)),
+        "model-above": error(0, 15, 0.5, uint(3) + real(0.01)),
+        "model-not-unit": error(1, 6, 0.5, uint(4)),
+        "model-not-physical": error(2, 9, -0.125, uint(5)),
+        "model-count": error(None, 1, 8.0, uint(6) + real(9.0)),
+        "model-not-unique": error(4, 3, 4.0, uint(7)),
+        "model-transfer": uint(3) + uint(192) + uint(220),
+        "model-checksum": uint(4) + uint(0x01020304) + uint(0xDEADBEEF),
+        "model-unreadable": uint(5) + uint(5000) + uint(4096),
+        "wrong-mode-disarmed": uint(6) + DISARMED,
+        "wrong-mode-armed-pid": uint(6) + ARMED_PID,
+        "wrong-mode-armed-observer": uint(6) + ARMED_OBSERVER,
+        "wrong-mode-fault": uint(6) + FAULT,
+        "not-homed": uint(7) + byte(8),
+        "faults-unread": uint(8) + uint(3),
+        "joint-count": uint(9) + byte(2) + byte(9),
+        "not-finite": uint(10) + byte(15),
+        "outside-limits": uint(11) + byte(0) + reals([2.0, -1.5, 1.5]),
+        "too-fast": uint(12) + byte(1) + reals([9.0, 8.0]),
+        "jump": uint(13) + byte(2) + reals([0.5, 0.25]),
+        "no-sensors": uint(14),
+        "unsafe": uint(15) + fault(10, None, 12.0, 20.0, 1234),
+        "commanded": uint(16) + uint(0xDECADE),
+        "not-commander": uint(17),
+        "stale": uint(18) + uint(12),
+        "not-exported": uint(19) + uint(0),
+    }
+    for name, what in each.items():
+        golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
+    for number, name in enumerate(FIELDS):
+        golden("board-refused-field-" + name, reply(9, 1234, uint(2) + error(7, number, 0.5, uint(0))))
+
+
+def from_board():
+    crystal_fault = node_status(FAULT, "hand3", 0x89ABCDEF, 511, 18, False, 0xDECADE, 100000, 23.5)
+    nobody = node_status(DISARMED, "", 0, 0, 0, True, None, 0, 0.0)
+    full = board_status(1, 2, "panicked at src/main.rs:7", 2048, 16384,
+                        frame_counts(1, 2, 3, 4, 5) + uint(6) + uint(7) + uint(8),
+                        frame_counts(128, 0, 0, 16384, 0) + uint(0) + uint(0) + uint(4294967295))
+    statuses = {
+        "nothing": nobody + QUIET_BOARD,
+        "fault": crystal_fault + full,
+        "watchdog": nobody + board_status(2, 1, "", 0, 0, NO_STATISTICS, NO_STATISTICS),
+        "hard-fault": nobody + board_status(0, 3, "w" * 96, 0, 0, NO_STATISTICS, NO_STATISTICS),
+        "software": nobody + board_status(0, 4, "", 0, 0, NO_STATISTICS, NO_STATISTICS),
+    }
+    golden("board-hello", reply(9, 1234, uint(0) + uint(SCHEMA) + IDENTITY))
+    golden("board-done", reply(9, 1234, uint(1)))
+    golden("board-done-first-number", reply(0, 0, uint(1), client=1))
+    golden("board-done-last-number", reply(65535, 4294967295, uint(1), client=0xFFFFFFFF))
+    for name, status in statuses.items():
+        golden("board-status-" + name, reply(9, 1234, uint(3) + status))
+    golden("board-faults-none", reply(9, 1234, uint(4) + uint(0) + sequence([])))
+    first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause) for cause in range(16)]
+    golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in (16, 17)]
+    golden("board-faults-16-to-17", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469)))
+    golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
+    golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
+    golden("board-telemetry-none", uint(1) + telemetry(0, DISARMED, 0, []))
+    golden("board-telemetry-pid", uint(1) + telemetry(1234, ARMED_PID, 0, [[0.5, -0.25, 0.5625, 0.03125],
+                                                                          [-0.5, 0.25, -0.5625, -0.03125]]))
+    golden("board-telemetry-16", uint(1) + telemetry(4294967295, FAULT, 4294967295, [[LOWEST] * 4] * 16))
+    golden("board-stream-status", uint(2) + statuses["fault"])
+    for number, (name, record) in enumerate(RECORDS.items()):
+        golden("board-log-" + name, uint(3) + uint(2468 + number) + record)
+
+
+RECORDS = {
+    "request": uint(0) + request(9, uint(6)),
+    "sensors": uint(1) + sensors(1234, 1, 24000, [100, -100], [5, -5]),
+    "actuators": uint(2) + actuators(1234, True, [0.25, -0.25]),
+    "start": uint(3) + uint(SCHEMA) + IDENTITY + uint(1795000000),
+    "state": uint(4) + uint(192) + blob([0, 1, 254, 255]),
+    "restore": uint(5) + uint(196) + uint(0xDEADBEEF),
+    "gap": uint(6) + uint(300),
 }
 
+
+def plant_link():
+    golden("sensors", sensors(1234, 0, 24000, [100, -100, 0], [5, -5, 0]))
+    golden("sensors-none", sensors(0, 0, 0, [], []))
+    golden("sensors-emergency-stop", sensors(300, 1, 65535, [-2147483648, 2147483647], [-32768, 32767]))
+    golden("sensors-16", sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16))
+    golden("actuators-off", actuators(1234, False, [0.0, 0.0, 0.0]))
+    golden("actuators-on", actuators(300, True, [0.0, -0.25, 0.5]))
+    golden("actuators-none", actuators(0, False, []))
+    golden("actuators-16", actuators(4294967295, True, [LOWEST] * 16))
+
+
 if __name__ == "__main__":
-    path = pathlib.Path(__file__).parent / "data" / "protocol_frames.in"
-    lines = [f"{name}: {frame(message).hex(' ')}" for name, message in FRAMES.items()]
-    path.write_text("\n".join(lines) + "\n")
+    assert cobs(b"") == b"\1" and cobs(b"\0") == b"\1\1" and cobs(b"\x0b\0\x16") == b"\2\x0b\2\x16"
+    assert cobs(bytes(range(1, 255))) == b"\xff" + bytes(range(1, 255))
+    assert cobs(b"\0" + bytes(range(1, 255))) == b"\1\xff" + bytes(range(1, 255))
+    assert cobs(b"\1" * 255) == b"\xff" + b"\1" * 254 + b"\2\1"
+    requests()
+    refusals()
+    from_board()
+    plant_link()
+    for name, record in RECORDS.items():
+        golden("record-" + name, record)
+    session()
+    for number, name in enumerate(["off", "damp", "hold"]):
+        LINES.append(("model-" + name, model(number)))
+    lines = [f"{name}: {data.hex(' ')}" for name, data in LINES]
+    assert len({name for name, _ in LINES}) == len(LINES)
+    (DATA / "protocol_frames.in").write_text("\n".join(lines) + "\n")
