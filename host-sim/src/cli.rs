@@ -192,7 +192,7 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
     use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
-    use tesaki_sim::serve::{ServedBoard, home_command, serve};
+    use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
     use tesaki_supervisor::hub::Hub;
     use tesaki_supervisor::port::{Address, Announcement};
@@ -242,7 +242,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         home_command(&plant, &robot.model),
         robot.model.joint_name(0),
     );
-    serve(&mut hub, board, &mut plant, &robot.model, &|| STOP.load(Ordering::Relaxed))?;
+    serve(&mut hub, board, &mut plant, &robot.model, &input_lines(), &|| STOP.load(Ordering::Relaxed))?;
     Ok(())
 }
 

@@ -1,7 +1,9 @@
 //! Where the control core runs.
 
 use tesaki::node::Node;
-use tesaki::protocol::{ActuatorFrame, BoardStatus, LogRecord, Reply, Request, RequestFrame, SensorFrame};
+use tesaki::protocol::{
+    ActuatorFrame, BoardStatus, LogRecord, LogStart, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFrame,
+};
 use tesaki_supervisor::{Board, BoardError};
 
 /// The only client of a node in this process.
@@ -70,7 +72,10 @@ impl<'a> Watched<'a> {
     /// Watches `first`; with `compare`, against the core in this process.
     pub fn new(first: &'a mut dyn Controller, compare: bool) -> Self {
         let second = compare.then(Native::default);
-        Self { first, second, alike: 0, difference: None, record: Vec::new(), sequence: 0 }
+        let identity = BoardStatus::default().identity;
+        let start = LogStart { schema: SCHEMA_KEY, identity, unix_time: 0 };
+        let record = vec![LogRecord::Start(start)];
+        Self { first, second, alike: 0, difference: None, record, sequence: 0 }
     }
 
     /// Whether all ticks so far were alike; `None` when nothing is compared.

@@ -152,7 +152,7 @@ impl Spoiler {
         match trouble {
             Trouble::EmergencyStop(pressed) => self.emergency_stop = pressed,
             Trouble::Supply(millivolts) => self.supply = Some(millivolts),
-            Trouble::Jump(joint, counts) => self.offsets[joint] += counts,
+            Trouble::Jump(joint, counts) => self.offsets[joint] = self.offsets[joint].wrapping_add(counts),
             Trouble::Freeze(joint) => {
                 let count = self.last.get(joint).copied().unwrap_or(0);
                 self.frozen[joint] = if self.frozen[joint].is_none() { Some(count) } else { None };
@@ -167,7 +167,7 @@ impl Spoiler {
         }
         frame.supply = self.supply.unwrap_or(frame.supply);
         for (index, count) in frame.encoders.iter_mut().enumerate() {
-            *count += self.offsets.get(index).copied().unwrap_or(0);
+            *count = count.wrapping_add(self.offsets.get(index).copied().unwrap_or(0));
             *count = self.frozen.get(index).copied().flatten().unwrap_or(*count);
         }
         self.last = frame.encoders.to_vec();
@@ -175,7 +175,7 @@ impl Spoiler {
 }
 
 /// Lines from the standard input, as long as there are any.
-fn lines() -> Receiver<String> {
+pub fn input_lines() -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
         for line in io::stdin().lock().lines().map_while(Result::ok) {
@@ -188,7 +188,7 @@ fn lines() -> Receiver<String> {
 }
 
 /// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as fast as it
-/// can.
+/// can. Lines of `trouble` are carried out, see [`TROUBLE`].
 ///
 /// # Errors
 /// When board, plant or the clients' side fail.
@@ -197,9 +197,9 @@ pub fn serve(
     board: &mut dyn ServedBoard,
     plant: &mut Plant,
     model: &RobotModel,
+    trouble: &Receiver<String>,
     stop: &dyn Fn() -> bool,
 ) -> Result<(), ServeError> {
-    let lines = lines();
     let mut spoiler = Spoiler::default();
     let (mut requests, mut answers) = (Vec::new(), Vec::new());
     let mut sequence = 0_u32;
@@ -231,7 +231,7 @@ pub fn serve(
             }
             hub.receive(&mut requests, next.min(now + Duration::from_millis(1)))?;
         }
-        for line in lines.try_iter() {
+        for line in trouble.try_iter() {
             match parse(&line, model) {
                 Ok(Some(Trouble::Reset)) => board.reset()?,
                 Ok(Some(trouble)) => spoiler.cause(trouble, model.joints.len()),

@@ -4,12 +4,16 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, Reply, ReplyFrame, Request, RequestFrame};
+use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY};
 
 use crate::{Board, BoardError};
 
-/// How long one sending of a request waits for its answer before the request is sent again.
-const PATIENCE: Duration = Duration::from_millis(150);
+/// How long the first sending of a request waits for its answer before the request is sent again: short enough that a
+/// lost reply does not cost an armed board its command timeout. Then it waits twice as long each time, up to
+/// [`MOST_PATIENCE`], so as not to choke a slow board.
+const PATIENCE: Duration = Duration::from_millis(40);
+/// See [`PATIENCE`].
+const MOST_PATIENCE: Duration = Duration::from_millis(160);
 /// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board sends.
 const INBOX: usize = 8192;
 
@@ -150,14 +154,29 @@ impl<L: ByteLink> LinkBoard<L> {
 
 impl<L: ByteLink> Board for LinkBoard<L> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        match self.exchange(request.clone())? {
+            // It was reset, or many others have talked to it since: it has forgotten our hello.
+            Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) => {
+                self.exchange(Request::Hello { schema: SCHEMA_KEY })?;
+                self.exchange(request)
+            }
+            reply => Ok(reply),
+        }
+    }
+}
+
+impl<L: ByteLink> LinkBoard<L> {
+    /// Sends a request until it is answered.
+    fn exchange(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
-        let start = Instant::now();
-        let deadline = start + self.timeout;
+        let deadline = Instant::now() + self.timeout;
+        let mut wait = PATIENCE;
         loop {
             let sent = Instant::now();
             self.send(&frame)?;
-            let patience = (sent + PATIENCE).min(deadline);
+            let patience = (sent + wait).min(deadline);
+            wait = (2 * wait).min(MOST_PATIENCE);
             loop {
                 if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());

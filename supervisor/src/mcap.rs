@@ -1,219 +1,291 @@
-//! Recordings as MCAP files in the ROS 2 profile, which Foxglove, PlotJuggler, Rerun and rosbag tools open.
-//!
-//! Messages are CDR, little endian; schemas are the texts of the ROS 2 message definitions.
+//! Recordings in MCAP with ROS 2 messages, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open them.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::Path;
+mod messages;
 
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use ::mcap::{
+    WriteOptions, Writer,
+    records::{MessageHeader, Metadata},
+};
 use byteorder::LittleEndian;
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{McapError, WriteOptions, Writer};
 use serde::Serialize;
 
-/// A chunk is written once it has so many bytes: about a second of a hand at 100 Hz, which is what a crash may cost.
-const CHUNK: u64 = 64 * 1024;
+use messages::Definition;
 
-/// Why a recording cannot be written.
+/// Recorded time after which data go to the operating system [ns].
+const FLUSH_INTERVAL: u64 = 1_000_000_000;
+
+/// In front of every message: CDR, little-endian. Alignment counts from behind it.
+const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+
+/// Why a recording could not be written.
 #[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// The file.
-    #[error(transparent)]
-    Io(#[from] std::io::Error),
-    /// Its format.
-    #[error(transparent)]
-    Mcap(#[from] McapError),
-    /// A message.
-    #[error("a message cannot be encoded: {0}")]
-    Message(String),
+pub enum McapError {
+    /// There is no file to write to.
+    #[error("cannot create the recording {}: {source}", path.display())]
+    Create {
+        /// Where it should have been.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The file took no more.
+    #[error("cannot write the recording: {0}")]
+    Write(#[from] ::mcap::McapError),
+    /// A message has no encoding.
+    #[error("cannot encode a message for the recording: {0}")]
+    Encode(#[from] cdr_encoding::Error),
+    /// Joint names and values do not belong together.
+    #[error("{names} joint names, but {values} values of {quantity}")]
+    Lengths {
+        /// Position, velocity or effort.
+        quantity: &'static str,
+        /// How many names there are.
+        names: usize,
+        /// How many values there are.
+        values: usize,
+    },
 }
 
-/// A point in time as ROS writes it.
-#[derive(Clone, Copy, Debug, Serialize)]
-struct Time {
-    sec: i32,
-    nanosec: u32,
+/// Severity of a line on `/rosout`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum LogLevel {
+    /// For developers.
+    Debug = 10,
+    /// As expected.
+    Info = 20,
+    /// Worth a look.
+    Warn = 30,
+    /// Something failed.
+    Error = 40,
+    /// Nothing works any more.
+    Fatal = 50,
 }
 
-impl Time {
-    /// Of nanoseconds since 1970.
-    fn new(nanoseconds: u64) -> Self {
-        let sec = i32::try_from(nanoseconds / 1_000_000_000).unwrap_or(i32::MAX);
-        let nanosec = u32::try_from(nanoseconds % 1_000_000_000).unwrap_or(0);
-        Self { sec, nanosec }
+/// Where a frame is in another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transform {
+    /// The frame it is given in.
+    pub parent: String,
+    /// The frame it places.
+    pub child: String,
+    /// Origin of the child [m].
+    pub translation: [f64; 3],
+    /// Unit quaternion of the child's orientation, its real part last.
+    pub rotation_xyzw: [f64; 4],
+}
+
+#[derive(Clone, Copy)]
+enum Topic {
+    RobotDescription,
+    JointStates,
+    Reference,
+    Rosout,
+    Tf,
+}
+
+impl Topic {
+    const COUNT: usize = 5;
+
+    /// Name, type, how many messages a publisher keeps, and whether late subscribers get them.
+    const fn properties(self) -> (&'static str, Definition, u32, bool) {
+        match self {
+            Self::RobotDescription => ("/robot_description", messages::STRING, 1, true),
+            Self::JointStates => ("/joint_states", messages::JOINT_STATE, 10, false),
+            Self::Reference => ("/tesaki/reference", messages::JOINT_STATE, 10, false),
+            Self::Rosout => ("/rosout", messages::LOG, 1000, true),
+            Self::Tf => ("/tf", messages::TF_MESSAGE, 100, false),
+        }
     }
 }
 
-#[derive(Serialize)]
-struct Header<'a> {
-    stamp: Time,
-    frame_id: &'a str,
+/// What rosbag2 calls `offered_qos_profiles`: one reliable publisher. Policies are numbers, which every rosbag2
+/// reads; those before Jazzy do not know names.
+fn quality_of_service(depth: u32, transient_local: bool) -> String {
+    let durability = if transient_local { 1 } else { 2 };
+    let forever = "\n    sec: 9223372036\n    nsec: 854775807";
+    format!(
+        "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline:{forever}\n  \
+         lifespan:{forever}\n  liveliness: 1\n  liveliness_lease_duration:{forever}\n  \
+         avoid_ros_namespace_conventions: false"
+    )
 }
 
-/// What `sensor_msgs/msg/JointState` holds: a name, an angle [rad], a velocity [rad/s] and a torque [N·m] for each joint.
-#[derive(Clone, Copy, Debug)]
-pub struct Joints<'a> {
-    /// Names.
-    pub names: &'a [String],
-    /// Angles [rad].
-    pub position: &'a [f64],
-    /// Velocities [rad/s]; may be empty.
-    pub velocity: &'a [f64],
-    /// Torques [N·m]; may be empty.
-    pub effort: &'a [f64],
+#[derive(Clone, Copy)]
+struct Channel {
+    id: u16,
+    sequence: u32,
 }
 
-#[derive(Serialize)]
-struct JointState<'a> {
-    header: Header<'a>,
-    name: &'a [String],
-    position: &'a [f64],
-    velocity: &'a [f64],
-    effort: &'a [f64],
-}
-
-#[derive(Serialize)]
-struct Text<'a> {
-    data: &'a str,
-}
-
-#[derive(Serialize)]
-struct Log<'a> {
-    stamp: Time,
-    level: u8,
-    name: &'a str,
-    msg: &'a str,
-    file: &'a str,
-    function: &'a str,
-    line: u32,
-}
-
-/// How serious an entry of the log is, by the numbers of `rcl_interfaces/msg/Log`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// 20
-    Info = 20,
-    /// 30
-    Warning = 30,
-    /// 40
-    Error = 40,
-}
-
-/// A recording on its way into a file. Dropped without [`finish`](Self::finish), it ends without an index, which
-/// readers can do without.
+/// A recording being written. Times are nanoseconds since 1970. At most a second of recorded time is lost when
+/// the program dies; dropped without [`finish`](Self::finish), the file is completed but errors go unseen.
 pub struct Recording {
     writer: Writer<BufWriter<File>>,
-    channels: BTreeMap<&'static str, (u16, u32)>,
+    channels: [Option<Channel>; Topic::COUNT],
+    /// Waits for the first message, whose time it gets.
+    urdf: Option<String>,
+    flushed: Option<u64>,
+    buffer: Vec<u8>,
 }
 
 impl Recording {
-    /// Begins a file. With `urdf`, viewers can draw the robot.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn create(
-        path: &Path,
-        urdf: Option<&str>,
-        about: &BTreeMap<String, String>,
-    ) -> Result<Self, RecordingError> {
-        let file = BufWriter::new(File::create(path)?);
-        let options = WriteOptions::new()
+    /// Starts the file `path`, replacing what was there. The robot's URDF goes before all other messages.
+    pub fn create(path: impl AsRef<Path>, urdf: Option<&str>) -> Result<Self, McapError> {
+        let path = path.as_ref();
+        let file =
+            File::create(path).map_err(|source| McapError::Create { path: path.to_owned(), source })?;
+        // Without seeking, chunks reach the file whole: one cut short is just missing.
+        let writer = WriteOptions::new()
             .profile("ros2")
-            .library(concat!("tesaki ", env!("CARGO_PKG_VERSION")))
+            .library(concat!("tesaki/", env!("CARGO_PKG_VERSION")))
             .compression(None)
-            .chunk_size(Some(CHUNK));
-        let mut recording = Self { writer: options.create(file)?, channels: BTreeMap::new() };
-        recording.writer.write_metadata(&Metadata { name: "tesaki".to_owned(), metadata: about.clone() })?;
-        if let Some(urdf) = urdf {
-            recording.write(
-                "/robot_description",
-                "std_msgs/msg/String",
-                STRING,
-                LATCHED,
-                0,
-                &Text { data: urdf },
-            )?;
+            .disable_seeking(true)
+            .create(BufWriter::new(file))?;
+        Ok(Self {
+            writer,
+            channels: [None; Topic::COUNT],
+            urdf: urdf.map(str::to_owned),
+            flushed: None,
+            buffer: Vec::new(),
+        })
+    }
+
+    /// Notes facts about the recording under a name.
+    pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: entries })?;
+        self.flush()
+    }
+
+    /// Measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown quantities are
+    /// left empty.
+    pub fn joint_states(
+        &mut self,
+        time: u64,
+        names: &[String],
+        position: &[f64],
+        velocity: &[f64],
+        effort: &[f64],
+    ) -> Result<(), McapError> {
+        self.joints(Topic::JointStates, time, names, [position, velocity, effort])
+    }
+
+    /// What the joints should do, on `/tesaki/reference`, given as for [`joint_states`](Self::joint_states).
+    pub fn references(
+        &mut self,
+        time: u64,
+        names: &[String],
+        position: &[f64],
+        velocity: &[f64],
+        effort: &[f64],
+    ) -> Result<(), McapError> {
+        self.joints(Topic::Reference, time, names, [position, velocity, effort])
+    }
+
+    fn joints(
+        &mut self,
+        topic: Topic,
+        time: u64,
+        names: &[String],
+        values: [&[f64]; 3],
+    ) -> Result<(), McapError> {
+        for (quantity, values) in ["position", "velocity", "effort"].into_iter().zip(values) {
+            if !values.is_empty() && values.len() != names.len() {
+                return Err(McapError::Lengths { quantity, names: names.len(), values: values.len() });
+            }
         }
-        Ok(recording)
+        let [position, velocity, effort] = values;
+        let header = messages::Header { stamp: time.into(), frame_id: "" };
+        self.write(topic, time, &messages::JointState { header, name: names, position, velocity, effort })
     }
 
-    /// The joints as measured, on `/joint_states`; `time` in ns since 1970.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn joint_states(&mut self, time: u64, joints: Joints<'_>) -> Result<(), RecordingError> {
-        self.joints("/joint_states", time, joints)
+    /// A line of text on `/rosout`; `name` says who speaks.
+    pub fn log(&mut self, time: u64, level: LogLevel, name: &str, text: &str) -> Result<(), McapError> {
+        let message = messages::Log {
+            stamp: time.into(),
+            level: level as u8,
+            name,
+            msg: text,
+            file: "",
+            function: "",
+            line: 0,
+        };
+        self.write(Topic::Rosout, time, &message)
     }
 
-    /// The joints as they should be, on `/tesaki/reference`.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn references(&mut self, time: u64, joints: Joints<'_>) -> Result<(), RecordingError> {
-        self.joints("/tesaki/reference", time, joints)
+    /// Frames on `/tf`, all at one time.
+    pub fn tf(&mut self, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
+        let transforms = transforms.iter().map(|transform| messages::TransformStamped {
+            header: messages::Header { stamp: time.into(), frame_id: &transform.parent },
+            child_frame_id: &transform.child,
+            translation: transform.translation,
+            rotation: transform.rotation_xyzw,
+        });
+        self.write(Topic::Tf, time, &messages::Transforms { transforms: transforms.collect() })
     }
 
-    /// Something worth a line, on `/rosout`.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn log(&mut self, time: u64, level: Level, name: &str, text: &str) -> Result<(), RecordingError> {
-        let (stamp, level) = (Time::new(time), level as u8);
-        let message = Log { stamp, level, name, msg: text, file: "", function: "", line: 0 };
-        self.write("/rosout", "rcl_interfaces/msg/Log", LOG, VOLATILE, time, &message)
+    /// Hands everything so far to the operating system.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        Ok(self.writer.flush()?)
     }
 
-    /// Writes the index and closes the file.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn finish(mut self) -> Result<(), RecordingError> {
+    /// Ends the file with its summary and indexes.
+    pub fn finish(mut self) -> Result<(), McapError> {
+        self.write_description(0)?;
         self.writer.finish()?;
-        self.writer.into_inner().into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
+        Ok(self.writer.into_inner().flush().map_err(::mcap::McapError::from)?)
+    }
+
+    fn write(&mut self, topic: Topic, time: u64, message: &impl Serialize) -> Result<(), McapError> {
+        self.write_description(time)?;
+        self.append(topic, time, message)?;
+        // A clock that was set back counts too.
+        if self.flushed.is_none_or(|flushed| time.abs_diff(flushed) >= FLUSH_INTERVAL) {
+            self.flushed = Some(time);
+            self.flush()?;
+        }
         Ok(())
     }
 
-    fn joints(&mut self, topic: &'static str, time: u64, joints: Joints<'_>) -> Result<(), RecordingError> {
-        let Joints { names: name, position, velocity, effort } = joints;
-        let header = Header { stamp: Time::new(time), frame_id: "" };
-        let message = JointState { header, name, position, velocity, effort };
-        self.write(topic, "sensor_msgs/msg/JointState", JOINT_STATE, VOLATILE, time, &message)
+    fn write_description(&mut self, time: u64) -> Result<(), McapError> {
+        match self.urdf.take() {
+            Some(urdf) => self.append(Topic::RobotDescription, time, &messages::Text { data: &urdf }),
+            None => Ok(()),
+        }
     }
 
-    fn write<T: Serialize>(
-        &mut self,
-        topic: &'static str,
-        kind: &str,
-        schema: &str,
-        qos: &str,
-        time: u64,
-        message: &T,
-    ) -> Result<(), RecordingError> {
-        let (channel_id, sequence) = match self.channels.get_mut(topic) {
-            Some((channel, sequence)) => {
-                *sequence += 1;
-                (*channel, *sequence)
-            }
-            None => {
-                let schema = self.writer.add_schema(kind, "ros2msg", schema.as_bytes())?;
-                let metadata = [("offered_qos_profiles".to_owned(), qos.to_owned())].into();
-                let channel = self.writer.add_channel(schema, topic, "cdr", &metadata)?;
-                self.channels.insert(topic, (channel, 0));
-                (channel, 0)
-            }
+    fn append(&mut self, topic: Topic, time: u64, message: &impl Serialize) -> Result<(), McapError> {
+        self.buffer.clear();
+        self.buffer.extend(ENCAPSULATION);
+        cdr_encoding::to_writer::<_, LittleEndian, _>(&mut self.buffer, message)?;
+        let channel = match self.channels[topic as usize] {
+            Some(channel) => channel,
+            None => Channel { id: self.open(topic)?, sequence: 0 },
         };
-        // The encapsulation header: CDR, little endian. Alignment counts from behind it.
-        let mut data = vec![0, 1, 0, 0];
-        cdr_encoding::to_writer::<_, LittleEndian, _>(&mut data, message)
-            .map_err(|error| RecordingError::Message(error.to_string()))?;
-        let header = MessageHeader { channel_id, sequence, log_time: time, publish_time: time };
-        Ok(self.writer.write_to_known_channel(&header, &data)?)
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.sequence,
+            log_time: time,
+            publish_time: time,
+        };
+        self.channels[topic as usize] =
+            Some(Channel { sequence: channel.sequence.wrapping_add(1), ..channel });
+        Ok(self.writer.write_to_known_channel(&header, &self.buffer)?)
+    }
+
+    fn open(&mut self, topic: Topic) -> Result<u16, McapError> {
+        let (name, definition, depth, transient_local) = topic.properties();
+        let schema = self.writer.add_schema(definition.name, "ros2msg", definition.text().as_bytes())?;
+        let metadata = BTreeMap::from([
+            ("offered_qos_profiles".to_owned(), quality_of_service(depth, transient_local)),
+            ("topic_type_hash".to_owned(), definition.hash.to_owned()),
+        ]);
+        Ok(self.writer.add_channel(schema, name, "cdr", &metadata)?)
     }
 }
-
-const VOLATILE: &str = "- history: 3\n  depth: 0\n  reliability: 1\n  durability: 2\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false";
-const LATCHED: &str = "- history: 3\n  depth: 0\n  reliability: 1\n  durability: 1\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false";
-const STRING: &str = "string data\n";
-const JOINT_STATE: &str = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n================================================================================\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n================================================================================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
-const LOG: &str = "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n================================================================================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";

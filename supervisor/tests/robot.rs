@@ -92,3 +92,13 @@ fn a_folder_without_files_says_what_belongs_there() {
     let message = RobotFolder::load(Path::new("/nowhere")).map(|_| ()).unwrap_err().to_string();
     assert!(message.contains("/nowhere/robot.urdf") && message.contains("controller.toml"), "{message}");
 }
+
+#[test]
+fn a_folder_that_says_nothing_of_it_has_a_command_timeout_of_100_ms_and_holds() {
+    let settings =
+        text("controller.toml").replacen("command_timeout = 0.1 ", "# ", 1).replacen("reaction = ", "# ", 1);
+    assert!(!settings.contains("command_timeout"));
+    let model = RobotFolder::parse(Path::new("my_hand"), &text("robot.urdf"), &settings).unwrap().model;
+    assert_eq!(model.safety.reaction, tesaki::model::Reaction::Hold);
+    assert!((model.safety.command_timeout - 0.1).abs() < 1e-9);
+}

@@ -2,17 +2,23 @@
 //! them out, because they need a compiler for the microcontroller and QEMU.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 use tesaki::control::ServoMode;
 use tesaki::model::MAX_JOINTS;
-use tesaki::protocol::{FaultCause, Identity, Request, ResetCause, SensorFrame, Status, Task};
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::{
+    FaultCause, FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status, Task,
+};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
-use tesaki_supervisor::Board;
+use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
 use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::{Board, ByteLink};
 
 fn image(variable: &str) -> PathBuf {
     std::env::var_os(variable)
@@ -69,7 +75,6 @@ fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
 /// The recording with the last bit of the last torque turned, and a checksum that fits.
 fn spoilt(bytes: &[u8]) -> Vec<u8> {
     use tesaki::protocol::LogRecord;
-    use tesaki::protocol::codec::Decoder;
     let mut decoder = Decoder::new();
     let mut records: Vec<LogRecord> =
         bytes.iter().filter_map(|&byte| decoder.push(byte)).map(Result::unwrap).collect();
@@ -142,4 +147,64 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     // The log is only cleared by who has read it.
     assert!(board.ask("clear", Request::ClearFaults { total: total + 1 }).is_err());
     board.ask("clear", Request::ClearFaults { total }).unwrap();
+}
+
+/// The line to the image under heavy damage: nothing damaged is answered, and the link works again at once.
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn the_image_acts_on_no_damaged_frame() {
+    const DAMAGED: u64 = 100_000;
+    let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+    // Commands change nothing here: this client has not taken the command.
+    let before = qemu.status().unwrap();
+    let faults: LinkFaults = "seed=4,flip=3e-2,drop=3e-2,splice=1e-1,duplicate=1e-1".parse().unwrap();
+    let mut damage = Damage::new(&faults, 0);
+    let mut pc = Decoder::new();
+    let (mut sent, mut intact, mut sequence) = (0, 0, 0_u16);
+    while sent - intact < DAMAGED {
+        let mut wire = Vec::new();
+        let mut burst = HashSet::new();
+        let mut frame = |request| {
+            sequence = sequence.wrapping_add(1);
+            burst.insert(sequence);
+            let mut bytes = [0; MAX_FRAME];
+            let length = encode(&RequestFrame { client: 99, sequence, request }, &mut bytes).unwrap();
+            (sequence, bytes[..length].to_vec())
+        };
+        for index in 0..60 {
+            // Short ones, as the emulated UART is slow.
+            let request = if index % 2 == 0 { Request::Disarm } else { Request::ReadExport { offset: 7 } };
+            damage.pass(&frame(request).1, &mut wire);
+            sent += 1;
+        }
+        let good = [frame(Request::Disarm), frame(Request::Disarm)];
+        good.iter().for_each(|(_, bytes)| wire.extend(bytes));
+        let mut answered = HashSet::new();
+        let deadline = Instant::now() + Duration::from_secs(30);
+        // The emulated UART has no baud rate and would go on while the board computes: never more than its queue holds.
+        assert!(wire.len() < 1000);
+        qemu.link_mut().send(&wire).unwrap();
+        while !answered.contains(&good[1].0) {
+            assert!(Instant::now() < deadline, "the second good frame was lost: {:?}", qemu.status());
+            let mut buffer = [0; 4096];
+            let length = qemu.link_mut().receive(&mut buffer, deadline).unwrap();
+            let mut bytes = &buffer[..length];
+            while pc.take(&mut bytes) {
+                let message = pc.message().expect("the way back is not damaged");
+                let FromBoard::Reply(reply) = message else { panic!("{message:?}") };
+                assert!(
+                    reply.client == 99 && burst.contains(&reply.sequence),
+                    "an answer to nothing: {reply:?}"
+                );
+                answered.insert(reply.sequence);
+            }
+        }
+        intact += answered.len() as u64 - u64::from(answered.contains(&good[0].0)) - 1;
+    }
+    let after = qemu.status().unwrap();
+    assert_eq!(after.node, before.node);
+    let link = after.board.supervisor_link;
+    assert!(link.frames.framing > 1000 && link.frames.checksum > 1000, "{link:?}");
+    assert_eq!((link.receive_errors, after.board.reset), (0, before.board.reset));
+    println!("{sent} sent, {intact} intact: {link:?}");
 }

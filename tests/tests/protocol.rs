@@ -58,6 +58,7 @@ fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Vec<Result<T, FrameError>> {
 
 /// Whatever is on a wire, by the beginning of its golden name.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "tests")]
 enum Message {
     /// `request-`
     Request(RequestFrame),

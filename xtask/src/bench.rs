@@ -21,6 +21,7 @@ const LIMITS: &[(&str, f64)] = &[
     ("pid", 38.0),
     ("trajectory_filter", 15.0),
     ("sin_cos", 60.0),
+    ("codec_largest_telemetry", 6000.0),
     ("node_tick_9_pid", 6000.0),
     ("node_tick_9_observer", 6000.0),
 ];

@@ -50,7 +50,10 @@ pub fn run() -> Result<()> {
     print!("{}", bench::semihosted(&selftest, &[])?);
 
     step("the image in QEMU against the control core on this machine");
-    let mut tests = cargo(&["test", "--release", "--quiet", "-p", "tesaki-tests"]);
+    // Of the whole workspace, so that the same features are on as before and nothing is built twice.
+    let all =
+        ["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware", "--test", "image"];
+    let mut tests = cargo(&all);
     tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", std::path::absolute(replay)?);
     tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
 

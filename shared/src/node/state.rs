@@ -7,7 +7,7 @@ use crate::control::ServoMode;
 use crate::model::{MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, Mode, Stream};
 
-/// How many clients the node remembers to have agreed on the schema.
+/// How many clients, the commander aside, the node remembers to have agreed on the schema.
 const CLIENTS: usize = 4;
 
 /// Everything that a [`Node`](super::Node) knows beside the robot's model. Together with the model, whose configuration
@@ -68,9 +68,9 @@ impl State {
         self.tick.unwrap_or(0)
     }
 
-    /// Whether the client speaks our protocol.
+    /// Whether the client speaks our protocol. That of the commander is never forgotten, however many others say hello.
     pub fn agrees(&self, client: u32) -> bool {
-        self.agreed.contains(&Some(client))
+        self.agreed.contains(&Some(client)) || self.lease.commander() == Some(client)
     }
 
     /// The client speaks our protocol, or does not.

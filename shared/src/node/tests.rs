@@ -427,11 +427,16 @@ fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
     let Reply::Status(status) = bench.send(other, 5, Request::ReadStatus) else { panic!() };
     assert_eq!(status.node.commander, Some(7));
     assert_eq!(bench.send(other, 6, Request::SetRate { stream: Stream::Telemetry, every: 1 }), Reply::Done);
-    // The first client still agrees and commands.
+    // The first client still agrees and commands, however many others come.
+    for client in 100..120 {
+        bench.send(client, 1, Request::Hello { schema: SCHEMA_KEY });
+    }
+    bench.send(other, 6, Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(bench.ask(goal()), Reply::Done);
     assert_eq!(bench.send(other, 7, Request::Stop), Reply::Done);
     assert_eq!(bench.node.mode(), Mode::Fault);
     assert_eq!(bench.send(other, 8, Request::TakeCommand { by_force: true }), Reply::Done);
+    bench.ask(Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(refusal(bench.ask(goal())), Refusal::Commanded { by: other });
 }
 

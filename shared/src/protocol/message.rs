@@ -377,6 +377,21 @@ pub enum Refusal {
     },
 }
 
+impl Refusal {
+    /// The joint that it concerns, if it concerns one.
+    pub const fn joint(&self) -> Option<u8> {
+        match *self {
+            Self::Model(ModelError { joint, .. }) | Self::Unsafe(Fault { joint, .. }) => joint,
+            Self::NotHomed { joint }
+            | Self::NotFinite { joint }
+            | Self::OutsideLimits { joint, .. }
+            | Self::TooFast { joint, .. }
+            | Self::Jump { joint, .. } => Some(joint),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -82,18 +82,26 @@ struct File {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SafetySettings {
+    /// There is always one; a file that names none gets 100 ms.
+    #[serde(default = "command_timeout")]
     command_timeout: f32,
+    #[serde(default)]
     reaction: Reaction,
     damping: f32,
     supply_min: f32,
     supply_max: f32,
 }
 
-#[derive(Clone, Copy, Deserialize)]
+const fn command_timeout() -> f32 {
+    0.1
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Reaction {
     Off,
     Damp,
+    #[default]
     Hold,
 }
 

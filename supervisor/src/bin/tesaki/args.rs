@@ -43,7 +43,7 @@ pub struct Options {
     /// Print JSON: one object, or one a line while something is going on
     #[arg(long, global = true, env = "TESAKI_JSON")]
     pub json: bool,
-    /// Ask nothing: what is not said on the command line is an error
+    /// Ask nothing, and do what the command line says; without a terminal nothing is asked anyway
     #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE")]
     pub non_interactive: bool,
     /// Take command although another program has it; refused while the board is armed

@@ -48,7 +48,8 @@ fn capabilities(bits: u32) -> String {
 pub fn info(options: &Options) -> Result<(), Failure> {
     let mut session = Session::open(options)?;
     let status = session.board.status()?;
-    let value = json!({ "port": session.place, "identity": session.identity, "status": status });
+    let value =
+        json!({ "port": session.place, "identity": session.identity, "status": output::exact(&status) });
     output::result(options, &value, || {
         let Status { node, board } = &status;
         let Identity { firmware, image, board: number, capabilities: bits } = session.identity;
@@ -119,7 +120,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let list: Vec<_> = log
         .faults
         .iter()
-        .map(|fault| json!({ "number": fault.cause.number(), "fault": fault, "text": words(fault, model.as_ref()) }))
+        .map(|fault| json!({ "number": fault.cause.number(), "fault": output::exact(fault), "text": words(fault, model.as_ref()) }))
         .collect();
     if clear {
         session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
@@ -135,7 +136,8 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
             let _ = writeln!(text, "and {forgotten} older ones, no longer remembered");
         }
         let cleared = if clear { "; cleared" } else { "" };
-        let _ = write!(text, "{} faults since power-on{cleared}. The board is {mode}", log.total);
+        let faults = if log.total == 1 { "fault" } else { "faults" };
+        let _ = write!(text, "{} {faults} since power-on{cleared}. The board is {mode}", log.total);
         text
     })
 }

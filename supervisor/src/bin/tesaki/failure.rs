@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::port::PortError;
@@ -21,6 +22,9 @@ pub enum Failure {
     /// The board refused, does not answer, or is another one.
     #[error("{0}{hint}", hint = hint(.0))]
     Board(#[from] BoardError),
+    /// The board refused because of a joint that we know by name.
+    #[error("{0}")]
+    Refused(String),
     /// The board has no model yet.
     #[error("the board has no robot model: send one with `tesaki model push robots/NAME`")]
     NoModel,
@@ -76,7 +80,7 @@ impl Failure {
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,
             Self::Fault(_) => 5,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
-            Self::Board(_) | Self::NoModel => 7,
+            Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
             Self::Pipe => 0,
         }
     }
@@ -84,6 +88,20 @@ impl Failure {
     /// [`Failure::number`] for the system.
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.number())
+    }
+
+    /// The same, with the joint's name instead of its number.
+    pub fn named(self, model: &RobotModel) -> Self {
+        match &self {
+            Self::Board(BoardError::Refused { refusal, .. }) => match refusal.joint() {
+                Some(joint) => {
+                    let name = model.joint_name(usize::from(joint));
+                    Self::Refused(self.to_string().replacen(&format!("joint {joint}"), name, 1))
+                }
+                None => self,
+            },
+            _ => self,
+        }
     }
 
     /// For files.

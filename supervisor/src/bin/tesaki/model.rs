@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde_json::json;
 use tesaki::model::RobotModel;
+use tesaki_supervisor::BoardError;
 use tesaki_supervisor::robot::RobotFolder;
-use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -16,8 +16,7 @@ use crate::session::Session;
 pub fn push(options: &Options, robot: &Path) -> Result<(), Failure> {
     let model = RobotFolder::load(robot)?.model;
     let mut session = Session::command(options)?;
-    session.board.push_model(&model)?;
-    let node = session.board.status()?.node;
+    let node = session.push(&model)?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
         return Err(Failure::Other(format!(

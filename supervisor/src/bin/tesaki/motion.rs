@@ -77,9 +77,11 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
             aim.tolerance
         )));
     }
-    output::result(options, &json!({ "arrived": true, "largest_error": farthest.1 }), || {
-        format!("arrived: the largest error is {:.4} rad", farthest.1)
-    })?;
+    output::result(
+        options,
+        &json!({ "arrived": true, "largest_error": output::exact(&farthest.1) }),
+        || format!("arrived: the largest error is {:.4} rad", farthest.1),
+    )?;
     if aim.hold {
         output::notice(options, "holding; Ctrl-C disarms");
         motion.drive(&goal, |_, _| false)?;
@@ -109,7 +111,9 @@ pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
     }
     output::confirm(options, "The joints will be taken to stand at these angles. Is that so?")?;
     session.board.home(&positions)?;
-    output::result(options, &json!({ "homed": positions }), || format!("{} homed", joints(positions.len())))
+    output::result(options, &json!({ "homed": output::exact(&positions) }), || {
+        format!("{} homed", joints(positions.len()))
+    })
 }
 
 fn joints(count: usize) -> String {
@@ -175,7 +179,7 @@ impl<'a> Motion<'a> {
     fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
         // Caught from here on: whoever presses Ctrl-C wants the outputs off.
         interrupted()?;
-        self.session.arm(servo)?;
+        self.session.arm(servo).map_err(|failure| failure.named(&self.model))?;
         self.armed = true;
         Ok(())
     }
@@ -189,6 +193,8 @@ impl<'a> Motion<'a> {
         let interrupted = interrupted()?;
         let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
         let (mut heard, mut reported) = (Instant::now(), None::<Instant>);
+        // What was on its way while the board was being armed still says otherwise.
+        let mut seen_armed = false;
         loop {
             if interrupted.load(Ordering::Relaxed) {
                 return Ok(End::Interrupted);
@@ -200,7 +206,7 @@ impl<'a> Motion<'a> {
                 match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
                     Ok(telemetry) => latest = Some(telemetry),
                     Err(Failure::Late(_)) => {}
-                    Err(failure) => return Err(self.abandon(failure)),
+                    Err(failure) => return Err(self.abandon(failure.named(&self.model))),
                 }
             }
             let now = Instant::now();
@@ -211,7 +217,8 @@ impl<'a> Motion<'a> {
                     let fault = self.session.fault(Some(&self.model))?;
                     return Err(Failure::Fault(fault));
                 }
-                if telemetry.mode == Mode::Disarmed {
+                seen_armed |= matches!(telemetry.mode, Mode::Armed(_));
+                if telemetry.mode == Mode::Disarmed && seen_armed {
                     self.armed = false;
                     return Err(Failure::Other("another program disarmed the board".to_owned()));
                 }

@@ -20,6 +20,12 @@ pub fn result<T: Serialize>(
     }
 }
 
+/// The value for JSON, with the shortest digits that mean its numbers. (`json!` alone would print those of their double
+/// precision.)
+pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
+    serde_json::to_string(value).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
+}
+
 /// Prints a line.
 pub fn line(text: &str) -> Result<(), Failure> {
     match writeln!(io::stdout(), "{text}") {

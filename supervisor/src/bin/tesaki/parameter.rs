@@ -17,7 +17,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     let Some(path) = path else {
         return state(options, &mut session, &model);
     };
-    let tree = tree(&model)?;
+    let tree = tree(&model);
     let path = if path == "model" { "" } else { path };
     let mut found = Vec::new();
     for name in expand(&tree, path)? {
@@ -58,7 +58,7 @@ fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let mut session = Session::command(options)?;
     let model = session.model()?;
-    let mut tree = tree(&model)?;
+    let mut tree = tree(&model);
     let names = expand(&tree, path)?;
     for name in &names {
         let old = at_mut(&mut tree, name)?;
@@ -78,7 +78,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
             .map_or_else(String::new, |joint| format!("{}: ", model.joint_name(usize::from(joint))));
         Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
     })?;
-    session.board.push_model(&changed)?;
+    session.push(&changed)?;
     output::result(options, &names, || {
         format!("{} = {value} (until the next reset or push)", names.join(", "))
     })
@@ -99,11 +99,8 @@ fn parse(old: &Value, text: &str) -> Value {
 }
 
 /// The model as a tree, its joints by name.
-fn tree(model: &RobotModel) -> Result<Value, Failure> {
-    let other = |error: serde_json::Error| Failure::Other(error.to_string());
-    // By way of the text: it has the shortest digits that mean the number, and not those of its double precision.
-    let mut tree: Value =
-        serde_json::from_str(&serde_json::to_string(model).map_err(other)?).map_err(other)?;
+fn tree(model: &RobotModel) -> Value {
+    let mut tree = output::exact(model);
     if let Some(joints) = tree.get_mut("joints")
         && let Value::Array(list) = joints.take()
     {
@@ -113,7 +110,7 @@ fn tree(model: &RobotModel) -> Result<Value, Failure> {
         });
         *joints = Value::Object(named.collect());
     }
-    Ok(tree)
+    tree
 }
 
 /// The reverse.

@@ -14,7 +14,7 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Request, RequestFrame,
     SCHEMA_KEY, Stream, Telemetry,
 };
-use tesaki_supervisor::mcap::{Joints, Level, Recording, RecordingError};
+use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
 use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -47,13 +47,10 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
         ("board".to_owned(), hex(&session.identity.board, "none")),
     ]);
     let names = model.joints.iter().map(|joint| joint.name.to_string()).collect();
-    let mcap_failure = |error: RecordingError| Failure::Other(format!("{}: {error}", mcap_path.display()));
-    let mut viewer = Viewer {
-        recording: Recording::create(&mcap_path, urdf.as_deref(), &about).map_err(mcap_failure)?,
-        names,
-        epoch: None,
-        faults: session.board.faults()?.total,
-    };
+    let mcap_failure = |error: McapError| Failure::Other(format!("{}: {error}", mcap_path.display()));
+    let mut recording = Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure)?;
+    recording.metadata("tesaki", about).map_err(mcap_failure)?;
+    let mut viewer = Viewer { recording, names, epoch: None, faults: session.board.faults()?.total };
     let file = File::create(&log_path).map_err(Failure::file(&log_path))?;
     let mut log = Log { file: BufWriter::new(file), last: 0, ticks: 0, lost: 0 };
     log.begin(&mut session).map_err(log_failure(&log_path))?;
@@ -69,7 +66,8 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
     );
 
     let start = Instant::now();
-    let (mut reported, mut heard) = (start, start);
+    let (mut reported, mut heard, mut asked) = (start, start, start);
+    let mut last_tick = None;
     while !interrupted.load(Ordering::Relaxed)
         && record.duration.is_none_or(|duration| start.elapsed() < duration)
     {
@@ -90,6 +88,13 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
                     output::notice(options, &text);
                 }
                 viewer.telemetry(&telemetry).map_err(mcap_failure)?;
+                // Rates are the board's, not ours: another program may have lowered this one.
+                let step =
+                    last_tick.replace(telemetry.tick).map_or(1, |last| telemetry.tick.wrapping_sub(last));
+                if step > 1 && now - asked > REPORT {
+                    asked = now;
+                    session.board.set_rate(Stream::Telemetry, 1)?;
+                }
             }
             _ => {}
         }
@@ -101,15 +106,7 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
             )));
         }
         if now - heard > REPORT {
-            // A board that was reset sends nothing until it is asked again.
-            if session
-                .board
-                .set_rate(Stream::Log, 1)
-                .and_then(|()| session.board.set_rate(Stream::Telemetry, 1))
-                .is_err()
-            {
-                let _ = session.board.hello();
-            }
+            session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])?;
         }
         if options.json && now - reported > REPORT {
             reported = now;
@@ -243,23 +240,20 @@ impl Viewer {
         *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start
     }
 
-    fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), RecordingError> {
+    fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), McapError> {
         let time = self.time(telemetry);
         let list = |value: fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
             telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
         };
         let (position, velocity, effort) =
             (list(|joint| joint.position), list(|joint| joint.velocity), list(|joint| joint.torque));
-        let names = &self.names;
-        let joints = Joints { names, position: &position, velocity: &velocity, effort: &effort };
-        self.recording.joint_states(time, joints)?;
-        let references = list(|joint| joint.reference);
-        self.recording.references(time, Joints { names, position: &references, velocity: &[], effort: &[] })
+        self.recording.joint_states(time, &self.names, &position, &velocity, &effort)?;
+        self.recording.references(time, &self.names, &list(|joint| joint.reference), &[], &[])
     }
 
-    fn fault(&mut self, telemetry: &Telemetry, text: &str) -> Result<(), RecordingError> {
+    fn fault(&mut self, telemetry: &Telemetry, text: &str) -> Result<(), McapError> {
         let time = self.time(telemetry);
-        self.recording.log(time, Level::Error, "board", text)
+        self.recording.log(time, LogLevel::Error, "board", text)
     }
 }
 

@@ -6,8 +6,10 @@ use std::time::{Duration, Instant};
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Fault, FromBoard, Identity, Mode, Refusal, Reply, Request, Stream, Task, Telemetry};
-use tesaki_supervisor::fault_injector::{FaultyLink, LinkFaults};
+use tesaki::protocol::{
+    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, Request, Stream, Task, Telemetry,
+};
+use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
@@ -16,6 +18,9 @@ use crate::failure::Failure;
 
 /// The line to the board: opened again when it goes away, and damaged on purpose where that is asked for.
 pub type Line = FaultyLink<Reopening>;
+
+/// [`tesaki::protocol::LEASE`] as time.
+const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
 /// A board that has said hello.
 pub struct Session {
@@ -50,7 +55,18 @@ impl Session {
     /// The same, and takes command.
     pub fn command(options: &Options) -> Result<Self, Failure> {
         let mut session = Self::open(options)?;
-        session.board.take_command(options.take_over)?;
+        // A commander that is gone is noticed after the lease; one that is not keeps the command.
+        let deadline = Instant::now() + LEASE + Duration::from_millis(200);
+        loop {
+            match session.board.take_command(options.take_over) {
+                Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
+                    if Instant::now() < deadline =>
+                {
+                    std::thread::sleep(Duration::from_millis(50));
+                }
+                other => break other?,
+            }
+        }
         session.commands = true;
         Ok(session)
     }
@@ -63,6 +79,20 @@ impl Session {
         })
     }
 
+    /// Sends a model, and waits a moment for the sensors to be read with it, so that the next command finds them.
+    pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
+        self.board.push_model(model)?;
+        let deadline = Instant::now() + Duration::from_millis(300);
+        loop {
+            let node = self.board.status()?.node;
+            // No tick has a number yet where there is none.
+            if node.tick != 0 || Instant::now() > deadline {
+                return Ok(node);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     /// The last fault in words; with the joint's name where the model is known.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
@@ -72,6 +102,20 @@ impl Session {
     /// Fails when the board is in fault.
     pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
+    }
+
+    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us.
+    pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<(), Failure> {
+        self.board.set_timeout(Duration::from_millis(200));
+        let mut ask = || {
+            self.board.hello()?;
+            streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
+        };
+        match ask() {
+            // It is asked again in a while.
+            Ok(()) | Err(BoardError::Timeout { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Waits for the next telemetry.
@@ -114,7 +158,7 @@ fn refused(reply: &Reply) -> Result<(), Failure> {
 
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<Line>, Failure> {
-    let faults = options.link_faults.clone().unwrap_or_else(LinkFaults::default);
+    let faults = options.link_faults.clone().unwrap_or_default();
     let link = FaultyLink::new(Reopening::open(options.port.clone())?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }

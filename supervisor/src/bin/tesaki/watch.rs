@@ -14,8 +14,8 @@ use crate::session::{Session, version, words};
 
 /// Ticks between two telemetries.
 const EVERY: u16 = 4;
-/// Ticks between two status messages.
-const STATUS_EVERY: u16 = 100;
+/// What the view needs.
+const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, 100)];
 /// Without telemetry for longer, the board is asked again.
 const SILENCE: Duration = Duration::from_millis(700);
 
@@ -60,7 +60,7 @@ fn stream(session: &mut Session) -> Result<(), Failure> {
     loop {
         match session.telemetry(Duration::from_secs(1)) {
             Ok(telemetry) => output::line(&serde_json::to_string(&telemetry).unwrap_or_default())?,
-            Err(Failure::Late(_)) => session.board.set_rate(Stream::Telemetry, EVERY)?,
+            Err(Failure::Late(_)) => session.revive(&[(Stream::Telemetry, EVERY)])?,
             Err(failure) => return Err(failure),
         }
     }
@@ -94,14 +94,11 @@ impl Watch {
         let now = Instant::now();
         let mut watch =
             Self { model, view, heard: now, last_tick: None, frames: 0, second: now, known_faults: None };
-        watch.subscribe(session)?;
+        for &(stream, every) in STREAMS {
+            session.board.set_rate(stream, every)?;
+        }
         watch.status(&session.board.status()?);
         Ok(watch)
-    }
-
-    fn subscribe(&mut self, session: &mut Session) -> Result<(), BoardError> {
-        session.board.set_rate(Stream::Telemetry, EVERY)?;
-        session.board.set_rate(Stream::Status, STATUS_EVERY)
     }
 
     /// Takes what comes until `deadline`.
@@ -134,14 +131,7 @@ impl Watch {
             } else {
                 "the port is gone: plug it in again, this view goes on by itself".to_owned()
             };
-            // It may have been reset, and knows nothing of us.
-            session.board.set_timeout(Duration::from_millis(200));
-            if session.board.hello().is_ok() {
-                match self.subscribe(session) {
-                    Ok(()) | Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => {}
-                    Err(error) => return Err(error.into()),
-                }
-            }
+            session.revive(STREAMS)?;
         }
         if self.known_faults.is_none() && silence < SILENCE {
             self.read_faults(session)?;
