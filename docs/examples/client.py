@@ -102,7 +102,7 @@ class Reader:
 # ---- messages -------------------------------------------------------------------------------------------------------
 
 HELLO, ARM, DISARM, SET_POINT, READ_STATUS, READ_FAULTS = 0, 5, 6, 7, 9, 10
-SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 12, 13, 14
+CLEAR_FAULTS, SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 11, 12, 13, 14
 
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck; torque not
 finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog reset; panic; CPU fault;
@@ -294,7 +294,7 @@ class Refused(Exception):
 
 
 class Board:
-    PATIENCE = 0.15  # s until a request is sent again
+    PATIENCE = 0.04  # s until a request is sent again; less than the command timeout
     TIMEOUT = 2.0  # s until the board is given up
 
     def __init__(self, line):
@@ -367,48 +367,65 @@ def show(values):
         print(f"  {name:<16} {value}")
 
 
+def clear_faults(board):
+    board.ask(TAKE_COMMAND, b"\0")
+    log = board.ask(READ_FAULTS)
+    for fault in log["faults"]:
+        print(fault)
+    board.ask(CLEAR_FAULTS, varint(log["total"]))
+    board.ask(RELEASE_COMMAND)
+
+
 def move(board, index, angle, seconds):
     board.ask(TAKE_COMMAND, b"\0")
     try:
-        board.ask(SET_RATE, varint(0) + varint(1))  # telemetry every tick
+        # Before arming, as from then on set-points must come.
+        goals = [joint["position"] for joint in first_telemetry(board)["joints"]]
+        if not 0 <= index < len(goals):
+            raise Refused(f"there is no joint {index}; the board's robot has {len(goals)}")
+        print(f"joint {index} from {goals[index]:.4f} to {angle:.4f} rad")
+        goals[index] = angle
         board.ask(ARM, varint(0) + varint(1))  # joint servo, observer
         try:
-            stream(board, index, angle, seconds)
+            stream(board, goals, index, seconds)
         finally:
             board.ask(DISARM)
             print("disarmed")
     finally:
-        board.ask(RELEASE_COMMAND)
+        try:
+            board.ask(RELEASE_COMMAND)
+        except Refused as refusal:
+            print(f"command not released: {refusal}")
 
 
-def stream(board, index, angle, seconds):
-    end = time.monotonic() + 1
+def first_telemetry(board):
     board.telemetry = None
+    board.ask(SET_RATE, varint(0) + varint(1))  # telemetry every tick
+    end = time.monotonic() + 1
     while board.telemetry is None and time.monotonic() < end:
-        board.listen(0.02)
+        board.listen(end - time.monotonic())
     if board.telemetry is None:
-        sys.exit("no telemetry")
-    goals = [joint["reference"] for joint in board.telemetry["joints"]]
-    if not 0 <= index < len(goals):
-        sys.exit(f"there is no joint {index}; there are {len(goals)}")
-    print(f"joint {index} from {goals[index]:.4f} to {angle:.4f} rad")
-    goals[index] = angle
-    start = time.monotonic()
-    due, told = start, start
+        raise Refused("no telemetry within 1 s")
+    return board.telemetry
+
+
+def stream(board, goals, index, seconds):
+    due = told = start = time.monotonic()
+    armed = False
     while due < start + seconds:
         # Each states the whole aim, so none is sent twice; refusals are looked at.
         board.post(SET_POINT, varint(0) + floats(goals))
         due += 0.02
         while time.monotonic() < due:
             board.listen(due - time.monotonic())
+        state = board.telemetry
+        armed = armed or state["mode"].startswith("armed")
+        if armed and not state["mode"].startswith("armed"):
+            print(board.ask(READ_FAULTS)["faults"][-1])
+            raise Refused(f"the board is in mode {state['mode']}")
         for reply in board.replies.values():
             board.checked(reply)
         board.replies.clear()
-        state = board.telemetry
-        if not state["mode"].startswith("armed"):
-            for fault in board.ask(READ_FAULTS)["faults"]:
-                print(fault)
-            raise Refused(f"the board is in mode {state['mode']}")
         if time.monotonic() > told:
             told += 0.5
             joint = state["joints"][index]
@@ -421,14 +438,17 @@ def main():
     parser.add_argument("address", help="unix://PATH, tcp://HOST:PORT, or a serial port")
     parser.add_argument("--move", nargs=2, metavar=("INDEX", "ANGLE"), help="move joint INDEX to ANGLE [rad]")
     parser.add_argument("--seconds", type=float, default=3.0, help="how long (default: 3)")
+    parser.add_argument("--clear-faults", action="store_true", help="show and clear the faults first")
     options = parser.parse_args()
     board = Board(Line(options.address))
     try:
         hello = board.hello()
         print(f"board with schema {hello['schema']:016x}")
         show(hello["identity"])
+        if options.clear_faults:
+            clear_faults(board)
         print("status")
-        show(board.ask(READ_STATUS))
+        show({name: value for name, value in board.ask(READ_STATUS).items() if name != "kind"})
         if options.move:
             move(board, int(options.move[0]), float(options.move[1]), options.seconds)
     except Refused as refusal:
