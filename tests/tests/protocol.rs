@@ -786,9 +786,13 @@ fn the_page_is_about_this_version_of_the_messages() {
         "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write the key \
          {key} there"
     );
-    for cause in CAUSES {
-        let row = format!("| {} | `{}` |", cause.number(), cause.variant().rsplit(':').next().unwrap());
-        assert!(PAGE.contains(&row), "docs/protocol.md has no row {row:?}");
+    for variants in
+        [Request::VARIANTS, SetPoint::VARIANTS, Reply::VARIANTS, Refusal::VARIANTS, FaultCause::VARIANTS]
+    {
+        for (number, variant) in variants.iter().enumerate() {
+            let row = format!("| {number} | `{}` |", variant.rsplit(':').next().unwrap());
+            assert!(PAGE.contains(&row), "docs/protocol.md has no row {row:?}");
+        }
     }
 }
 
