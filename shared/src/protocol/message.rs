@@ -102,23 +102,6 @@ pub enum Request {
     },
 }
 
-impl Request {
-    /// Whether only the commander may ask for it: whatever makes the machine less safe.
-    pub const fn is_command(&self) -> bool {
-        matches!(
-            self,
-            Self::ModelBegin { .. }
-                | Self::ModelChunk { .. }
-                | Self::ModelCommit
-                | Self::Home { .. }
-                | Self::Arm { .. }
-                | Self::SetPoint(_)
-                | Self::ClearFaults { .. }
-                | Self::ReleaseCommand
-        )
-    }
-}
-
 /// What a board sends unasked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -229,6 +229,12 @@ fn health(mut board: LinkBoard<Line>, robot: Option<&Path>, doctor: &mut Doctor)
     } else {
         doctor.good(format!("the line is clean: {} frames received by the board", link.frames.good));
     }
+    if board.repeats() > 0 {
+        doctor.warning(
+            format!("{} requests had to be sent again, as no answer came in time", board.repeats()),
+            "is the line bad, or the PC very busy?",
+        );
+    }
     if let Some(client) = node.commander {
         doctor.warning(
             format!("client {client:08x} commands the board"),
