@@ -52,7 +52,7 @@ impl<L: ByteLink> LinkBoard<L> {
     pub fn new(link: L, timeout: Duration) -> Self {
         // Two programs must not choose the same number, and it needs no secrecy.
         #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
-        let client = RandomState::new().build_hasher().finish() as u32;
+        let client = RandomState::new().build_hasher().finish() as u32 | 1;
         let inbox = VecDeque::new();
         let decoder = Decoder::new();
         Self { link, decoder, client, sequence: 0, timeout, inbox, repeats: 0, round_trip: None }

@@ -189,7 +189,7 @@ def session():
     step(3, "model-begin", uint(1) + uint(len(FINGER)) + uint(crc), done, 1)
     step(4, "model-chunk-0", uint(2) + uint(0) + blob(FINGER[:192]), done, 1)
     step(5, "model-chunk-192", uint(2) + uint(192) + blob(FINGER[192:]), done, 1)
-    step(6, "model-commit", uint(3), done, 0)
+    step(6, "model-commit", uint(3), done, 1)
     golden("sensors-session-2", sensors(2, 0, 24000, [1000], [0]))
     golden("actuators-session-2", actuators(2, False, [0.0]))
     step(7, "home", uint(4) + sequence([real(0.0)]), done, 2)

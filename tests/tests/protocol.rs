@@ -522,7 +522,7 @@ impl Messages {
             let chunk = Request::ModelChunk { offset, data: list(data.iter().copied()) };
             step(&format!("model-chunk-{offset}"), chunk, Reply::Done, 1);
         }
-        step("model-commit", Request::ModelCommit, Reply::Done, 0);
+        step("model-commit", Request::ModelCommit, Reply::Done, 1);
         step("home", Request::Home { positions: list([0.0]) }, Reply::Done, 2);
         step("set-rate", Request::SetRate { stream: Stream::Telemetry, every: 1 }, Reply::Done, 2);
         step("arm", Request::Arm { task: OBSERVER }, Reply::Done, 2);

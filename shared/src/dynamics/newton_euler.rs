@@ -1,3 +1,4 @@
+use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
 use super::Chain;
@@ -30,14 +31,15 @@ impl Chain {
         torques: &mut [f32],
     ) {
         let zero = Vector3::zeros();
-        let mut passes = [Pass { sine: 0.0, cosine: 1.0, force: zero, moment: zero }; MAX_CHAIN_JOINTS];
+        let mut passes = Vec::<Pass, MAX_CHAIN_JOINTS>::new();
 
         // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its own
         // frame. Gravity enters as an upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
         let mut turning = false; // whether the link before turns; the base does not
-        for ((((link, pass), &q), &qd), &qdd) in self.links.iter().zip(&mut passes).zip(q).zip(qd).zip(qdd) {
-            (pass.sine, pass.cosine) = math::sin_cos(q);
+        for (((link, &q), &qd), &qdd) in self.links.iter().zip(q).zip(qd).zip(qdd) {
+            let (sine, cosine) = math::sin_cos(q);
+            let mut pass = Pass { sine, cosine, force: zero, moment: zero };
             if !turning {
                 // The first link turns about its own z alone, which leaves little to compute.
                 acceleration = pass.link_from_parent(&link.rotation, &acceleration);
@@ -52,6 +54,8 @@ impl Chain {
                 pass.force = (acceleration + of_center) * link.mass;
                 let gyroscopic = Vector3::new(toward_axis * column.y, -toward_axis * column.x, 0.0);
                 pass.moment = column * qdd + gyroscopic + center.cross(&pass.force);
+                // Cannot fail: there are no more links than places.
+                let _ = passes.push(pass);
                 continue;
             }
             acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
@@ -68,6 +72,7 @@ impl Chain {
             pass.moment = link.inertia * alpha
                 + omega.cross(&(link.inertia * omega))
                 + link.center_of_mass.cross(&pass.force);
+            let _ = passes.push(pass); // as above
         }
 
         // Inwards: force and moment at each joint; the torque is the moment's part along the axis.

@@ -11,9 +11,9 @@ impl Node {
     /// Answers one request. A refused request changes nothing. `board` is what the board knows of itself.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
         self.state.records = self.state.records.wrapping_add(1);
-        self.state.lease.notice(frame.client, self.state.now());
+        self.state.lease.notice(frame.client, frame.sequence, self.state.tick);
         let reply = self.answer(frame, board).unwrap_or_else(Reply::Refused);
-        ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.now(), reply }
+        ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
 
     fn answer(&mut self, frame: &RequestFrame, board: &BoardStatus) -> Result<Reply, Refusal> {
@@ -32,7 +32,7 @@ impl Node {
             }
             Request::TakeCommand { by_force } => {
                 let armed = matches!(self.state.mode, Mode::Armed(_));
-                self.state.lease.take(client, frame.sequence, *by_force, armed, self.state.now())?;
+                self.state.lease.take(client, frame.sequence, *by_force, armed, self.state.tick)?;
             }
             Request::ReadStatus => return Ok(Reply::Status(self.status(board))),
             Request::ReadFaults => {
@@ -105,7 +105,7 @@ impl Node {
             *state = state.configured(config, same_encoders >> index & 1 != 0);
         }
         self.state.alarm = None;
-        self.state.tick = None;
+        self.state.sensed = false;
         Ok(())
     }
 
@@ -133,7 +133,7 @@ impl Node {
             joint: None,
             value: 0.0,
             limit: 0.0,
-            tick: self.state.now(),
+            tick: self.state.tick,
         });
     }
 
@@ -150,7 +150,7 @@ impl Node {
         for (index, (config, &position)) in (0..).zip(robot.joints.iter().zip(positions)) {
             config.check_position(index, position)?;
         }
-        if self.state.tick.is_none() {
+        if !self.state.sensed {
             return Err(Refusal::NoSensors);
         }
         for ((config, state), &position) in robot.joints.iter().zip(&mut self.state.joints).zip(positions) {
@@ -162,7 +162,7 @@ impl Node {
     fn arm(&mut self, task: Task) -> Result<(), Refusal> {
         self.require_disarmed()?;
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        if self.state.tick.is_none() {
+        if !self.state.sensed {
             return Err(Refusal::NoSensors);
         }
         let states = self.state.joints.iter();
@@ -235,7 +235,7 @@ impl Node {
             faults: self.state.faults.total,
             faults_read: self.state.faults_read == self.state.faults.total,
             commander: self.state.lease.commander(),
-            tick: self.state.now(),
+            tick: self.state.tick,
             supply: f32::from(self.state.supply) / 1000.0,
         };
         Status { node, board: board.clone() }

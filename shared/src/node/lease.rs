@@ -3,6 +3,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::protocol::{LEASE, Refusal};
 
+/// A command so many numbers back is not sent again.
+const FORGOTTEN: u16 = 1 << 14;
+
 /// Who commands, and which of their requests was the last.
 ///
 /// A request that comes again, because its reply was lost, gets the reply that it had and is not carried out twice; one
@@ -12,7 +15,7 @@ use crate::protocol::{LEASE, Refusal};
 pub(super) struct Lease {
     held: bool,
     /// The client that commands, or did last.
-    client: u32,
+    client: Option<u32>,
     /// Its last command, and why that was refused.
     sequence: u16,
     refusal: Option<Refusal>,
@@ -32,18 +35,24 @@ pub(super) enum Admitted {
 impl Lease {
     /// Nobody commands.
     pub const fn new() -> Self {
-        Self { held: false, client: 0, sequence: 0, refusal: None, seen: 0 }
+        Self { held: false, client: None, sequence: 0, refusal: None, seen: 0 }
     }
 
     /// The client that commands.
     pub const fn commander(&self) -> Option<u32> {
-        if self.held { Some(self.client) } else { None }
+        if self.held { self.client } else { None }
     }
 
     /// A request of any kind came.
-    pub fn notice(&mut self, client: u32, now: u32) {
-        if self.held && self.client == client {
-            self.seen = now;
+    pub fn notice(&mut self, client: u32, sequence: u16, now: u32) {
+        if self.client != Some(client) {
+            return;
+        }
+        self.seen = now;
+        // Other requests use up numbers, too: without this the next command, after half of all of them, would look older
+        // than the last one. The last one cannot come again any more, but this one may be a command.
+        if (FORGOTTEN..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
+            (self.sequence, self.refusal) = (sequence.wrapping_sub(1), None);
         }
     }
 
@@ -56,27 +65,28 @@ impl Lease {
         armed: bool,
         now: u32,
     ) -> Result<(), Refusal> {
-        if self.client == client && self.is_older(sequence) {
+        if self.client == Some(client) && self.is_older(sequence) {
             return Err(Refusal::Stale { latest: self.sequence });
         }
         let expired = now.wrapping_sub(self.seen) > LEASE;
-        if self.held && self.client != client && (armed || !(by_force || expired)) {
-            return Err(Refusal::Commanded { by: self.client });
+        if let Some(by) = self.commander()
+            && by != client
+            && (armed || !(by_force || expired))
+        {
+            return Err(Refusal::Commanded { by });
         }
-        *self = Self { held: true, client, sequence, refusal: None, seen: now };
+        *self = Self { held: true, client: Some(client), sequence, refusal: None, seen: now };
         Ok(())
     }
 
     /// A command came.
     pub fn admit(&self, client: u32, sequence: u16) -> Result<Admitted, Refusal> {
-        if self.client == client && self.sequence == sequence {
+        if self.client == Some(client) && self.sequence == sequence {
             return Ok(Admitted::Repeated(self.refusal.map_or(Ok(()), Err)));
         }
-        if !self.held {
-            return Err(Refusal::NotCommander);
-        }
-        if self.client != client {
-            return Err(Refusal::Commanded { by: self.client });
+        let by = self.commander().ok_or(Refusal::NotCommander)?;
+        if by != client {
+            return Err(Refusal::Commanded { by });
         }
         if self.is_older(sequence) {
             return Err(Refusal::Stale { latest: self.sequence });
@@ -116,7 +126,7 @@ mod tests {
         let refused = Err(Refusal::Commanded { by: 1 });
         assert_eq!(lease.take(2, 0, false, false, LEASE), refused);
         assert_eq!(lease.take(2, 0, true, true, 10 * LEASE), refused);
-        lease.notice(1, 50);
+        lease.notice(1, 11, 50);
         assert_eq!(lease.take(2, 0, false, false, LEASE + 50), refused);
         assert_eq!(lease.clone().take(2, 0, true, false, 51), Ok(()));
         assert_eq!(lease.take(2, 0, false, false, LEASE + 51), Ok(()));
@@ -142,6 +152,25 @@ mod tests {
         assert_eq!(lease.admit(1, 0), Ok(Admitted::New));
         lease.remember(0, Ok(()));
         assert_eq!(lease.admit(1, 65_535), Err(Refusal::Stale { latest: 0 }));
+    }
+
+    #[test]
+    fn a_commander_may_ask_other_things_as_often_as_it_likes() {
+        #[expect(clippy::cast_possible_truncation, reason = "numbers wrap")]
+        let number = |asked| (10 + asked) as u16;
+        let mut lease = commanded_by(1);
+        for asked in 1..200_000_u32 {
+            lease.notice(1, number(asked), 0);
+        }
+        let next = number(200_000);
+        lease.notice(1, next, 0);
+        assert_eq!(lease.admit(1, next), Ok(Admitted::New));
+        assert_eq!(lease.take(1, next, false, false, 0), Ok(()));
+    }
+
+    #[test]
+    fn nobody_has_commanded_a_new_board() {
+        assert_eq!(Lease::new().admit(0, 0), Err(Refusal::NotCommander));
     }
 
     #[test]

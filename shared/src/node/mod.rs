@@ -104,13 +104,13 @@ impl Node {
 
     /// Sequence number of the last tick; 0 before the first.
     pub fn last_tick(&self) -> u32 {
-        self.state.now()
+        self.state.tick
     }
 
     /// Whether `stream` is due after the last tick.
     pub fn is_due(&self, stream: Stream) -> bool {
         let every = self.state.rates.get(stream as usize).copied().unwrap_or(0);
-        self.state.tick.is_some_and(|tick| tick.checked_rem(every.into()) == Some(0))
+        self.state.tick.checked_rem(every.into()) == Some(0)
     }
 
     /// Whether anybody wants the log.
@@ -121,6 +121,12 @@ impl Node {
     /// How many requests and frames there were: the index of the last entry of the log. A tick makes two entries.
     pub const fn records(&self) -> u32 {
         self.state.records
+    }
+
+    /// As after power-on.
+    #[inline(never)]
+    fn reset(&mut self) {
+        *self = Self::new();
     }
 
     /// Goes on from `state`, the postcard encoding of a [`State`]; `false`, and no change, when it is none.
@@ -147,7 +153,7 @@ impl Node {
                 torque: state.torque,
             });
         }
-        Telemetry { tick: self.state.now(), mode: self.state.mode, faults: self.state.faults.total, joints }
+        Telemetry { tick: self.state.tick, mode: self.state.mode, faults: self.state.faults.total, joints }
     }
 
     /// One value for each joint of the robot.

@@ -105,7 +105,7 @@ impl fmt::Display for ReplayError {
 impl core::error::Error for ReplayError {}
 
 impl<'a> Replay<'a> {
-    /// A replay on `node`, which is as new, or in the state in which the recording finds it.
+    /// A replay on `node`.
     pub fn new(node: &'a mut Node) -> Self {
         Self { node, board: BoardStatus::default(), state: Vec::new(), computed: None, in_step: true }
     }
@@ -119,7 +119,10 @@ impl<'a> Replay<'a> {
             LogRecord::Start(start) if start.schema != SCHEMA_KEY => {
                 return Err(ReplayError::Schema { recorded: start.schema });
             }
-            LogRecord::Start(_) => {}
+            LogRecord::Start(_) => {
+                self.node.reset();
+                self.in_step = true;
+            }
             LogRecord::Gap { .. } => self.in_step = false,
             LogRecord::State { offset, data } => {
                 if *offset == 0 {

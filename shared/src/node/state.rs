@@ -21,8 +21,10 @@ pub struct State {
     /// What the outputs do in [`Mode::Fault`].
     pub(super) reaction: Reaction,
     pub(super) servo_mode: ServoMode,
-    /// Sequence number of the last sensor frame.
-    pub(super) tick: Option<u32>,
+    /// Sequence number of the last sensor frame; 0 before the first.
+    pub(super) tick: u32,
+    /// Whether the joints were read since the model was taken into use.
+    pub(super) sensed: bool,
     /// Supply voltage of the last sensor frame [mV].
     pub(super) supply: u16,
     /// What the last sensor frame showed that would be a fault when armed.
@@ -50,7 +52,8 @@ impl State {
             mode: Mode::Disarmed,
             reaction: Reaction::Off,
             servo_mode: ServoMode::Pid,
-            tick: None,
+            tick: 0,
+            sensed: false,
             supply: 0,
             alarm: None,
             silence: 0,
@@ -61,11 +64,6 @@ impl State {
             rates: [0; Stream::ALL.len()],
             records: 0,
         }
-    }
-
-    /// The last tick; 0 before the first.
-    pub fn now(&self) -> u32 {
-        self.tick.unwrap_or(0)
     }
 
     /// Whether the client speaks our protocol. That of the commander is never forgotten, however many others say hello.

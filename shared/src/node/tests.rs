@@ -412,6 +412,22 @@ fn a_joint_stays_homed_through_a_change_of_the_model_that_leaves_its_encoder_alo
 }
 
 #[test]
+fn a_new_model_does_not_cost_the_commander_its_lease() {
+    let mut bench = Bench::new();
+    bench.sensors.sequence = 5000;
+    bench.tick();
+    bench.command();
+    assert_eq!(bench.push(&model()), Reply::Done);
+    bench.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    let refused = Reply::Refused(Refusal::Commanded { by: 7 });
+    assert_eq!(bench.send(8, 2, Request::TakeCommand { by_force: false }), refused);
+    assert_eq!(bench.node.last_tick(), 5001);
+    assert_eq!(bench.arm(), Reply::Refused(Refusal::NoSensors));
+    bench.tick();
+    assert_eq!(bench.arm(), Reply::Done);
+}
+
+#[test]
 fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
     let mut bench = Bench::armed(&model());
     bench.tick();
@@ -497,7 +513,7 @@ fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     (0..8).for_each(|index| drop(step(&mut bench, index)));
     let (state, index) = bench.export(Item::State);
     // Reading the pieces were requests, too: the copy is of before them.
-    let mut records = std::vec![LogRecord::Start(LogStart { schema: SCHEMA_KEY, ..LogStart::default() })];
+    let mut records = std::vec![];
     for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
         records.push(LogRecord::State { offset, data: Vec::from_slice(data).unwrap() });
     }
@@ -540,6 +556,11 @@ fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     let mut gap = std::vec![LogRecord::Gap { missing: 3 }];
     gap.extend(middle);
     assert_eq!(replay(&gap), Ok(0));
+    // A new start knows no model.
+    let start = LogRecord::Start(LogStart { schema: SCHEMA_KEY, ..LogStart::default() });
+    let reset = [std::vec![start], gap.split_off(1)].concat();
+    let Err(super::ReplayError::Different { difference, .. }) = replay(&reset) else { panic!() };
+    assert_eq!(difference, super::Difference::Enabled { computed: false });
 }
 
 fn counted(record: &LogRecord) -> bool {

@@ -38,23 +38,23 @@ impl Node {
     /// Takes over the sensors and says what is wrong with them.
     fn observe(&mut self, sensors: &SensorFrame) -> Option<Fault> {
         let tick = sensors.sequence;
-        let last = self.state.tick.replace(tick);
+        let last = core::mem::replace(&mut self.state.tick, tick);
         self.state.supply = sensors.supply;
         let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         let expected = robot.joints.len();
         for got in [sensors.encoders.len(), sensors.currents.len()] {
             if got != expected {
-                self.state.tick = last; // not a reading
                 #[expect(clippy::cast_precision_loss, reason = "at most 16")]
                 return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
             }
         }
+        let sensed = core::mem::replace(&mut self.state.sensed, true);
         let readings = robot.joints.iter().zip(&mut self.state.joints).zip(&sensors.encoders);
-        let Some(last) = last else {
+        if !sensed {
             readings.for_each(|((config, state), &count)| state.first_read(config, count));
             return None;
-        };
+        }
         let mut of_joint = None;
         for (index, (((config, state), &count), &current)) in (0..).zip(readings.zip(&sensors.currents)) {
             state.read(config, count);
@@ -87,11 +87,10 @@ impl Node {
 
     /// What is wrong with the control so far, while armed.
     fn watch(&mut self) -> Option<Fault> {
-        let (Mode::Armed(_), Some(robot), Some(tick)) =
-            (self.state.mode, self.robot.loaded(), self.state.tick)
-        else {
+        let (Mode::Armed(_), Some(robot)) = (self.state.mode, self.robot.loaded()) else {
             return None;
         };
+        let tick = self.state.tick;
         for (index, (config, state)) in (0..).zip(robot.joints.iter().zip(&self.state.joints)) {
             if let Some((cause, value, limit)) = state.supervise(config) {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
@@ -133,10 +132,9 @@ impl Node {
                 for (config, state) in joints().zip(&mut self.state.joints) {
                     state.advance(config, self.state.streaming);
                 }
+                let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
                 let mut first = 0;
                 for chain in &robot.chains {
-                    let (mut q, mut qd, mut qdd) =
-                        ([0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS], [0.0; MAX_CHAIN_JOINTS]);
                     let states = self.state.joints.iter().skip(first);
                     for (((q, qd), qdd), state) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(states) {
                         (*q, *qd, *qdd) = (
@@ -145,7 +143,6 @@ impl Node {
                             state.reference.acceleration,
                         );
                     }
-                    let mut torques = [0.0; MAX_CHAIN_JOINTS];
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
                     let states = self.state.joints.iter_mut().skip(first);
                     for ((config, state), torque) in
@@ -167,7 +164,7 @@ impl Node {
         let (index, state) = (0..)
             .zip(self.state.joints.iter().take(self.robot.joints.len()))
             .find(|(_, joint)| !joint.torque.is_finite())?;
-        let tick = self.state.now();
+        let tick = self.state.tick;
         Some(Fault {
             cause: FaultCause::NotFinite,
             joint: Some(index),

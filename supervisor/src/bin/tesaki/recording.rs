@@ -8,11 +8,12 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::json;
+use tesaki::model::RobotModel;
 use tesaki::node::{Node, Replay};
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Request, RequestFrame,
-    SCHEMA_KEY, Stream, Telemetry,
+    EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
+    RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
 use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
 use tesaki_supervisor::robot::RobotFolder;
@@ -29,6 +30,10 @@ const TICK: u64 = 10_000_000;
 const REPORT: Duration = Duration::from_secs(1);
 /// A board that is silent for longer has gone.
 const GONE: Duration = Duration::from_secs(30);
+/// An entry that is farther behind the last one comes from a board that was reset.
+const DELAYED: i32 = 100;
+/// So many entries may be on the way when the state is read.
+const BACKLOG: i32 = 10_000;
 
 pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
     let interrupted = interrupted()?;
@@ -46,13 +51,13 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
         ("image".to_owned(), hex(&session.identity.image, "none")),
         ("board".to_owned(), hex(&session.identity.board, "none")),
     ]);
-    let names = model.joints.iter().map(|joint| joint.name.to_string()).collect();
     let mcap_failure = |error: McapError| Failure::Other(format!("{}: {error}", mcap_path.display()));
     let mut recording = Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure)?;
     recording.metadata("tesaki", about).map_err(mcap_failure)?;
-    let mut viewer = Viewer { recording, names, epoch: None, faults: session.board.faults()?.total };
+    let mut viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
     let file = File::create(&log_path).map_err(Failure::file(&log_path))?;
-    let mut log = Log { file: BufWriter::new(file), last: 0, ticks: 0, lost: 0 };
+    let mut log =
+        Log { file: BufWriter::new(file), model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 };
     log.begin(&mut session).map_err(log_failure(&log_path))?;
     session.board.set_rate(Stream::Telemetry, 1)?;
     output::notice(
@@ -83,11 +88,11 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
                 if telemetry.faults != viewer.faults {
                     viewer.faults = telemetry.faults;
                     let fault = session.board.faults()?.faults.last().copied();
-                    let text = fault.map_or_else(String::new, |fault| words(&fault, Some(&model)));
+                    let text = fault.map_or_else(String::new, |fault| words(&fault, log.robot()));
                     viewer.fault(&telemetry, &text).map_err(mcap_failure)?;
                     output::notice(options, &text);
                 }
-                viewer.telemetry(&telemetry).map_err(mcap_failure)?;
+                viewer.telemetry(&telemetry, log.robot()).map_err(mcap_failure)?;
                 // Rates are the board's, not ours: another program may have lowered this one.
                 let step =
                     last_tick.replace(telemetry.tick).map_or(1, |last| telemetry.tick.wrapping_sub(last));
@@ -105,22 +110,25 @@ pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
                 log_path.display()
             )));
         }
-        if now - heard > REPORT {
-            session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])?;
+        if now - heard > REPORT && session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
+            session.board.set_timeout(options.timeout);
+            log.gap(&mut session, 0).map_err(log_failure(&log_path))?;
         }
         if options.json && now - reported > REPORT {
             reported = now;
-            output::line(&json!({ "ticks": log.ticks, "lost": log.lost }).to_string())?;
+            output::line(&json!({ "ticks": log.ticks, "gaps": log.gaps, "lost": log.lost }).to_string())?;
         }
     }
     let _ = session.board.set_rate(Stream::Log, 0);
     log.file.flush().map_err(Failure::file(&log_path))?;
     viewer.recording.finish().map_err(mcap_failure)?;
-    let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": log.ticks, "lost": log.lost });
+    let value =
+        json!({ "log": log_path, "mcap": mcap_path, "ticks": log.ticks, "gaps": log.gaps, "lost": log.lost });
     output::result(options, &value, || {
         format!(
-            "{} ticks recorded, {} entries lost on the line\n{}: try `tesaki replay {}`\n{}: for Foxglove, PlotJuggler or Rerun",
+            "{} ticks recorded, {} gaps, {} entries lost on the line\n{}: try `tesaki replay {}`\n{}: for Foxglove, PlotJuggler or Rerun",
             log.ticks,
+            log.gaps,
             log.lost,
             log_path.display(),
             log_path.display(),
@@ -148,19 +156,36 @@ enum LogError {
 /// The file from which the run can be repeated.
 struct Log {
     file: BufWriter<File>,
+    /// The model in the file and its checksum.
+    model: Option<(RobotModel, u32)>,
     /// Index of the last entry.
     last: u32,
+    /// Whether entries have come since the state was written.
+    in_step: bool,
     ticks: u64,
+    gaps: u64,
     lost: u64,
 }
 
 impl Log {
-    /// What made the recording, the model, the state.
+    /// What made the recording, the model if there is one, the state: all that a node needs that is as after power-on.
     fn begin(&mut self, session: &mut Session) -> Result<(), LogError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let (identity, unix_time) = (session.identity, since.as_secs());
         self.write(&LogRecord::Start(LogStart { schema: SCHEMA_KEY, identity, unix_time }))?;
-        let (model, _) = session.board.export(Item::Model)?;
+        self.model = None;
+        match session.board.export(Item::Model) {
+            Ok((model, _)) => self.push(&model)?,
+            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
+        session.board.set_rate(Stream::Log, 1)?;
+        self.state(session)
+    }
+
+    /// The model, in its encoding.
+    fn push(&mut self, model: &[u8]) -> Result<(), LogError> {
+        self.model = Some((postcard::from_bytes(model).map_err(BoardError::from)?, checksum(model)));
         // As a client of its own would have sent it; the state that follows knows nothing of that client.
         let mut sequence = 0;
         let mut request = |request| {
@@ -168,7 +193,7 @@ impl Log {
             LogRecord::Request(RequestFrame { client: 0, sequence, request })
         };
         let length = u32::try_from(model.len()).unwrap_or(u32::MAX);
-        let begin = Request::ModelBegin { length, checksum: checksum(&model) };
+        let begin = Request::ModelBegin { length, checksum: checksum(model) };
         let mut records = vec![
             request(Request::Hello { schema: SCHEMA_KEY }),
             request(Request::TakeCommand { by_force: true }),
@@ -182,8 +207,32 @@ impl Log {
         for record in &records {
             self.write(record)?;
         }
-        session.board.set_rate(Stream::Log, 1)?;
-        self.state(session)
+        Ok(())
+    }
+
+    fn robot(&self) -> Option<&RobotModel> {
+        self.model.as_ref().map(|(robot, _)| robot)
+    }
+
+    /// Entries are missing, or the board was reset: what follows cannot be repeated without its state, and its model
+    /// when that is another.
+    fn gap(&mut self, session: &mut Session, missing: u32) -> Result<(), LogError> {
+        self.gaps += 1;
+        self.lost += u64::from(missing);
+        self.write(&LogRecord::Gap { missing })?;
+        let mut go_on = || {
+            let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
+            if session.board.status()?.node.model_checksum == known {
+                self.state(session)
+            } else {
+                self.begin(session)
+            }
+        };
+        match go_on() {
+            // The next entry, when there is one, shows the gap again.
+            Err(LogError::Board(BoardError::Timeout { .. })) => Ok(()),
+            other => other,
+        }
     }
 
     /// The state of the node now. Entries from before it that are still to come will be left out.
@@ -195,23 +244,21 @@ impl Log {
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
         self.write(&LogRecord::Restore { length, checksum: checksum(&state) })?;
-        self.last = index;
+        (self.last, self.in_step) = (index, false);
         Ok(())
     }
 
     fn entry(&mut self, session: &mut Session, entry: LogEntry) -> Result<(), LogError> {
         let step = entry.index.wrapping_sub(self.last).cast_signed();
-        if step <= 0 && step > -10_000 {
-            return Ok(()); // from before the state
+        // From before the state; or the line doubled or delayed it.
+        let old = step <= 0 && step > if self.in_step { -DELAYED } else { -BACKLOG };
+        if old {
+            return Ok(());
         }
         if step != 1 {
-            // Lost on the line, or the board was reset.
-            let missing = u32::try_from(step - 1).unwrap_or(0);
-            self.lost += u64::from(missing);
-            self.write(&LogRecord::Gap { missing })?;
-            return self.state(session);
+            return self.gap(session, u32::try_from(step - 1).unwrap_or(0));
         }
-        self.last = entry.index;
+        (self.last, self.in_step) = (entry.index, true);
         self.ticks += u64::from(matches!(entry.record, LogRecord::Actuators(_)));
         self.write(&entry.record)
     }
@@ -226,7 +273,6 @@ impl Log {
 /// The file for viewers.
 struct Viewer {
     recording: Recording,
-    names: Vec<String>,
     /// When tick 0 was [ns since 1970].
     epoch: Option<u64>,
     faults: u32,
@@ -240,15 +286,20 @@ impl Viewer {
         *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start
     }
 
-    fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), McapError> {
+    fn telemetry(&mut self, telemetry: &Telemetry, robot: Option<&RobotModel>) -> Result<(), McapError> {
         let time = self.time(telemetry);
+        let joints = robot.map_or(&[][..], |robot| &robot.joints);
+        if joints.len() != telemetry.joints.len() {
+            return Ok(()); // the board has just got another model
+        }
+        let names: Vec<String> = joints.iter().map(|joint| joint.name.to_string()).collect();
         let list = |value: fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
             telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
         };
         let (position, velocity, effort) =
             (list(|joint| joint.position), list(|joint| joint.velocity), list(|joint| joint.torque));
-        self.recording.joint_states(time, &self.names, &position, &velocity, &effort)?;
-        self.recording.references(time, &self.names, &list(|joint| joint.reference), &[], &[])
+        self.recording.joint_states(time, &names, &position, &velocity, &effort)?;
+        self.recording.references(time, &names, &list(|joint| joint.reference), &[], &[])
     }
 
     fn fault(&mut self, telemetry: &Telemetry, text: &str) -> Result<(), McapError> {

@@ -82,11 +82,11 @@ impl Session {
     /// Sends a model, and waits a moment for the sensors to be read with it, so that the next command finds them.
     pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
         self.board.push_model(model)?;
+        let before = self.board.status()?.node.tick;
         let deadline = Instant::now() + Duration::from_millis(300);
         loop {
             let node = self.board.status()?.node;
-            // No tick has a number yet where there is none.
-            if node.tick != 0 || Instant::now() > deadline {
+            if node.tick != before || Instant::now() > deadline {
                 return Ok(node);
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -104,16 +104,18 @@ impl Session {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
     }
 
-    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us.
-    pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<(), Failure> {
+    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us. Says
+    /// whether it answered.
+    pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
         self.board.set_timeout(Duration::from_millis(200));
         let mut ask = || {
             self.board.hello()?;
             streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
         };
         match ask() {
+            Ok(()) => Ok(true),
             // It is asked again in a while.
-            Ok(()) | Err(BoardError::Timeout { .. }) => Ok(()),
+            Err(BoardError::Timeout { .. }) => Ok(false),
             Err(error) => Err(error.into()),
         }
     }

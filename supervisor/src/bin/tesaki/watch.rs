@@ -60,7 +60,9 @@ fn stream(session: &mut Session) -> Result<(), Failure> {
     loop {
         match session.telemetry(Duration::from_secs(1)) {
             Ok(telemetry) => output::line(&serde_json::to_string(&telemetry).unwrap_or_default())?,
-            Err(Failure::Late(_)) => session.revive(&[(Stream::Telemetry, EVERY)])?,
+            Err(Failure::Late(_)) => {
+                session.revive(&[(Stream::Telemetry, EVERY)])?;
+            }
             Err(failure) => return Err(failure),
         }
     }
