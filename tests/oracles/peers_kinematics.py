@@ -43,7 +43,7 @@ def best_time(function, calls, repetitions=30):
 
 
 def forward(pin):
-    print(f"\nPinocchio {pin.__version__}, double precision: computeFrameJacobian, which does the forward kinematics, too")
+    print(f"\nPinocchio {pin.__version__}, double precision: computeFrameJacobian, forward kinematics included")
     whole = pin.buildModelFromUrdf(str(ROBOTS / "franka_panda.urdf"))
     tip = whole.frames[whole.getFrameId("panda_hand_tcp")]
     loop = best_time(lambda: None, 100_000)
@@ -101,7 +101,8 @@ def inverse(rtb):
                             iterations.append(steps)
                             tight += bool(success) and np.abs(ets.fkine(q).A - targets[i]).max() < 1e-5
                 times = times[times.mean(axis=1).argmin()] * 1e6
-                row = f"{name:6} {searches:8} {method:9} {damping:7} {tolerance:6.0e} {good / 10:7.1f}% {tight / 10:5.1f}%"
+                row = f"{name:6} {searches:8} {method:9} {damping:7} {tolerance:6.0e}"
+                row += f" {good / 10:7.1f}% {tight / 10:5.1f}%"
                 row += f" {np.median(times):10.1f} {times.mean():9.1f} {np.percentile(times, 99):9.1f}"
                 print(f"{row} {np.mean(iterations):10.1f}")
 
