@@ -19,7 +19,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::figure::{Figure, Layout, Line, LineStyle, Panel};
 use super::page::escape;
-use super::range::{X_TICKS, axis_label, equal_ranges, ticks, x_range, y_range};
+use super::range::{X_TICKS, axis_label, equal_ranges, shared_y_range, ticks, x_range};
 
 /// Groups of points that are kept of a line, see `Line::decimated`.
 pub(super) const BUCKETS: usize = 300;
@@ -31,7 +31,6 @@ const LEFT: f64 = 66.0;
 /// Right margin without and with words in it.
 const RIGHT: (f64, f64) = (14.0, 108.0);
 const ROW: f64 = 19.0;
-const PLOT_HEIGHT: f64 = 138.0;
 const AXIS: f64 = 42.0;
 const GAP: f64 = 12.0;
 
@@ -131,16 +130,23 @@ fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * size * CHARACTER
 }
 
+/// An entry stands where it first appears: in a stacked figure once, otherwise once a panel.
 fn legends(figure: &Figure) -> Vec<Legend> {
-    let key =
-        |panel: &Panel| panel.lines.iter().map(|l| (l.name.clone(), l.colour, l.style)).collect::<Vec<_>>();
-    let mut previous = None;
+    let mut seen: Vec<(&str, usize, LineStyle)> = Vec::new();
     let mut legends = Vec::new();
     for panel in &figure.panels {
-        let same = figure.layout == Layout::Stacked && previous == Some(key(panel));
-        previous = Some(key(panel));
-        let named = panel.lines.iter().enumerate().filter(|(_, l)| !same && !l.name.is_empty());
-        legends.push(flow(named, text_width(&panel.title, 13.5) + 20.0, panel_width(figure)));
+        if figure.layout == Layout::Paths {
+            seen.clear();
+        }
+        let mut named = Vec::new();
+        for (i, line) in panel.lines.iter().enumerate().filter(|(_, line)| !line.name.is_empty()) {
+            let key = (line.name.as_str(), line.colour, line.style);
+            if !seen.contains(&key) {
+                seen.push(key);
+                named.push((i, line));
+            }
+        }
+        legends.push(flow(named.into_iter(), text_width(&panel.title, 13.5) + 20.0, panel_width(figure)));
     }
     legends
 }
@@ -184,7 +190,8 @@ fn plot_height(figure: &Figure) -> f64 {
     match (figure.layout, figure.panels.len()) {
         (Layout::Stacked, 1) => 260.0,
         (Layout::Stacked, 2) => 190.0,
-        (Layout::Stacked, _) => PLOT_HEIGHT,
+        (Layout::Stacked, 3) => 138.0,
+        (Layout::Stacked, _) => 112.0,
         (Layout::Paths, _) => panel_width(figure).min(420.0),
     }
 }
@@ -220,7 +227,7 @@ fn draw(
         };
         let (width, tall) = (panel_width(figure), plot_height(figure));
         let (x, y) = match figure.layout {
-            Layout::Stacked => (shared.clone(), y_range(panel)),
+            Layout::Stacked => (shared.clone(), shared_y_range(&figure.panels, panel)),
             Layout::Paths => equal_ranges(panel, width / tall),
         };
         let axes = Axes { left, right: left + width, top: top + head, bottom: top + head + tall, x, y };

@@ -43,7 +43,7 @@ pub(super) fn x_range(panels: &[Panel]) -> Range<f64> {
 }
 
 /// Data and limits with some room; a limit far beyond the data is left out, and a word says where it is.
-pub(super) fn y_range(panel: &Panel) -> Range<f64> {
+fn y_range(panel: &Panel) -> Range<f64> {
     let data = span(panel.lines.iter().flat_map(|l| l.y.iter().copied()));
     let extent = data.clone().map_or(0.0, |d| d.start.abs().max(d.end.abs()));
     let near = panel.rules.iter().filter(|r| extent == 0.0 || r.value.abs() <= 5.0 * extent);
@@ -52,6 +52,16 @@ pub(super) fn y_range(panel: &Panel) -> Range<f64> {
     // The words of windows stand below everything else.
     let foot = if panel.windows.is_empty() { 0.0 } else { 0.12 * (range.end - range.start) };
     range.start - foot..range.end
+}
+
+/// Panels of one quantity share a scale, so that they can be compared.
+pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
+    let alike = |other: &&Panel| (&other.quantity, &other.unit) == (&panel.quantity, &panel.unit);
+    panels
+        .iter()
+        .filter(alike)
+        .map(y_range)
+        .fold(y_range(panel), |a, b| a.start.min(b.start)..a.end.max(b.end))
 }
 
 /// Ranges of one scale that hold the panel's lines.
@@ -140,6 +150,17 @@ mod tests {
         };
         assert!(panel(12.0).end > 12.0 && panel(12.0).start < -12.0);
         assert!(panel(100.0).end < 5.0);
+    }
+
+    #[test]
+    fn panels_of_one_quantity_share_their_scale() {
+        let panel = |quantity, y| {
+            Panel::new("", quantity, "N").line(super::super::Line::solid("", 0, vec![0.0, 1.0], vec![0.0, y]))
+        };
+        let panels = [panel("force", 1.0), panel("force", 4.0), panel("weight", 9.0)];
+        let ranges = panels.each_ref().map(|panel| shared_y_range(&panels, panel));
+        assert_eq!(ranges[0], ranges[1]);
+        assert!((4.0..5.0).contains(&ranges[0].end) && ranges[2].end > 9.0);
     }
 
     #[test]

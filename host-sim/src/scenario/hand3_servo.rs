@@ -109,6 +109,12 @@ impl Recording {
         pairs.map(move |(position, reference)| 1e3 * (position + homing - reference))
     }
 
+    /// A joint's angle from the start as its encoder sees it [rad].
+    fn moved(&self, joint: usize) -> Vec<f64> {
+        let start = self.reference[joint].first().copied().unwrap_or(0.0);
+        self.position[joint].iter().map(|angle| angle + self.homing_errors[joint] - start).collect()
+    }
+
     /// Largest error of any joint after the steps numbered `steps`: at any time, and from [`SETTLED_AFTER`] each of
     /// them on [mrad].
     fn worst(&self, steps: Range<usize>) -> (f64, f64) {
@@ -292,7 +298,8 @@ fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &Trial, time
 fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     let (first_peak, _) = recording.worst(0..FIRST_MOTIONS);
     let (peak, settled) = recording.worst(FIRST_MOTIONS..usize::MAX);
-    let Trial { name, label, limits, .. } = trial;
+    let Trial { name, limits, .. } = trial;
+    let label = capital(trial.label);
     let peak_label = format!("{label}: largest error");
     let settled_label = format!("{label}: largest error from 1 s on");
     let metrics = match *limits {
@@ -314,30 +321,47 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     summary.insert(format!("{name}_torque_peak"), torque);
 }
 
+/// All joints' angles and torques, and the errors chain by chain; a joint has the colour of its place in the chain.
 fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let mut angles = Panel::new("Motion of the joints", "angle from start", "rad");
-    let start: Vec<f64> =
-        recording.reference.iter().map(|joint| joint.first().copied().unwrap_or(0.0)).collect();
-    let mut errors = Panel::new("Error", "error", "mrad");
+    let mut angles = Panel::new("Motion of the joints from their start", "angle", "rad");
+    let mut errors = Vec::new();
     let mut torques = Panel::new("Motor torque", "torque", "N·m");
-    for (index, joint) in model.joints.iter().enumerate() {
-        let name = joint.name.as_str().replace('_', " ");
-        let time = || recording.time.clone();
-        let homing = recording.homing_errors[index];
-        let moved = recording.position[index].iter().map(|angle| angle + homing - start[index]).collect();
-        angles = angles.line(Line::solid(name.as_str(), index, time(), moved));
-        errors = errors.line(Line::solid(name.as_str(), index, time(), recording.error(index).collect()));
-        torques = torques.line(Line::solid(name.as_str(), index, time(), recording.torque[index].clone()));
+    for joints in model.chain_ranges() {
+        let (prefix, names) = split_names(joints.clone().map(|joint| model.joint_name(joint)).collect());
+        let title = if prefix.is_empty() { "Error".to_owned() } else { format!("Error, {prefix}") };
+        let mut panel = Panel::new(title, "error", "mrad");
+        if let (Some(&from), Some(&to)) = (recording.steps.first(), recording.steps.get(FIRST_MOTIONS)) {
+            panel = panel.window(from as f64 * T, to as f64 * T, "first motions");
+        }
+        for (place, (joint, name)) in joints.zip(names).enumerate() {
+            let line = |values: Vec<f64>| Line::solid(name, place, recording.time.clone(), values);
+            angles = angles.line(line(recording.moved(joint)));
+            panel = panel.line(line(recording.error(joint).collect()));
+            torques = torques.line(line(recording.torque[joint].clone()));
+        }
+        errors.push(match trial.limits {
+            Some((peak, _)) => panel.band(peak, format!("±{peak} mrad")),
+            None => panel,
+        });
     }
-    let shape = recording.reference[0].iter().map(|angle| angle - start[0]).collect();
-    angles = angles.line(Line::dashed("reference", 9, recording.time.clone(), shape));
-    if let Some((peak, _)) = trial.limits {
-        errors = errors.band(peak, "wanted");
+    let start = recording.reference[0].first().copied().unwrap_or(0.0);
+    let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
+    angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
+    let caption = "True joint angles of the plant against the filtered reference; angles and torques with one line a \
+                   joint. In the first step up and the first step down the servo meets the machine's true friction \
+                   for the first time (shaded); from then on it has learnt it, and the limit counts.";
+    let figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
+    errors.into_iter().fold(figure, Figure::panel).panel(torques)
+}
+
+/// What the names of a chain's joints have in common before an underscore, and the rest of each.
+fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
+    let prefix = names.first().and_then(|name| name.rsplit_once('_')).map_or("", |(prefix, _)| prefix);
+    let rest = |name: &&str| name.strip_prefix(prefix).is_some_and(|rest| rest.starts_with('_'));
+    if prefix.is_empty() || !names.iter().all(rest) {
+        return ("", names);
     }
-    let caption = "True joint angles of the plant against the filtered reference. In the first step up and the first \
-                   step down the servo meets the machine's true friction for the first time; from then on it has \
-                   learnt it, and what is wanted counts.";
-    Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles).panel(errors).panel(torques)
+    (prefix, names.iter().map(|name| &name[prefix.len() + 1..]).collect())
 }
 
 fn capital(text: &str) -> String {
