@@ -86,6 +86,7 @@ fn json_of_one_run() {
     let summary = Summary::new("hand3-servo", "native", 7)
         .ticks(600)
         .metric("peak_error", Metric::at_most("Peak", 8.25, 12.0, "mrad"))
+        .metric("force", Metric::reported("Force", 0.5, "N").paper("0.89 N"))
         .metric("gap", Metric::reported("Gap", f64::NAN, "mm").note("not in here"));
     let expected = r#"{
   "scenario": "hand3-servo",
@@ -97,6 +98,13 @@ fn json_of_one_run() {
       "value": 8.25,
       "unit": "mrad",
       "limit": 12.0,
+      "pass": true
+    },
+    "force": {
+      "value": 0.5,
+      "unit": "N",
+      "limit": null,
+      "paper": "0.89 N",
       "pass": true
     },
     "gap": {
@@ -112,6 +120,19 @@ fn json_of_one_run() {
     assert_eq!(json(&[summary]), expected);
     let whole = json(&[run(1, 8.0).elf_sha256("ab").identical(true)]);
     assert!(whole.contains("\"elf_sha256\": \"ab\",\n  \"identical\": true,\n  \"metrics\""));
+}
+
+#[test]
+fn the_paper_has_a_column_where_a_metric_tells_it() {
+    let force = || Metric::reported("Force", 0.5, "N");
+    let without = [Summary::new("grasp", "native", 1).metric("force", force())];
+    let with = [Summary::new("grasp", "native", 1).metric("force", force().paper("0.89 N"))];
+    let page = |summaries: &[Summary]| Page::new("Grasp", summaries).html();
+    assert!(table(&with, false).contains("paper") && table(&with, false).contains("0.89 N"));
+    assert!(page(&with).contains(">Paper</th>") && page(&with).contains(">0.89 N</td>"));
+    assert!(json(&with).contains(r#""paper": "0.89 N""#));
+    assert!(!table(&without, false).contains("paper") && !json(&without).contains("paper"));
+    assert!(!page(&without).contains(">Paper</th>"));
 }
 
 #[test]

@@ -29,7 +29,7 @@ pub struct Metric {
     pub limit: Option<f64>,
     /// How `limit` limits.
     pub bound: Bound,
-    /// What the paper got, in its own words (`1–2 mm`). Not in the JSON.
+    /// What the paper got, in its own words (`1–2 mm`).
     pub paper: Option<String>,
     /// What one should know about this row. Not in the JSON.
     pub note: Option<String>,
@@ -123,10 +123,14 @@ impl Metric {
 
 impl Serialize for Metric {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut s = serializer.serialize_struct("Metric", 4)?;
+        let mut s = serializer.serialize_struct("Metric", 4 + usize::from(self.paper.is_some()))?;
         s.serialize_field("value", &self.value)?;
         s.serialize_field("unit", &self.unit)?;
         s.serialize_field("limit", &self.limit)?;
+        match &self.paper {
+            Some(paper) => s.serialize_field("paper", paper)?,
+            None => s.skip_field("paper")?,
+        }
         s.serialize_field("pass", &self.pass())?;
         s.end()
     }
@@ -135,7 +139,7 @@ impl Serialize for Metric {
 /// What one run of one seed came to.
 ///
 /// As JSON: `{"scenario", "controller", "seed", "ticks", "elf_sha256"?, "identical"?, "metrics": {name: {"value",
-/// "unit", "limit", "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
+/// "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
 /// left out where there is nothing to say, and `null` for a value that is not a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
