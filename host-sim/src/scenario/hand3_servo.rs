@@ -11,6 +11,7 @@ use tesaki_supervisor::{Board, BoardError};
 
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
 use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
@@ -151,7 +152,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    let mut sequence = 0;
+    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |share: f64| (setting.progress)((index as f64 + share) / 4.0);
         let recording = run_trial(
@@ -161,15 +162,15 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             setting.controller,
             setting.seed,
             ticks,
-            &mut sequence,
+            &mut motion,
             &progress,
         )?;
         add_metrics(&mut summary, trial, &recording);
         figures.push(figure(trial, &recording, &robot.model));
         tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
     }
-    let summary = summary.ticks(u64::from(sequence));
-    Ok(Outcome { summary, figures, tables })
+    let summary = summary.ticks(u64::from(motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion })
 }
 
 #[expect(clippy::too_many_arguments, reason = "called once")]
@@ -180,7 +181,7 @@ fn run_trial(
     controller: &mut Watched<'_>,
     seed: u64,
     ticks: u32,
-    sequence: &mut u32,
+    motion: &mut Motion,
     progress: &dyn Fn(f64),
 ) -> Result<Recording, ScenarioError> {
     let mut model = robot.model.clone();
@@ -193,7 +194,7 @@ fn run_trial(
     }
     let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
     let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
-    let start = prepare(controller, &mut plant, &model, trial.mode, sequence)?;
+    let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
 
     let joints = model.joints.len();
     let filter_time = f64::from(model.joints[0].servo.filter_time);
@@ -224,13 +225,16 @@ fn run_trial(
                 other => other?,
             }
         }
-        *sequence += 1;
-        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        let truth = plant.truth();
+        let actuators = controller.tick(&plant.sensors(motion.tick(&truth)))?;
         if !actuators.enabled {
             return Err(stopped(controller, &model, trial, time));
         }
-        let truth = plant.truth();
         let moved = reference(tick, &recording.steps, filter_time);
+        motion.reference(start.iter().map(|&start| f64::from(start) + moved).collect());
+        if tick == 0 {
+            motion.note(trial.label);
+        }
         recording.time.push(time);
         for (joint, &start) in start.iter().enumerate() {
             recording.reference[joint].push(f64::from(start) + moved);
@@ -250,14 +254,14 @@ fn prepare(
     plant: &mut Plant,
     model: &RobotModel,
     mode: ServoMode,
-    sequence: &mut u32,
+    motion: &mut Motion,
 ) -> Result<Vec<f32>, ScenarioError> {
     controller.hello()?;
     controller.take_command(false)?;
     controller.push_model(model)?;
     let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
-        *sequence += 1;
-        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        let sequence = motion.tick(&plant.truth());
+        let actuators = controller.tick(&plant.sensors(sequence))?;
         Ok::<_, ScenarioError>(plant.apply(&actuators)?)
     };
     tick(controller, plant)?;
