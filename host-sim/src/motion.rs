@@ -161,6 +161,30 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_recording_holds_further_frames() {
+        let truth = Truth {
+            positions: vec![0.5],
+            velocities: vec![0.0],
+            torques: vec![0.1],
+            homing_errors: vec![0.0],
+        };
+        let mut motion = Motion::new(["elbow"]);
+        motion.tick(&truth);
+        motion.frame(Transform {
+            parent: "palm".into(),
+            child: "grasped box".into(),
+            translation: [0.0; 3],
+            rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+        });
+        let file = tempfile::NamedTempFile::new().expect("there is room for a file");
+        motion.write(file.path(), r#"<robot name="r"/>"#).expect("it can be written");
+        let bytes = std::fs::read(file.path()).expect("it was written");
+        assert!(bytes.windows(11).any(|part| part == b"grasped box"));
+        let error = motion.write(file.path(), "<robot>").expect_err("half a robot").to_string();
+        assert!(error.starts_with("the URDF of the recording: "), "{error}");
+    }
+
+    #[test]
     fn links_turn_about_their_axes() {
         let urdf = r#"<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
             <joint name="turn" type="revolute"><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/><parent link="a"/>
