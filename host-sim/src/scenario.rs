@@ -1,5 +1,7 @@
 //! Scenarios: a robot, a task, a plant, and what is measured.
 
+mod common;
+mod hand3_reach;
 mod hand3_servo;
 
 use std::path::Path;
@@ -31,7 +33,7 @@ pub struct Scenario {
 }
 
 /// All scenarios.
-pub const SCENARIOS: &[Scenario] = &[hand3_servo::SCENARIO];
+pub const SCENARIOS: &[Scenario] = &[hand3_servo::SCENARIO, hand3_reach::SCENARIO];
 
 /// What a run is given.
 pub struct Setting<'a, 'b> {

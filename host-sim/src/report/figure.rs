@@ -48,7 +48,7 @@ impl Line {
         let points =
             || self.x.iter().zip(&self.y).map(|(&x, &y)| (x.is_finite() && y.is_finite()).then_some((x, y)));
         let length = points().len();
-        if length <= buckets * 4 {
+        if length <= buckets * 8 {
             return points().collect();
         }
         let all: Vec<_> = points().collect();

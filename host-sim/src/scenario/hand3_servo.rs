@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Refusal, Task};
+use tesaki::protocol::Refusal;
 use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
+use super::common::{capital, prepare, stopped};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -220,7 +221,7 @@ fn run_trial(
             let goal: Vec<f32> = start.iter().map(|angle| angle + offset as f32).collect();
             match controller.set_goal(&goal) {
                 Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                    return Err(stopped(controller, &model, trial, time));
+                    return Err(stopped(controller, &model, trial.label, time));
                 }
                 other => other?,
             }
@@ -228,7 +229,7 @@ fn run_trial(
         let truth = plant.truth();
         let actuators = controller.tick(&plant.sensors(motion.tick(&truth)))?;
         if !actuators.enabled {
-            return Err(stopped(controller, &model, trial, time));
+            return Err(stopped(controller, &model, trial.label, time));
         }
         let moved = reference(tick, &recording.steps, filter_time);
         motion.reference(start.iter().map(|&start| f64::from(start) + moved).collect());
@@ -248,35 +249,6 @@ fn run_trial(
     Ok(recording)
 }
 
-/// Brings the controller from unknown to armed; returns the joint angles that it holds [rad].
-fn prepare(
-    controller: &mut Watched<'_>,
-    plant: &mut Plant,
-    model: &RobotModel,
-    mode: ServoMode,
-    motion: &mut Motion,
-) -> Result<Vec<f32>, ScenarioError> {
-    controller.hello()?;
-    controller.take_command(false)?;
-    controller.push_model(model)?;
-    let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
-        let sequence = motion.tick(&plant.truth());
-        let actuators = controller.tick(&plant.sensors(sequence))?;
-        Ok::<_, ScenarioError>(plant.apply(&actuators)?)
-    };
-    tick(controller, plant)?;
-    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    controller.home(&homed)?;
-    tick(controller, plant)?;
-    controller.arm(Task::JointServo(mode))?;
-    // What the encoder makes of the homed angle: the nearest whole count.
-    let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
-        let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;
-        ((f64::from(angle) * counts).round() / counts) as f32
-    });
-    Ok(start.collect())
-}
-
 /// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one term a
 /// step. A goal that comes with a tick acts from the tick before it.
 fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
@@ -287,16 +259,6 @@ fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
         moved += if index % 2 == 0 { response } else { -response };
     }
     moved
-}
-
-fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &Trial, time: f64) -> ScenarioError {
-    match controller.faults() {
-        Ok(log) => {
-            let fault = log.faults.last().map_or_else(String::new, |fault| fault.named(model).to_string());
-            ScenarioError::Fault { trial: trial.label.to_owned(), time, fault }
-        }
-        Err(error) => error.into(),
-    }
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
@@ -366,11 +328,6 @@ fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
         return ("", names);
     }
     (prefix, names.iter().map(|name| &name[prefix.len() + 1..]).collect())
-}
-
-fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 fn table(recording: &Recording, model: &RobotModel) -> String {

@@ -1,0 +1,57 @@
+//! What scenarios share.
+
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::protocol::Task;
+use tesaki_supervisor::Board;
+
+use super::ScenarioError;
+use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
+use crate::plant::Plant;
+
+/// Brings the controller from unknown to armed; returns the joint angles that it holds [rad].
+pub fn prepare(
+    controller: &mut Watched<'_>,
+    plant: &mut Plant,
+    model: &RobotModel,
+    mode: ServoMode,
+    motion: &mut Motion,
+) -> Result<Vec<f32>, ScenarioError> {
+    controller.hello()?;
+    controller.take_command(false)?;
+    controller.push_model(model)?;
+    let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
+        let sequence = motion.tick(&plant.truth());
+        let actuators = controller.tick(&plant.sensors(sequence))?;
+        Ok::<_, ScenarioError>(plant.apply(&actuators)?)
+    };
+    tick(controller, plant)?;
+    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+    controller.home(&homed)?;
+    tick(controller, plant)?;
+    controller.arm(Task::JointServo(mode))?;
+    // What the encoder makes of the homed angle: the nearest whole count.
+    let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
+        let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;
+        ((f64::from(angle) * counts).round() / counts) as f32
+    });
+    Ok(start.collect())
+}
+
+/// The error of a scenario whose controller gave up.
+pub fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &str, time: f64) -> ScenarioError {
+    match controller.faults() {
+        Ok(log) => {
+            let fault = log.faults.last().map_or_else(String::new, |fault| fault.named(model).to_string());
+            ScenarioError::Fault { trial: trial.to_owned(), time, fault }
+        }
+        Err(error) => error.into(),
+    }
+}
+
+/// With a capital at the start.
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}

@@ -1,0 +1,407 @@
+//! Fingertips in space: three fingertips draw circles and squares at once (Hand3, sections 2 and 4), on a machine that
+//! differs from the controller's model.
+
+use std::f64::consts::TAU;
+
+use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
+use tesaki::control::ServoMode;
+use tesaki::kinematics::{Chain, TipPoint};
+use tesaki::model::{Pose, RobotModel};
+use tesaki::protocol::Refusal;
+use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::{Board, BoardError};
+
+use super::common::{capital, prepare, stopped};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "hand3-reach",
+    title: "Fingertips of the three-finger hand in space",
+    about: "three fingertips draw circles at 1 Hz and squares under PID and under the observer",
+    robot: "hand3",
+    duration: 2.0 * TRIAL,
+    lead: &[
+        "The tips of all three fingers draw a circle of 10 mm radius at one turn a second, and a square of 16 mm whose \
+         sides take half a second each, in planes across the hand's x axis. The supervisor streams a point of the path \
+         for each tip every 10 ms, with its velocity and acceleration; the board finds the joint angles in closed form, \
+         their velocities with the Jacobian and their accelerations with J̇q̇, and feeds them forward.",
+        "The path of a tip is that of its frame in the physics, not what the controller believes: besides the errors of \
+         the servos it has that of the homing, up to 2 mrad a joint, which no servo can see. It shifts the whole figure; \
+         the second pair of rows is without that shift.",
+    ],
+    run,
+};
+
+/// Control period [s].
+const T: f64 = 0.01;
+/// Length of a trial [s].
+const TRIAL: f64 = 13.5;
+/// Angles of each finger at the middle of its figures [rad].
+const MIDDLE: [f32; 3] = [0.0, 0.1, 1.3];
+/// From the start to the first point of the figures: the joints go to the middle, through their trajectory filters [s].
+const SETTLE: f64 = 2.0;
+const RADIUS: f64 = 0.010;
+/// Half the side of the square [m].
+const HALF: f64 = 0.008;
+/// Start, running up, and end of the circle [s].
+const CIRCLE: (f64, f64, f64) = (3.0, 1.0, 8.0);
+/// Start, time for a side, and end of the square [s].
+const SQUARE: (f64, f64, f64) = (8.5, 0.5, 12.5);
+
+struct Trial {
+    name: &'static str,
+    label: &'static str,
+    mode: ServoMode,
+    /// Largest root mean square of a tip's distance from its path [mm].
+    limit: Option<f64>,
+}
+
+const TRIALS: [Trial; 2] = [
+    Trial { name: "pid", label: "PID", mode: ServoMode::Pid, limit: None },
+    Trial { name: "observer", label: "observer", mode: ServoMode::Observer, limit: Some(0.5) },
+];
+
+/// What was recorded of a trial.
+struct Recording {
+    time: Vec<f64>,
+    /// Of each tip, in each tick: where it was and where it should have been [m].
+    tips: Vec<Vec<(Vector3<f64>, Vector3<f64>)>>,
+}
+
+/// A stretch of time in which a figure is drawn [s].
+type Window = (f64, f64);
+
+const FIGURES: [(&str, Window); 2] =
+    [("circle", (CIRCLE.0 + CIRCLE.1, CIRCLE.2 - CIRCLE.1)), ("square", (SQUARE.0, SQUARE.2))];
+
+impl Recording {
+    /// Differences from the path of a tip in a window [mm].
+    fn errors(&self, tip: usize, (from, to): Window) -> Vec<Vector3<f64>> {
+        let inside = |time: f64| time >= from - 1e-9 && time <= to + 1e-9;
+        let all = self.time.iter().zip(&self.tips[tip]);
+        all.filter(|(time, _)| inside(**time)).map(|(_, (got, wanted))| (got - wanted) * 1e3).collect()
+    }
+
+    /// Points as y and z [mm]; gaps between the figures.
+    fn drawn(&self, points: impl Iterator<Item = Vector3<f64>>) -> (Vec<f64>, Vec<f64>) {
+        let inside = |time: f64| FIGURES.iter().any(|(_, (from, to))| time >= *from && time <= *to);
+        let points = self.time.iter().zip(points);
+        points
+            .map(
+                |(&time, point)| {
+                    if inside(time) { (1e3 * point.y, 1e3 * point.z) } else { (f64::NAN, f64::NAN) }
+                },
+            )
+            .unzip()
+    }
+
+    /// Root mean square of the distance from the path of the worst tip, with and without its mean; and the largest
+    /// distance of any tip [mm].
+    fn worst(&self, window: Window) -> (f64, f64, f64) {
+        let (mut all, mut shifted, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for tip in 0..self.tips.len() {
+            let errors = self.errors(tip, window);
+            let count = errors.len() as f64;
+            let mean = errors.iter().sum::<Vector3<f64>>() / count;
+            let rms = |shift: Vector3<f64>| {
+                (errors.iter().map(|error| (error - shift).norm_squared()).sum::<f64>() / count).sqrt()
+            };
+            all = all.max(rms(Vector3::zeros()));
+            shifted = shifted.max(rms(mean));
+            peak = errors.iter().fold(peak, |peak, error| peak.max(error.norm()));
+        }
+        (all, shifted, peak)
+    }
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    let least = 2.0 * TRIAL;
+    if setting.duration.is_nan() || setting.duration < least {
+        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
+    }
+    let robot = RobotFolder::load(setting.robot)?;
+    let values = PlantValues::load(setting.robot)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    for (index, trial) in TRIALS.iter().enumerate() {
+        let progress = |share: f64| (setting.progress)((index as f64 + share) / 2.0);
+        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+        let options = PlantOptions::mismatched(setting.seed);
+        let mut plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+        let recording =
+            run_trial(trial, &robot.model, &mut plant, setting.controller, &mut motion, &progress)?;
+        add_metrics(&mut summary, trial, &recording);
+        figures.push(paths(trial, &recording, &robot.model));
+        figures.push(errors(trial, &recording, &robot.model));
+        tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
+    }
+    let summary = summary.ticks(u64::from(motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion })
+}
+
+fn run_trial(
+    trial: &Trial,
+    model: &RobotModel,
+    plant: &mut Plant,
+    controller: &mut Watched<'_>,
+    motion: &mut Motion,
+    progress: &dyn Fn(f64),
+) -> Result<Recording, ScenarioError> {
+    prepare(controller, plant, model, trial.mode, motion)?;
+    let middle = MIDDLE.repeat(model.chains.len());
+    let mut centers = Vec::new();
+    for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+        let posture = Chain::new(&model.joints[range.clone()], &chain.tip).posture(&middle[range]);
+        centers.push(posture.tip().translation.vector.map(f64::from));
+    }
+    let mut recording = Recording { time: Vec::new(), tips: vec![Vec::new(); centers.len()] };
+    let ticks = (TRIAL / T).round() as u32;
+    for tick in 0..ticks {
+        let time = f64::from(tick) * T;
+        let point = path(time);
+        let tips: Vec<TipPoint> = centers.iter().map(|center| point.at(center)).collect();
+        let said = if time < SETTLE { controller.set_goal(&middle) } else { controller.reach(&tips) };
+        match said {
+            Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
+                return Err(stopped(controller, model, trial.label, time));
+            }
+            other => other?,
+        }
+        let sequence = motion.tick(&plant.truth());
+        if tick == 0 {
+            motion.note(trial.label);
+        }
+        recording.time.push(time);
+        for (tip, (center, chain)) in centers.iter().zip(model.chain_ranges().zip(&model.chains)).enumerate()
+        {
+            let true_place = tip_place(plant, chain.0.end - 1, &chain.1.tip);
+            let wanted = center + across_x(point.position);
+            recording.tips[tip].push((true_place, wanted));
+        }
+        let actuators = controller.tick(&plant.sensors(sequence))?;
+        if !actuators.enabled {
+            return Err(stopped(controller, model, trial.label, time));
+        }
+        plant.apply(&actuators)?;
+        progress(f64::from(tick + 1) / f64::from(ticks));
+    }
+    controller.ask("disarm", tesaki::protocol::Request::Disarm)?;
+    Ok(recording)
+}
+
+/// Where the physics has the tip that is fixed to the link of a joint [m].
+fn tip_place(plant: &Plant, joint: usize, tip: &Pose) -> Vector3<f64> {
+    let ([x, y, z], [i, j, k, w]) = plant.link_pose(joint).unwrap_or(([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]));
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    let link = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
+    link.transform_point(&tip.translation.map(f64::from).into()).coords
+}
+
+/// A point of the figures' plane with its derivatives [m].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct PathPoint {
+    position: Vector2<f64>,
+    velocity: Vector2<f64>,
+    acceleration: Vector2<f64>,
+}
+
+impl PathPoint {
+    fn at(&self, center: &Vector3<f64>) -> TipPoint {
+        let single = |vector: Vector3<f64>| vector.map(|value| value as f32).into();
+        TipPoint {
+            position: single(center + across_x(self.position)),
+            velocity: single(across_x(self.velocity)),
+            acceleration: single(across_x(self.acceleration)),
+        }
+    }
+}
+
+/// The figures' plane in the hand's frame.
+fn across_x(point: Vector2<f64>) -> Vector3<f64> {
+    Vector3::new(0.0, point.x, point.y)
+}
+
+/// Minimum jerk from 0 to 1 for `share` from 0 to 1: value and two derivatives.
+fn minimum_jerk(share: f64) -> [f64; 3] {
+    let s = share.clamp(0.0, 1.0);
+    [
+        s * s * s * (10.0 + s * (-15.0 + 6.0 * s)),
+        30.0 * s * s * (1.0 - s) * (1.0 - s),
+        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+    ]
+}
+
+/// From `from` to `to` in `duration`, `time` after the start.
+fn line(from: [f64; 2], to: [f64; 2], time: f64, duration: f64) -> PathPoint {
+    let (from, to) = (Vector2::from(from), Vector2::from(to));
+    let [value, first, second] = minimum_jerk(time / duration);
+    PathPoint {
+        position: from + (to - from) * value,
+        velocity: (to - from) * (first / duration),
+        acceleration: (to - from) * (second / (duration * duration)),
+    }
+}
+
+/// The circle, `time` after its start: the speed rises from 0 to one turn a second and falls again, both like a minimum-jerk
+/// motion.
+fn circle(time: f64) -> PathPoint {
+    let (start, ramp, end) = CIRCLE;
+    let duration = end - start;
+    // Integral of the minimum-jerk polynomial.
+    let area = |s: f64| s.powi(4) * (2.5 + s * (-3.0 + s));
+    let (up, down) = ((time / ramp).min(1.0), ((duration - time) / ramp).min(1.0));
+    let total = duration - ramp;
+    let turns = if up < 1.0 {
+        ramp * area(up)
+    } else if down < 1.0 {
+        total - ramp * area(down)
+    } else {
+        time - 0.5 * ramp
+    };
+    let [rising, steeper, _] = minimum_jerk(up);
+    let [falling, flatter, _] = minimum_jerk(down);
+    let (phase, speed, gain) = (TAU * turns, TAU * rising * falling, TAU * (steeper - flatter) / ramp);
+    let (sine, cosine) = phase.sin_cos();
+    let (outward, along) = (Vector2::new(cosine, sine), Vector2::new(-sine, cosine));
+    PathPoint {
+        position: outward * RADIUS,
+        velocity: along * (RADIUS * speed),
+        acceleration: along * (RADIUS * gain) - outward * (RADIUS * speed * speed),
+    }
+}
+
+/// The whole trial: out to the circle, round it, over to the square, twice round it, and back.
+fn path(time: f64) -> PathPoint {
+    const CORNERS: [[f64; 2]; 4] = [[HALF, HALF], [-HALF, HALF], [-HALF, -HALF], [HALF, -HALF]];
+    let (begin, side, end) = SQUARE;
+    if time < CIRCLE.0 {
+        line([0.0; 2], [RADIUS, 0.0], time - SETTLE, CIRCLE.0 - SETTLE)
+    } else if time < CIRCLE.2 {
+        circle(time - CIRCLE.0)
+    } else if time < begin {
+        line([RADIUS, 0.0], CORNERS[0], time - CIRCLE.2, begin - CIRCLE.2)
+    } else if time < end {
+        let sides = (time - begin) / side + 1e-9;
+        let number = sides.floor();
+        let corner = |number: usize| CORNERS[number % 4];
+        line(corner(number as usize), corner(number as usize + 1), (sides - number) * side, side)
+    } else {
+        line(CORNERS[0], [0.0; 2], time - end, TRIAL - end)
+    }
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
+    let label = capital(trial.label);
+    for (figure, window) in FIGURES {
+        let (all, shifted, peak) = recording.worst(window);
+        let rms_label = format!("{label}: {figure}, rms distance from the path, worst tip");
+        let rms = match trial.limit {
+            Some(limit) => Metric::at_most(rms_label, all, limit, "mm"),
+            None => Metric::reported(rms_label, all, "mm"),
+        };
+        summary.insert(format!("{}_{figure}_rms", trial.name), rms);
+        let label = format!("{label}: {figure}, without the constant shift");
+        summary.insert(
+            format!("{}_{figure}_rms_without_shift", trial.name),
+            Metric::reported(label, shifted, "mm"),
+        );
+        let label = format!("{}: {figure}, largest distance", capital(trial.label));
+        summary.insert(format!("{}_{figure}_peak", trial.name), Metric::reported(label, peak, "mm"));
+    }
+}
+
+fn tip_name(model: &RobotModel, tip: usize) -> String {
+    model.chains.get(tip).map_or_else(String::new, |chain| chain.name.as_str().replace('_', " "))
+}
+
+/// The figures as drawn, and as wanted.
+fn paths(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
+    let caption = "Each fingertip in the y–z plane of the hand, from the middle of its figures: the circle's three turns at full \
+                   speed and twice round the square. Dashed: the path that was asked for.";
+    let mut figure = Figure::paths(format!("{}: paths", capital(trial.label)), caption, "y", "mm");
+    for (tip, places) in recording.tips.iter().enumerate() {
+        let center = places.first().map_or_else(Vector3::zeros, |(_, wanted)| *wanted);
+        let (y, z) = recording.drawn(places.iter().map(|(got, _)| got - center));
+        let (wanted_y, wanted_z) = recording.drawn(places.iter().map(|(_, wanted)| wanted - center));
+        figure = figure.panel(
+            Panel::new(tip_name(model, tip), "z", "mm")
+                .line(Line::solid("true path", tip, y, z))
+                .line(Line::dashed("wanted", Line::INK, wanted_y, wanted_z)),
+        );
+    }
+    figure
+}
+
+/// Distances from the path in time.
+fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
+    let mut panel = Panel::new("Distance from the path", "distance", "mm");
+    for tip in 0..recording.tips.len() {
+        let samples = recording.time.iter().zip(&recording.tips[tip]);
+        let distance = |(&time, (got, wanted)): (&f64, &(Vector3<f64>, Vector3<f64>))| {
+            if time < SETTLE { f64::NAN } else { (got - wanted).norm() * 1e3 }
+        };
+        let distances = samples.map(distance).collect();
+        panel = panel.line(Line::solid(tip_name(model, tip), tip, recording.time.clone(), distances));
+    }
+    for (figure, (from, to)) in FIGURES {
+        panel = panel.window(from, to, figure);
+    }
+    if let Some(limit) = trial.limit {
+        panel = panel.rule(limit, format!("{limit} mm rms"));
+    }
+    let caption = "Distance of each fingertip, as the physics has it, from where it should be at that time, from the first \
+                   point in space on. The shaded stretches count.";
+    Figure::stacked(format!("{}: distance from the path", capital(trial.label)), caption, "time", "s")
+        .panel(panel)
+}
+
+fn table(recording: &Recording, model: &RobotModel) -> String {
+    let mut values = Vec::new();
+    for (tip, places) in recording.tips.iter().enumerate() {
+        let name = tip_name(model, tip);
+        for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
+            values.push((
+                format!("{name} {letter}"),
+                places.iter().map(|place| place.0[axis]).collect::<Vec<f64>>(),
+            ));
+            values.push((
+                format!("{name} {letter} wanted"),
+                places.iter().map(|place| place.1[axis]).collect(),
+            ));
+        }
+    }
+    let mut columns = vec![Column::new("time", "s", &recording.time)];
+    columns.extend(values.iter().map(|(name, values)| Column::new(name.as_str(), "m", values)));
+    csv(&columns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Velocity and acceleration are the derivatives of the position, all along; nothing jumps.
+    #[test]
+    fn the_path_is_smooth_and_its_derivatives_are_its_own() {
+        let h = 1e-5;
+        let mut time = h;
+        while time < TRIAL - h {
+            let (before, at, after) = (path(time - h), path(time), path(time + h));
+            let velocity = (after.position - before.position) / (2.0 * h);
+            let acceleration = (after.velocity - before.velocity) / (2.0 * h);
+            assert!((velocity - at.velocity).norm() < 1e-5, "{time}: {velocity} {}", at.velocity);
+            assert!(
+                (acceleration - at.acceleration).norm() < 2e-3,
+                "{time}: {acceleration} {}",
+                at.acceleration
+            );
+            time += 0.000_713;
+        }
+        assert!((path(5.0).velocity.norm() - TAU * RADIUS).abs() < 1e-9);
+        assert!(path(TRIAL).position.norm() < 1e-12);
+    }
+}
