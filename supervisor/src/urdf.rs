@@ -1,0 +1,136 @@
+//! URDF files: what is wrong with them, all of it and by line, and the serial paths from a base to the tips.
+//!
+//! - [`Urdf::check`] reads a text and tells every [`Finding`];
+//! - [`Urdf::path`] is the chain of rotary joints from the base to any link, through fixed and mimic joints.
+//!
+//! `urdf-rs` makes the values and `roxmltree` knows the lines.
+
+mod fold;
+mod inertia;
+mod joints;
+mod numbers;
+mod path;
+mod source;
+mod structure;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::finding::{Finding, Matter, Report};
+use source::Source;
+
+pub(crate) use fold::{Body, axis, collect, isometry, narrow, pose};
+pub use path::{Drive, PathJoint, SerialPath};
+
+/// A URDF whose links form a tree.
+#[derive(Clone, Debug)]
+pub struct Urdf {
+    /// The file.
+    pub path: PathBuf,
+    /// Its content.
+    pub robot: urdf_rs::Robot,
+    base: String,
+    lines: BTreeMap<String, usize>,
+}
+
+impl Urdf {
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder.
+    ///
+    /// # Errors
+    /// The file cannot be read, or what is wrong with its kinematics. Masses may be.
+    pub fn load(path: &Path) -> Result<Self, UrdfError> {
+        let path = Self::locate(path);
+        let text = std::fs::read_to_string(&path)
+            .map_err(|source| UrdfError::Read { path: path.clone(), others: others(&path), source })?;
+        let (urdf, mut findings) = Self::check(&path, &text);
+        findings.retain(|finding| finding.is_error() && finding.matter == Matter::Kinematics);
+        match urdf {
+            Some(urdf) if findings.is_empty() => Ok(urdf),
+            _ => Err(UrdfError::Wrong(findings)),
+        }
+    }
+
+    /// The file meant by `path`, which may be a folder.
+    pub fn locate(path: &Path) -> PathBuf {
+        if path.is_dir() { path.join("robot.urdf") } else { path.to_owned() }
+    }
+
+    /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be wrong.
+    pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
+        let mut report = Report::new(path);
+        let urdf = Self::read(path, text, &mut report);
+        (urdf, report.findings)
+    }
+
+    fn read(path: &Path, text: &str, report: &mut Report) -> Option<Self> {
+        let document = source::parse(text, report)?;
+        let starts = source::line_starts(text);
+        let source = Source::new(&document, &starts, report)?;
+        numbers::check(&source, report);
+        let base = structure::check(&source, report);
+        joints::check(&source, report);
+        inertia::check(&source, report);
+        let robot = match urdf_rs::read_from_string(text) {
+            Ok(robot) => robot,
+            Err(error) => {
+                // What `urdf-rs` tells without a line is mostly found above.
+                if report.findings.iter().all(|finding| finding.matter != Matter::Kinematics) {
+                    report.kinematics(None, error.to_string(), "see http://wiki.ros.org/urdf/XML");
+                }
+                return None;
+            }
+        };
+        Some(Self { path: path.to_owned(), robot, base: base?, lines: source.lines_of_names() })
+    }
+
+    /// The link that hangs on no joint.
+    pub fn base(&self) -> &str {
+        &self.base
+    }
+
+    /// The line of the joint or link `name`.
+    pub fn line(&self, name: &str) -> Option<usize> {
+        self.lines.get(name).copied()
+    }
+}
+
+/// The URDF files beside one that is not there, to say which may have been meant.
+fn others(path: &Path) -> String {
+    let folder = path.parent().unwrap_or(path);
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|file| file.extension().is_some_and(|extension| extension == "urdf"))
+        .map(|file| file.display().to_string())
+        .collect();
+    names.sort();
+    if names.is_empty() { String::new() } else { format!("; there is {}", names.join(", ")) }
+}
+
+/// Why there is no URDF.
+#[derive(Debug, thiserror::Error)]
+pub enum UrdfError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {source}; name a URDF file, or a folder with robot.urdf{others}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// URDF files beside it.
+        others: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// What is wrong with its kinematics.
+    #[error("{}", list(.0))]
+    Wrong(Vec<Finding>),
+    /// What was asked for is not in it, or cannot be computed.
+    #[error("{0}")]
+    Path(Finding),
+}
+
+/// The findings, one a line.
+pub(crate) fn list(findings: &[Finding]) -> String {
+    findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}
