@@ -18,6 +18,7 @@
 //! | [`math`] | the one door to elementary functions |
 //! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter |
 //! | [`model`] | what a robot is, as data |
+//! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
 //! | [`dynamics`] | Newton–Euler for a chain |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`protocol`] | messages and their framing |
@@ -30,6 +31,7 @@
 
 pub mod control;
 pub mod dynamics;
+pub mod kinematics;
 pub mod math;
 pub mod model;
 pub mod node;

@@ -6,8 +6,10 @@ mod tree;
 
 use std::path::{Path, PathBuf};
 
-use tesaki::dynamics::Chain;
-use tesaki::model::{ChainModel, JointModel, ModelError, ObserverGains, PidGains, RobotModel, ServoGains};
+use tesaki::kinematics::Chain;
+use tesaki::model::{
+    ChainModel, JointModel, ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
+};
 
 pub use settings::{JointSettings, Settings};
 use tree::SerialJoint;
@@ -84,7 +86,8 @@ impl RobotFolder {
         let settings_error = |message| RobotError::Settings { path: path.join("controller.toml"), message };
         let urdf = urdf_rs::read_from_string(urdf).map_err(|error| urdf_error(error.to_string()))?;
         let chains = tree::serial_chains(&urdf).map_err(urdf_error)?;
-        let names: Vec<&str> = chains.iter().flatten().map(|joint| joint.name.as_str()).collect();
+        let names: Vec<&str> =
+            chains.iter().flat_map(|chain| &chain.joints).map(|joint| joint.name.as_str()).collect();
         let settings = Settings::parse(settings, &names).map_err(settings_error)?;
 
         let too_long = |name: &str| urdf_error(format!("the name {name:?} is longer than 32 bytes"));
@@ -96,8 +99,12 @@ impl RobotFolder {
             safety: settings.safety,
         };
         for chain in &chains {
-            let joints = u8::try_from(chain.len()).unwrap_or(u8::MAX);
-            model.chains.push(ChainModel { joints }).map_err(|_| {
+            let tip = ChainModel {
+                name: chain.tip.as_str().try_into().map_err(|_| too_long(&chain.tip))?,
+                joints: u8::try_from(chain.joints.len()).unwrap_or(u8::MAX),
+                tip: chain.pose,
+            };
+            model.chains.push(tip).map_err(|_| {
                 urdf_error(format!(
                     "{} chains leave the base, at most {} fit",
                     chains.len(),
@@ -105,7 +112,7 @@ impl RobotFolder {
                 ))
             })?;
             let first = model.joints.len();
-            for joint in chain {
+            for joint in &chain.joints {
                 let own =
                     settings.joints.get(&joint.name).ok_or_else(|| settings_error(joint.name.clone()))?;
                 let joint = joint_model(joint, own).map_err(urdf_error)?;
@@ -113,7 +120,7 @@ impl RobotFolder {
                     urdf_error(format!("{} joints, at most {} fit", names.len(), model.joints.capacity()))
                 })?;
             }
-            complete_gains(&mut model.joints[first..], &settings);
+            complete_gains(&mut model.joints[first..], &chain.pose, &settings);
         }
         model.validate().map_err(|error| RobotError::Model {
             path: path.to_owned(),
@@ -158,8 +165,8 @@ fn joint_model(joint: &SerialJoint, settings: &JointSettings) -> Result<JointMod
 }
 
 /// Gains are given per inertia: fills in the inertia that each joint of the chain feels in the middle of its range.
-fn complete_gains(joints: &mut [JointModel], settings: &Settings) {
-    let chain = Chain::new(joints);
+fn complete_gains(joints: &mut [JointModel], tip: &Pose, settings: &Settings) {
+    let chain = Chain::new(joints, tip);
     let middle: Vec<f32> =
         joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
     let rest = vec![0.0; joints.len()];

@@ -158,8 +158,9 @@ def model(reaction):
         + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
         + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
     )
+    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0])
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
-    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([byte(1)]) + sequence([joint]) + safety
+    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
 
 
 FINGER = model(2)
@@ -250,7 +251,8 @@ FIELDS = """joints chains gravity name origin-translation origin-rotation axis m
 rotor-inertia torque-constant current-limit current-resolution motor-bandwidth motor-delay coulomb viscous
 counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque-rate limit-following-error
 filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
-damping supply-min supply-max rest-error""".split()
+damping supply-min supply-max rest-error
+chain-name tip-translation tip-rotation""".split()
 
 
 def refusals():

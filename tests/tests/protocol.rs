@@ -154,6 +154,7 @@ variants! {
         Viscous, CountsPerTurn, LimitLower, LimitUpper, LimitVelocity, LimitTorque, LimitTorqueRate,
         LimitFollowingError, FilterTime, Proportional, Integral, Derivative, Cutoff, ServoInertia, Bandwidth,
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
+        ChainName, TipTranslation, TipRotation,
     }
     Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique }
     Mode { Disarmed, Armed, Fault }
@@ -300,10 +301,15 @@ fn finger(reaction: Reaction) -> RobotModel {
             rest_error: 5e-4,
         },
     };
+    let tip = ChainModel {
+        name: "finger_tip".try_into().unwrap(),
+        joints: 1,
+        tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
+    };
     RobotModel {
         name: "finger".try_into().unwrap(),
         gravity: [0.0; 3],
-        chains: list([ChainModel { joints: 1 }]),
+        chains: list([tip]),
         joints: list([knuckle]),
         safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
     }
@@ -587,6 +593,9 @@ const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::SupplyMin, "supply-min"),
     (Field::SupplyMax, "supply-max"),
     (Field::RestError, "rest-error"),
+    (Field::ChainName, "chain-name"),
+    (Field::TipTranslation, "tip-translation"),
+    (Field::TipRotation, "tip-rotation"),
 ];
 
 const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [

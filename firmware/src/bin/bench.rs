@@ -13,9 +13,9 @@ use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::Vector3;
 use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
-use tesaki::dynamics::Chain;
+use tesaki::kinematics::Chain;
 use tesaki::math;
-use tesaki::model::{PidGains, RobotModel};
+use tesaki::model::{PidGains, Pose, RobotModel};
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
@@ -148,7 +148,7 @@ fn main() -> ! {
 
     for (name, count) in [("inverse_dynamics_3", 3), ("inverse_dynamics_7", 7)] {
         let joints: Vec<_, 7> = (0..count).map(support::joint).collect();
-        let chain = Chain::new(&joints);
+        let chain = Chain::new(&joints, &Pose::IDENTITY);
         let gravity = Vector3::new(-6.9, 0.0, -6.9);
         let mut torques = [0.0; 7];
         watch.measure(name, |x| {
@@ -157,6 +157,20 @@ fn main() -> ! {
             black_box(&torques);
         });
     }
+
+    let joints: Vec<_, 7> = (0..7).map(support::joint).collect();
+    let arm = Chain::new(&joints, &Pose { translation: [0.0, 0.0, 0.1], ..Pose::IDENTITY });
+    watch.measure("forward_and_jacobian_7", |x| {
+        let posture = arm.posture(black_box(&[x + 0.1; 7]));
+        black_box((posture.tip(), &posture.jacobian()));
+    });
+    watch.measure("forward_7", |x| {
+        black_box(arm.posture(black_box(&[x + 0.1; 7])));
+    });
+    let posture = arm.posture(&[0.3; 7]);
+    watch.measure("bias_acceleration_7", |x| {
+        black_box(black_box(&posture).bias_acceleration(&[x + 0.1; 7]));
+    });
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;

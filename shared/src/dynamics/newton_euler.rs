@@ -1,8 +1,7 @@
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
-use super::Chain;
-use super::chain::Link;
+use crate::kinematics::{Chain, Link};
 use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
@@ -117,7 +116,7 @@ impl Pass {
 mod tests {
     use nalgebra::Vector3;
 
-    use crate::dynamics::Chain;
+    use crate::kinematics::Chain;
     use crate::model::{Inertial, JointModel, Pose, test_joint};
 
     type Link = ([f32; 3], [f32; 4], [f32; 3], f32, [f32; 3], [f32; 6]);
@@ -141,7 +140,7 @@ mod tests {
     fn agrees_with_pinocchio() {
         for &(gravity, links, motions) in CASES {
             let joints: Vec<_> = links.iter().map(joint).collect();
-            let chain = Chain::new(&joints);
+            let chain = Chain::new(&joints, &Pose::IDENTITY);
             for &(q, qd, qdd, expected) in motions {
                 let mut torques = vec![0.0; links.len()];
                 chain.inverse_dynamics(&Vector3::from(gravity), q, qd, qdd, &mut torques);
@@ -163,7 +162,7 @@ mod tests {
         };
         let mut torque = [0.0];
         let angle = [core::f32::consts::FRAC_PI_6];
-        Chain::new(&[pendulum]).inverse_dynamics(
+        Chain::new(&[pendulum], &Pose::IDENTITY).inverse_dynamics(
             &Vector3::new(0.0, 0.0, -9.81),
             &angle,
             &[0.0],

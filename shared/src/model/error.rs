@@ -62,6 +62,9 @@ pub enum Field {
     SupplyMin,
     SupplyMax,
     RestError,
+    ChainName,
+    TipTranslation,
+    TipRotation,
 }
 
 impl Field {
@@ -106,6 +109,9 @@ impl Field {
             Self::SupplyMin => "safety.supply_min",
             Self::SupplyMax => "safety.supply_max",
             Self::RestError => "servo.rest_error",
+            Self::ChainName => "name of the tip",
+            Self::TipTranslation => "tip xyz",
+            Self::TipRotation => "tip rpy",
         }
     }
 }

@@ -45,10 +45,14 @@ pub struct RobotModel {
 }
 
 /// A run of consecutive joints in series.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ChainModel {
+    /// Name of its tip (fingertip, hand), as of the link in the URDF.
+    pub name: String<MAX_NAME>,
     /// Number of joints, 1 to [`MAX_CHAIN_JOINTS`].
     pub joints: u8,
+    /// The tip's frame in the frame of the last joint.
+    pub tip: Pose,
 }
 
 /// One rotary joint, the link that it moves, and the drive that moves it.

@@ -22,12 +22,21 @@ impl RobotModel {
             return Err(robot.error(Field::Joints, 0.0, Problem::Below(1.0)));
         }
         let mut in_chains = 0;
-        for chain in &self.chains {
+        for (index, chain) in self.chains.iter().enumerate() {
             let joints = f32::from(chain.joints);
             robot.at_least(Field::Chains, joints, 1.0)?;
             #[expect(clippy::cast_precision_loss, reason = "a small constant")]
             robot.at_most(Field::Chains, joints, MAX_CHAIN_JOINTS as f32)?;
             in_chains += usize::from(chain.joints);
+            #[expect(clippy::cast_possible_truncation, reason = "at most 42")]
+            let last = Check { joint: Some(in_chains as u8 - 1) };
+            last.all_finite(Field::TipTranslation, &chain.tip.translation)?;
+            last.unit(Field::TipRotation, &chain.tip.rotation)?;
+            let others = self.chains.iter().take(index);
+            if chain.name.is_empty() || others.into_iter().any(|other| other.name == chain.name) {
+                #[expect(clippy::cast_precision_loss, reason = "at most 6")]
+                return Err(last.error(Field::ChainName, index as f32, Problem::NotUnique));
+            }
         }
         if in_chains != self.joints.len() {
             #[expect(clippy::cast_precision_loss, reason = "at most 16 and 42")]

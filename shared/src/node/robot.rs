@@ -2,7 +2,7 @@ use heapless::{String, Vec};
 use nalgebra::Vector3;
 
 use super::joint::JointConfig;
-use crate::dynamics::Chain;
+use crate::kinematics::Chain;
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
 
 /// A validated model, made ready for computing; without joints until there is one.
@@ -47,8 +47,9 @@ impl Robot {
         self.chains.clear();
         self.joints.clear();
         // Neither list can overflow: the capacities are the model's own.
-        for range in model.chain_ranges() {
-            let _ = self.chains.push(Chain::new(model.joints.get(range).unwrap_or_default()));
+        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+            let joints = model.joints.get(range).unwrap_or_default();
+            let _ = self.chains.push(Chain::new(joints, &chain.tip));
         }
         for joint in &model.joints {
             let _ = self.joints.push(JointConfig::new(joint));

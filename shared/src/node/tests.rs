@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::Node;
 use crate::control::{JointPoint, ServoMode};
-use crate::model::{ChainModel, Field, MAX_JOINTS, Problem, Reaction, RobotModel, Safety, test_joint};
+use crate::model::{ChainModel, Field, MAX_JOINTS, Pose, Problem, Reaction, RobotModel, Safety, test_joint};
 use crate::protocol::{
     ActuatorFrame, BoardStatus, EXPORT_CHUNK, Fault, FaultCause, Item, LogRecord, LogStart, MODEL_CHUNK,
     Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream,
@@ -22,7 +22,12 @@ fn model() -> RobotModel {
     RobotModel {
         name: "finger".try_into().unwrap(),
         gravity: [0.0, 0.0, -9.81],
-        chains: Vec::from_slice(&[ChainModel { joints: 3 }]).unwrap(),
+        chains: Vec::from_slice(&[ChainModel {
+            name: "tip".try_into().unwrap(),
+            joints: 3,
+            tip: Pose::IDENTITY,
+        }])
+        .unwrap(),
         joints,
         safety: Safety {
             command_timeout: 0.1,

@@ -14,8 +14,17 @@ pub struct SerialJoint {
     pub friction: Friction,
 }
 
+/// Moving joints in series, and what they end in.
+pub struct SerialChain {
+    pub joints: Vec<SerialJoint>,
+    /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from its joint.
+    pub tip: String,
+    /// Its frame in the last joint's.
+    pub pose: Pose,
+}
+
 /// The chains that leave the base, each from base to tip, in the order of the file.
-pub fn serial_chains(robot: &Robot) -> Result<Vec<Vec<SerialJoint>>, String> {
+pub fn serial_chains(robot: &Robot) -> Result<Vec<SerialChain>, String> {
     let is_child = |link: &str| robot.joints.iter().any(|joint| joint.child.link == link);
     let mut roots = robot.links.iter().filter(|link| !is_child(&link.name));
     let base = roots.next().ok_or("no base: every link hangs on another, so the joints form a loop")?;
@@ -45,8 +54,9 @@ pub fn serial_chains(robot: &Robot) -> Result<Vec<Vec<SerialJoint>>, String> {
         .collect()
 }
 
-fn chain(robot: &Robot, first: &Joint, offset: Isometry3<f64>) -> Result<Vec<SerialJoint>, String> {
+fn chain(robot: &Robot, first: &Joint, offset: Isometry3<f64>) -> Result<SerialChain, String> {
     let mut joints = Vec::new();
+    let mut last = &first.child.link;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
         let mut body = Body::default();
@@ -58,9 +68,23 @@ fn chain(robot: &Robot, first: &Joint, offset: Isometry3<f64>) -> Result<Vec<Ser
             ));
         }
         next = children.pop();
+        last = &joint.child.link;
         joints.push(serial_joint(joint, &offset, &body)?);
     }
-    Ok(joints)
+    let (tip, place) = tip(robot, last, Isometry3::identity());
+    Ok(SerialChain { joints, tip: tip.to_owned(), pose: pose(&place) })
+}
+
+/// The leaf farthest from the joint among `link`, which stands at `place`, and what is fixed to it.
+fn tip<'a>(robot: &'a Robot, link: &'a str, place: Isometry3<f64>) -> (&'a str, Isometry3<f64>) {
+    let distance = |tip: &(&str, Isometry3<f64>)| tip.1.translation.vector.norm();
+    robot
+        .joints
+        .iter()
+        .filter(|joint| joint.parent.link == link)
+        .map(|joint| tip(robot, &joint.child.link, place * isometry(&joint.origin)))
+        .max_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .unwrap_or((link, place))
 }
 
 /// Adds the mass of `link`, and of all that is fixed to it, to `body`; returns the moving joints that follow, with
@@ -99,14 +123,10 @@ fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &Body) -> Result<S
     if !(length.is_finite() && length > 1e-6) {
         return Err(format!("joint {:?}: its axis {:?} is no direction", joint.name, joint.axis.xyz.0));
     }
-    let rotation = origin.rotation.coords;
     let dynamics = joint.dynamics.as_ref();
     Ok(SerialJoint {
         name: joint.name.clone(),
-        origin: Pose {
-            translation: single(origin.translation.vector),
-            rotation: rotation.map(narrow).into(),
-        },
+        origin: pose(&origin),
         axis: single(axis / length),
         link: body.inertial(),
         limits: JointLimits {
@@ -161,6 +181,10 @@ fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
     let [roll, pitch, yaw] = pose.rpy.0;
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     Isometry3::from_parts(Translation3::from(Vector3::from(pose.xyz.0)), rotation)
+}
+
+fn pose(place: &Isometry3<f64>) -> Pose {
+    Pose { translation: single(place.translation.vector), rotation: place.rotation.coords.map(narrow).into() }
 }
 
 fn single(vector: Vector3<f64>) -> [f32; 3] {

@@ -55,12 +55,17 @@ pub fn joint(index: usize) -> JointModel {
     }
 }
 
+fn finger(name: &str) -> ChainModel {
+    let tip = Pose { translation: [0.0, 0.0, 0.05], ..Pose::IDENTITY };
+    ChainModel { name: name.try_into().expect("short"), joints: 3, tip }
+}
+
 /// Three chains of three joints.
 pub fn hand() -> RobotModel {
     RobotModel {
         name: "bench".try_into().expect("short"),
         gravity: [-6.9367, 0.0, -6.9367],
-        chains: [ChainModel { joints: 3 }; 3].into_iter().collect(),
+        chains: ["tip0", "tip1", "tip2"].into_iter().map(finger).collect(),
         joints: (0..9).map(joint).collect(),
         safety: Safety {
             command_timeout: 10.0,

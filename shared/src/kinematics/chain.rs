@@ -1,0 +1,116 @@
+use heapless::Vec;
+use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::Posture;
+use crate::math;
+use crate::model::{Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
+
+/// A serial chain of rotary joints with its mass distribution, ready for computing.
+///
+/// Inside, every joint frame is turned so that its axis is z: a joint's rotation then costs four multiplications a
+/// vector. The links' mass data are turned along; nothing outside sees it.
+#[derive(Clone, Debug)]
+pub struct Chain {
+    pub(crate) links: Vec<Link, MAX_CHAIN_JOINTS>,
+    /// The tip's frame in that of the last link.
+    tip: IsometryMatrix3<f32>,
+}
+
+/// One joint and its link; all in the link's own frame (joint axis z) unless stated.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    /// Orientation of the joint frame at angle 0 in the frame of the link before it.
+    pub rotation: Matrix3<f32>,
+    /// Its origin there [m].
+    pub translation: Vector3<f32>,
+    /// Mass [kg].
+    pub mass: f32,
+    /// Centre of mass [m].
+    pub center_of_mass: Vector3<f32>,
+    /// Inertia about the centre of mass [kg·m²].
+    pub inertia: Matrix3<f32>,
+}
+
+impl Chain {
+    /// The chain of `joints`, base to tip, of a validated model; at most [`MAX_CHAIN_JOINTS`]. `tip`: the tip's frame
+    /// in that of the last link.
+    pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
+        Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
+    }
+
+    /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis (a unit
+    /// vector), mass distribution.
+    pub fn from_links<'a>(
+        links: impl IntoIterator<Item = (&'a Pose, &'a [f32; 3], &'a Inertial)>,
+        tip: &Pose,
+    ) -> Self {
+        let mut own = Vec::new();
+        // Turns vectors of the previous link's frame as the model has it into that frame as used here.
+        let mut previous = Matrix3::identity();
+        for (origin, axis, inertial) in links {
+            // The model's joint frame → the frame with z along the axis.
+            let to_axis = align_with_z(&Vector3::from(*axis));
+            let [ixx, iyy, izz, ixy, ixz, iyz] = inertial.inertia;
+            let inertia = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+            let link = Link {
+                rotation: previous * rotation(origin).matrix() * to_axis.transpose(),
+                translation: previous * Vector3::from(origin.translation),
+                mass: inertial.mass,
+                center_of_mass: to_axis * Vector3::from(inertial.center_of_mass),
+                inertia: to_axis * inertia * to_axis.transpose(),
+            };
+            if own.push(link).is_err() {
+                break; // a validated model has no longer chain
+            }
+            previous = to_axis;
+        }
+        let translation = Translation3::from(previous * Vector3::from(tip.translation));
+        let rotation = Rotation3::from_matrix_unchecked(previous) * rotation(tip);
+        Self { links: own, tip: IsometryMatrix3::from_parts(translation, rotation) }
+    }
+
+    /// Where the joints and the tip are at angles `q` [rad]: the chain's forward kinematics. Angles that are missing
+    /// count as 0.
+    pub fn posture(&self, q: &[f32]) -> Posture {
+        let mut joints = Vec::new();
+        let (mut rotation, mut origin) = (Matrix3::identity(), Vector3::zeros());
+        for (index, link) in self.links.iter().enumerate() {
+            let (sine, cosine) = math::sin_cos(q.get(index).copied().unwrap_or(0.0));
+            origin += rotation * link.translation;
+            let at_zero = rotation * link.rotation;
+            let (x, y) = (at_zero.column(0), at_zero.column(1));
+            rotation.set_column(0, &(x * cosine + y * sine));
+            rotation.set_column(1, &(y * cosine - x * sine));
+            rotation.set_column(2, &at_zero.column(2));
+            // Cannot fail: there are no more links than places.
+            let _ = joints.push((at_zero.column(2).into_owned(), origin));
+        }
+        let translation = Translation3::from(origin + rotation * self.tip.translation.vector);
+        let rotation = Rotation3::from_matrix_unchecked(rotation * self.tip.rotation.matrix());
+        Posture { joints, tip: IsometryMatrix3::from_parts(translation, rotation) }
+    }
+
+    /// Number of joints.
+    pub fn len(&self) -> usize {
+        self.links.len()
+    }
+
+    /// Whether the chain has no joint.
+    pub fn is_empty(&self) -> bool {
+        self.links.is_empty()
+    }
+}
+
+fn rotation(pose: &Pose) -> Rotation3<f32> {
+    let [x, y, z, w] = pose.rotation;
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix()
+}
+
+/// The shortest rotation that takes the unit vector `axis` to z.
+fn align_with_z(axis: &Vector3<f32>) -> Matrix3<f32> {
+    match Rotation3::rotation_between(axis, &Vector3::z()) {
+        Some(rotation) => rotation.into_inner(),
+        // `axis` = −z: half a turn about x.
+        None => Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)),
+    }
+}

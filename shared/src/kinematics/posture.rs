@@ -1,0 +1,51 @@
+use heapless::Vec;
+use nalgebra::{IsometryMatrix3, SMatrix, Vector3, Vector6};
+
+use crate::model::MAX_CHAIN_JOINTS;
+
+/// Jacobian of a chain's tip: `[v; ω] = J q̇`. A column a joint; columns beyond the chain's joints are 0.
+pub type Jacobian = SMatrix<f32, 6, MAX_CHAIN_JOINTS>;
+
+/// A chain at certain joint angles.
+#[derive(Clone, Debug)]
+pub struct Posture {
+    /// Axis (a unit vector) and origin [m] of each joint.
+    pub(super) joints: Vec<(Vector3<f32>, Vector3<f32>), MAX_CHAIN_JOINTS>,
+    pub(super) tip: IsometryMatrix3<f32>,
+}
+
+impl Posture {
+    /// The tip's frame.
+    pub const fn tip(&self) -> &IsometryMatrix3<f32> {
+        &self.tip
+    }
+
+    /// The geometric Jacobian of the tip [m/rad; 1].
+    pub fn jacobian(&self) -> Jacobian {
+        let mut jacobian = Jacobian::zeros();
+        for (mut column, (axis, origin)) in jacobian.column_iter_mut().zip(&self.joints) {
+            let linear = axis.cross(&(self.tip.translation.vector - origin));
+            column.fixed_rows_mut::<3>(0).copy_from(&linear);
+            column.fixed_rows_mut::<3>(3).copy_from(axis);
+        }
+        jacobian
+    }
+
+    /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without any joint
+    /// acceleration. The linear part is that of the tip's point (the classical acceleration).
+    pub fn bias_acceleration(&self, qd: &[f32]) -> Vector6<f32> {
+        let zero = Vector3::zeros();
+        let (mut omega, mut alpha, mut acceleration, mut previous) = (zero, zero, zero, zero);
+        for ((axis, origin), &qd) in self.joints.iter().zip(qd) {
+            let step = origin - previous;
+            acceleration += alpha.cross(&step) + omega.cross(&omega.cross(&step));
+            previous = *origin;
+            let own = axis * qd;
+            alpha += omega.cross(&own);
+            omega += own;
+        }
+        let step = self.tip.translation.vector - previous;
+        acceleration += alpha.cross(&step) + omega.cross(&omega.cross(&step));
+        Vector6::new(acceleration.x, acceleration.y, acceleration.z, alpha.x, alpha.y, alpha.z)
+    }
+}
