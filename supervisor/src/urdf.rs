@@ -40,8 +40,7 @@ impl Urdf {
     /// The file cannot be read, or what is wrong with its kinematics. Masses may be.
     pub fn load(path: &Path) -> Result<Self, UrdfError> {
         let path = Self::locate(path);
-        let text = std::fs::read_to_string(&path)
-            .map_err(|source| UrdfError::Read { path: path.clone(), others: others(&path), source })?;
+        let text = Self::read_text(&path)?;
         let (urdf, mut findings) = Self::check(&path, &text);
         findings.retain(|finding| finding.is_error() && finding.matter == Matter::Kinematics);
         match urdf {
@@ -53,6 +52,15 @@ impl Urdf {
     /// The file meant by `path`, which may be a folder.
     pub fn locate(path: &Path) -> PathBuf {
         if path.is_dir() { path.join("robot.urdf") } else { path.to_owned() }
+    }
+
+    /// The content of the file `path`.
+    ///
+    /// # Errors
+    /// It cannot be read; what may have been meant.
+    pub fn read_text(path: &Path) -> Result<String, UrdfError> {
+        let read = std::fs::read_to_string(path);
+        read.map_err(|source| UrdfError::Read { path: path.to_owned(), others: others(path), source })
     }
 
     /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be wrong.
@@ -92,6 +100,15 @@ impl Urdf {
     pub fn line(&self, name: &str) -> Option<usize> {
         self.lines.get(name).copied()
     }
+}
+
+/// The joints in `text` that move, also when they make no tree.
+pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
+    let Ok(document) = roxmltree::Document::parse(text) else { return Vec::new() };
+    let starts = source::line_starts(text);
+    let source = Source::new(&document, &starts, &mut Report::new(Path::new("")));
+    let moving = source.iter().flat_map(|source| &source.joints).filter(|joint| joint.moves());
+    moving.map(|joint| joint.name().to_owned()).collect()
 }
 
 /// The URDF files beside one that is not there, to say which may have been meant.

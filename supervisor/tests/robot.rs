@@ -49,16 +49,16 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "robot.urdf",
             "<mass value=\"0.01\"/>",
             "<mass value=\"-0.02\"/>",
-            "joint finger1_curl: inertial mass = -0.015",
+            "link finger1_upper: mass = -0.02 kg is below 0",
         ),
         (
             "robot.urdf",
             "lower=\"-1.0\" upper=\"1.0\"",
             "lower=\"2.0\" upper=\"1.0\"",
-            "joint finger1_swing: limits.upper = 1",
+            "joint finger1_swing: lower = 2 is not below upper = 1",
         ),
         ("robot.urdf", "<robot name=\"hand3\"", "<robt name=\"hand3\"", "robot.urdf"),
-        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "finger1_swing\" is of type"),
+        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "joint finger1_swing is of type Prismatic"),
         (
             "controller.toml",
             "torque_constant = 0.5",
@@ -67,7 +67,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
         ),
         ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
         ("controller.toml", "reaction = \"hold\"", "reaction = \"pray\"", "unknown variant `pray`"),
-        ("controller.toml", "gravity = [", "gravity = ", "line"),
+        ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
         (
             "controller.toml",
             "[joint.servo]",

@@ -52,8 +52,11 @@ fn body(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
 fn tensor_of(link: &Part<'_>, part: &Part<'_>, tensor: &Matrix3<f64>, mass: f64, report: &mut Report) {
     let line = Some(part.line());
     if tensor.amax() > LARGEST_INERTIA {
-        let message =
-            format!("{}: an inertia of {:e} kg·m², more than {LARGEST_INERTIA:e}", link.title(), tensor.amax());
+        let message = format!(
+            "{}: an inertia of {:e} kg·m², more than {LARGEST_INERTIA:e}",
+            link.title(),
+            tensor.amax()
+        );
         report.dynamics(line, message, UNITS);
         return;
     }
@@ -65,9 +68,15 @@ fn tensor_of(link: &Part<'_>, part: &Part<'_>, tensor: &Matrix3<f64>, mass: f64,
         let message = format!("{}: no body has this inertia: {listed}, one is negative", link.title());
         report.dynamics(line, message, "check its diagonal, and the signs of ixy, ixz, iyz");
     } else if (tensor.trace() / 2.0 - large) < -tolerance {
-        let message =
-            format!("{}: no body has this inertia: {listed}, one exceeds the sum of the others", link.title());
-        report.dynamics(line, message, "check the units (kg·m²) and export the inertia about the centre of mass");
+        let message = format!(
+            "{}: no body has this inertia: {listed}, one exceeds the sum of the others",
+            link.title()
+        );
+        report.dynamics(
+            line,
+            message,
+            "check the units (kg·m²) and export the inertia about the centre of mass",
+        );
     } else if mass > 0.0 && (large / mass).sqrt() > LARGEST_RADIUS {
         let message = format!(
             "{}: radius of gyration {:.3} m, more than {LARGEST_RADIUS} m: {listed} for {mass} kg",

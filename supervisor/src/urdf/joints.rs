@@ -17,7 +17,7 @@ const LARGEST_ANGLE: f64 = 4.0 * PI;
 pub fn check(source: &Source<'_>, report: &mut Report) {
     for joint in &source.joints {
         origin(joint, report);
-        if joint.moves() {
+        if matches!(joint.attribute("type"), Some("revolute" | "continuous" | "prismatic")) {
             axis(joint, report);
         }
         if joint.attribute("type") == Some("revolute") {
@@ -59,7 +59,11 @@ fn distance(joint: &Part<'_>) -> f64 {
 }
 
 fn axis(joint: &Part<'_>, report: &mut Report) {
-    let Some(axis) = joint.child("axis") else { return };
+    let Some(axis) = joint.child("axis") else {
+        let message = format!("{} has no <axis>: x is taken", joint.title());
+        report.warning(Some(joint.line()), message, "say so: <axis xyz=\"1 0 0\"/>");
+        return;
+    };
     if let Some(xyz) = axis.vector("xyz")
         && xyz.iter().all(|value| value.abs() < 1e-6)
     {
@@ -125,7 +129,8 @@ fn whole_length(source: &Source<'_>, report: &mut Report) {
     }
     let parent: BTreeMap<&str, &Part<'_>> =
         source.joints.iter().filter_map(|joint| Some((joint.link("child")?, joint))).collect();
-    let carries = |link: &Part<'_>| source.joints.iter().any(|joint| joint.link("parent") == Some(link.name()));
+    let carries =
+        |link: &Part<'_>| source.joints.iter().any(|joint| joint.link("parent") == Some(link.name()));
     for link in source.links.iter().filter(|link| !carries(link)) {
         let (mut length, mut here) = (0.0, link.name());
         // No way is longer than all joints, unless it is a loop.

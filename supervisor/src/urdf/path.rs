@@ -62,7 +62,10 @@ impl SerialPath {
 
     /// The control core's chain.
     pub fn chain(&self) -> Chain {
-        Chain::from_links(self.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), &self.pose)
+        Chain::from_links(
+            self.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)),
+            &self.pose,
+        )
     }
 }
 
@@ -118,7 +121,10 @@ impl Urdf {
         }
         let way = self.way(Some(base), tip).ok_or_else(|| Refused {
             line: self.line(tip),
-            message: format!("the link {base:?} is not between the base {:?} and the tip {tip:?}", self.base()),
+            message: format!(
+                "the link {base:?} is not between the base {:?} and the tip {tip:?}",
+                self.base()
+            ),
             advice: Some("leave --base out, or name a link on the way to the tip".to_owned()),
         })?;
         self.check_way(&way, base, tip)?;
@@ -165,7 +171,9 @@ impl Urdf {
             1..=MAX_CHAIN_JOINTS => Ok(()),
             many => Err(Refused {
                 line: self.line(tip),
-                message: format!("{many} moving joints from {base} to {tip}, at most {MAX_CHAIN_JOINTS} work"),
+                message: format!(
+                    "{many} moving joints from {base} to {tip}, at most {MAX_CHAIN_JOINTS} work"
+                ),
                 advice: Some(format!(
                     "start or end further on the way, such as --base {}; tips that work from {base}: {}",
                     moving[many - MAX_CHAIN_JOINTS].parent.link,
@@ -175,7 +183,12 @@ impl Urdf {
         }
     }
 
-    fn path_joint(&self, joint: &Joint, place: &Isometry3<f64>, drives: &mut Vec<Drive>) -> Result<PathJoint, Refused> {
+    fn path_joint(
+        &self,
+        joint: &Joint,
+        place: &Isometry3<f64>,
+        drives: &mut Vec<Drive>,
+    ) -> Result<PathJoint, Refused> {
         let axis = axis(joint).ok_or_else(|| {
             Refused::new(self.line(&joint.name), format!("joint {}: its axis is no direction", joint.name))
         })?;
@@ -226,7 +239,8 @@ impl Urdf {
 }
 
 fn limits(joint: &Joint) -> Option<(f32, f32)> {
-    (joint.joint_type != JointType::Continuous).then(|| (narrow(joint.limit.lower), narrow(joint.limit.upper)))
+    (joint.joint_type != JointType::Continuous)
+        .then(|| (narrow(joint.limit.lower), narrow(joint.limit.upper)))
 }
 
 /// Why there is no path; without advice, the tips that work are told.

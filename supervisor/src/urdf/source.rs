@@ -15,7 +15,14 @@ pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
                 Error::UnclosedRootNode | Error::UnexpectedEndOfStream => text.lines().count().max(1),
                 _ => usize::try_from(error.pos().row).unwrap_or(1),
             };
-            let advice = "mend the XML there: every <tag> needs its </tag> or />, every attribute its quotes";
+            let advice = match &error {
+                Error::UnknownNamespace(prefix, _) => {
+                    format!(
+                        "remove what starts with {prefix}:, or declare it: <robot xmlns:{prefix}=\"{prefix}\""
+                    )
+                }
+                _ => "every <tag> needs its </tag> or />, every attribute its quotes".to_owned(),
+            };
             report.kinematics(Some(line), format!("no well-formed XML: {error}"), advice);
             None
         }
@@ -93,11 +100,6 @@ impl<'a> Part<'a> {
     /// Whether a joint turns or slides.
     pub fn moves(&self) -> bool {
         self.attribute("type").is_some_and(|kind| kind != "fixed")
-    }
-
-    /// Whether a joint turns about an axis.
-    pub fn turns(&self) -> bool {
-        matches!(self.attribute("type"), Some("revolute" | "continuous"))
     }
 }
 

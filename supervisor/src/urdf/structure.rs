@@ -5,8 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::source::{Part, Source};
 use crate::finding::Report;
 
-const TYPES: [&str; 7] =
-    ["revolute", "continuous", "fixed", "prismatic", "floating", "planar", "spherical"];
+const TYPES: [&str; 7] = ["revolute", "continuous", "fixed", "prismatic", "floating", "planar", "spherical"];
 
 /// The base, when the links form a tree.
 pub fn check(source: &Source<'_>, report: &mut Report) -> Option<String> {
