@@ -87,6 +87,11 @@ impl Report {
         self.push(Weight::Warning, Matter::Dynamics, line, message.into(), advice.into());
     }
 
+    /// In the order of the file.
+    pub fn sort(&mut self) {
+        self.findings.sort_by_key(|finding| finding.line);
+    }
+
     fn push(&mut self, weight: Weight, matter: Matter, line: Option<usize>, message: String, advice: String) {
         let path = self.path.clone();
         self.findings.push(Finding { weight, matter, path, line, message, advice });

@@ -97,6 +97,8 @@ impl RobotFolder {
                 build::validate(model, tree, settings, &mut of_urdf, &mut of_settings);
             }
         }
+        of_urdf.sort();
+        of_settings.sort();
         let findings: Vec<Finding> = of_urdf.findings.into_iter().chain(of_settings.findings).collect();
         let folder = match (tree, model) {
             (Some(tree), Some(model)) if !findings.iter().any(Finding::is_error) => {

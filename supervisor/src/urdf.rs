@@ -67,6 +67,7 @@ impl Urdf {
     pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
         let mut report = Report::new(path);
         let urdf = Self::read(path, text, &mut report);
+        report.sort();
         (urdf, report.findings)
     }
 

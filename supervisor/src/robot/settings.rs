@@ -3,7 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
@@ -21,8 +22,7 @@ pub struct Settings {
 }
 
 /// The settings of one joint.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug)]
 pub struct JointSettings {
     /// The drive.
     pub motor: Motor,
@@ -35,7 +35,7 @@ pub struct JointSettings {
 }
 
 /// See [`tesaki::model::JointLimits`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitSettings {
     /// Fastest change of torque [N·m/s].
@@ -45,7 +45,7 @@ pub struct LimitSettings {
 }
 
 /// See [`tesaki::model::ServoGains`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServoSettings {
     /// Time constant of the trajectory filter [s].
@@ -61,7 +61,7 @@ pub struct ServoSettings {
 }
 
 /// See [`tesaki::model::ObserverGains`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObserverSettings {
     /// Of the position loop [rad/s].
@@ -154,47 +154,107 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
         let advice = format!("correct or remove it; the joints that move are {}", names.join(", "));
         report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);
     }
-    let mut wrong: Vec<(String, Vec<&str>)> = Vec::new();
+    let mut wrong: Vec<(Wrong, Vec<&str>)> = Vec::new();
     let mut joints = BTreeMap::new();
     for &name in names {
         let mut table = common.clone();
         if let Some(own) = own.get(name).and_then(Value::as_table) {
             merge(&mut table, own);
         }
-        let message = if table.is_empty() {
-            "nothing is said about it".to_owned()
-        } else {
-            match Value::Table(table).try_into::<JointSettings>() {
-                Ok(settings) => {
-                    joints.insert(name.to_owned(), settings);
-                    continue;
-                }
-                Err(error) => error.to_string().trim().replace('\n', " "),
+        let mut errors = Vec::new();
+        joints.extend(JointSettings::read(&table, &mut errors).map(|settings| (name.to_owned(), settings)));
+        for error in errors {
+            match wrong.iter_mut().find(|(known, _)| *known == error) {
+                Some((_, names)) => names.push(name),
+                None => wrong.push((error, vec![name])),
             }
-        };
-        match wrong.iter_mut().find(|(known, _)| *known == message) {
-            Some((_, names)) => names.push(name),
-            None => wrong.push((message, vec![name])),
         }
     }
-    for (message, names) in wrong {
-        let line = quoted(&message).and_then(|key| line_of(text, key));
+    for (Wrong { key, message }, names) in wrong {
+        let line = match *names {
+            [name] => line_of(text, &format!("joints.{name}.{key}")),
+            _ => None,
+        };
+        let line = line.or_else(|| line_of(text, &format!("joint.{key}"))).or_else(|| line_of(text, &key));
         let (plural, list) = (if names.len() > 1 { "s" } else { "" }, names.join(", "));
-        let advice = "mend it in [joint], which holds for every joint, or in [joints.NAME] for one";
+        let advice = "mend it in [joint…], which holds for every joint, or in [joints.NAME…] for one";
         report.dynamics(line, format!("joint{plural} {list}: {message}"), advice);
     }
     joints
 }
 
-/// The last word between backticks, which is the key that the message is about.
+/// What is wrong with a joint's settings, and where to look.
+#[derive(PartialEq)]
+struct Wrong {
+    key: String,
+    message: String,
+}
+
+impl JointSettings {
+    /// Reads each section, to find what is wrong in any of them.
+    fn read(table: &Table, errors: &mut Vec<Wrong>) -> Option<Self> {
+        let sections = ["motor", "encoder", "limits", "servo"];
+        for key in table.keys().filter(|key| !sections.contains(&key.as_str())) {
+            let message = format!("unknown section {key:?}, expected one of {}", sections.join(", "));
+            errors.push(Wrong { key: key.clone(), message });
+        }
+        if table.is_empty() {
+            errors.push(Wrong { key: "joint".to_owned(), message: "nothing is said about it".to_owned() });
+            return None;
+        }
+        let (motor, encoder) = (section(table, "motor", errors), section(table, "encoder", errors));
+        let (limits, servo) = (section(table, "limits", errors), section(table, "servo", errors));
+        Some(Self { motor: motor?, encoder: encoder?, limits: limits?, servo: servo? })
+    }
+}
+
+fn section<T>(table: &Table, name: &str, errors: &mut Vec<Wrong>) -> Option<T>
+where
+    T: DeserializeOwned + Serialize,
+{
+    let Some(value) = table.get(name) else {
+        errors.push(Wrong { key: name.to_owned(), message: format!("section {name} is missing") });
+        return None;
+    };
+    match value.clone().try_into() {
+        Ok(section) => {
+            // Not every part of the model refuses keys that it does not know.
+            let known = Value::try_from(&section).unwrap_or(Value::Boolean(false));
+            let Some(key) = stranger(value, &known, name) else { return Some(section) };
+            errors.push(Wrong { message: format!("there is no {key}"), key });
+            None
+        }
+        Err(error) => {
+            let message = error.to_string().trim().replace('\n', " ");
+            let key = match quoted(&message) {
+                Some(key) => format!("{name}.{key}"),
+                None => name.to_owned(),
+            };
+            errors.push(Wrong { key, message: format!("{name}: {message}") });
+            None
+        }
+    }
+}
+
+/// The first key, under `name`, that is not among the known ones.
+fn stranger(value: &Value, known: &Value, name: &str) -> Option<String> {
+    let (Value::Table(table), Value::Table(known)) = (value, known) else { return None };
+    table.iter().find_map(|(key, value)| {
+        let name = format!("{name}.{key}");
+        match known.get(key) {
+            None => Some(name),
+            Some(known) => stranger(value, known, &name),
+        }
+    })
+}
+
+/// The key that a message is about: the last one between backticks, unless it is missing.
 fn quoted(message: &str) -> Option<&str> {
     if message.contains("missing field") {
         return None;
     }
-    if let Some((_, keys)) = message.rsplit_once("in `") {
-        return keys.split('`').next();
-    }
-    message.split('`').nth(1)
+    let start = message.rfind("in `").map_or(0, |at| at + 3);
+    message.get(start..)?.split('`').nth(1)
 }
 
 /// The line where `key` (with its tables, or their end) has its value or starts a table.

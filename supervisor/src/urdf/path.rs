@@ -60,6 +60,14 @@ impl SerialPath {
         self.joints.iter().map(|joint| joint.multiplier * angle(joint) + joint.offset).collect()
     }
 
+    /// The path joint from which the angle of a drive can be told: itself, or else the first that follows it.
+    pub fn leader(&self, drive: usize) -> Option<usize> {
+        let name = self.drives.get(drive).map(|drive| &drive.name);
+        let itself = self.joints.iter().position(|joint| Some(&joint.name) == name);
+        let follows = |joint: &PathJoint| joint.drive == drive && joint.multiplier != 0.0;
+        itself.or_else(|| self.joints.iter().position(follows))
+    }
+
     /// The control core's chain.
     pub fn chain(&self) -> Chain {
         Chain::from_links(
