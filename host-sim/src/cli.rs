@@ -254,13 +254,17 @@ fn shown(path: &Path) -> PathBuf {
     path.strip_prefix(here).map_or(path.clone(), Path::to_owned)
 }
 
+fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
+    options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot))
+}
+
 type SeedResult = (Summary, Outcome, Vec<u8>);
 
 fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |share: f64| bar.set_position((share * 1000.0) as u64);
-    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    let robot = robot_folder(scenario, options);
     let (mut native, mut qemu);
     let controller: &mut dyn Controller = match options.controller {
         Where::Native => {
@@ -343,6 +347,10 @@ fn save(
         names.push((name, "recorded values of the first seed, one row a tick"));
     }
     names.push((
+        "recording.mcap",
+        "the first seed's motion with the robot's URDF and frames, for Foxglove, PlotJuggler, Rerun and ROS 2",
+    ));
+    names.push((
         "frames.log",
         "everything that went into and came out of the control core in the first seed's run",
     ));
@@ -356,5 +364,7 @@ fn save(
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
     std::fs::write(dir.join("frames.log"), record)?;
+    let urdf = std::fs::read_to_string(robot_folder(scenario, options).join("robot.urdf"))?;
+    outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;
     Ok(std::path::absolute(dir.join("index.html"))?)
 }

@@ -8,6 +8,7 @@
 )]
 
 pub mod controller;
+pub mod motion;
 pub mod plant;
 pub mod qemu;
 pub mod report;

@@ -9,6 +9,7 @@ use tesaki_supervisor::BoardError;
 use tesaki_supervisor::robot::RobotError;
 
 use crate::controller::Watched;
+use crate::motion::Motion;
 use crate::plant::PlantError;
 use crate::report::{Figure, Summary};
 
@@ -54,6 +55,8 @@ pub struct Outcome {
     pub figures: Vec<Figure>,
     /// Tables of recorded values: file name and CSV text.
     pub tables: Vec<(String, String)>,
+    /// What moved, for the recording.
+    pub motion: Motion,
 }
 
 /// Why a scenario did not come to its end.

@@ -63,6 +63,8 @@ fn runs_the_joint_servo_within_its_limits_and_leaves_a_report() {
     assert!(csv.starts_with("time [s],finger1_swing reference [rad],finger1_swing true angle [rad]"));
     assert_eq!(csv.lines().count(), 1 + 1050);
     assert!(std::fs::metadata(files.join("frames.log")).unwrap().len() > 100_000);
+    assert!(std::fs::metadata(files.join("recording.mcap")).unwrap().len() > 1_000_000);
+    assert!(page.contains("href=\"recording.mcap\""));
 }
 
 #[test]
@@ -75,7 +77,8 @@ fn the_same_seed_gives_the_same_bytes() {
             0,
             &[],
         );
-        std::fs::read(out.join("hand3-servo/frames.log")).unwrap()
+        ["frames.log", "recording.mcap"]
+            .map(|name| std::fs::read(out.join("hand3-servo").join(name)).unwrap())
     };
     assert!(run("first") == run("second"));
 }

@@ -20,12 +20,19 @@ fn cargo(arguments: &[&str]) -> Command {
     command
 }
 
+/// The test targets called `name`, of the whole workspace: so the same features are on as in the host suite, and nothing
+/// is built twice.
+fn workspace_tests(name: &str) -> Command {
+    cargo(&["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware", "--test", name])
+}
+
 /// Runs all tests; skips nothing.
 pub fn run() -> Result<()> {
     let start = Instant::now();
     let step = |text: &str| eprintln!("\n── {text} ({:.0} s)", start.elapsed().as_secs_f64());
 
-    step("tools for the emulated board");
+    step("tools for recordings and for the emulated board");
+    let python = tools::provide_rosbags(&out("rosbags"))?;
     tools::provide_qemu()?;
     let compiler = ArmCompiler::provide()?;
 
@@ -41,6 +48,10 @@ pub fn run() -> Result<()> {
     step("the host suite");
     tools::run(&mut cargo(&["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"]))?;
 
+    step("recordings, read by rosbags");
+    let mut tests = workspace_tests("recording");
+    tools::run(tests.env("TESAKI_PYTHON", python).args(["--", "--ignored"]))?;
+
     step("the firmware image");
     let image = firmware::build(compiler, firmware::IMAGE, &[])?;
     let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
@@ -50,10 +61,7 @@ pub fn run() -> Result<()> {
     print!("{}", bench::semihosted(&selftest, &[])?);
 
     step("the image in QEMU against the control core on this machine");
-    // Of the whole workspace, so that the same features are on as before and nothing is built twice.
-    let all =
-        ["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware", "--test", "image"];
-    let mut tests = cargo(&all);
+    let mut tests = workspace_tests("image");
     tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", std::path::absolute(replay)?);
     tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
 

@@ -1,7 +1,7 @@
-//! The tools that are not Rust crates: a compiler for the Cortex-M4F and QEMU. Each is taken where it is, or installed
-//! in the first way that works.
+//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, and rosbags. Each is taken where it is, or
+//! installed in the first way that works.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -12,6 +12,8 @@ use wait_timeout::ChildExt;
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// How long `rustup` may take; where it cannot reach its server it would wait much longer.
 const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
+/// What reads recordings, as pip calls it.
+const ROSBAGS: &str = "rosbags>=0.11,<0.12";
 /// Debian's packages of a compiler that can build the target's core library itself.
 const DEBIAN_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src"];
 
@@ -162,6 +164,29 @@ pub fn provide_qemu() -> Result<()> {
         ensure!(works(), "qemu-system-arm still does not run after its installation");
     }
     Ok(())
+}
+
+/// A Python of its own in `folder`, with rosbags in it; returns the interpreter.
+pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
+    let python = std::path::absolute(folder.join("bin/python"))?;
+    let works = || succeeds(Command::new(&python).args(["-c", "import rosbags, numpy"]));
+    if works() {
+        return Ok(python);
+    }
+    let mut venv = Command::new("python3");
+    venv.args(["-m", "venv", "--clear"]).arg(folder);
+    if !succeeds(&mut venv) {
+        eprintln!("python3 cannot make a virtual environment: trying Debian's packages.");
+        install(&["python3", "python3-venv"])?;
+        run(&mut venv)?;
+    }
+    let mut pip = Command::new(&python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ROSBAGS]);
+    run(&mut pip).context(
+        "pip could not install rosbags, with which the tests read recordings: is there a way to PyPI?",
+    )?;
+    ensure!(works(), "rosbags still cannot be imported after its installation");
+    Ok(python)
 }
 
 /// Installs Debian packages.

@@ -13,7 +13,7 @@ use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::Vector3;
 use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
-use tesaki::kinematics::Chain;
+use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
 use tesaki::model::{PidGains, Pose, RobotModel};
 use tesaki::node::Node;
@@ -84,6 +84,16 @@ fn no_filter(filter: &TrajectoryFilter, state: &mut TrajectoryState, input: f32)
     // SAFETY: as above.
     unsafe { core::arch::asm!("", in("r0") filter, in("r1") state, options(nostack)) };
     input
+}
+
+#[inline(never)]
+fn no_inverse(_: &Vector3<f32>, near: &[f32; 3]) -> Result<FingerSolutions, FingerError> {
+    Ok(core::iter::once(*near).collect())
+}
+
+#[inline(never)]
+fn no_nearest(_: &Vector3<f32>, near: &[f32; 3]) -> Result<[f32; 3], FingerError> {
+    Ok(*near)
 }
 
 #[inline(never)]
@@ -170,6 +180,27 @@ fn main() -> ! {
     let posture = arm.posture(&[0.3; 7]);
     watch.measure("bias_acceleration_7", |x| {
         black_box(black_box(&posture).bias_acceleration(&[x + 0.1; 7]));
+    });
+
+    let joints: Vec<_, 3> = (0..3).map(support::joint).collect();
+    let chain = Chain::new(&joints, &Pose { translation: [0.01, 0.0, 0.05], ..Pose::IDENTITY });
+    if let Ok(finger) = Finger::try_new(&chain, [(-1.5, 1.5); 3]) {
+        let point = chain.posture(&[0.2, 0.4, 1.0]).tip().translation.vector;
+        let near = [0.2, 0.4, 0.5];
+        let at = |x| black_box(point + Vector3::new(0.02 * x, 0.0, 0.0));
+        watch.compare(
+            "finger_inverse",
+            |x| assert!(black_box(&finger.inverse(&at(x), &near)).is_ok()),
+            |x| assert!(black_box(&no_inverse(&at(x), &near)).is_ok()),
+        );
+        watch.compare(
+            "finger_nearest",
+            |x| assert!(black_box(&finger.nearest(&at(x), &near)).is_ok()),
+            |x| assert!(black_box(&no_nearest(&at(x), &near)).is_ok()),
+        );
+    }
+    watch.measure("atan2", |x| {
+        black_box(math::atan2(black_box(x - 0.1), black_box(0.05)));
     });
 
     let joint = |joint| {

@@ -40,6 +40,7 @@ use random::{Purpose, Random};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tree::Body;
+pub(crate) use tree::isometry;
 use world::{JointValues, World};
 
 /// The control period [s].

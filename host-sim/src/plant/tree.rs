@@ -204,7 +204,8 @@ fn point_inertia(mass: f64, center: &Vector3<f64>) -> Matrix3<f64> {
     mass * (Matrix3::identity() * center.norm_squared() - center * center.transpose())
 }
 
-fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
+/// A pose as URDF has it.
+pub fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
     let [roll, pitch, yaw] = pose.rpy.0;
     Isometry3::from_parts(
         Translation3::from(Vector3::from(pose.xyz.0)),

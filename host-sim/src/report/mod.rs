@@ -23,9 +23,11 @@
 
 mod csv;
 mod figure;
+mod group;
 mod number;
 mod page;
 mod plot;
+mod range;
 mod summary;
 mod table;
 mod write;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::summary::{Group, Row, groups, seeds, verdict_line};
+use super::group::{Group, Row, groups, seeds, ticks, verdict_line};
 use super::{Bound, Figure, Metric, Summary, plot};
 
 /// Groups of points on a whole page, so that it stays below 2 MB whatever is recorded.
@@ -75,8 +75,9 @@ impl<'a> Page<'a> {
         for text in self.lead {
             push(&mut out, format_args!("<p class=\"lead\">{}</p>\n", escape(text)));
         }
-        for group in groups(self.summaries) {
-            self.group(&mut out, &group);
+        let groups = groups(self.summaries);
+        for run in &groups {
+            group(&mut out, run, groups.len() > 1);
         }
         self.push_figures(&mut out);
         self.how_to_read(&mut out);
@@ -89,32 +90,6 @@ impl<'a> Page<'a> {
             ),
         );
         out
-    }
-
-    fn group(&self, out: &mut String, group: &Group<'_>) {
-        let first = group.runs[0];
-        let (class, word) = if group.pass() { ("good", "PASS") } else { ("bad", "FAIL") };
-        push(
-            out,
-            format_args!(
-                "<section>\n<h2>Measured and wanted</h2>\n<p class=\"verdict {class}\"><b>{word}</b>{}</p>\n<dl>\n",
-                escape(&verdict_line(group))
-            ),
-        );
-        fact(out, "Scenario", &first.scenario, "");
-        fact(out, "Controller", &first.controller, "");
-        fact(out, if group.runs.len() == 1 { "Seed" } else { "Seeds" }, &seeds(&group.runs), "");
-        fact(out, "Ticks", &group.runs.iter().map(|run| run.ticks).sum::<u64>().to_string(), "");
-        if let Some(identical) = group.runs.iter().filter_map(|run| run.identical).reduce(|a, b| a && b) {
-            let text = if identical { "identical, byte for byte" } else { "DIFFERENT" };
-            fact(out, "Image against native controller", text, "");
-        }
-        if let Some(hash) = &first.elf_sha256 {
-            fact(out, "SHA-256 of the firmware image", hash, " class=\"wide\"");
-        }
-        out.push_str("</dl>\n");
-        rows(out, group);
-        out.push_str("</section>\n");
     }
 
     fn push_figures(&self, out: &mut String) {
@@ -148,9 +123,11 @@ impl<'a> Page<'a> {
              what was wanted, and each dot is one seed. ",
         );
         out.push_str(
-            "In the figures solid lines are measured and dashed ones are references; dotted green lines are ",
+            "In the figures solid lines are measured and dashed ones are references; dotted red lines are ",
         );
-        out.push_str("limits, and the shaded band is the space between them.</p>\n");
+        out.push_str(
+            "limits or values to compare with, and the pale band is the space between limits.</p>\n",
+        );
         for text in self.reading {
             push(out, format_args!("<p>{}</p>\n", escape(text)));
         }
@@ -186,6 +163,38 @@ impl<'a> Page<'a> {
 fn push(out: &mut String, text: std::fmt::Arguments<'_>) {
     // Writing to a string does not fail.
     let _ = out.write_fmt(text);
+}
+
+/// Verdict, facts and table of the runs of one scenario on one controller; `named` where there are several such.
+fn group(out: &mut String, group: &Group<'_>, named: bool) {
+    let first = group.runs[0];
+    let (class, word) = if group.pass() { ("good", "PASS") } else { ("bad", "FAIL") };
+    push(
+        out,
+        format_args!(
+            "<section>\n<h2>Measured and wanted{}</h2>\n<p class=\"verdict {class}\"><b>{word}</b>{}</p>\n<dl>\n",
+            if named {
+                escape(&format!(": {}, {}", first.scenario, first.controller))
+            } else {
+                String::new()
+            },
+            escape(&verdict_line(group))
+        ),
+    );
+    fact(out, "Scenario", &first.scenario, "");
+    fact(out, "Controller", &first.controller, "");
+    fact(out, if group.runs.len() == 1 { "Seed" } else { "Seeds" }, &seeds(&group.runs), "");
+    fact(out, "Ticks", &ticks(&group.runs), "");
+    if let Some(identical) = group.runs.iter().filter_map(|run| run.identical).reduce(|a, b| a && b) {
+        let text = if identical { "identical bytes" } else { "DIFFERENT" };
+        fact(out, "Image and native", text, "");
+    }
+    if let Some(hash) = &first.elf_sha256 {
+        fact(out, "SHA-256 of the firmware image", hash, " class=\"wide\"");
+    }
+    out.push_str("</dl>\n");
+    rows(out, group);
+    out.push_str("</section>\n");
 }
 
 fn fact(out: &mut String, name: &str, value: &str, class: &str) {

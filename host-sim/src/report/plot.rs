@@ -14,13 +14,12 @@
 use std::ops::Range;
 
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::{BoldPoints, Ranged};
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::figure::{Figure, Layout, Line, LineStyle, Panel};
 use super::page::escape;
+use super::range::{X_TICKS, axis_label, equal_ranges, shared_y_range, ticks, x_range};
 
 /// Groups of points that are kept of a line, see `Line::decimated`.
 pub(super) const BUCKETS: usize = 300;
@@ -32,21 +31,22 @@ const LEFT: f64 = 66.0;
 /// Right margin without and with words in it.
 const RIGHT: (f64, f64) = (14.0, 108.0);
 const ROW: f64 = 19.0;
-const PLOT_HEIGHT: f64 = 138.0;
 const AXIS: f64 = 42.0;
 const GAP: f64 = 12.0;
 
 const TEXT: f64 = 12.0;
 const SMALL: f64 = 11.0;
+/// Words of windows, which unlike those of size `SMALL` have no margin around them.
+const PLAIN: f64 = 10.75;
 /// Mean width of a character of a sans-serif font, in its size.
 const CHARACTER: f64 = 0.53;
 
 const INK: RGBColor = RGBColor(0x1B, 0x1F, 0x24);
 const MUTED: RGBColor = RGBColor(0x57, 0x60, 0x6A);
-const GRID: RGBColor = RGBColor(0xE3, 0xE6, 0xEA);
-const SHADE: RGBColor = RGBColor(0xF1, 0xF4, 0xF7);
-const BAND: RGBColor = RGBColor(0xE4, 0xF3, 0xEC);
-const LIMIT: RGBColor = RGBColor(0x2E, 0x7D, 0x5B);
+const GRID: RGBColor = RGBColor(0xDD, 0xE2, 0xE7);
+const SHADE: RGBColor = RGBColor(0xE6, 0xEB, 0xF1);
+const BAND: RGBColor = RGBColor(0xF4, 0xF6, 0xF9);
+const LIMIT: RGBColor = RGBColor(0x9A, 0x1F, 0x40);
 
 /// Okabe and Ito's colours, told apart by colour-blind people too; the palest last but one, black last.
 pub(super) const PALETTE: [RGBColor; 8] = [
@@ -61,8 +61,8 @@ pub(super) const PALETTE: [RGBColor; 8] = [
 ];
 
 /// Widths that are used for nothing else, so that dashes can be added to what plotters wrote.
-const DASHES: [(u32, &str); 2] = [(7, "22 13"), (5, "10 10")];
-const SOLID_WIDTH: u32 = 6;
+const DASHES: [(u32, &str); 2] = [(6, "20 15"), (5, "9 9")];
+const SOLID_WIDTH: u32 = 7;
 const DASHED_WIDTH: u32 = DASHES[0].0;
 const RULE_WIDTH: u32 = DASHES[1].0;
 
@@ -108,6 +108,10 @@ pub(super) fn svg(figure: &Figure, buckets: usize, alone: bool) -> String {
         let attribute = format!("stroke-width=\"{line}\"");
         drawn = drawn.replace(&attribute, &format!("{attribute} stroke-dasharray=\"{dashes}\""));
     }
+    // Words on lines keep a margin around them.
+    let size = format!("font-size=\"{}\"", SMALL * SCALE);
+    let halo = "paint-order=\"stroke\" stroke=\"#FFFFFF\" stroke-width=\"14\"";
+    drawn = drawn.replace(&size, &format!("{size} {halo}"));
     let body = drawn.split_once('>').map_or("", |(_, rest)| rest);
     let size = if alone { format!(" width=\"{width}\" height=\"{height}\"") } else { String::new() };
     let title = escape(&figure.title);
@@ -126,16 +130,23 @@ fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * size * CHARACTER
 }
 
+/// An entry stands where it first appears: in a stacked figure once, otherwise once a panel.
 fn legends(figure: &Figure) -> Vec<Legend> {
-    let key =
-        |panel: &Panel| panel.lines.iter().map(|l| (l.name.clone(), l.colour, l.style)).collect::<Vec<_>>();
-    let mut previous = None;
+    let mut seen: Vec<(&str, usize, LineStyle)> = Vec::new();
     let mut legends = Vec::new();
     for panel in &figure.panels {
-        let same = figure.layout == Layout::Stacked && previous == Some(key(panel));
-        previous = Some(key(panel));
-        let named = panel.lines.iter().enumerate().filter(|(_, l)| !same && !l.name.is_empty());
-        legends.push(flow(named, text_width(&panel.title, 13.5) + 20.0, panel_width(figure)));
+        if figure.layout == Layout::Paths {
+            seen.clear();
+        }
+        let mut named = Vec::new();
+        for (i, line) in panel.lines.iter().enumerate().filter(|(_, line)| !line.name.is_empty()) {
+            let key = (line.name.as_str(), line.colour, line.style);
+            if !seen.contains(&key) {
+                seen.push(key);
+                named.push((i, line));
+            }
+        }
+        legends.push(flow(named.into_iter(), text_width(&panel.title, 13.5) + 20.0, panel_width(figure)));
     }
     legends
 }
@@ -179,7 +190,8 @@ fn plot_height(figure: &Figure) -> f64 {
     match (figure.layout, figure.panels.len()) {
         (Layout::Stacked, 1) => 260.0,
         (Layout::Stacked, 2) => 190.0,
-        (Layout::Stacked, _) => PLOT_HEIGHT,
+        (Layout::Stacked, 3) => 138.0,
+        (Layout::Stacked, _) => 112.0,
         (Layout::Paths, _) => panel_width(figure).min(420.0),
     }
 }
@@ -215,7 +227,7 @@ fn draw(
         };
         let (width, tall) = (panel_width(figure), plot_height(figure));
         let (x, y) = match figure.layout {
-            Layout::Stacked => (shared.clone(), y_range(panel)),
+            Layout::Stacked => (shared.clone(), shared_y_range(&figure.panels, panel)),
             Layout::Paths => equal_ranges(panel, width / tall),
         };
         let axes = Axes { left, right: left + width, top: top + head, bottom: top + head + tall, x, y };
@@ -223,7 +235,9 @@ fn draw(
         let last = i + 1 == figure.panels.len() || figure.layout == Layout::Paths;
         draw_axes(&root, figure, panel, &axes, last)?;
         draw_lines(&root, panel, &axes, buckets)?;
-        draw_words(&root, panel, &axes)?;
+        draw_windows(&root, panel, &axes)?;
+        draw_rule_labels(&root, panel, &axes, figure.layout)?;
+        draw_marks(&root, panel, &axes)?;
         match figure.layout {
             Layout::Stacked => top = axes.bottom + GAP,
             Layout::Paths => left += WIDTH / figure.panels.len() as f64,
@@ -231,71 +245,6 @@ fn draw(
     }
     root.present()?;
     Ok(())
-}
-
-fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
-    values.filter(|v| v.is_finite()).fold(None, |range, v| match range {
-        None => Some(v..v),
-        Some(r) => Some(r.start.min(v)..r.end.max(v)),
-    })
-}
-
-/// `range` with room on both sides, and never empty.
-fn padded(range: Option<Range<f64>>, share: f64) -> Range<f64> {
-    let range = range.unwrap_or(0.0..1.0);
-    let width = range.end - range.start;
-    // A range that is a rounding error wide would have ticks that all read the same.
-    let least = 1e-9 * range.start.abs().max(range.end.abs());
-    if width <= least || !width.is_finite() {
-        let half = (range.start.abs() * 0.1).clamp(1e-3, f64::MAX / 4.0);
-        let middle = range.start.clamp(-f64::MAX / 4.0, f64::MAX / 4.0);
-        return middle - half..middle + half;
-    }
-    range.start - share * width..range.end + share * width
-}
-
-fn x_range(panels: &[Panel]) -> Range<f64> {
-    padded(span(panels.iter().flat_map(|p| &p.lines).flat_map(|l| l.x.iter().copied())), 0.0)
-}
-
-/// Data and limits with some room; a limit far beyond the data is left out, and a word says where it is.
-fn y_range(panel: &Panel) -> Range<f64> {
-    let data = span(panel.lines.iter().flat_map(|l| l.y.iter().copied()));
-    let extent = data.clone().map_or(0.0, |d| d.start.abs().max(d.end.abs()));
-    let near = panel.rules.iter().filter(|r| extent == 0.0 || r.value.abs() <= 5.0 * extent);
-    let rules = near.flat_map(|r| if r.band { vec![r.value, -r.value] } else { vec![r.value] });
-    padded(span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules)), 0.09)
-}
-
-/// Ranges of one scale that hold the panel's lines.
-fn equal_ranges(panel: &Panel, aspect: f64) -> (Range<f64>, Range<f64>) {
-    let x = padded(span(panel.lines.iter().flat_map(|l| l.x.iter().copied())), 0.08);
-    let y = padded(span(panel.lines.iter().flat_map(|l| l.y.iter().copied())), 0.08);
-    let scale = ((x.end - x.start) / aspect).max(y.end - y.start);
-    let around = |r: &Range<f64>, width: f64| {
-        let middle = f64::midpoint(r.start, r.end);
-        middle - width / 2.0..middle + width / 2.0
-    };
-    (around(&x, scale * aspect), around(&y, scale))
-}
-
-/// Round numbers in `range`, about `count` of them, each with its text.
-fn ticks(range: &Range<f64>, count: usize) -> Vec<(f64, String)> {
-    let coord = RangedCoordf64::from(range.clone());
-    let values = coord.key_points(BoldPoints(count));
-    let step = values.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
-    let largest = values.iter().fold(0.0, |a: f64, v| a.max(v.abs()));
-    let decimals =
-        if step.is_finite() && step > 0.0 { (-(step * 1.000_001).log10().floor()).max(0.0) } else { 0.0 };
-    values
-        .iter()
-        .map(|&v| {
-            let v = if v.abs() < 1e-9 * step { 0.0 } else { v };
-            let scientific = decimals > 6.0 || largest >= 1e6;
-            let text = if scientific { format!("{v:.1e}") } else { format!("{v:.*}", decimals as usize) };
-            (v, text.replace('-', "−"))
-        })
-        .collect()
 }
 
 fn style(size: f64, colour: RGBColor, h: HPos, v: VPos) -> TextStyle<'static> {
@@ -347,19 +296,23 @@ fn draw_head(root: &Root<'_>, panel: &Panel, legend: &Legend, axes: &Axes, top: 
 
 fn draw_axes(root: &Root<'_>, figure: &Figure, panel: &Panel, axes: &Axes, x_labels: bool) -> Drawn {
     let &Axes { left, right, top, bottom, .. } = axes;
-    for window in &panel.windows {
-        let (from, to) = (window.from.max(axes.x.start), window.to.min(axes.x.end));
-        if from < to {
-            rectangle(root, [(axes.at_x(from), top), (axes.at_x(to), bottom)], SHADE)?;
-        }
-    }
     for rule in panel.rules.iter().filter(|rule| rule.band) {
         let (low, high) = ((-rule.value).max(axes.y.start), rule.value.min(axes.y.end));
         if high < axes.y.end && low < high {
             rectangle(root, [(left, axes.at_y(high)), (right, axes.at_y(low))], BAND)?;
         }
     }
-    for (x, text) in ticks(&axes.x, ((right - left) / 90.0).max(2.0) as usize) {
+    for window in &panel.windows {
+        let (from, to) = (window.from.max(axes.x.start), window.to.min(axes.x.end));
+        if from < to {
+            rectangle(root, [(axes.at_x(from), top), (axes.at_x(to), bottom)], SHADE)?;
+        }
+    }
+    let x_ticks = ticks(
+        &axes.x,
+        if right - left > WIDTH / 2.0 { X_TICKS } else { ((right - left) / 65.0).max(3.0) as usize },
+    );
+    for (x, text) in x_ticks.at {
         let at = axes.at_x(x);
         stroke(root, vec![(px(at), px(top)), (px(at), px(bottom))], GRID, 3)?;
         stroke(root, vec![(px(at), px(bottom)), (px(at), px(bottom + 4.0))], MUTED, 4)?;
@@ -367,9 +320,10 @@ fn draw_axes(root: &Root<'_>, figure: &Figure, panel: &Panel, axes: &Axes, x_lab
             word(root, &text, (at, bottom + 7.0), style(TEXT, MUTED, HPos::Center, VPos::Top))?;
         }
     }
-    for (y, text) in ticks(&axes.y, ((bottom - top) / 28.0).max(2.0) as usize) {
+    let y_ticks = ticks(&axes.y, ((bottom - top) / 28.0).max(2.0) as usize);
+    for (y, text) in y_ticks.at {
         let at = axes.at_y(y);
-        let (colour, width) = if y == 0.0 { (MUTED, 2) } else { (GRID, 3) };
+        let (colour, width) = if y == 0.0 { (MUTED, 3) } else { (GRID, 3) };
         stroke(root, vec![(px(left), px(at)), (px(right), px(at))], colour, width)?;
         stroke(root, vec![(px(left - 4.0), px(at)), (px(left), px(at))], MUTED, 4)?;
         word(root, &text, (left - 7.0, at), style(TEXT, MUTED, HPos::Right, VPos::Center))?;
@@ -378,14 +332,10 @@ fn draw_axes(root: &Root<'_>, figure: &Figure, panel: &Panel, axes: &Axes, x_lab
     stroke(root, frame.iter().map(|&(x, y)| (px(x), px(y))).collect(), MUTED, 4)?;
 
     let y_label = style(TEXT, INK, HPos::Center, VPos::Top).transform(FontTransform::Rotate270);
-    word(
-        root,
-        &axis_label(&panel.quantity, &panel.unit),
-        (left - LEFT + 4.0, f64::midpoint(top, bottom)),
-        y_label,
-    )?;
+    let label = axis_label(&panel.quantity, &panel.unit, y_ticks.exponent);
+    word(root, &label, (left - LEFT + 4.0, f64::midpoint(top, bottom)), y_label)?;
     if x_labels {
-        let label = axis_label(&figure.quantity, &figure.unit);
+        let label = axis_label(&figure.quantity, &figure.unit, x_ticks.exponent);
         word(
             root,
             &label,
@@ -394,10 +344,6 @@ fn draw_axes(root: &Root<'_>, figure: &Figure, panel: &Panel, axes: &Axes, x_lab
         )?;
     }
     Ok(())
-}
-
-fn axis_label(quantity: &str, unit: &str) -> String {
-    if unit.is_empty() { quantity.to_owned() } else { format!("{quantity} [{unit}]") }
 }
 
 fn draw_lines(root: &Root<'_>, panel: &Panel, axes: &Axes, buckets: usize) -> Drawn {
@@ -426,30 +372,48 @@ fn draw_lines(root: &Root<'_>, panel: &Panel, axes: &Axes, buckets: usize) -> Dr
     Ok(())
 }
 
-fn draw_words(root: &Root<'_>, panel: &Panel, axes: &Axes) -> Drawn {
+fn draw_windows(root: &Root<'_>, panel: &Panel, axes: &Axes) -> Drawn {
     for window in &panel.windows {
         let from = window.from.max(axes.x.start);
-        let at = (axes.at_x(from) + 5.0, axes.top + 4.0);
-        word(root, &window.label, at, style(SMALL, MUTED, HPos::Left, VPos::Top))?;
+        let at = (axes.at_x(from) + 5.0, axes.bottom - 9.0);
+        word(root, &window.label, at, style(PLAIN, MUTED, HPos::Left, VPos::Center))?;
     }
-    // From the top, each at its line or just below its neighbour.
+    Ok(())
+}
+
+/// At the right margin from the top, each at its line or just below its neighbour; inside where there is no margin.
+fn draw_rule_labels(root: &Root<'_>, panel: &Panel, axes: &Axes, layout: Layout) -> Drawn {
     let mut rules: Vec<_> = panel.rules.iter().collect();
     rules.sort_by(|a, b| b.value.total_cmp(&a.value));
     let mut free = axes.top;
     for rule in rules {
-        let beyond = rule.value >= axes.y.end || rule.value <= axes.y.start;
-        let text = if beyond { format!("{} ↑", rule.label) } else { rule.label.clone() };
-        let wanted = if beyond { axes.top + 6.0 } else { axes.at_y(rule.value) };
+        let (above, below) = (rule.value >= axes.y.end, rule.value <= axes.y.start);
+        let arrow = if above {
+            " ↑"
+        } else if below {
+            " ↓"
+        } else {
+            ""
+        };
+        let wanted = axes.at_y(rule.value.clamp(axes.y.start, axes.y.end));
         let y = wanted.max(free + 6.0);
-        word(root, &text, (axes.right + 6.0, y), style(SMALL, LIMIT, HPos::Left, VPos::Center))?;
+        let (x, y, h) = match layout {
+            Layout::Stacked => (axes.right + 6.0, y, HPos::Left),
+            Layout::Paths => (axes.right - 4.0, y + 8.0, HPos::Right),
+        };
+        word(root, &format!("{}{arrow}", rule.label), (x, y), style(SMALL, LIMIT, h, VPos::Center))?;
         free = y + 8.0;
     }
+    Ok(())
+}
+
+fn draw_marks(root: &Root<'_>, panel: &Panel, axes: &Axes) -> Drawn {
     for mark in &panel.marks {
         let (x, y) = (axes.at_x(mark.x), axes.at_y(mark.y));
         if !x.is_finite() || !y.is_finite() {
             continue;
         }
-        root.draw(&Circle::new((px(x), px(y)), px(3.4) as u32, INK.stroke_width(6)))?;
+        root.draw(&Circle::new((px(x), px(y)), px(3.4) as u32, INK.stroke_width(SOLID_WIDTH)))?;
         // Away from the nearer edge, above what is high and below what is low, as long as there is room.
         let (h, dx) = if x > axes.right - 150.0 { (HPos::Right, -8.0) } else { (HPos::Left, 8.0) };
         let up = (mark.y >= 0.0 && y - axes.top > 16.0) || axes.bottom - y < 16.0;
@@ -459,6 +423,10 @@ fn draw_words(root: &Root<'_>, panel: &Panel, axes: &Axes) -> Drawn {
             (x + dx, y + if up { -8.0 } else { 8.0 }),
             style(SMALL, INK, h, VPos::Center),
         )?;
+    }
+    if panel.lines.iter().all(|line| line.x.is_empty() || line.y.is_empty()) {
+        let middle = (f64::midpoint(axes.left, axes.right), f64::midpoint(axes.top, axes.bottom));
+        word(root, "no data", middle, style(TEXT, MUTED, HPos::Center, VPos::Center))?;
     }
     Ok(())
 }

@@ -29,7 +29,7 @@ pub struct Metric {
     pub limit: Option<f64>,
     /// How `limit` limits.
     pub bound: Bound,
-    /// What the paper got, in its own words (`1–2 mm`). Not in the JSON.
+    /// What the paper got, in its own words (`1–2 mm`).
     pub paper: Option<String>,
     /// What one should know about this row. Not in the JSON.
     pub note: Option<String>,
@@ -123,10 +123,14 @@ impl Metric {
 
 impl Serialize for Metric {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut s = serializer.serialize_struct("Metric", 4)?;
+        let mut s = serializer.serialize_struct("Metric", 4 + usize::from(self.paper.is_some()))?;
         s.serialize_field("value", &self.value)?;
         s.serialize_field("unit", &self.unit)?;
         s.serialize_field("limit", &self.limit)?;
+        match &self.paper {
+            Some(paper) => s.serialize_field("paper", paper)?,
+            None => s.skip_field("paper")?,
+        }
         s.serialize_field("pass", &self.pass())?;
         s.end()
     }
@@ -135,7 +139,7 @@ impl Serialize for Metric {
 /// What one run of one seed came to.
 ///
 /// As JSON: `{"scenario", "controller", "seed", "ticks", "elf_sha256"?, "identical"?, "metrics": {name: {"value",
-/// "unit", "limit", "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
+/// "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
 /// left out where there is nothing to say, and `null` for a value that is not a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
@@ -265,127 +269,6 @@ pub fn json(summaries: &[Summary]) -> String {
     };
     // Strings, numbers and maps with string keys: nothing in there that JSON could refuse.
     text.expect("a summary is representable as JSON") + "\n"
-}
-
-/// The runs of one scenario on one controller, in the order of their seeds as given.
-pub(super) struct Group<'a> {
-    pub runs: Vec<&'a Summary>,
-}
-
-/// One metric over the runs of a group.
-pub(super) struct Row<'a> {
-    pub metric: &'a Metric,
-    /// The values in the order of the runs; `None` where a run lacks the metric.
-    pub values: Vec<Option<&'a Metric>>,
-    pub median: f64,
-    pub worst: &'a Metric,
-    pub worst_seed: u64,
-    /// Runs whose value passes.
-    pub passed: usize,
-}
-
-/// Groups `summaries` by scenario and controller.
-pub(super) fn groups(summaries: &[Summary]) -> Vec<Group<'_>> {
-    let mut groups: Vec<Group> = Vec::new();
-    for run in summaries {
-        let same =
-            |g: &&mut Group| g.runs[0].scenario == run.scenario && g.runs[0].controller == run.controller;
-        match groups.iter_mut().find(same) {
-            Some(group) => group.runs.push(run),
-            None => groups.push(Group { runs: vec![run] }),
-        }
-    }
-    groups
-}
-
-impl<'a> Group<'a> {
-    /// Its metrics, in the order in which they first appear.
-    pub fn rows(&self) -> Vec<Row<'a>> {
-        let mut names: Vec<&str> = Vec::new();
-        for (name, _) in self.runs.iter().flat_map(|run| run.metrics()) {
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-        names.into_iter().filter_map(|name| self.row(name)).collect()
-    }
-
-    fn row(&self, name: &str) -> Option<Row<'a>> {
-        let values: Vec<Option<&Metric>> = self.runs.iter().map(|run| run.get(name)).collect();
-        let found = || self.runs.iter().zip(&values).filter_map(|(run, value)| value.map(|v| (run.seed, v)));
-        let (_, metric) = found().next()?;
-        let (worst_seed, worst) = found().reduce(|a, b| if b.1.badness() > a.1.badness() { b } else { a })?;
-        let mut sorted: Vec<f64> = found().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let middle = sorted.len() / 2;
-        let median = match sorted.len() {
-            0 => f64::NAN,
-            n if n % 2 == 1 => sorted[middle],
-            _ => f64::midpoint(sorted[middle - 1], sorted[middle]),
-        };
-        let passed = found().filter(|(_, m)| m.pass()).count();
-        Some(Row { metric, median, worst, worst_seed, passed, values })
-    }
-
-    /// Whether every run passes.
-    pub fn pass(&self) -> bool {
-        self.runs.iter().all(|run| run.pass())
-    }
-}
-
-impl Row<'_> {
-    /// Whether every run has the value and it passes.
-    pub fn pass(&self) -> bool {
-        self.passed == self.values.len()
-    }
-
-    /// `pass`, `FAIL`, `reported`, or the count where some of several seeds fail.
-    pub fn verdict(&self) -> String {
-        match (self.pass(), self.metric.limit) {
-            (true, Some(_)) => "✓ pass".into(),
-            (true, None) => "· reported".into(),
-            (false, _) if self.values.len() > 1 => {
-                format!("✗ FAIL {}/{}", self.values.len() - self.passed, self.values.len())
-            }
-            (false, _) => "✗ FAIL".into(),
-        }
-    }
-
-    /// The median over the seeds, with its unit.
-    pub fn median_text(&self) -> String {
-        number::with_unit(&number::significant(self.median, 3), &self.metric.unit)
-    }
-}
-
-/// `6 of 7 limits met`, and what else decides.
-pub(super) fn verdict_line(group: &Group<'_>) -> String {
-    let rows = group.rows();
-    let limits = rows.iter().filter(|r| r.metric.limit.is_some()).count();
-    let met = rows.iter().filter(|r| r.metric.limit.is_some() && r.pass()).count();
-    let mut parts = match (rows.len(), limits) {
-        (0, _) => vec!["nothing was measured".to_owned()],
-        (_, 0) => vec!["reported only, no limits".to_owned()],
-        _ => vec![format!("{met} of {limits} limits met")],
-    };
-    if group.runs.len() > 1 {
-        let passed = group.runs.iter().filter(|run| run.pass()).count();
-        parts.push(format!("{passed} of {} seeds pass", group.runs.len()));
-    }
-    if group.runs.iter().any(|run| run.identical == Some(false)) {
-        parts.push("image and native controller differ".to_owned());
-    }
-    parts.join(", ")
-}
-
-/// `1`, `1–20`, or `1, 3, 7`.
-pub(super) fn seeds(runs: &[&Summary]) -> String {
-    let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
-    let consecutive = seeds.windows(2).all(|w| w[0].checked_add(1) == Some(w[1]));
-    match seeds.as_slice() {
-        [one] => one.to_string(),
-        [first, .., last] if consecutive => format!("{first}–{last}"),
-        _ => seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The table at the end of a run.
 
-use super::summary::{Group, Row, groups, seeds, verdict_line};
+use super::group::{Group, Row, groups, seeds, ticks, verdict_line};
 use super::{Summary, number};
 
 /// No line of a table is longer than this.
@@ -74,7 +74,7 @@ fn title(group: &Group<'_>, colour: bool) -> String {
     let first = group.runs[0];
     let seed = if group.runs.len() == 1 { "seed" } else { "seeds" };
     let mut facts = vec![first.controller.clone(), format!("{seed} {}", seeds(&group.runs))];
-    facts.push(format!("{} ticks", group.runs.iter().map(|run| run.ticks).sum::<u64>()));
+    facts.push(format!("{} ticks", ticks(&group.runs)));
     if let Some(hash) = &first.elf_sha256 {
         facts.push(format!("image {}", hash.chars().take(12).collect::<String>()));
     }

@@ -11,6 +11,7 @@ use tesaki_supervisor::{Board, BoardError};
 
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
 use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
@@ -109,6 +110,12 @@ impl Recording {
         pairs.map(move |(position, reference)| 1e3 * (position + homing - reference))
     }
 
+    /// A joint's angle from the start as its encoder sees it [rad].
+    fn moved(&self, joint: usize) -> Vec<f64> {
+        let start = self.reference[joint].first().copied().unwrap_or(0.0);
+        self.position[joint].iter().map(|angle| angle + self.homing_errors[joint] - start).collect()
+    }
+
     /// Largest error of any joint after the steps numbered `steps`: at any time, and from [`SETTLED_AFTER`] each of
     /// them on [mrad].
     fn worst(&self, steps: Range<usize>) -> (f64, f64) {
@@ -145,7 +152,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    let mut sequence = 0;
+    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |share: f64| (setting.progress)((index as f64 + share) / 4.0);
         let recording = run_trial(
@@ -155,15 +162,15 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             setting.controller,
             setting.seed,
             ticks,
-            &mut sequence,
+            &mut motion,
             &progress,
         )?;
         add_metrics(&mut summary, trial, &recording);
         figures.push(figure(trial, &recording, &robot.model));
         tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
     }
-    let summary = summary.ticks(u64::from(sequence));
-    Ok(Outcome { summary, figures, tables })
+    let summary = summary.ticks(u64::from(motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion })
 }
 
 #[expect(clippy::too_many_arguments, reason = "called once")]
@@ -174,7 +181,7 @@ fn run_trial(
     controller: &mut Watched<'_>,
     seed: u64,
     ticks: u32,
-    sequence: &mut u32,
+    motion: &mut Motion,
     progress: &dyn Fn(f64),
 ) -> Result<Recording, ScenarioError> {
     let mut model = robot.model.clone();
@@ -187,7 +194,7 @@ fn run_trial(
     }
     let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
     let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
-    let start = prepare(controller, &mut plant, &model, trial.mode, sequence)?;
+    let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
 
     let joints = model.joints.len();
     let filter_time = f64::from(model.joints[0].servo.filter_time);
@@ -218,13 +225,16 @@ fn run_trial(
                 other => other?,
             }
         }
-        *sequence += 1;
-        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        let truth = plant.truth();
+        let actuators = controller.tick(&plant.sensors(motion.tick(&truth)))?;
         if !actuators.enabled {
             return Err(stopped(controller, &model, trial, time));
         }
-        let truth = plant.truth();
         let moved = reference(tick, &recording.steps, filter_time);
+        motion.reference(start.iter().map(|&start| f64::from(start) + moved).collect());
+        if tick == 0 {
+            motion.note(trial.label);
+        }
         recording.time.push(time);
         for (joint, &start) in start.iter().enumerate() {
             recording.reference[joint].push(f64::from(start) + moved);
@@ -244,14 +254,14 @@ fn prepare(
     plant: &mut Plant,
     model: &RobotModel,
     mode: ServoMode,
-    sequence: &mut u32,
+    motion: &mut Motion,
 ) -> Result<Vec<f32>, ScenarioError> {
     controller.hello()?;
     controller.take_command(false)?;
     controller.push_model(model)?;
     let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
-        *sequence += 1;
-        let actuators = controller.tick(&plant.sensors(*sequence))?;
+        let sequence = motion.tick(&plant.truth());
+        let actuators = controller.tick(&plant.sensors(sequence))?;
         Ok::<_, ScenarioError>(plant.apply(&actuators)?)
     };
     tick(controller, plant)?;
@@ -292,7 +302,8 @@ fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &Trial, time
 fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     let (first_peak, _) = recording.worst(0..FIRST_MOTIONS);
     let (peak, settled) = recording.worst(FIRST_MOTIONS..usize::MAX);
-    let Trial { name, label, limits, .. } = trial;
+    let Trial { name, limits, .. } = trial;
+    let label = capital(trial.label);
     let peak_label = format!("{label}: largest error");
     let settled_label = format!("{label}: largest error from 1 s on");
     let metrics = match *limits {
@@ -314,30 +325,47 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     summary.insert(format!("{name}_torque_peak"), torque);
 }
 
+/// All joints' angles and torques, and the errors chain by chain; a joint has the colour of its place in the chain.
 fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let mut angles = Panel::new("Motion of the joints", "angle from start", "rad");
-    let start: Vec<f64> =
-        recording.reference.iter().map(|joint| joint.first().copied().unwrap_or(0.0)).collect();
-    let mut errors = Panel::new("Error", "error", "mrad");
+    let mut angles = Panel::new("Motion of the joints from their start", "angle", "rad");
+    let mut errors = Vec::new();
     let mut torques = Panel::new("Motor torque", "torque", "N·m");
-    for (index, joint) in model.joints.iter().enumerate() {
-        let name = joint.name.as_str().replace('_', " ");
-        let time = || recording.time.clone();
-        let homing = recording.homing_errors[index];
-        let moved = recording.position[index].iter().map(|angle| angle + homing - start[index]).collect();
-        angles = angles.line(Line::solid(name.as_str(), index, time(), moved));
-        errors = errors.line(Line::solid(name.as_str(), index, time(), recording.error(index).collect()));
-        torques = torques.line(Line::solid(name.as_str(), index, time(), recording.torque[index].clone()));
+    for joints in model.chain_ranges() {
+        let (prefix, names) = split_names(joints.clone().map(|joint| model.joint_name(joint)).collect());
+        let title = if prefix.is_empty() { "Error".to_owned() } else { format!("Error, {prefix}") };
+        let mut panel = Panel::new(title, "error", "mrad");
+        if let (Some(&from), Some(&to)) = (recording.steps.first(), recording.steps.get(FIRST_MOTIONS)) {
+            panel = panel.window(from as f64 * T, to as f64 * T, "first motions");
+        }
+        for (place, (joint, name)) in joints.zip(names).enumerate() {
+            let line = |values: Vec<f64>| Line::solid(name, place, recording.time.clone(), values);
+            angles = angles.line(line(recording.moved(joint)));
+            panel = panel.line(line(recording.error(joint).collect()));
+            torques = torques.line(line(recording.torque[joint].clone()));
+        }
+        errors.push(match trial.limits {
+            Some((peak, _)) => panel.band(peak, format!("±{peak} mrad")),
+            None => panel,
+        });
     }
-    let shape = recording.reference[0].iter().map(|angle| angle - start[0]).collect();
-    angles = angles.line(Line::dashed("reference", 9, recording.time.clone(), shape));
-    if let Some((peak, _)) = trial.limits {
-        errors = errors.band(peak, "wanted");
+    let start = recording.reference[0].first().copied().unwrap_or(0.0);
+    let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
+    angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
+    let caption = "True joint angles of the plant against the filtered reference; angles and torques with one line a \
+                   joint. In the first step up and the first step down the servo meets the machine's true friction \
+                   for the first time (shaded); from then on it has learnt it, and the limit counts.";
+    let figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
+    errors.into_iter().fold(figure, Figure::panel).panel(torques)
+}
+
+/// What the names of a chain's joints have in common before an underscore, and the rest of each.
+fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
+    let prefix = names.first().and_then(|name| name.rsplit_once('_')).map_or("", |(prefix, _)| prefix);
+    let rest = |name: &&str| name.strip_prefix(prefix).is_some_and(|rest| rest.starts_with('_'));
+    if prefix.is_empty() || !names.iter().all(rest) {
+        return ("", names);
     }
-    let caption = "True joint angles of the plant against the filtered reference. In the first step up and the first \
-                   step down the servo meets the machine's true friction for the first time; from then on it has \
-                   learnt it, and what is wanted counts.";
-    Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles).panel(errors).panel(torques)
+    (prefix, names.iter().map(|name| &name[prefix.len() + 1..]).collect())
 }
 
 fn capital(text: &str) -> String {

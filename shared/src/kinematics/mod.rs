@@ -2,14 +2,19 @@
 //!
 //! - [`Chain::posture`] is the forward kinematics; the [`Posture`] tells Jacobian and bias acceleration.
 //! - [`Finger`] has the inverse in closed form for a three-joint finger, all branches.
-//! - [`InverseKinematics`] iterates for any chain, to a position or a pose, within limits.
 //!
 //! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six components
 //! are `[v; ω]`, linear first, in base axes, of the tip's point.
 
 mod chain;
+mod finger;
 mod posture;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests;
 
 pub use chain::Chain;
 pub(crate) use chain::Link;
+pub use finger::{Finger, FingerError, FingerSolutions, NotAFinger};
 pub use posture::{Jacobian, Posture};

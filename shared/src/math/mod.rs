@@ -1,29 +1,29 @@
 //! The one door to elementary functions, the same bits on every machine.
 //!
 //! `sin_cos` is this module's own, because libm's single-precision sine works in double precision, which the
-//! Cortex-M4F has no hardware for. Everything else is libm's. The methods of `f32` are off limits (they call whatever
+//! Cortex-M4F has no hardware for. `atan2` and `sqrt` are for their speed. Everything else is libm's. The methods of `f32` are off limits (they call whatever
 //! the platform has; `clippy.toml` bans them), and so is the fused multiply-add.
 
+mod atan2;
 mod sincos;
+mod sqrt;
 
+pub use atan2::atan2;
 pub use sincos::sin_cos;
-
-/// `√x`; NaN for negative `x`.
-#[inline]
-pub fn sqrt(x: f32) -> f32 {
-    libm::sqrtf(x)
-}
-
-/// The angle of the point `(x, y)` [rad], −π to π.
-#[inline]
-pub fn atan2(y: f32, x: f32) -> f32 {
-    libm::atan2f(y, x)
-}
+pub use sqrt::sqrt;
 
 /// `e^x`.
 #[inline]
 pub fn exp(x: f32) -> f32 {
     libm::expf(x)
+}
+
+/// The nearest whole number; exact below 2²².
+#[inline]
+pub const fn round(x: f32) -> f32 {
+    // Adding and subtracting 1.5·2²³ leaves no bits behind the point.
+    const SHIFT: f32 = 12_582_912.0;
+    (x + SHIFT) - SHIFT
 }
 
 /// `|x|`.

@@ -1,0 +1,206 @@
+//! What moved in a run, and its recording in MCAP.
+//!
+//! A scenario calls [`Motion::tick`] once a control period, and where it has them adds reference and further frames:
+//!
+//! ```
+//! use tesaki_sim::motion::{Motion, Transform};
+//! # use tesaki_sim::plant::Truth;
+//! # let truth = Truth { positions: vec![0.5], velocities: vec![0.0], torques: vec![0.1], homing_errors: vec![0.0] };
+//! let mut motion = Motion::new(["elbow"]);
+//! let sequence = motion.tick(&truth);
+//! motion.reference(vec![0.6]);
+//! motion.frame(Transform {
+//!     parent: "palm".into(),
+//!     child: "box".into(),
+//!     translation: [0.0, 0.0, 0.1],
+//!     rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+//! });
+//! assert_eq!((sequence, motion.ticks()), (1, 1));
+//! ```
+
+use std::path::Path;
+
+use rapier3d::na::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
+use urdf_rs::{Joint, JointType};
+
+pub use tesaki_supervisor::mcap::Transform;
+
+use crate::plant::{Truth, isometry};
+
+/// One control period [ns].
+const PERIOD: u64 = 10_000_000;
+
+/// What moved in a run, one sample a tick.
+#[derive(Clone, Debug, Default)]
+pub struct Motion {
+    names: Vec<String>,
+    samples: Vec<Sample>,
+}
+
+#[derive(Clone, Debug)]
+struct Sample {
+    truth: Truth,
+    /// Empty where there is none.
+    reference: Vec<f64>,
+    frames: Vec<Transform>,
+    notes: Vec<String>,
+}
+
+/// Why the recording could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum MotionError {
+    /// The robot's description is none.
+    #[error("the URDF of the recording: {0}")]
+    Urdf(#[from] urdf_rs::UrdfError),
+    /// The file.
+    #[error(transparent)]
+    Mcap(#[from] McapError),
+}
+
+impl Motion {
+    /// Of the joints with these names, in the order in which all values come.
+    pub fn new(names: impl IntoIterator<Item: Into<String>>) -> Self {
+        Self { names: names.into_iter().map(Into::into).collect(), samples: Vec::new() }
+    }
+
+    /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor frames
+    /// carry it.
+    pub fn tick(&mut self, truth: &Truth) -> u32 {
+        let truth = truth.clone();
+        self.samples.push(Sample { truth, reference: Vec::new(), frames: Vec::new(), notes: Vec::new() });
+        self.ticks()
+    }
+
+    /// Where the joints should be in the last tick [rad].
+    pub fn reference(&mut self, positions: Vec<f64>) {
+        if let Some(sample) = self.samples.last_mut() {
+            sample.reference = positions;
+        }
+    }
+
+    /// A frame that is no link of the robot, in the last tick.
+    pub fn frame(&mut self, frame: Transform) {
+        if let Some(sample) = self.samples.last_mut() {
+            sample.frames.push(frame);
+        }
+    }
+
+    /// A line of text, in the last tick: what begins here.
+    pub fn note(&mut self, text: impl Into<String>) {
+        if let Some(sample) = self.samples.last_mut() {
+            sample.notes.push(text.into());
+        }
+    }
+
+    /// How many there are.
+    pub fn ticks(&self) -> u32 {
+        u32::try_from(self.samples.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Writes all as MCAP for ROS 2: `/robot_description`, and each tick `/joint_states`, `/tesaki/reference` and `/tf`
+    /// with all links. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the same bytes.
+    ///
+    /// # Errors
+    /// The text of the URDF is none, or the file cannot be written.
+    pub fn write(&self, path: &Path, urdf: &str) -> Result<(), MotionError> {
+        let robot = urdf_rs::read_from_string(urdf)?;
+        let mut recording = Recording::create(path, Some(urdf))?;
+        for (sample, number) in self.samples.iter().zip(1..) {
+            let time = number * PERIOD;
+            let Truth { positions, velocities, torques, .. } = &sample.truth;
+            recording.joint_states(time, &self.names, positions, velocities, torques)?;
+            if !sample.reference.is_empty() {
+                recording.references(time, &self.names, &sample.reference, &[], &[])?;
+            }
+            let mut frames = self.links(&robot.joints, positions);
+            frames.extend_from_slice(&sample.frames);
+            recording.tf(time, &frames)?;
+            for note in &sample.notes {
+                recording.log(time, LogLevel::Info, "scenario", note)?;
+            }
+        }
+        Ok(recording.finish()?)
+    }
+
+    /// Each link in the one that carries it; links behind joints without a value are left out.
+    fn links(&self, joints: &[Joint], positions: &[f64]) -> Vec<Transform> {
+        let value = |joint: &Joint| match joint.joint_type {
+            JointType::Fixed => Some(0.0),
+            _ => {
+                self.names.iter().position(|name| *name == joint.name).and_then(|i| positions.get(i).copied())
+            }
+        };
+        joints.iter().filter_map(|joint| Some(link(joint, value(joint)?))).collect()
+    }
+}
+
+/// The link behind a joint at `value` [rad or m].
+fn link(joint: &Joint, value: f64) -> Transform {
+    let axis = Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9).unwrap_or_else(Vector3::x_axis);
+    let (turned, shifted) = match joint.joint_type {
+        JointType::Revolute | JointType::Continuous => (value, 0.0),
+        JointType::Prismatic => (0.0, value),
+        _ => (0.0, 0.0),
+    };
+    let moved = Isometry3::from_parts(
+        Translation3::from(axis.into_inner() * shifted),
+        UnitQuaternion::from_axis_angle(&axis, turned),
+    );
+    let pose = isometry(&joint.origin) * moved;
+    Transform {
+        parent: joint.parent.link.clone(),
+        child: joint.child.link.clone(),
+        translation: pose.translation.vector.into(),
+        rotation_xyzw: pose.rotation.coords.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_holds_further_frames() {
+        let truth = Truth {
+            positions: vec![0.5],
+            velocities: vec![0.0],
+            torques: vec![0.1],
+            homing_errors: vec![0.0],
+        };
+        let mut motion = Motion::new(["elbow"]);
+        motion.tick(&truth);
+        motion.frame(Transform {
+            parent: "palm".into(),
+            child: "grasped box".into(),
+            translation: [0.0; 3],
+            rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+        });
+        let file = tempfile::NamedTempFile::new().expect("there is room for a file");
+        motion.write(file.path(), r#"<robot name="r"/>"#).expect("it can be written");
+        let bytes = std::fs::read(file.path()).expect("it was written");
+        assert!(bytes.windows(11).any(|part| part == b"grasped box"));
+        let error = motion.write(file.path(), "<robot>").expect_err("half a robot").to_string();
+        assert!(error.starts_with("the URDF of the recording: "), "{error}");
+    }
+
+    #[test]
+    fn links_turn_about_their_axes() {
+        let urdf = r#"<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+            <joint name="turn" type="revolute"><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/><parent link="a"/>
+            <child link="b"/><axis xyz="0 0 2"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+            <joint name="slide" type="prismatic"><origin xyz="0 0 1"/><parent link="b"/><child link="c"/>
+            <axis xyz="0 1 0"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+            <joint name="free" type="continuous"><parent link="c"/><child link="d"/></joint></robot>"#;
+        let robot = urdf_rs::read_from_string(urdf).expect("it is a URDF");
+        let links = Motion::new(["slide", "turn"]).links(&robot.joints, &[0.5, 0.5]);
+        let names: Vec<(&str, &str)> = links.iter().map(|l| (l.parent.as_str(), l.child.as_str())).collect();
+        assert_eq!(names, [("a", "b"), ("b", "c")], "nothing is known of the third joint");
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-15);
+        let half = 0.5 * (0.5 + std::f64::consts::FRAC_PI_2);
+        assert!(near(&links[0].translation, &[1.0, 2.0, 3.0]));
+        assert!(near(&links[0].rotation_xyzw, &[0.0, 0.0, half.sin(), half.cos()]));
+        assert!(near(&links[1].translation, &[0.0, 0.5, 1.0]));
+        assert!(near(&links[1].rotation_xyzw, &[0.0, 0.0, 0.0, 1.0]));
+    }
+}

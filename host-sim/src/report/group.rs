@@ -1,0 +1,135 @@
+//! Several seeds of one scenario, seen together.
+
+use super::{Metric, Summary, number};
+
+/// The runs of one scenario on one controller, in the order of their seeds as given.
+pub(super) struct Group<'a> {
+    pub runs: Vec<&'a Summary>,
+}
+
+/// One metric over the runs of a group.
+pub(super) struct Row<'a> {
+    pub metric: &'a Metric,
+    /// The values in the order of the runs; `None` where a run lacks the metric.
+    pub values: Vec<Option<&'a Metric>>,
+    pub median: f64,
+    pub worst: &'a Metric,
+    pub worst_seed: u64,
+    /// Runs whose value passes.
+    pub passed: usize,
+}
+
+/// Groups `summaries` by scenario and controller.
+pub(super) fn groups(summaries: &[Summary]) -> Vec<Group<'_>> {
+    let mut groups: Vec<Group> = Vec::new();
+    for run in summaries {
+        let same =
+            |g: &&mut Group| g.runs[0].scenario == run.scenario && g.runs[0].controller == run.controller;
+        match groups.iter_mut().find(same) {
+            Some(group) => group.runs.push(run),
+            None => groups.push(Group { runs: vec![run] }),
+        }
+    }
+    groups
+}
+
+impl<'a> Group<'a> {
+    /// Its metrics, in the order in which they first appear.
+    pub fn rows(&self) -> Vec<Row<'a>> {
+        let mut names: Vec<&str> = Vec::new();
+        for (name, _) in self.runs.iter().flat_map(|run| run.metrics()) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names.into_iter().filter_map(|name| self.row(name)).collect()
+    }
+
+    fn row(&self, name: &str) -> Option<Row<'a>> {
+        let values: Vec<Option<&Metric>> = self.runs.iter().map(|run| run.get(name)).collect();
+        let found = || self.runs.iter().zip(&values).filter_map(|(run, value)| value.map(|v| (run.seed, v)));
+        let (_, metric) = found().next()?;
+        let (worst_seed, worst) = found().reduce(|a, b| if b.1.badness() > a.1.badness() { b } else { a })?;
+        let mut sorted: Vec<f64> = found().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted.len() / 2;
+        let median = match sorted.len() {
+            0 => f64::NAN,
+            n if n % 2 == 1 => sorted[middle],
+            _ => f64::midpoint(sorted[middle - 1], sorted[middle]),
+        };
+        let passed = found().filter(|(_, m)| m.pass()).count();
+        Some(Row { metric, median, worst, worst_seed, passed, values })
+    }
+
+    /// Whether every run passes.
+    pub fn pass(&self) -> bool {
+        self.runs.iter().all(|run| run.pass())
+    }
+}
+
+impl Row<'_> {
+    /// Whether every run has the value and it passes.
+    pub fn pass(&self) -> bool {
+        self.passed == self.values.len()
+    }
+
+    /// `pass`, `FAIL`, `reported`, or the count where some of several seeds fail.
+    pub fn verdict(&self) -> String {
+        match (self.pass(), self.metric.limit) {
+            (true, Some(_)) => "✓ pass".into(),
+            (true, None) => "· reported".into(),
+            (false, _) if self.values.len() > 1 => {
+                format!("✗ FAIL {}/{}", self.values.len() - self.passed, self.values.len())
+            }
+            (false, _) => "✗ FAIL".into(),
+        }
+    }
+
+    /// The median over the seeds, with its unit.
+    pub fn median_text(&self) -> String {
+        number::with_unit(&number::significant(self.median, 3), &self.metric.unit)
+    }
+}
+
+/// `6 of 7 limits met`, and what else decides.
+pub(super) fn verdict_line(group: &Group<'_>) -> String {
+    let rows = group.rows();
+    let limits = rows.iter().filter(|r| r.metric.limit.is_some()).count();
+    let met = rows.iter().filter(|r| r.metric.limit.is_some() && r.pass()).count();
+    let mut parts = match (rows.len(), limits) {
+        (0, _) => vec!["nothing was measured".to_owned()],
+        (_, 0) => vec!["reported only, no limits".to_owned()],
+        _ => vec![format!("{met} of {limits} limits met")],
+    };
+    if group.runs.len() > 1 {
+        let passed = group.runs.iter().filter(|run| run.pass()).count();
+        parts.push(format!("{passed} of {} seeds pass", group.runs.len()));
+    }
+    if group.runs.iter().any(|run| run.identical == Some(false)) {
+        parts.push("image and native controller differ".to_owned());
+    }
+    parts.join(", ")
+}
+
+/// `1`, `1–20`, or `1, 3, 7`.
+pub(super) fn seeds(runs: &[&Summary]) -> String {
+    let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
+    let consecutive = seeds.windows(2).all(|w| w[0].checked_add(1) == Some(w[1]));
+    match seeds.as_slice() {
+        [one] => one.to_string(),
+        [first, .., last] if consecutive => format!("{first}–{last}"),
+        _ => seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// `600`, `20 × 600`, or the sum where the runs differ in length.
+pub(super) fn ticks(runs: &[&Summary]) -> String {
+    match runs {
+        [one] => one.ticks.to_string(),
+        [first, rest @ ..] if rest.iter().all(|run| run.ticks == first.ticks) => {
+            format!("{} × {}", runs.len(), first.ticks)
+        }
+        _ => runs.iter().map(|run| run.ticks).sum::<u64>().to_string(),
+    }
+}

@@ -1,0 +1,60 @@
+//! Forward kinematics, Jacobian and bias acceleration against Pinocchio, for arms and hands of different make.
+
+use super::Chain;
+use crate::model::{Inertial, Pose};
+
+type Joint = ([f32; 3], [f32; 4], [f32; 3]);
+type Tip = ([f32; 3], [f32; 4]);
+/// Angles, velocities; position, rotation (by rows), Jacobian (by rows) and bias acceleration of the tip.
+type State = (&'static [f32], &'static [f32], [f64; 3], [f64; 9], &'static [f64], [f64; 6]);
+
+/// Sixteen chains (`tests/oracles/kinematics.py`).
+const CASES: &[(&str, &[Joint], Tip, &[State])] = include!("../../../tests/oracles/data/kinematics.in");
+
+fn chain(joints: &[Joint], &(translation, rotation): &Tip) -> Chain {
+    let none = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };
+    let origins: Vec<Pose> =
+        joints.iter().map(|&(translation, rotation, _)| Pose { translation, rotation }).collect();
+    let links = origins.iter().zip(joints).map(|(origin, (_, _, axis))| (origin, axis, &none));
+    Chain::from_links(links, &Pose { translation, rotation })
+}
+
+/// Largest difference, as a share of the largest expected value, which counts at least `least`.
+fn difference(got: impl IntoIterator<Item = f32>, expected: &[f64], least: f64) -> f64 {
+    let scale = expected.iter().fold(least, |scale, value| scale.max(value.abs()));
+    let got: Vec<f32> = got.into_iter().collect();
+    assert_eq!(got.len(), expected.len());
+    got.iter()
+        .zip(expected)
+        .map(|(&got, expected)| (f64::from(got) - expected).abs() / scale)
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn agrees_with_pinocchio_on_arms_and_hands_of_different_make() {
+    assert!(CASES.len() >= 16);
+    for (name, joints, tip, states) in CASES {
+        let chain = chain(joints, tip);
+        let n = joints.len();
+        for (number, (q, qd, position, rotation, jacobian, bias)) in states.iter().enumerate() {
+            let posture = chain.posture(q);
+            let check = |what, difference: f64| {
+                assert!(difference < 1e-5, "{name}, state {number}: {what} off by {difference:e}");
+            };
+            check("position", difference(posture.tip().translation.vector.iter().copied(), position, 0.1));
+            let matrix = posture.tip().rotation.matrix().transpose();
+            check("rotation", difference(matrix.iter().copied(), rotation, 1.0));
+            let got = posture.jacobian();
+            let (linear, angular) = jacobian.split_at(3 * n);
+            let rows = |from: usize| {
+                (from..from + 3).flat_map(move |row| (0..n).map(move |column| got[(row, column)]))
+            };
+            check("linear Jacobian", difference(rows(0), linear, 0.1));
+            check("angular Jacobian", difference(rows(3), angular, 1.0));
+            let got = posture.bias_acceleration(qd);
+            check("linear bias", difference(got.iter().copied().take(3), &bias[..3], 0.1));
+            check("angular bias", difference(got.iter().copied().skip(3), &bias[3..], 0.1));
+            assert!(posture.jacobian().columns(n, 7 - n).iter().all(|&value| value == 0.0));
+        }
+    }
+}
