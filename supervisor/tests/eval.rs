@@ -97,3 +97,245 @@ fn jacobians_are_those_of_pinocchio_mimic_joints_included() {
     let worst = compare("jacobian");
     println!("largest difference {worst:.2e}");
 }
+
+#[test]
+fn the_inverse_brings_the_tips_back_to_where_they_were() {
+    let (mut targets, mut reached) = (0, 0);
+    for (name, tips) in ROBOTS {
+        let states = std::fs::read_to_string(data(name, "states")).unwrap();
+        let poses = eval("fk", &robot(name), tips, &states).0;
+        // From where they were, not far off, every joint comes back; without a start, the tip does.
+        let (out, _) = eval("ik", &robot(name), &separate(name, tips), &poses);
+        let solved = columns(&out);
+        let again = columns(&eval("fk", &robot(name), &separate(name, tips), &out).0);
+        let poses = columns(&poses);
+        for tip in solved.keys().filter_map(|column| column.strip_suffix(".status")) {
+            for row in 0..solved[&format!("{tip}.status")].len() {
+                targets += 1;
+                if solved[&format!("{tip}.status")][row] != "reached" {
+                    continue;
+                }
+                reached += 1;
+                for part in ["x", "y", "z", "qx", "qy", "qz", "qw"] {
+                    let column = format!("{tip}.{part}");
+                    let (got, expected) = (numbers(&again[&column])[row], numbers(&poses[&column])[row]);
+                    // A quaternion and its negative are the same orientation.
+                    let difference = (got - expected).abs().min((got + expected).abs());
+                    assert!(difference < 3e-5, "{name}: {column}, row {row}: {got} instead of {expected}");
+                }
+            }
+        }
+    }
+    assert!(targets > 80, "{targets}");
+    assert!(reached == targets, "{reached} of {targets} reached");
+}
+
+/// Tips whose joints are all their own.
+fn separate<'a>(name: &str, tips: &[&'a str]) -> Vec<&'a str> {
+    if name == "robotiq_2f85" { vec!["left_inner_finger_pad"] } else { tips.to_vec() }
+}
+
+#[test]
+fn columns_in_any_order_further_columns_and_angles_outside_are_told_and_computed() {
+    let ur5e = robot("ur5e");
+    let input = "time,wrist_3_joint,wrist_2_joint,wrist_1_joint,elbow_joint,shoulder_lift_joint,shoulder_pan_joint\n\
+        0,0.6,0.5,0.4,0.3,-0.2,0.1\n\
+        0,0.6,0.5,0.4,3.5,-0.2,0.1\n";
+    let (out, err) = eval("fk", &ur5e, &[], input);
+    let ordered = "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint\n\
+        0.1,-0.2,0.3,0.4,0.5,0.6\n\
+        0.1,-0.2,3.5,0.4,0.5,0.6\n";
+    assert_eq!(out, eval("fk", &ur5e, &[], ordered).0);
+    for words in [
+        "columns that were not needed: time",
+        "elbow_joint: 1 of 2 angles outside its limits -3.1415927 to 3.1415927 rad, first in line 3",
+        "2 rows, tips tool0",
+    ] {
+        assert!(err.contains(words), "no {words:?} in: {err}");
+    }
+}
+
+#[test]
+fn numbers_read_back_as_the_same_single_precision_number() {
+    let (out, _) = eval(
+        "jacobian",
+        &robot("inspire_right"),
+        &[],
+        &std::fs::read_to_string(data("inspire_right", "states")).unwrap(),
+    );
+    for word in out.lines().skip(1).flat_map(|line| line.split(',')) {
+        let value: f32 = word.parse().unwrap();
+        assert_eq!(format!("{value:?}"), word);
+    }
+}
+
+#[test]
+fn a_base_in_between_starts_there_and_uses_its_frame() {
+    let robot = robot("ur5e");
+    let (code, out, err) = tesaki(
+        &[
+            "eval",
+            "fk",
+            "--robot",
+            &robot,
+            "--in",
+            "-",
+            "--base",
+            "forearm_link",
+            "--tip",
+            "wrist_3_link",
+            "--tip",
+            "wrist_1_link",
+        ],
+        "wrist_1_joint,wrist_2_joint,wrist_3_joint\n0,0,0\n",
+    );
+    assert_eq!(code, 0, "{err}");
+    assert!(out.starts_with("wrist_3_link.x,") && out.contains("wrist_1_link.qw\n"), "{out}");
+}
+
+#[test]
+fn the_inverse_takes_positions_alone_starts_and_targets_out_of_reach() {
+    let robot = robot("ur5e");
+    let (out, err) =
+        eval("ik", &robot, &[], "tool0.x,tool0.y,tool0.z,elbow_joint\n0.3,0.2,0.4,1.5\n3,0,0,1.5\n");
+    let columns = columns(&out);
+    assert_eq!(columns["tool0.status"], ["reached", "not reached"], "{out}");
+    assert!(numbers(&columns["tool0.position_error"])[0] < 1e-4, "{out}");
+    assert!(numbers(&columns["tool0.position_error"])[1] > 1.5, "{out}");
+    assert!(err.contains("tool0: 1 of 2 targets not reached"), "{err}");
+}
+
+#[test]
+fn results_go_to_a_file_and_json_tells_what_was_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("fk.csv");
+    let states = data("kinova_gen3", "states");
+    let arguments =
+        ["--json", "eval", "fk", "--robot", &robot("kinova_gen3"), "--in", states.to_str().unwrap()];
+    let (code, text, err) = tesaki(&[&arguments[..], &["--out", out.to_str().unwrap()]].concat(), "");
+    assert_eq!((code, err.as_str()), (0, ""));
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(value["rows"], 10);
+    assert_eq!(value["tips"][0], "end_effector_link");
+    assert_eq!(std::fs::read_to_string(out).unwrap().lines().count(), 11);
+}
+
+#[test]
+fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
+    let (gripper, panda) = (robot("robotiq_2f85"), robot("franka_panda"));
+    let pads: &[&str] = &["--tip", "left_inner_finger_pad"];
+    let cases: &[(&str, &str, &[&str], &str, i32, &[&str])] = &[
+        ("fk", &gripper, &[], "", 1, &["standard input is empty"]),
+        ("fk", &gripper, &[], "finger_joint\n", 1, &["standard input:1", "no rows"]),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger\n0\n",
+            1,
+            &["standard input:1", "no column finger_joint (angle [rad])", "columns are finger"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint\n0.1\nNaN\n",
+            1,
+            &["standard input:3", "column finger_joint", "NaN is no finite number"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint\n0.1\n30°\n",
+            1,
+            &["standard input:3", "column finger_joint", "\"30°\" is no number"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint,a\n0.1\n",
+            1,
+            &["standard input:2", "1 values, but the header has 2 columns"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &["--tip", "thumb"],
+            "finger_joint\n0\n",
+            1,
+            &["no link \"thumb\"", "left_inner_finger_pad"],
+        ),
+        ("fk", &gripper, &["--base", "thumb"], "finger_joint\n0\n", 1, &["no link \"thumb\""]),
+        (
+            "fk",
+            &panda,
+            &[],
+            "a\n0\n",
+            1,
+            &["franka_panda.urdf:175", "panda_finger_joint1", "prismatic", "panda_hand_tcp"],
+        ),
+        (
+            "ik",
+            &gripper,
+            &[],
+            "finger_joint\n0\n",
+            1,
+            &["standard input:1", "TIP.x", "tips are left_inner_finger_pad"],
+        ),
+        (
+            "ik",
+            &gripper,
+            pads,
+            "finger_joint\n0\n",
+            1,
+            &["no column left_inner_finger_pad.x (position of the tip [m])"],
+        ),
+        (
+            "ik",
+            &panda,
+            &[],
+            "panda_hand_tcp.x,panda_hand_tcp.y,panda_hand_tcp.z,panda_hand_tcp.qw\n0,0,1,1\n",
+            1,
+            &["no column panda_hand_tcp.qx", "all four"],
+        ),
+        (
+            "ik",
+            &panda,
+            &[],
+            "panda_hand_tcp.x,panda_hand_tcp.y,panda_hand_tcp.z,panda_hand_tcp.qx,panda_hand_tcp.qy,panda_hand_tcp.qz,panda_hand_tcp.qw\n0,0,1,1,0,0,1\n",
+            1,
+            &["standard input:2", "quaternion has length 1.41", "order"],
+        ),
+        (
+            "ik",
+            &gripper,
+            &["--tip", "left_inner_finger_pad", "--tip", "right_inner_finger_pad"],
+            "a\n0\n",
+            2,
+            &["left_inner_finger_pad and right_inner_finger_pad share the joint finger_joint", "--tip"],
+        ),
+        ("fk", "/nowhere.urdf", &[], "a\n0\n", 1, &["/nowhere.urdf", "a folder with robot.urdf"]),
+        ("dance", &gripper, &[], "a\n0\n", 2, &["dance", "jacobian"]),
+    ];
+    for (what, robot, more, input, code, words) in cases {
+        let (got, _, err) = tesaki(&[&["eval", what, "--robot", robot, "--in", "-"], *more].concat(), input);
+        assert_eq!(got, *code, "{what} {more:?}: {err}");
+        for word in *words {
+            assert!(err.contains(word), "{what} {more:?}: no {word:?} in: {err}");
+        }
+    }
+    let (code, _, err) = tesaki(&["eval", "fk", "--robot", &gripper, "--in", "/nowhere.csv"], "");
+    assert!(code == 1 && err.contains("/nowhere.csv"), "{err}");
+    // A robot with wrong masses is computed, one with wrong places is not.
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = folder.path().join("robot.urdf");
+    let text = std::fs::read_to_string(&gripper).unwrap();
+    std::fs::write(&urdf, text.replacen("<mass value=\"", "<mass value=\"-", 1)).unwrap();
+    let robot = folder.path().to_str().unwrap();
+    eval("fk", robot, &[], "finger_joint\n0\n");
+    std::fs::write(&urdf, text.replacen("upper=\"", "upper=\"100", 1)).unwrap();
+    let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    assert!(code == 1 && err.contains("robot.urdf:") && err.contains("degrees?"), "{err}");
+}

@@ -299,7 +299,9 @@ fn mimic_joints_in_a_circle_are_found_from_each_of_them() {
     let text = changed("index_base", "velocity=\"6\"/>", "velocity=\"6\"/><mimic joint=\"index_curl\"/>");
     let (_, findings) = check(&text);
     assert_eq!(findings.len(), 2, "{findings:#?}");
-    assert!(findings[0].message.contains("joint index_base mimics itself in the end"), "{findings:#?}");
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert!(said[0].contains("robot.urdf:39: joint index_base mimics itself in the end"), "{said:?}");
+    assert!(said[1].contains("robot.urdf:47: joint index_curl mimics itself in the end"), "{said:?}");
 }
 
 #[test]

@@ -99,10 +99,10 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
 /// The joint follows one that exists and, in the end, one that follows none.
 fn mimic(joint: &Part<'_>, source: &Source<'_>, report: &mut Report) {
     let mut here = *joint;
+    let line = joint.child("mimic").map(|mimic| mimic.line());
     for _ in &source.joints {
         let Some(mimic) = here.child("mimic") else { return };
         let Some(next) = mimic.attribute("joint") else { return };
-        let line = Some(mimic.line());
         if next == joint.name() {
             let way = if here.name() == next { "itself" } else { "itself in the end" };
             let message = format!("{} mimics {way}", joint.title());

@@ -52,7 +52,8 @@ fn summary(model: &RobotModel) -> Vec<String> {
             ));
         }
     }
-    lines.push(format!("{}: {} joints in {} chains", model.name, model.joints.len(), model.chains.len()));
+    let chains = if model.chains.len() == 1 { "chain" } else { "chains" };
+    lines.push(format!("{}: {} joints in {} {chains}", model.name, model.joints.len(), model.chains.len()));
     lines
 }
 

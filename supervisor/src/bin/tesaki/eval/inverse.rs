@@ -26,9 +26,11 @@ pub fn angles(table: &Table, paths: &[SerialPath]) -> Result<Results, Failure> {
         rows.push(values);
     }
     let missed = tips.iter().filter(|tip| tip.missed > 0);
-    let note = |tip: &Tip<'_>| format!("{}: {} of {} targets not reached", tip.path.tip, tip.missed, rows.len());
+    let note =
+        |tip: &Tip<'_>| format!("{}: {} of {} targets not reached", tip.path.tip, tip.missed, rows.len());
     let notes = missed.map(note).collect();
-    let used = tips.iter().flat_map(|tip| &tip.used).filter_map(|&column| table.headers().get(column)).cloned();
+    let used =
+        tips.iter().flat_map(|tip| &tip.used).filter_map(|&column| table.headers().get(column)).cloned();
     Ok(Results { header, notes, used: used.collect(), rows })
 }
 
@@ -82,7 +84,10 @@ impl<'a> Tip<'a> {
             None
         };
         let starts: Vec<_> = path.drives.iter().map(|drive| table.column(&drive.name)).collect();
-        let used = position.into_iter().chain(rotation.into_iter().flatten()).chain(starts.iter().flatten().copied());
+        let used = position
+            .into_iter()
+            .chain(rotation.into_iter().flatten())
+            .chain(starts.iter().flatten().copied());
         Ok(Self {
             chain: path.chain(),
             solver: solver(path).map_err(|error| refused(path, error))?,
@@ -108,7 +113,9 @@ impl<'a> Tip<'a> {
             Ok(solved) => ("reached", solved),
             Err(NotSolved::NotReached(nearest)) => ("not reached", nearest),
             Err(NotSolved::NotFinite | NotSolved::Joints) => {
-                return Err(table.error(row.line, &format!("{}: the target is too far to compute", self.path.tip)));
+                return Err(
+                    table.error(row.line, &format!("{}: the target is too far to compute", self.path.tip))
+                );
             }
         };
         self.missed += usize::from(status != "reached");
@@ -121,7 +128,12 @@ impl<'a> Tip<'a> {
         }
         values.extend(self.angles.iter().copied().map(exact));
         let Solved { position_error, rotation_error, iterations } = solved;
-        values.extend([status.to_owned(), exact(position_error), exact(rotation_error), iterations.to_string()]);
+        values.extend([
+            status.to_owned(),
+            exact(position_error),
+            exact(rotation_error),
+            iterations.to_string(),
+        ]);
         Ok(())
     }
 
@@ -183,12 +195,16 @@ fn refused(path: &SerialPath, error: BadJoint) -> Failure {
         BadJoint::TooMany => format!("{}: more joints than a chain can have", path.tip),
         BadJoint::Limits { joint } => {
             let name = name(joint);
-            format!("joint {name}: no angle within its limits and those of what it mimics: mend <limit> or <mimic>")
+            format!(
+                "joint {name}: no angle within its limits and those of what it mimics: mend <limit> or <mimic>"
+            )
         }
         BadJoint::Mimic { joint } => format!("joint {}: its <mimic> makes no sense: mend it", name(joint)),
         BadJoint::MimicLimits { joint } => {
             let name = name(joint);
-            format!("joint {name}: its limits and those of the joint that it mimics exclude each other: mend <limit>")
+            format!(
+                "joint {name}: its limits and those of the joint that it mimics exclude each other: mend <limit>"
+            )
         }
     })
 }
