@@ -17,6 +17,8 @@ pub enum Weight {
 pub enum Matter {
     /// Where things are: nothing can be computed.
     Kinematics,
+    /// Where joints may go: the inverse cannot be computed.
+    Limits,
     /// Masses, limits of torque, settings: places can be computed all the same.
     Dynamics,
 }
@@ -75,6 +77,11 @@ impl Report {
     /// A finding about where things are.
     pub fn kinematics(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Error, Matter::Kinematics, line, message.into(), advice.into());
+    }
+
+    /// A finding about where joints may go.
+    pub fn limits(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
+        self.push(Weight::Error, Matter::Limits, line, message.into(), advice.into());
     }
 
     /// A finding about masses, torques or settings.

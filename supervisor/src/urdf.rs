@@ -30,22 +30,29 @@ pub struct Urdf {
     /// Its content.
     pub robot: urdf_rs::Robot,
     base: String,
-    lines: BTreeMap<String, usize>,
+    link_lines: BTreeMap<String, usize>,
+    joint_lines: BTreeMap<String, usize>,
 }
 
 impl Urdf {
-    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder.
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also tells how many other errors there
+    /// are, which do not matter.
     ///
     /// # Errors
-    /// The file cannot be read, or what is wrong with its kinematics. Masses may be.
-    pub fn load(path: &Path) -> Result<Self, UrdfError> {
+    /// The file cannot be read, or what is wrong in the `matters` given.
+    pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, usize), UrdfError> {
         let path = Self::locate(path);
         let text = Self::read_text(&path)?;
         let (urdf, mut findings) = Self::check(&path, &text);
-        findings.retain(|finding| finding.is_error() && finding.matter == Matter::Kinematics);
+        findings.retain(Finding::is_error);
+        let matters =
+            |finding: &Finding| finding.matter == Matter::Kinematics || matters.contains(&finding.matter);
         match urdf {
-            Some(urdf) if findings.is_empty() => Ok(urdf),
-            _ => Err(UrdfError::Wrong(findings)),
+            Some(urdf) if !findings.iter().any(matters) => Ok((urdf, findings.len())),
+            _ => {
+                findings.retain(matters);
+                Err(UrdfError::Wrong(findings))
+            }
         }
     }
 
@@ -89,7 +96,8 @@ impl Urdf {
                 return None;
             }
         };
-        Some(Self { path: path.to_owned(), robot, base: base?, lines: source.lines_of_names() })
+        let (link_lines, joint_lines) = (source::lines(&source.links), source::lines(&source.joints));
+        Some(Self { path: path.to_owned(), robot, base: base?, link_lines, joint_lines })
     }
 
     /// The link that hangs on no joint.
@@ -97,9 +105,14 @@ impl Urdf {
         &self.base
     }
 
-    /// The line of the joint or link `name`.
-    pub fn line(&self, name: &str) -> Option<usize> {
-        self.lines.get(name).copied()
+    /// The line of the link `name`.
+    pub fn line_of_link(&self, name: &str) -> Option<usize> {
+        self.link_lines.get(name).copied()
+    }
+
+    /// The line of the joint `name`.
+    pub fn line_of_joint(&self, name: &str) -> Option<usize> {
+        self.joint_lines.get(name).copied()
     }
 }
 

@@ -110,9 +110,9 @@ fn the_inverse_brings_the_tips_back_to_where_they_were() {
         let again = columns(&eval("fk", &robot(name), &separate(name, tips), &out).0);
         let poses = columns(&poses);
         for tip in solved.keys().filter_map(|column| column.strip_suffix(".status")) {
-            for row in 0..solved[&format!("{tip}.status")].len() {
+            for (row, status) in solved[&format!("{tip}.status")].iter().enumerate() {
                 targets += 1;
-                if solved[&format!("{tip}.status")][row] != "reached" {
+                if status != "reached" {
                     continue;
                 }
                 reached += 1;
@@ -220,11 +220,14 @@ fn results_go_to_a_file_and_json_tells_what_was_done() {
     assert_eq!(std::fs::read_to_string(out).unwrap().lines().count(), 11);
 }
 
+/// What, robot, further arguments, input; exit code and what is said.
+type Case<'a> = (&'a str, &'a str, &'a [&'a str], &'a str, i32, &'a [&'a str]);
+
 #[test]
 fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
     let (gripper, panda) = (robot("robotiq_2f85"), robot("franka_panda"));
     let pads: &[&str] = &["--tip", "left_inner_finger_pad"];
-    let cases: &[(&str, &str, &[&str], &str, i32, &[&str])] = &[
+    let cases: &[Case<'_>] = &[
         ("fk", &gripper, &[], "", 1, &["standard input is empty"]),
         ("fk", &gripper, &[], "finger_joint\n", 1, &["standard input:1", "no rows"]),
         (
@@ -328,14 +331,23 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
     }
     let (code, _, err) = tesaki(&["eval", "fk", "--robot", &gripper, "--in", "/nowhere.csv"], "");
     assert!(code == 1 && err.contains("/nowhere.csv"), "{err}");
-    // A robot with wrong masses is computed, one with wrong places is not.
+}
+
+#[test]
+fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     let folder = tempfile::tempdir().unwrap();
     let urdf = folder.path().join("robot.urdf");
-    let text = std::fs::read_to_string(&gripper).unwrap();
-    std::fs::write(&urdf, text.replacen("<mass value=\"", "<mass value=\"-", 1)).unwrap();
+    let text = std::fs::read_to_string(robot("robotiq_2f85")).unwrap();
+    let change = |from: &str, to: &str| std::fs::write(&urdf, text.replacen(from, to, 1)).unwrap();
     let robot = folder.path().to_str().unwrap();
+    change("<mass value=\"", "<mass value=\"-");
+    let (_, err) = eval("fk", robot, &[], "finger_joint\n0\n");
+    assert!(err.contains("1 findings that do not matter here: `tesaki model check "), "{err}");
+    change("upper=\"", "upper=\"100");
     eval("fk", robot, &[], "finger_joint\n0\n");
-    std::fs::write(&urdf, text.replacen("upper=\"", "upper=\"100", 1)).unwrap();
-    let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    let (code, _, err) = tesaki(&["eval", "ik", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("degrees?"), "{err}");
+    change("<parent link=\"", "<parent link=\"x");
+    let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");
 }

@@ -68,7 +68,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         let message = format!("{place}{} = {} {}", error.field.path(), error.value, error.problem);
         match in_urdf(error.field) {
             Some(_) if told => {}
-            Some(advice) => of_urdf.dynamics(urdf.line(name), message, advice),
+            Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), message, advice),
             None => {
                 let key = error.field.path();
                 let line = settings::line_of(text, &format!("joints.{name}.{key}"))

@@ -52,7 +52,7 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
                 joint.name, one.name, other.name
             );
             let advice = "drive one of them by its own robot folder; `tesaki eval` computes each tip";
-            report.dynamics(urdf.line(&other.name), message, advice);
+            report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
         driven(urdf, joint, report);
         children.truncate(1);
@@ -64,14 +64,14 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
     if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
         let message = format!("joint {} moves no mass", joint.name);
         let advice = "give the links behind it <inertial>: gravity and inertia are fed forward from it";
-        report.warning(urdf.line(&joint.name), message, advice);
+        report.warning(urdf.line_of_joint(&joint.name), message, advice);
     }
     SerialChain { joints, tip: tip.to_owned(), pose: pose(&place) }
 }
 
 /// Reports a joint that has no rotary motor with limits.
 fn driven(urdf: &Urdf, joint: &Joint, report: &mut Report) {
-    let line = urdf.line(&joint.name);
+    let line = urdf.line_of_joint(&joint.name);
     if let Some(mimic) = &joint.mimic {
         let message = format!("joint {} mimics {}: it has no motor to drive", joint.name, mimic.joint);
         let advice = "`tesaki eval` computes it; for a controller, remove <mimic> if it has a motor of its own, \
@@ -139,7 +139,7 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     most(None, "chains leave the base", chains.len(), MAX_CHAINS);
     most(None, "joints", all, MAX_JOINTS);
     for chain in chains {
-        let line = urdf.line(&chain.tip);
+        let line = urdf.line_of_link(&chain.tip);
         most(line, &format!("joints in the chain of {}", chain.tip), chain.joints.len(), MAX_CHAIN_JOINTS);
     }
     if all == 0 {
@@ -150,7 +150,11 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     for name in std::iter::once(urdf.robot.name.as_str()).chain(joints).chain(tips) {
         if name.len() > MAX_NAME {
             let message = format!("the name {name:?} has {} bytes, at most {MAX_NAME} fit", name.len());
-            report.dynamics(urdf.line(name), message, "shorten it here and in controller.toml");
+            report.dynamics(
+                urdf.line_of_joint(name).or_else(|| urdf.line_of_link(name)),
+                message,
+                "shorten it here and in controller.toml",
+            );
         }
     }
     if urdf.robot.name.is_empty() {

@@ -85,14 +85,14 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
         let message = format!("{}: lower = upper = 0: limits are missing", joint.title());
         let advice = "add <limit lower=\"…\" upper=\"…\" effort=\"…\" velocity=\"…\"/> in rad, N·m, rad/s, \
             or make it continuous";
-        report.kinematics(line, message, advice);
+        report.limits(line, message, advice);
     } else if lower >= upper {
         let message = format!("{}: lower = {lower} is not below upper = {upper}", joint.title());
-        report.kinematics(line, message, "swap or mend them");
+        report.limits(line, message, "swap or mend them");
     } else if let Some(value) = [lower, upper].into_iter().find(|value| value.abs() > LARGEST_ANGLE) {
         let message = format!("{}: limits {lower} to {upper} rad, beyond ±4π: degrees?", joint.title());
         let advice = format!("{}; a joint that turns without end is of type continuous", degrees(value));
-        report.kinematics(line, message, advice);
+        report.limits(line, message, advice);
     }
 }
 

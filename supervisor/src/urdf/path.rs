@@ -78,12 +78,12 @@ impl SerialPath {
 }
 
 impl Urdf {
-    /// The leaf links that at least one moving joint moves, in the order of the file.
-    pub fn tips(&self) -> Vec<&str> {
+    /// The leaf links that at least one joint behind `base`, or else the base of all, moves; in the order of the file.
+    pub fn tips(&self, base: Option<&str>) -> Vec<&str> {
         let robot = &self.robot;
         let is_leaf = |name: &str| !robot.joints.iter().any(|joint| joint.parent.link == name);
         let moves = |name: &str| {
-            self.way(None, name).is_some_and(|way| way.iter().any(|j| j.joint_type != JointType::Fixed))
+            self.way(base, name).is_some_and(|way| way.iter().any(|j| j.joint_type != JointType::Fixed))
         };
         let names = robot.links.iter().map(|link| link.name.as_str());
         names.filter(|name| is_leaf(name) && moves(name)).collect()
@@ -92,7 +92,7 @@ impl Urdf {
     /// The links to which a path can be computed: the [`Urdf::tips`], or the last link before what is in the way.
     pub fn reachable_tips(&self, base: Option<&str>) -> Vec<&str> {
         let mut reachable = Vec::new();
-        for tip in self.tips() {
+        for tip in self.tips(base) {
             let way = self.way(base, tip).unwrap_or_default();
             let parents = way.iter().rev().map(|joint| joint.parent.link.as_str());
             let last = std::iter::once(tip).chain(parents).find(|link| self.serial(base, link).is_ok());
@@ -128,7 +128,7 @@ impl Urdf {
             }
         }
         let way = self.way(Some(base), tip).ok_or_else(|| Refused {
-            line: self.line(tip),
+            line: self.line_of_link(tip),
             message: format!(
                 "the link {base:?} is not between the base {:?} and the tip {tip:?}",
                 self.base()
@@ -167,7 +167,7 @@ impl Urdf {
         if let Some(joint) = moving.iter().find(|joint| !rotary(joint)) {
             let kind = format!("{:?}", joint.joint_type).to_lowercase();
             return Err(Refused::new(
-                self.line(&joint.name),
+                self.line_of_joint(&joint.name),
                 format!(
                     "joint {} on the way to {tip} is {kind}: revolute, continuous, mimic and fixed joints work",
                     joint.name
@@ -175,10 +175,12 @@ impl Urdf {
             ));
         }
         match moving.len() {
-            0 => Err(Refused::new(self.line(tip), format!("no joint moves between {base} and {tip}"))),
+            0 => {
+                Err(Refused::new(self.line_of_link(tip), format!("no joint moves between {base} and {tip}")))
+            }
             1..=MAX_CHAIN_JOINTS => Ok(()),
             many => Err(Refused {
-                line: self.line(tip),
+                line: self.line_of_link(tip),
                 message: format!(
                     "{many} moving joints from {base} to {tip}, at most {MAX_CHAIN_JOINTS} work"
                 ),
@@ -198,7 +200,10 @@ impl Urdf {
         drives: &mut Vec<Drive>,
     ) -> Result<PathJoint, Refused> {
         let axis = axis(joint).ok_or_else(|| {
-            Refused::new(self.line(&joint.name), format!("joint {}: its axis is no direction", joint.name))
+            Refused::new(
+                self.line_of_joint(&joint.name),
+                format!("joint {}: its axis is no direction", joint.name),
+            )
         })?;
         let (leader, multiplier, offset) = self.leader(joint)?;
         let drive = Drive { name: leader.name.clone(), limits: limits(leader) };
@@ -222,7 +227,7 @@ impl Urdf {
 
     /// The joint that `joint` follows in the end, itself when it mimics none, with multiplier and offset.
     fn leader<'a>(&'a self, joint: &'a Joint) -> Result<(&'a Joint, f64, f64), Refused> {
-        let refused = |message| Refused::new(self.line(&joint.name), message);
+        let refused = |message| Refused::new(self.line_of_joint(&joint.name), message);
         let (mut here, mut multiplier, mut offset) = (joint, 1.0, 0.0);
         for _ in &self.robot.joints {
             let Some(mimic) = &here.mimic else {

@@ -131,11 +131,11 @@ impl<'a> Source<'a> {
     pub fn joint(&self, name: &str) -> Option<Part<'a>> {
         self.joints.iter().find(|joint| joint.name() == name).copied()
     }
+}
 
-    /// The lines of all joints and links; joints win where a link has the same name.
-    pub fn lines_of_names(&self) -> BTreeMap<String, usize> {
-        self.links.iter().chain(&self.joints).map(|part| (part.name().to_owned(), part.line())).collect()
-    }
+/// The line of each by its name.
+pub fn lines(parts: &[Part<'_>]) -> BTreeMap<String, usize> {
+    parts.iter().map(|part| (part.name().to_owned(), part.line())).collect()
 }
 
 fn is_xacro(part: &Part<'_>) -> bool {

@@ -66,7 +66,7 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
     let mut good = vec![format!("only the URDF is checked: {why}")];
     if let Some(urdf) = urdf {
         let mut missed = Vec::new();
-        for tip in urdf.tips() {
+        for tip in urdf.tips(None) {
             match urdf.path(None, tip) {
                 Ok(path) => good.push(joints(&path)),
                 Err(UrdfError::Path(finding)) => missed.push(finding),

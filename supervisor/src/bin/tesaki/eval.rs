@@ -8,6 +8,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use serde_json::{Value, json};
+use tesaki_supervisor::finding::Matter;
 use tesaki_supervisor::urdf::{Drive, SerialPath, Urdf};
 
 use crate::args::{Eval, Options, Quantity};
@@ -25,7 +26,11 @@ struct Results {
 }
 
 pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
-    let urdf = Urdf::load(&eval.robot)?;
+    let matters: &[Matter] = match eval.what {
+        Quantity::Fk | Quantity::Jacobian => &[],
+        Quantity::Ik => &[Matter::Limits],
+    };
+    let (urdf, others) = Urdf::load(&eval.robot, matters)?;
     let table = Table::read(&eval.input)?;
     let tips = tips(&urdf, eval, &table)?;
     let paths = tips.iter().map(|tip| urdf.path(eval.base.as_deref(), tip));
@@ -36,6 +41,12 @@ pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
         Quantity::Ik => inverse::angles(&table, &paths)?,
     };
     results.notes.extend(unused(&table, &results.used));
+    if others > 0 {
+        let place = urdf.path.display();
+        results
+            .notes
+            .push(format!("{others} findings that do not matter here: `tesaki model check {place}`"));
+    }
     write(&eval.output, &results)?;
     for note in &results.notes {
         output::notice(options, note);
@@ -48,7 +59,8 @@ fn tips(urdf: &Urdf, eval: &Eval, table: &Table) -> Result<Vec<String>, Failure>
     if !eval.tip.is_empty() {
         return Ok(eval.tip.clone());
     }
-    let all = || urdf.tips().into_iter().map(str::to_owned).collect::<Vec<_>>();
+    let base = eval.base.as_deref();
+    let all = || urdf.tips(base).into_iter().map(str::to_owned).collect::<Vec<_>>();
     let tips: Vec<String> = match eval.what {
         Quantity::Fk | Quantity::Jacobian => all(),
         Quantity::Ik => {
@@ -64,7 +76,11 @@ fn tips(urdf: &Urdf, eval: &Eval, table: &Table) -> Result<Vec<String>, Failure>
                 orientation";
             Err(table.error(1, &format!("{message}; tips are {}", all().join(", "))))
         }
-        _ => Err(Failure::Other(format!("{}: no joint moves: nothing to compute", urdf.path.display()))),
+        // The path to no place says what is wrong with the base.
+        _ => {
+            urdf.path(base, base.unwrap_or(urdf.base()))?;
+            Err(Failure::Other(format!("{}: no joint moves: nothing to compute", urdf.path.display())))
+        }
     }
 }
 
