@@ -2,12 +2,14 @@
 //!
 //! - [`Chain::posture`] is the forward kinematics; the [`Posture`] tells Jacobian and bias acceleration.
 //! - [`Finger`] has the inverse in closed form for a three-joint finger, all branches.
+//! - [`InverseKinematics`] iterates for any chain, to a position or a pose, within limits.
 //!
 //! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six components
 //! are `[v; ω]`, linear first, in base axes, of the tip's point.
 
 mod chain;
 mod finger;
+mod inverse;
 mod posture;
 
 #[cfg(test)]
@@ -17,4 +19,5 @@ mod tests;
 pub use chain::Chain;
 pub(crate) use chain::Link;
 pub use finger::{Finger, FingerError, FingerSolutions, NotAFinger};
+pub use inverse::{BadJoint, InverseKinematics, NotSolved, Options, Solved, Target};
 pub use posture::{Jacobian, Posture};

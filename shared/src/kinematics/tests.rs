@@ -9,7 +9,13 @@ type Tip = ([f32; 3], [f32; 4]);
 type State = (&'static [f32], &'static [f32], [f64; 3], [f64; 9], &'static [f64], [f64; 6]);
 
 /// Sixteen chains (`tests/oracles/kinematics.py`).
-const CASES: &[(&str, &[Joint], Tip, &[State])] = include!("../../../tests/oracles/data/kinematics.in");
+pub const CASES: &[(&str, &[Joint], Tip, &[State])] = include!("../../../tests/oracles/data/kinematics.in");
+
+/// The chain of this name.
+pub fn chain_of(name: &str) -> Chain {
+    let (_, joints, tip, _) = CASES.iter().find(|case| case.0 == name).unwrap();
+    chain(joints, tip)
+}
 
 fn chain(joints: &[Joint], &(translation, rotation): &Tip) -> Chain {
     let none = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };

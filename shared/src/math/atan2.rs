@@ -37,6 +37,7 @@ pub fn atan2(y: f32, x: f32) -> f32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "tests")]
 mod tests {
     use super::*;
 

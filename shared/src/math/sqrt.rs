@@ -9,8 +9,7 @@
 /// ```
 #[inline]
 pub fn sqrt(x: f32) -> f32 {
-    // False for NaN, too.
-    if !(x >= 0.0) {
+    if x < 0.0 || x.is_nan() {
         return f32::NAN;
     }
     // Halves and negates the exponent. Constants of this and the next line: the least error over all x after that line

@@ -1,0 +1,79 @@
+use nalgebra::{Matrix3, Vector3};
+
+use super::{atan2, sqrt};
+
+/// Half a turn less this [rad] and the axis is read from the symmetric part of the matrix.
+const NEARLY_HALF_A_TURN: f32 = 0.05;
+
+/// The rotation vector (axis · angle) [rad] of a rotation matrix: the shorter way round, at most π long.
+///
+/// ```
+/// let half = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(-1.0, -1.0, 1.0));
+/// let vector = tesaki::math::rotation_vector(&half);
+/// assert!((vector.z.abs() - core::f32::consts::PI).abs() < 1e-6 && vector.x == 0.0);
+/// ```
+pub fn rotation_vector(rotation: &Matrix3<f32>) -> Vector3<f32> {
+    let r = rotation;
+    // Twice the axis times the sine of the angle; twice its cosine.
+    let twice = Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12);
+    let sine = sqrt(twice.norm_squared());
+    let cosine = r.trace() - 1.0;
+    let angle = atan2(sine, cosine);
+    if cosine > 0.0 && sine < 1e-3 {
+        // angle / (2 sin angle) = (1 + angle²/6 + …)/2
+        return twice * (0.5 + angle * angle / 12.0);
+    }
+    if core::f32::consts::PI - angle > NEARLY_HALF_A_TURN {
+        return twice * (angle / sine);
+    }
+    // R + Rᵀ = 2 cos · 1 + 2 (1 − cos) · axis axisᵀ: its longest column is along the axis.
+    let symmetric = r + r.transpose() - Matrix3::from_diagonal_element(cosine);
+    let longest = if symmetric.m11 >= symmetric.m22 && symmetric.m11 >= symmetric.m33 {
+        symmetric.column(0)
+    } else if symmetric.m22 >= symmetric.m33 {
+        symmetric.column(1)
+    } else {
+        symmetric.column(2)
+    };
+    let length = sqrt(longest.norm_squared());
+    let toward = if longest.dot(&twice) < 0.0 { -angle } else { angle };
+    longest * (toward / length)
+}
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Rodrigues' formula in double precision.
+    fn matrix(axis: [f64; 3], angle: f64) -> Matrix3<f32> {
+        let length = axis.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let axis = Vector3::from(axis) / length;
+        let cross = Matrix3::new(0.0, -axis.z, axis.y, axis.z, 0.0, -axis.x, -axis.y, axis.x, 0.0);
+        let exact = Matrix3::identity() + cross * libm::sin(angle) + cross * cross * (1.0 - libm::cos(angle));
+        exact.map(|value: f64| value as f32)
+    }
+
+    #[test]
+    fn gives_back_axis_and_angle_from_nothing_to_half_a_turn() {
+        let axes =
+            [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.3, -0.2, 0.9], [-1.0, 1e-3, 2e-3], [1.0, 1.0, -1.0]];
+        for axis in axes {
+            let length = axis.iter().map(|x: &f64| x * x).sum::<f64>().sqrt();
+            for step in 0..=2000 {
+                let angle = std::f64::consts::PI * f64::from(step) / 2000.0;
+                for angle in [angle, 1e-3 * angle, std::f64::consts::PI - 1e-3 * angle] {
+                    let vector = rotation_vector(&matrix(axis, angle));
+                    let expected = Vector3::from(axis).map(|x| (x / length * angle) as f32);
+                    // Half a turn goes either way round.
+                    let miss = (vector - expected).norm().min(if angle > std::f64::consts::PI - 1e-4 {
+                        (vector + expected).norm()
+                    } else {
+                        f32::INFINITY
+                    });
+                    assert!(miss < 4e-6, "{axis:?} {angle}: {vector} is off by {miss}");
+                }
+            }
+        }
+    }
+}
