@@ -59,11 +59,12 @@ fn run(folder: &Path, command: &str) -> String {
     String::from_utf8([output.stdout, output.stderr].concat()).unwrap()
 }
 
-/// Whether two words mean the same: numbers may differ in their last digits, counts of iterations by a few.
+/// Whether two words mean the same: numbers may differ in their last digits, counts of iterations somewhat.
 fn alike(left: &str, right: &str) -> bool {
-    let tolerance = if left.contains('.') { 1e-4 } else { 5.0 };
     match (left.parse::<f64>(), right.parse::<f64>()) {
-        (Ok(left), Ok(right)) => (left - right).abs() < tolerance,
+        (Ok(left), Ok(right)) if left.fract() == 0.0 && left > 100.0 => right > 100.0,
+        (Ok(left), Ok(right)) if left.fract() == 0.0 && right.fract() == 0.0 => (left - right).abs() <= 5.0,
+        (Ok(left), Ok(right)) => (left - right).abs() < 1e-4,
         _ => left == right,
     }
 }
