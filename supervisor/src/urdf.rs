@@ -67,7 +67,7 @@ impl Urdf {
     /// It cannot be read; what may have been meant.
     pub fn read_text(path: &Path) -> Result<String, UrdfError> {
         let read = std::fs::read_to_string(path);
-        read.map_err(|source| UrdfError::Read { path: path.to_owned(), others: others(path), source })
+        read.map_err(|source| UrdfError::Read { path: path.to_owned(), hint: hint(path, &source), source })
     }
 
     /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be wrong.
@@ -125,8 +125,13 @@ pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
     moving.map(|joint| joint.name().to_owned()).collect()
 }
 
-/// The URDF files beside one that is not there, to say which may have been meant.
-fn others(path: &Path) -> String {
+/// What to do about a file that cannot be read; the URDF files beside one that is not there may have been meant.
+fn hint(path: &Path, error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::InvalidData => return "save it as UTF-8".to_owned(),
+        std::io::ErrorKind::PermissionDenied => return "allow reading it".to_owned(),
+        _ => {}
+    }
     let folder = path.parent().unwrap_or(path);
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .into_iter()
@@ -137,19 +142,20 @@ fn others(path: &Path) -> String {
         .map(|file| file.display().to_string())
         .collect();
     names.sort();
-    if names.is_empty() { String::new() } else { format!("; there is {}", names.join(", ")) }
+    let meant = if names.is_empty() { String::new() } else { format!("; there is {}", names.join(", ")) };
+    format!("name a URDF file, or a folder with robot.urdf{meant}")
 }
 
 /// Why there is no URDF.
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
     /// The file cannot be read.
-    #[error("cannot read {path}: {source}; name a URDF file, or a folder with robot.urdf{others}")]
+    #[error("cannot read {path}: {source}; {hint}")]
     Read {
         /// The file.
         path: PathBuf,
-        /// URDF files beside it.
-        others: String,
+        /// What to do.
+        hint: String,
         /// Why.
         source: std::io::Error,
     },

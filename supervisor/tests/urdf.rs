@@ -187,6 +187,20 @@ const CASES: &[Case] = &[
     (("<mass", "0.5", "0.5 kg"), ("<mass", "<mass"), &["link upper", "\"kg\" is no finite number"]),
     (("shoulder", "velocity=\"2\"", ""), ("shoulder", "<limit"), &["joint shoulder", "no velocity", "rad/s"]),
     (("<inertia ", "iyy=\"2e-3\"", ""), ("<inertia ", "<inertia"), &["link upper", "no iyy"]),
+    (
+        ("<mass", "<mass value=\"0.5\"/>", "<mass value=\"0.5\"/><mass value=\"0.4\"/>"),
+        ("<mass", "<mass"),
+        &["link upper: a second <mass>"],
+    ),
+    (
+        (
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"><visual><geometry><sphere/></geometry></visual></link>",
+        ),
+        ("<sphere", "<sphere"),
+        &["link palm: <sphere> has no radius"],
+    ),
     // Joints
     (
         ("shoulder", "xyz=\"0 0 2\"", "xyz=\"0 0 0\""),
@@ -325,12 +339,17 @@ fn many_mistakes_are_told_together_and_a_missing_axis_is_a_warning() {
 
 #[test]
 fn words_that_are_no_urdf_say_so() {
+    let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(5000), "</a>".repeat(5000));
     for (text, expected) in [
         ("", "no well-formed XML"),
         ("<robt/>", "<robt> is no robot"),
         ("<robot name=\"x\"/>", "no links"),
         ("<robot name=\"x\"><link/></robot>", "a link without a name"),
-        ("<robot name=\"x\"><link name=\"a\"><visual/></link></robot>", "geometry"),
+        (
+            "<robot name=\"x\"><link name=\"a\"><visual/></link></robot>",
+            "robot.urdf:1: link a: <visual> has no geometry",
+        ),
+        (&deep, "more than 64 deep"),
     ] {
         let (urdf, findings) = check(text);
         let said = findings.iter().map(ToString::to_string).collect::<String>();

@@ -1,4 +1,4 @@
-//! Every number of links and joints is one, and finite.
+//! Every number of links and joints is one, and finite; nothing that is needed is missing, or there twice.
 
 use super::source::{Part, Source};
 use crate::finding::Report;
@@ -45,6 +45,28 @@ const NEEDED: &[(&str, &[&str])] = &[
     ("mass", &["value"]),
     ("inertia", &["ixx", "iyy", "izz", "ixy", "ixz", "iyz"]),
     ("mimic", &["joint"]),
+    ("box", &["size"]),
+    ("sphere", &["radius"]),
+    ("cylinder", &["radius", "length"]),
+    ("capsule", &["radius", "length"]),
+    ("mesh", &["filename"]),
+];
+
+/// Elements of which there can be one at most in another.
+const SINGLE: &[&str] = &[
+    "inertial",
+    "origin",
+    "mass",
+    "inertia",
+    "geometry",
+    "parent",
+    "child",
+    "axis",
+    "limit",
+    "dynamics",
+    "mimic",
+    "calibration",
+    "safety_controller",
 ];
 
 pub fn check(source: &Source<'_>, report: &mut Report) {
@@ -54,6 +76,7 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
                 number(owner, &part, attribute.name(), attribute.value(), report);
             }
             needed(owner, &part, report);
+            single(owner, &part, report);
         }
     }
     for joint in &source.joints {
@@ -92,5 +115,18 @@ fn needed(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {
     for name in names.iter().filter(|name| part.attribute(name).is_none()) {
         let message = format!("{}: <{}> has no {name}", owner.title(), part.tag());
         report.kinematics(Some(part.line()), message, format!("add {name}=\"…\""));
+    }
+}
+
+fn single(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {
+    for tag in SINGLE {
+        if let Some(second) = part.children(tag).nth(1) {
+            let message = format!("{}: a second <{tag}>", owner.title());
+            report.kinematics(Some(second.line()), message, "remove one");
+        }
+    }
+    if matches!(part.tag(), "visual" | "collision") && part.child("geometry").is_none() {
+        let message = format!("{}: <{}> has no geometry", owner.title(), part.tag());
+        report.kinematics(Some(part.line()), message, "add <geometry>, or remove it");
     }
 }

@@ -6,6 +6,9 @@ use roxmltree::{Document, Error, Node};
 
 use crate::finding::Report;
 
+/// Deepest nesting of elements: vendors put things of their own into a URDF.
+const DEEPEST: usize = 64;
+
 /// Reads the XML.
 pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
     match Document::parse(text) {
@@ -114,6 +117,11 @@ impl<'a> Source<'a> {
     /// The robot in `document`.
     pub fn new(document: &'a Document<'a>, starts: &'a [usize], report: &mut Report) -> Option<Self> {
         let root = Part { node: document.root_element(), starts };
+        if let Some(line) = too_deep(&root) {
+            let message = format!("elements within elements, more than {DEEPEST} deep");
+            report.kinematics(Some(line), message, "a URDF is at most 6 deep: is a </tag> missing?");
+            return None;
+        }
         if let Some(part) = root.descendants().find(is_xacro) {
             let advice = "a robot folder holds plain URDF: `xacro FILE.xacro > robot.urdf` makes it";
             report.kinematics(Some(part.line()), format!("<xacro:{}> is a macro", part.tag()), advice);
@@ -136,6 +144,12 @@ impl<'a> Source<'a> {
 /// The line of each by its name.
 pub fn lines(parts: &[Part<'_>]) -> BTreeMap<String, usize> {
     parts.iter().map(|part| (part.name().to_owned(), part.line())).collect()
+}
+
+/// The line of the first element that is deeper in others than any in a URDF.
+fn too_deep(root: &Part<'_>) -> Option<usize> {
+    let deep = |part: &Part<'_>| part.node.ancestors().nth(DEEPEST).is_some();
+    root.descendants().find(deep).map(|part| part.line())
 }
 
 fn is_xacro(part: &Part<'_>) -> bool {
