@@ -130,6 +130,21 @@ fn the_inverse_brings_the_tips_back_to_where_they_were() {
     assert!(reached == targets, "{reached} of {targets} reached");
 }
 
+#[test]
+fn the_inverse_finds_the_drive_that_joints_of_another_branch_mimic() {
+    let gripper = robot("robotiq_2f85");
+    let states = std::fs::read_to_string(data("robotiq_2f85", "states")).unwrap();
+    for tip in ["right_inner_finger_pad", "right_inner_knuckle"] {
+        let poses = eval("fk", &gripper, &[tip], &states).0;
+        let solved = columns(&eval("ik", &gripper, &[tip], &poses).0);
+        assert!(solved[&format!("{tip}.status")].iter().all(|status| status == "reached"), "{solved:?}");
+        let expected = numbers(&columns(&states)["finger_joint"]);
+        for (got, expected) in numbers(&solved["finger_joint"]).iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-3, "{tip}: {got} instead of {expected}");
+        }
+    }
+}
+
 /// Tips whose joints are all their own.
 fn separate<'a>(name: &str, tips: &[&'a str]) -> Vec<&'a str> {
     if name == "robotiq_2f85" { vec!["left_inner_finger_pad"] } else { tips.to_vec() }
