@@ -1,4 +1,5 @@
-use tesaki::model::{MAX_JOINTS, RobotModel};
+use tesaki::kinematics::TipPoint;
+use tesaki::model::{MAX_CHAINS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
     FaultLog, Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Status, Stream,
     Task, codec,
@@ -53,6 +54,9 @@ pub enum BoardError {
     /// More joints than a board can have.
     #[error("{0} joints given, a board has at most {MAX_JOINTS}")]
     TooManyJoints(usize),
+    /// More tips than a board can have.
+    #[error("{0} tips given, a board has at most {MAX_CHAINS}")]
+    TooManyTips(usize),
     /// The model is too large to send, or what came is none.
     #[error("the robot model cannot be encoded or decoded: {0}")]
     Encoding(#[from] postcard::Error),
@@ -185,6 +189,15 @@ pub trait Board {
     /// When the board refuses.
     fn set_goal(&mut self, positions: &[f32]) -> Result<(), BoardError> {
         self.ask("move", Request::SetPoint(SetPoint::Goal { positions: joints(positions)? }))
+    }
+
+    /// Sends the next point of a trajectory for the tip of each finger: one a tick.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn reach(&mut self, tips: &[TipPoint]) -> Result<(), BoardError> {
+        let tips = heapless::Vec::from_slice(tips).map_err(|_| BoardError::TooManyTips(tips.len()))?;
+        self.ask("move its tips", Request::SetPoint(SetPoint::Reach { tips }))
     }
 
     /// What the node and the board say of themselves.

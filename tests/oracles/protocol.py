@@ -227,6 +227,9 @@ def requests():
         "set-point-goal": goal([0.5, -0.25, 0.125]),
         "set-point-stream": uint(7) + uint(1) + sequence(map(reals, [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]])),
         "set-point-stream-16": uint(7) + uint(1) + sequence([reals([LOWEST] * 3)] * 16),
+        "set-point-reach": uint(7) + uint(2)
+        + sequence([reals([0.1, -0.04, 0.0625, 0.5, -0.25, 0.125, 2.0, -1.0, 0.0]), reals([0.0] * 9)]),
+        "set-point-reach-6": uint(7) + uint(2) + sequence([reals([LOWEST] * 9)] * 6),
         "stop": uint(8),
         "read-status": uint(9),
         "read-faults": uint(10),
@@ -290,6 +293,10 @@ def refusals():
         "not-commander": uint(17),
         "stale": uint(18) + uint(12),
         "not-exported": uint(19) + uint(0),
+        "tip-count": uint(20) + byte(1) + byte(3),
+        "not-a-finger": uint(21) + byte(2),
+        "out-of-reach": uint(22) + byte(1) + reals([0.1, 0.0, -0.25]),
+        "singular": uint(23) + byte(0),
     }
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::control::{JointPoint, ServoMode};
+use tesaki::kinematics::TipPoint;
 use tesaki::model::RobotModel;
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
@@ -177,6 +178,16 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
                 acceleration: random.value(),
             };
             Request::SetPoint(SetPoint::Stream { points: (0..count).map(|_| point(random)).collect() })
+        }
+        14 if random.one_in(2) => {
+            let axes = |random: &mut Random, scale: f32| [0; 3].map(|_| random.value() * scale);
+            let tip = |random: &mut Random| TipPoint {
+                position: axes(random, 0.05),
+                velocity: axes(random, 0.1),
+                acceleration: axes(random, 1.0),
+            };
+            let tips = 1 + random.below(4);
+            Request::SetPoint(SetPoint::Reach { tips: (0..tips).map(|_| tip(random)).collect() })
         }
         14 => Request::Stop,
         15 => Request::ReadStatus,

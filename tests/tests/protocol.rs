@@ -8,6 +8,7 @@ use std::fmt::Debug;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::control::{JointPoint, ServoMode};
+use tesaki::kinematics::TipPoint;
 use tesaki::model::{
     ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, ModelError, Motor,
     ObserverGains, PidGains, Pose, Problem, Reaction, RobotModel, Safety, ServoGains,
@@ -140,13 +141,13 @@ variants! {
     Item { Model, State }
     Task { JointServo }
     ServoMode { Pid, Observer }
-    SetPoint { Goal, Stream }
+    SetPoint { Goal, Stream, Reach }
     FromBoard { Reply, Telemetry, Status, Log }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk }
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
-        NotCommander, Stale, NotExported,
+        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -362,6 +363,16 @@ impl Messages {
         self.request("set-point-stream", Request::SetPoint(stream));
         let stream = SetPoint::Stream { points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]) };
         self.request("set-point-stream-16", Request::SetPoint(stream));
+        let moving = TipPoint {
+            position: [0.1, -0.04, 0.0625],
+            velocity: [0.5, -0.25, 0.125],
+            acceleration: [2.0, -1.0, 0.0],
+        };
+        let reach = SetPoint::Reach { tips: list([moving, TipPoint::default()]) };
+        self.request("set-point-reach", Request::SetPoint(reach));
+        let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
+        let reach = SetPoint::Reach { tips: list([TipPoint { position, velocity, acceleration }; 6]) };
+        self.request("set-point-reach-6", Request::SetPoint(reach));
         self.request("stop", Request::Stop);
         self.request("read-status", Request::ReadStatus);
         self.request("read-faults", Request::ReadFaults);
@@ -424,6 +435,11 @@ impl Messages {
         self.refused("not-commander", Refusal::NotCommander);
         self.refused("stale", Refusal::Stale { latest: 12 });
         self.refused("not-exported", Refusal::NotExported { length: 0 });
+        self.refused("tip-count", Refusal::TipCount { got: 1, expected: 3 });
+        self.refused("not-a-finger", Refusal::NotAFinger { chain: 2 });
+        let nearest = [0.1, 0.0, -0.25];
+        self.refused("out-of-reach", Refusal::OutOfReach { chain: 1, nearest });
+        self.refused("singular", Refusal::Singular { chain: 0 });
         for (field, name) in FIELDS {
             let error = ModelError { joint: Some(7), field, value: 0.5, problem: Problem::NotFinite };
             self.refused(&format!("field-{name}"), Refusal::Model(error));

@@ -20,4 +20,4 @@ pub use chain::Chain;
 pub(crate) use chain::Link;
 pub use finger::{Finger, FingerError, FingerSolutions, NotAFinger};
 pub use inverse::{BadJoint, InverseKinematics, NotSolved, Options, Solved, Target};
-pub use posture::{Jacobian, Posture};
+pub use posture::{Jacobian, Posture, TipPoint};

@@ -1,10 +1,23 @@
 use heapless::Vec;
 use nalgebra::{IsometryMatrix3, SMatrix, Vector3, Vector6};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
 
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Jacobian of a chain's tip: `[v; ω] = J q̇`. A column a joint; columns beyond the chain's joints are 0.
 pub type Jacobian = SMatrix<f32, 6, MAX_CHAIN_JOINTS>;
+
+/// One point of a tip's trajectory, in the base frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+pub struct TipPoint {
+    /// Position [m].
+    pub position: [f32; 3],
+    /// Its first derivative [m/s].
+    pub velocity: [f32; 3],
+    /// Its second derivative [m/s²].
+    pub acceleration: [f32; 3],
+}
 
 /// A chain at certain joint angles.
 #[derive(Clone, Debug)]
@@ -29,6 +42,20 @@ impl Posture {
             column.fixed_rows_mut::<3>(3).copy_from(axis);
         }
         jacobian
+    }
+
+    /// Velocities [rad/s] and accelerations [rad/s²] of three joints that move the tip like `point`; `None` in a singular
+    /// posture.
+    pub fn follow(&self, point: &TipPoint) -> Option<([f32; 3], [f32; 3])> {
+        let (velocity, acceleration) = (Vector3::from(point.velocity), Vector3::from(point.acceleration));
+        if velocity == Vector3::zeros() && acceleration == Vector3::zeros() {
+            return Some(([0.0; 3], [0.0; 3]));
+        }
+        let inverse = self.jacobian().fixed_view::<3, 3>(0, 0).try_inverse()?;
+        let qd = inverse * velocity;
+        // ẍ = J q̈ + J̇ q̇
+        let qdd = inverse * (acceleration - self.bias_acceleration(qd.as_slice()).fixed_rows::<3>(0));
+        Some((qd.into(), qdd.into()))
     }
 
     /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without any joint

@@ -1,7 +1,11 @@
+use heapless::Vec;
+
 use super::lease::Admitted;
 use super::transfer::Committed;
 use super::{Node, Robot};
-use crate::model::Reaction;
+use crate::control::JointPoint;
+use crate::kinematics::{FingerError, TipPoint};
+use crate::model::{MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
     RequestFrame, SCHEMA_KEY, SetPoint, Status, Task,
@@ -200,22 +204,56 @@ impl Node {
                 }
                 self.state.streaming = false;
             }
-            SetPoint::Stream { points } => {
-                let robot = robot_with(&self.robot, points.len())?;
-                let states = self.state.joints.iter();
-                for (index, ((config, state), point)) in
-                    (0..).zip(robot.joints.iter().zip(states).zip(points))
-                {
-                    config.check_point(index, point, &state.reference)?;
-                }
-                for (state, &point) in self.state.joints.iter_mut().zip(points) {
-                    state.streamed = point;
-                }
-                self.state.streaming = true;
-            }
+            SetPoint::Stream { points } => self.stream(points)?,
+            SetPoint::Reach { tips } => self.stream(&self.joint_points(tips)?)?,
         }
         self.state.silence = 0;
         Ok(())
+    }
+
+    fn stream(&mut self, points: &[JointPoint]) -> Result<(), Refusal> {
+        let robot = robot_with(&self.robot, points.len())?;
+        let states = self.state.joints.iter();
+        for (index, ((config, state), point)) in (0..).zip(robot.joints.iter().zip(states).zip(points)) {
+            config.check_point(index, point, &state.reference)?;
+        }
+        for (state, &point) in self.state.joints.iter_mut().zip(points) {
+            state.streamed = point;
+        }
+        self.state.streaming = true;
+        Ok(())
+    }
+
+    /// What the joints have to do for the tips.
+    fn joint_points(&self, tips: &[TipPoint]) -> Result<Vec<JointPoint, MAX_JOINTS>, Refusal> {
+        let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
+        let expected = robot.chains.len();
+        if tips.len() != expected {
+            return Err(Refusal::TipCount { got: count(tips.len()), expected: count(expected) });
+        }
+        let mut points = Vec::new();
+        for (chain, ((shape, finger), tip)) in (0..).zip(robot.chains.iter().zip(tips)) {
+            let finger = finger.as_ref().ok_or(Refusal::NotAFinger { chain })?;
+            let first = points.len();
+            let mut near = [0.0; 3];
+            let states = self.state.joints.iter().skip(first);
+            near.iter_mut().zip(states).for_each(|(near, state)| *near = state.reference.position);
+            let angles = finger.nearest(&tip.position.into(), &near).map_err(|error| match error {
+                FingerError::NotFinite => Refusal::NotFinite { joint: count(first) },
+                FingerError::OutOfReach { nearest } => Refusal::OutOfReach { chain, nearest: nearest.into() },
+                FingerError::OutsideLimits { joint, value, lower, upper } => {
+                    Refusal::OutsideLimits { joint: count(first) + joint, value, lower, upper }
+                }
+            })?;
+            let (velocities, accelerations) =
+                shape.posture(&angles).follow(tip).ok_or(Refusal::Singular { chain })?;
+            for ((position, velocity), acceleration) in angles.into_iter().zip(velocities).zip(accelerations)
+            {
+                // Cannot fail: there are no more joints than places.
+                let _ = points.push(JointPoint { position, velocity, acceleration });
+            }
+        }
+        Ok(points)
     }
 
     /// The state of node and board.
@@ -249,6 +287,10 @@ fn robot_with(robot: &Robot, got: usize) -> Result<&Robot, Refusal> {
     if got == expected {
         return Ok(robot);
     }
-    #[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
-    Err(Refusal::JointCount { got: got as u8, expected: expected as u8 })
+    Err(Refusal::JointCount { got: count(got), expected: count(expected) })
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
+const fn count(joints: usize) -> u8 {
+    joints as u8
 }

@@ -2,7 +2,7 @@ use heapless::{String, Vec};
 use nalgebra::Vector3;
 
 use super::joint::JointConfig;
-use crate::kinematics::Chain;
+use crate::kinematics::{Chain, Finger};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
 
 /// A validated model, made ready for computing; without joints until there is one.
@@ -12,7 +12,8 @@ use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Saf
 pub struct Robot {
     model: RobotModel,
     pub(super) gravity: Vector3<f32>,
-    pub(super) chains: Vec<Chain, MAX_CHAINS>,
+    /// With the closed-form inverse of those that have one.
+    pub(super) chains: Vec<(Chain, Option<Finger>), MAX_CHAINS>,
     pub(super) joints: Vec<JointConfig, MAX_JOINTS>,
 }
 
@@ -46,10 +47,18 @@ impl Robot {
         model.validate()?;
         self.chains.clear();
         self.joints.clear();
-        // Neither list can overflow: the capacities are the model's own.
+        // No list can overflow: the capacities are the model's own.
         for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
             let joints = model.joints.get(range).unwrap_or_default();
-            let _ = self.chains.push(Chain::new(joints, &chain.tip));
+            let chain = Chain::new(joints, &chain.tip);
+            let finger = match joints {
+                [a, b, c] => {
+                    let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
+                    Finger::try_new(&chain, limits).ok()
+                }
+                _ => None,
+            };
+            let _ = self.chains.push((chain, finger));
         }
         for joint in &model.joints {
             let _ = self.joints.push(JointConfig::new(joint));

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 
 use super::Node;
 use crate::control::{JointPoint, ServoMode};
+use crate::kinematics::TipPoint;
 use crate::model::{ChainModel, Field, MAX_JOINTS, Pose, Problem, Reaction, RobotModel, Safety, test_joint};
 use crate::protocol::{
     ActuatorFrame, BoardStatus, EXPORT_CHUNK, Fault, FaultCause, Item, LogRecord, LogStart, MODEL_CHUNK,
@@ -505,6 +506,83 @@ fn the_largest_state_can_be_exported() {
     }
     let length = postcard::to_stdvec(&node.state).unwrap().len();
     assert!(length + 100 < super::MAX_STATE, "{length}");
+}
+
+/// The finger of Hand3, its root at the base.
+fn finger() -> RobotModel {
+    let mut model = model();
+    for (joint, (height, axis)) in model.joints.iter_mut().zip([
+        (0.0, [0.0, 0.0, 1.0]),
+        (0.039, [0.0, 1.0, 0.0]),
+        (0.046, [0.0, 1.0, 0.0]),
+    ]) {
+        joint.origin.translation = [0.0, 0.0, height];
+        joint.axis = axis;
+    }
+    model.chains[0].tip.translation = [0.0, 0.0, 0.051_78];
+    model
+}
+
+fn reach(position: [f32; 3], velocity: [f32; 3], acceleration: [f32; 3]) -> Request {
+    let tips = Vec::from_slice(&[TipPoint { position, velocity, acceleration }]).unwrap();
+    Request::SetPoint(SetPoint::Reach { tips })
+}
+
+#[test]
+fn a_fingertip_is_led_through_space_with_its_velocity_and_acceleration() {
+    let mut bench = Bench::ready(&finger());
+    // Joints at (0.1, 0.5, 0.8): the tip at r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm,
+    // z = 39 + 46 cos 0.5 + 51.78 cos 1.3 = 93.2199 mm.
+    let joints = [0.1_f32, 0.5, 0.8];
+    for (count, angle) in bench.sensors.encoders.iter_mut().zip(joints) {
+        *count = (angle * COUNTS_PER_RADIAN) as i32;
+    }
+    bench.tick();
+    assert_eq!(bench.ask(Request::Home { positions: Vec::from_slice(&joints).unwrap() }), Reply::Done);
+    bench.tick();
+    assert_eq!(bench.arm(), Reply::Done);
+    bench.tick();
+    let position = [0.071_587_6, 0.007_182_7, 0.093_219_9];
+    // Round the root's axis: only the first joint turns, at 0.5 rad/s, and the tip falls towards the axis with ω² r.
+    let [x, y, _] = position;
+    let turning = reach(position, [-0.5 * y, 0.5 * x, 0.0], [-0.25 * x, -0.25 * y, 0.0]);
+    assert_eq!(bench.ask(turning), Reply::Done);
+    bench.tick();
+    let reference = |bench: &Bench| {
+        bench.node.state.joints[..3].iter().map(|joint| joint.reference).collect::<std::vec::Vec<_>>()
+    };
+    for ((joint, angle), speed) in reference(&bench).iter().zip(joints).zip([0.5, 0.0, 0.0]) {
+        assert!((joint.position - angle).abs() < 1e-4, "{joint:?}");
+        assert!((joint.velocity - speed).abs() < 1e-4 && joint.acceleration.abs() < 1e-3, "{joint:?}");
+    }
+    // What cannot be is refused by name, and the reference stays where it is.
+    let before = reference(&bench)[0].position;
+    let [x, y, z] = position;
+    assert!(matches!(refusal(bench.ask(reach([9.0, 0.0, 0.0], [0.0; 3], [0.0; 3]))),
+        Refusal::OutOfReach { chain: 0, nearest: [x, _, z] } if x * x + (z - 0.039) * (z - 0.039) < 0.0978 * 0.0978));
+    assert_eq!(
+        refusal(bench.ask(reach([f32::NAN, y, z], [0.0; 3], [0.0; 3]))),
+        Refusal::NotFinite { joint: 0 }
+    );
+    assert_eq!(
+        refusal(bench.ask(reach(position, [f32::NAN, 0.0, 0.0], [0.0; 3]))),
+        Refusal::NotFinite { joint: 0 }
+    );
+    assert!(matches!(
+        refusal(bench.ask(reach([-x, -y, z], [0.0; 3], [0.0; 3]))),
+        Refusal::OutsideLimits { .. } | Refusal::Jump { .. }
+    ));
+    assert!(matches!(
+        refusal(bench.ask(reach(position, [0.0, 2.0, 0.0], [0.0; 3]))),
+        Refusal::TooFast { joint: 0, .. }
+    ));
+    let none = Request::SetPoint(SetPoint::Reach { tips: Vec::new() });
+    assert_eq!(refusal(bench.ask(none)), Refusal::TipCount { got: 0, expected: 1 });
+    bench.tick();
+    assert!((reference(&bench)[0].position - before).abs() < 1e-5);
+    // Another robot has no closed form.
+    let mut other = Bench::armed(&model());
+    assert_eq!(refusal(other.ask(reach(position, [0.0; 3], [0.0; 3]))), Refusal::NotAFinger { chain: 0 });
 }
 
 #[test]

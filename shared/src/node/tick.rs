@@ -134,7 +134,7 @@ impl Node {
                 }
                 let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
                 let mut first = 0;
-                for chain in &robot.chains {
+                for (chain, _) in &robot.chains {
                     let states = self.state.joints.iter().skip(first);
                     for (((q, qd), qdd), state) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(states) {
                         (*q, *qd, *qdd) = (

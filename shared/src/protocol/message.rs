@@ -8,7 +8,8 @@ use super::codec::FrameCounts;
 use super::fault::{Fault, FaultLog};
 use super::frame::LogRecord;
 use crate::control::{JointPoint, ServoMode};
-use crate::model::{MAX_JOINTS, MAX_NAME, ModelError};
+use crate::kinematics::TipPoint;
+use crate::model::{MAX_CHAINS, MAX_JOINTS, MAX_NAME, ModelError};
 
 /// Most bytes of a model in one [`Request::ModelChunk`].
 pub const MODEL_CHUNK: usize = 192;
@@ -150,6 +151,11 @@ pub enum SetPoint {
     Stream {
         /// A point for each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
+    },
+    /// 2: the same for the tips of fingers: the node finds the joint angles, in closed form, nearest to those before.
+    Reach {
+        /// A point for the tip of each chain.
+        tips: Vec<TipPoint, MAX_CHAINS>,
     },
 }
 
@@ -358,6 +364,31 @@ pub enum Refusal {
         /// Bytes of the export; 0 without one.
         length: u32,
     },
+    /// 20: a set-point for another number of tips than the robot has.
+    TipCount {
+        /// As sent.
+        got: u8,
+        /// As the robot has.
+        expected: u8,
+    },
+    /// 21: the chain is not of the shape of which the node knows the inverse kinematics
+    /// ([`Finger`](crate::kinematics::Finger)).
+    NotAFinger {
+        /// The chain.
+        chain: u8,
+    },
+    /// 22: the chain's tip cannot be there.
+    OutOfReach {
+        /// The chain.
+        chain: u8,
+        /// The nearest place where it can be [m, base frame].
+        nearest: [f32; 3],
+    },
+    /// 23: where the chain's tip is to be, it cannot move in every direction: straight, or on its first joint's axis.
+    Singular {
+        /// The chain.
+        chain: u8,
+    },
 }
 
 impl Refusal {
@@ -443,6 +474,21 @@ impl fmt::Display for Refusal {
             Self::NotExported { length } => {
                 write!(f, "there is no such piece: the export has {length} bytes; export first")
             }
+            Self::TipCount { got, expected } => write!(f, "{got} tips given, the robot has {expected}"),
+            Self::NotAFinger { chain } => write!(
+                f,
+                "chain {chain} is not a three-joint finger, so the board cannot compute its joint angles: send them \
+                 (`tesaki eval ik` finds them)"
+            ),
+            Self::OutOfReach { chain, nearest: [x, y, z] } => write!(
+                f,
+                "the tip of chain {chain} does not reach that place; the nearest is ({x}, {y}, {z}) m"
+            ),
+            Self::Singular { chain } => write!(
+                f,
+                "the tip of chain {chain} is to move where it cannot move in every direction: keep away from the \
+                 straight finger and from the axis of its first joint"
+            ),
         }
     }
 }
