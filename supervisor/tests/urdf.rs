@@ -349,6 +349,8 @@ fn words_that_are_no_urdf_say_so() {
             "<robot name=\"x\"><link name=\"a\"><visual/></link></robot>",
             "robot.urdf:1: link a: <visual> has no geometry",
         ),
+        ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
+        ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
         (&deep, "more than 64 deep"),
     ] {
         let (urdf, findings) = check(text);

@@ -9,6 +9,8 @@ use crate::finding::Report;
 /// Deepest nesting of elements: vendors put things of their own into a URDF.
 const DEEPEST: usize = 64;
 
+const XACRO: &str = "a robot folder holds plain URDF: `xacro FILE.xacro > robot.urdf` makes it";
+
 /// Reads the XML.
 pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
     match Document::parse(text) {
@@ -19,6 +21,7 @@ pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
                 _ => usize::try_from(error.pos().row).unwrap_or(1),
             };
             let advice = match &error {
+                Error::UnknownNamespace(prefix, _) if prefix == "xacro" => XACRO.to_owned(),
                 Error::UnknownNamespace(prefix, _) => {
                     format!(
                         "remove what starts with {prefix}:, or declare it: <robot xmlns:{prefix}=\"{prefix}\""
@@ -123,8 +126,7 @@ impl<'a> Source<'a> {
             return None;
         }
         if let Some(part) = root.descendants().find(is_xacro) {
-            let advice = "a robot folder holds plain URDF: `xacro FILE.xacro > robot.urdf` makes it";
-            report.kinematics(Some(part.line()), format!("<xacro:{}> is a macro", part.tag()), advice);
+            report.kinematics(Some(part.line()), format!("<xacro:{}> is a macro", part.tag()), XACRO);
             return None;
         }
         if root.tag() != "robot" {
