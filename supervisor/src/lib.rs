@@ -3,6 +3,7 @@
 
 mod board;
 pub mod fault_injector;
+pub mod finding;
 #[cfg(unix)]
 pub mod hub;
 mod link;
@@ -12,6 +13,7 @@ pub mod monitor;
 #[cfg(unix)]
 pub mod port;
 pub mod robot;
+pub mod urdf;
 
 pub use board::{Board, BoardError};
 pub use link::{ByteLink, LinkBoard};

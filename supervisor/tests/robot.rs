@@ -49,16 +49,16 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "robot.urdf",
             "<mass value=\"0.01\"/>",
             "<mass value=\"-0.02\"/>",
-            "joint finger1_curl: inertial mass = -0.015",
+            "link finger1_upper: mass = -0.02 kg is below 0",
         ),
         (
             "robot.urdf",
             "lower=\"-1.0\" upper=\"1.0\"",
             "lower=\"2.0\" upper=\"1.0\"",
-            "joint finger1_swing: limits.upper = 1",
+            "joint finger1_swing: lower = 2 is not below upper = 1",
         ),
         ("robot.urdf", "<robot name=\"hand3\"", "<robt name=\"hand3\"", "robot.urdf"),
-        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "finger1_swing\" is of type"),
+        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "joint finger1_swing is of type Prismatic"),
         (
             "controller.toml",
             "torque_constant = 0.5",
@@ -67,7 +67,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
         ),
         ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
         ("controller.toml", "reaction = \"hold\"", "reaction = \"pray\"", "unknown variant `pray`"),
-        ("controller.toml", "gravity = [", "gravity = ", "line"),
+        ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
         (
             "controller.toml",
             "[joint.servo]",
@@ -101,4 +101,43 @@ fn a_folder_that_says_nothing_of_it_has_a_command_timeout_of_100_ms_and_holds() 
     let model = RobotFolder::parse(Path::new("my_hand"), &text("robot.urdf"), &settings).unwrap().model;
     assert_eq!(model.safety.reaction, tesaki::model::Reaction::Hold);
     assert!((model.safety.command_timeout - 0.1).abs() < 1e-9);
+}
+
+#[test]
+fn a_chain_ends_in_the_farthest_of_the_leaves_that_are_fixed_to_its_last_body() {
+    let more = |name: &str, parent: &str, z: &str| {
+        format!(
+            "<joint name=\"to_{name}\" type=\"fixed\"><parent link=\"{parent}\"/><child link=\"{name}\"/>\
+             <origin xyz=\"0 0 {z}\"/></joint><link name=\"{name}\"/></robot>"
+        )
+    };
+    for (name, parent, z, expected) in [
+        ("camera", "finger1_upper", "0.001", "finger1_tip"),
+        ("nail", "finger1_upper", "0.09", "nail"),
+        ("nail", "finger1_tip", "0.002", "nail"),
+        // A leaf on another body is none of the last.
+        ("motor", "finger1_lower", "0.5", "finger1_tip"),
+    ] {
+        let urdf = text("robot.urdf").replace("</robot>", &more(name, parent, z));
+        let folder = RobotFolder::parse(Path::new("my_hand"), &urdf, &text("controller.toml")).unwrap();
+        let chain = &folder.model.chains[0];
+        assert_eq!(chain.name, expected);
+        let distance = nalgebra::Vector3::from(chain.tip.translation).norm();
+        assert!((0.02..0.1).contains(&distance), "{name}: {distance}");
+    }
+}
+
+#[test]
+fn what_a_controller_cannot_drive_is_told() {
+    let branch = "<joint name=\"spread\" type=\"revolute\"><parent link=\"finger1_knuckle\"/><child link=\"flap\"/>\
+        <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint><link name=\"flap\"/></robot>";
+    for (from, to, expected) in [
+        ("</robot>", branch, "branches behind joint finger1_swing into finger1_bend and spread"),
+        ("type=\"revolute\"", "type=\"continuous\"", "finger1_swing is of type Continuous"),
+        ("name=\"hand3\"", "name=\"a_robot_with_a_name_that_is_too_long\"", "36 bytes, at most 32 fit"),
+        ("name=\"hand3\"", "name=\"\"", "the robot has no name"),
+    ] {
+        let said = error("robot.urdf", from, to);
+        assert!(said.contains(expected), "{said}");
+    }
 }

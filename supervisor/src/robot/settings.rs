@@ -3,9 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, Motor, PidGains, Safety};
 use toml::{Table, Value};
+
+use crate::finding::Report;
 
 /// A checked `controller.toml`.
 #[derive(Clone, Debug)]
@@ -19,8 +22,7 @@ pub struct Settings {
 }
 
 /// The settings of one joint.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug)]
 pub struct JointSettings {
     /// The drive.
     pub motor: Motor,
@@ -33,7 +35,7 @@ pub struct JointSettings {
 }
 
 /// See [`tesaki::model::JointLimits`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitSettings {
     /// Fastest change of torque [N·m/s].
@@ -43,7 +45,7 @@ pub struct LimitSettings {
 }
 
 /// See [`tesaki::model::ServoGains`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServoSettings {
     /// Time constant of the trajectory filter [s].
@@ -59,7 +61,7 @@ pub struct ServoSettings {
 }
 
 /// See [`tesaki::model::ObserverGains`].
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObserverSettings {
     /// Of the position loop [rad/s].
@@ -73,10 +75,11 @@ pub struct ObserverSettings {
 struct File {
     gravity: [f32; 3],
     safety: SafetySettings,
-    #[serde(default)]
-    joint: Table,
-    #[serde(default)]
-    joints: BTreeMap<String, Table>,
+    // Known here, put together by `joints`.
+    #[serde(default, rename = "joint")]
+    _joint: Table,
+    #[serde(default, rename = "joints")]
+    _joints: BTreeMap<String, Table>,
 }
 
 #[derive(Deserialize)]
@@ -106,41 +109,174 @@ enum Reaction {
 }
 
 impl Settings {
-    /// Reads the text of a `controller.toml` for the joints `names`.
-    pub fn parse(text: &str, names: &[&str]) -> Result<Self, String> {
-        let file: File = toml::from_str(text).map_err(|error| error.to_string())?;
-        if let Some(stranger) = file.joints.keys().find(|name| !names.contains(&name.as_str())) {
-            return Err(format!(
-                "[joints.{stranger}] belongs to no joint of the URDF; its joints are {}",
-                names.join(", ")
-            ));
-        }
-        let joints = names.iter().map(|&name| {
-            let mut table = file.joint.clone();
-            if let Some(own) = file.joints.get(name) {
-                merge(&mut table, own);
-            }
-            let settings = Value::Table(table).try_into::<JointSettings>().map_err(|error| {
-                format!("joint {name}: {} (looked in [joint] and [joints.{name}])", error.message())
-            })?;
-            Ok((name.to_owned(), settings))
+    /// Reads the text of a `controller.toml` for the joints `names`; `None` when something is wrong with it.
+    pub(crate) fn parse(text: &str, names: &[&str], report: &mut Report) -> Option<Self> {
+        let before = report.findings.len();
+        let file = toml::from_str::<File>(text).map_err(|error| {
+            let line =
+                error.span().map(|span| text.get(..span.start).unwrap_or(text).matches('\n').count() + 1);
+            report.dynamics(
+                line,
+                error.message(),
+                "docs/bring-your-own-hand.md shows a whole controller.toml",
+            );
         });
-        Ok(Self {
-            gravity: file.gravity,
-            safety: Safety {
-                command_timeout: file.safety.command_timeout,
-                reaction: match file.safety.reaction {
-                    Reaction::Off => tesaki::model::Reaction::Off,
-                    Reaction::Damp => tesaki::model::Reaction::Damp,
-                    Reaction::Hold => tesaki::model::Reaction::Hold,
-                },
-                damping: file.safety.damping,
-                supply_min: file.safety.supply_min,
-                supply_max: file.safety.supply_max,
-            },
-            joints: joints.collect::<Result<_, String>>()?,
-        })
+        // The joints can be looked at all the same.
+        let table = toml::from_str::<Table>(text).ok()?;
+        let joints = joints(&table, text, names, report);
+        let file = file.ok().filter(|_| report.findings.len() == before)?;
+        Some(Self { gravity: file.gravity, safety: file.safety.into(), joints })
     }
+}
+
+impl From<SafetySettings> for Safety {
+    fn from(settings: SafetySettings) -> Self {
+        Self {
+            command_timeout: settings.command_timeout,
+            reaction: match settings.reaction {
+                Reaction::Off => tesaki::model::Reaction::Off,
+                Reaction::Damp => tesaki::model::Reaction::Damp,
+                Reaction::Hold => tesaki::model::Reaction::Hold,
+            },
+            damping: settings.damping,
+            supply_min: settings.supply_min,
+            supply_max: settings.supply_max,
+        }
+    }
+}
+
+/// `[joint]` and `[joints.NAME]` put together for every name; what several joints have wrong is told once.
+fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTreeMap<String, JointSettings> {
+    let table = |key: &str| file.get(key).and_then(Value::as_table).cloned().unwrap_or_default();
+    let (common, own) = (table("joint"), table("joints"));
+    for stranger in own.keys().filter(|name| !names.contains(&name.as_str())) {
+        let message = format!("[joints.{stranger}] belongs to no joint of the URDF");
+        let advice = format!("correct or remove it; the joints that move are {}", names.join(", "));
+        report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);
+    }
+    let mut wrong: Vec<(Wrong, Vec<&str>)> = Vec::new();
+    let mut joints = BTreeMap::new();
+    for &name in names {
+        let mut table = common.clone();
+        if let Some(own) = own.get(name).and_then(Value::as_table) {
+            merge(&mut table, own);
+        }
+        let mut errors = Vec::new();
+        joints.extend(JointSettings::read(&table, &mut errors).map(|settings| (name.to_owned(), settings)));
+        for error in errors {
+            match wrong.iter_mut().find(|(known, _)| *known == error) {
+                Some((_, names)) => names.push(name),
+                None => wrong.push((error, vec![name])),
+            }
+        }
+    }
+    for (Wrong { key, message }, names) in wrong {
+        let line = match *names {
+            [name] => line_of(text, &format!("joints.{name}.{key}")),
+            _ => None,
+        };
+        let line = line.or_else(|| line_of(text, &format!("joint.{key}"))).or_else(|| line_of(text, &key));
+        let (plural, list) = (if names.len() > 1 { "s" } else { "" }, names.join(", "));
+        let advice = "mend it in [joint…], which holds for every joint, or in [joints.NAME…] for one";
+        report.dynamics(line, format!("joint{plural} {list}: {message}"), advice);
+    }
+    joints
+}
+
+/// What is wrong with a joint's settings, and where to look.
+#[derive(PartialEq)]
+struct Wrong {
+    key: String,
+    message: String,
+}
+
+impl JointSettings {
+    /// Reads each section, to find what is wrong in any of them.
+    fn read(table: &Table, errors: &mut Vec<Wrong>) -> Option<Self> {
+        let sections = ["motor", "encoder", "limits", "servo"];
+        for key in table.keys().filter(|key| !sections.contains(&key.as_str())) {
+            let message = format!("unknown section {key:?}, expected one of {}", sections.join(", "));
+            errors.push(Wrong { key: key.clone(), message });
+        }
+        if table.is_empty() {
+            errors.push(Wrong { key: "joint".to_owned(), message: "nothing is said about it".to_owned() });
+            return None;
+        }
+        let (motor, encoder) = (section(table, "motor", errors), section(table, "encoder", errors));
+        let (limits, servo) = (section(table, "limits", errors), section(table, "servo", errors));
+        Some(Self { motor: motor?, encoder: encoder?, limits: limits?, servo: servo? })
+    }
+}
+
+fn section<T>(table: &Table, name: &str, errors: &mut Vec<Wrong>) -> Option<T>
+where
+    T: DeserializeOwned + Serialize,
+{
+    let Some(value) = table.get(name) else {
+        errors.push(Wrong { key: name.to_owned(), message: format!("section {name} is missing") });
+        return None;
+    };
+    match value.clone().try_into() {
+        Ok(section) => {
+            // Not every part of the model refuses keys that it does not know.
+            let known = Value::try_from(&section).unwrap_or(Value::Boolean(false));
+            let Some(key) = stranger(value, &known, name) else { return Some(section) };
+            errors.push(Wrong { message: format!("there is no {key}"), key });
+            None
+        }
+        Err(error) => {
+            let message = error.to_string().trim().replace('\n', " ");
+            let key = match quoted(&message) {
+                Some(key) => format!("{name}.{key}"),
+                None => name.to_owned(),
+            };
+            errors.push(Wrong { key, message: format!("{name}: {message}") });
+            None
+        }
+    }
+}
+
+/// The first key, under `name`, that is not among the known ones.
+fn stranger(value: &Value, known: &Value, name: &str) -> Option<String> {
+    let (Value::Table(table), Value::Table(known)) = (value, known) else { return None };
+    table.iter().find_map(|(key, value)| {
+        let name = format!("{name}.{key}");
+        match known.get(key) {
+            None => Some(name),
+            Some(known) => stranger(value, known, &name),
+        }
+    })
+}
+
+/// The key that a message is about: the last one between backticks, unless it is missing.
+fn quoted(message: &str) -> Option<&str> {
+    if message.contains("missing field") {
+        return None;
+    }
+    let start = message.rfind("in `").map_or(0, |at| at + 3);
+    message.get(start..)?.split('`').nth(1)
+}
+
+/// The line where `key` (with its tables, or their end) has its value or starts a table.
+pub fn line_of(text: &str, key: &str) -> Option<usize> {
+    let mut header = String::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        let line: String = line.chars().filter(|c| !c.is_whitespace() && !"\"'".contains(*c)).collect();
+        let here = match line.strip_prefix('[').and_then(|line| line.split(']').next()) {
+            Some(name) => {
+                header = format!(".{name}");
+                header.clone()
+            }
+            None => match line.split_once('=') {
+                Some((name, _)) if !name.starts_with('#') => format!("{header}.{name}"),
+                _ => continue,
+            },
+        };
+        if here.ends_with(&format!(".{key}")) || here.contains(&format!(".{key}.")) {
+            return Some(number);
+        }
+    }
+    None
 }
 
 /// Puts the values of `own` over those of `table`, table by table.

@@ -1,8 +1,13 @@
-//! From the URDF's tree of links to serial chains of moving joints: fixed joints are folded in.
+//! From the URDF's tree of links to the serial chains that a controller drives: fixed joints are folded in.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use tesaki::model::{Friction, Inertial, JointLimits, Pose};
-use urdf_rs::{Joint, JointType, Robot};
+use nalgebra::Isometry3;
+use tesaki::model::{
+    Friction, Inertial, JointLimits, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MAX_NAME, Pose,
+};
+use urdf_rs::{Joint, JointType};
+
+use crate::finding::Report;
+use crate::urdf::{Body, Urdf, axis, collect, isometry, narrow, pose};
 
 /// A moving joint with the link behind it and everything that is fixed to that link.
 pub struct SerialJoint {
@@ -17,117 +22,95 @@ pub struct SerialJoint {
 /// Moving joints in series, and what they end in.
 pub struct SerialChain {
     pub joints: Vec<SerialJoint>,
-    /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from its joint.
+    /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from its
+    /// joint; the last in the file of several that are as far.
     pub tip: String,
     /// Its frame in the last joint's.
     pub pose: Pose,
 }
 
-/// The chains that leave the base, each from base to tip, in the order of the file.
-pub fn serial_chains(robot: &Robot) -> Result<Vec<SerialChain>, String> {
-    let is_child = |link: &str| robot.joints.iter().any(|joint| joint.child.link == link);
-    let mut roots = robot.links.iter().filter(|link| !is_child(&link.name));
-    let base = roots.next().ok_or("no base: every link hangs on another, so the joints form a loop")?;
-    if let Some(other) = roots.next() {
-        return Err(format!(
-            "two bases, {:?} and {:?}: a joint between them is missing",
-            base.name, other.name
-        ));
-    }
-    for joint in &robot.joints {
-        for link in [&joint.parent.link, &joint.child.link] {
-            if !robot.links.iter().any(|known| known.name == *link) {
-                return Err(format!("joint {:?} names the link {link:?}, which does not exist", joint.name));
-            }
-        }
-        if robot.joints.iter().filter(|other| other.child.link == joint.child.link).count() > 1 {
-            return Err(format!(
-                "the link {:?} hangs on two joints: a loop, only trees work",
-                joint.child.link
-            ));
-        }
-    }
-    let mut base_body = Body::default();
-    collect(robot, &base.name, Isometry3::identity(), &mut base_body)?
-        .into_iter()
-        .map(|(joint, offset)| chain(robot, joint, offset))
-        .collect()
+/// The chains that leave the base, each from base to tip, in the order of the file. What no controller can drive is
+/// reported.
+pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
+    let first = collect(&urdf.robot, urdf.base(), &mut Body::default());
+    let chains: Vec<SerialChain> =
+        first.into_iter().map(|(joint, offset)| chain(urdf, joint, offset, report)).collect();
+    sizes(urdf, &chains, report);
+    chains
 }
 
-fn chain(robot: &Robot, first: &Joint, offset: Isometry3<f64>) -> Result<SerialChain, String> {
+fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report) -> SerialChain {
     let mut joints = Vec::new();
     let mut last = &first.child.link;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
         let mut body = Body::default();
-        let mut children = collect(robot, &joint.child.link, Isometry3::identity(), &mut body)?;
-        if children.len() > 1 {
-            return Err(format!(
-                "the chain branches behind joint {:?} (into {:?} and {:?}): chains may branch at the base only",
-                joint.name, children[0].0.name, children[1].0.name
-            ));
+        let mut children = collect(&urdf.robot, &joint.child.link, &mut body);
+        if let [(one, _), (other, _), ..] = &*children {
+            let message = format!(
+                "the chain branches behind joint {} into {} and {}: a controller's chains branch at the base only",
+                joint.name, one.name, other.name
+            );
+            let advice = "drive one of them by its own robot folder; `tesaki eval` computes each tip";
+            report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
+        driven(urdf, joint, report);
+        children.truncate(1);
         next = children.pop();
         last = &joint.child.link;
-        joints.push(serial_joint(joint, &offset, &body)?);
+        joints.extend(serial_joint(joint, &offset, &body));
     }
-    let (tip, place) = tip(robot, last, Isometry3::identity());
-    Ok(SerialChain { joints, tip: tip.to_owned(), pose: pose(&place) })
+    let (tip, place) = tip(urdf, last);
+    if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
+        let message = format!("joint {} moves no mass", joint.name);
+        let advice = "give the links behind it <inertial>: gravity and inertia are fed forward from it";
+        report.warning(urdf.line_of_joint(&joint.name), message, advice);
+    }
+    SerialChain { joints, tip: tip.to_owned(), pose: pose(&place) }
 }
 
-/// The leaf farthest from the joint among `link`, which stands at `place`, and what is fixed to it.
-fn tip<'a>(robot: &'a Robot, link: &'a str, place: Isometry3<f64>) -> (&'a str, Isometry3<f64>) {
-    let distance = |tip: &(&str, Isometry3<f64>)| tip.1.translation.vector.norm();
-    robot
-        .joints
-        .iter()
-        .filter(|joint| joint.parent.link == link)
-        .map(|joint| tip(robot, &joint.child.link, place * isometry(&joint.origin)))
-        .max_by(|a, b| distance(a).total_cmp(&distance(b)))
-        .unwrap_or((link, place))
+/// Reports a joint that has no rotary motor with limits.
+fn driven(urdf: &Urdf, joint: &Joint, report: &mut Report) {
+    let line = urdf.line_of_joint(&joint.name);
+    if let Some(mimic) = &joint.mimic {
+        let message = format!("joint {} mimics {}: it has no motor to drive", joint.name, mimic.joint);
+        let advice = "`tesaki eval` computes it; for a controller, remove <mimic> if it has a motor of its own, \
+            or make it fixed";
+        report.dynamics(line, message, advice);
+    } else if joint.joint_type != JointType::Revolute {
+        let message = format!("joint {} is of type {:?}", joint.name, joint.joint_type);
+        report.dynamics(
+            line,
+            message,
+            "a controller drives revolute joints (with limits); others may be fixed",
+        );
+    }
 }
 
-/// Adds the mass of `link`, and of all that is fixed to it, to `body`; returns the moving joints that follow, with
-/// the place of their parent link in the body's frame.
-fn collect<'a>(
-    robot: &'a Robot,
-    link: &str,
-    place: Isometry3<f64>,
-    body: &mut Body,
-) -> Result<Vec<(&'a Joint, Isometry3<f64>)>, String> {
-    if let Some(link) = robot.links.iter().find(|known| known.name == link) {
-        body.add(&link.inertial, &place);
-    }
-    let mut moving = Vec::new();
-    for joint in robot.joints.iter().filter(|joint| joint.parent.link == link) {
-        match joint.joint_type {
-            JointType::Fixed => {
-                moving.extend(collect(robot, &joint.child.link, place * isometry(&joint.origin), body)?);
-            }
-            JointType::Revolute => moving.push((joint, place)),
-            ref other => {
-                return Err(format!(
-                    "joint {:?} is of type {other:?}: revolute (with limits) and fixed joints are supported",
-                    joint.name
-                ));
-            }
+/// The leaf farthest from the joint among `link` and what is fixed to it, with its place in the joint's frame.
+fn tip<'a>(urdf: &'a Urdf, link: &'a str) -> (&'a str, Isometry3<f64>) {
+    let mut leaves = Vec::new();
+    let mut open = vec![(link, Isometry3::identity())];
+    while let Some((link, place)) = open.pop() {
+        let behind = urdf.robot.joints.iter().rev().filter(|joint| joint.parent.link == link);
+        let before = open.len();
+        open.extend(behind.map(|joint| (joint.child.link.as_str(), place * isometry(&joint.origin))));
+        if open.len() == before {
+            leaves.push((link, place));
         }
     }
-    Ok(moving)
+    let distance = |leaf: &(&str, Isometry3<f64>)| leaf.1.translation.vector.norm();
+    let farthest = leaves.into_iter().max_by(|a, b| distance(a).total_cmp(&distance(b)));
+    farthest.unwrap_or((link, Isometry3::identity()))
 }
 
-fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &Body) -> Result<SerialJoint, String> {
-    let origin = offset * isometry(&joint.origin);
-    let axis = Vector3::from(joint.axis.xyz.0);
-    let length = axis.norm();
-    if !(length.is_finite() && length > 1e-6) {
-        return Err(format!("joint {:?}: its axis {:?} is no direction", joint.name, joint.axis.xyz.0));
-    }
+/// Without an axis there is none; that has been reported.
+fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &Body) -> Option<SerialJoint> {
     let dynamics = joint.dynamics.as_ref();
-    Ok(SerialJoint {
+    Some(SerialJoint {
         name: joint.name.clone(),
-        origin: pose(&origin),
-        axis: single(axis / length),
+        origin: pose(&(offset * isometry(&joint.origin))),
+        axis: axis(joint)?,
         link: body.inertial(),
         limits: JointLimits {
             lower: narrow(joint.limit.lower),
@@ -144,54 +127,37 @@ fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &Body) -> Result<S
     })
 }
 
-/// Mass, first and second moments about the origin of a joint frame.
-#[derive(Default)]
-struct Body {
-    mass: f64,
-    first: Vector3<f64>,
-    second: Matrix3<f64>,
-}
-
-impl Body {
-    fn add(&mut self, inertial: &urdf_rs::Inertial, place: &Isometry3<f64>) {
-        let place = place * isometry(&inertial.origin);
-        let (mass, i) = (inertial.mass.value, &inertial.inertia);
-        let tensor = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-        let rotation: Rotation3<f64> = place.rotation.to_rotation_matrix();
-        let center = (place * Point3::origin()).coords;
-        self.mass += mass;
-        self.first += center * mass;
-        self.second += rotation * tensor * rotation.transpose() + steiner(mass, &center);
+/// Names and numbers of things fit into the board.
+fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
+    let mut most = |line, what: &str, count: usize, limit: usize| {
+        if count > limit {
+            let advice = "a board drives so many; split the robot into several folders, one a board";
+            report.dynamics(line, format!("{count} {what}, at most {limit} fit"), advice);
+        }
+    };
+    let all: usize = chains.iter().map(|chain| chain.joints.len()).sum();
+    most(None, "chains leave the base", chains.len(), MAX_CHAINS);
+    most(None, "joints", all, MAX_JOINTS);
+    for chain in chains {
+        let line = urdf.line_of_link(&chain.tip);
+        most(line, &format!("joints in the chain of {}", chain.tip), chain.joints.len(), MAX_CHAIN_JOINTS);
     }
-
-    fn inertial(&self) -> Inertial {
-        let center = if self.mass > 0.0 { self.first / self.mass } else { Vector3::zeros() };
-        let tensor = self.second - steiner(self.mass, &center);
-        let six = [tensor.m11, tensor.m22, tensor.m33, tensor.m12, tensor.m13, tensor.m23];
-        Inertial { mass: narrow(self.mass), center_of_mass: single(center), inertia: six.map(narrow) }
+    if all == 0 {
+        report.dynamics(None, "no joint moves", "a controller needs a revolute joint at least");
     }
-}
-
-/// Inertia of a point mass at `center` about the origin.
-fn steiner(mass: f64, center: &Vector3<f64>) -> Matrix3<f64> {
-    (Matrix3::identity() * center.norm_squared() - center * center.transpose()) * mass
-}
-
-fn isometry(pose: &urdf_rs::Pose) -> Isometry3<f64> {
-    let [roll, pitch, yaw] = pose.rpy.0;
-    let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    Isometry3::from_parts(Translation3::from(Vector3::from(pose.xyz.0)), rotation)
-}
-
-fn pose(place: &Isometry3<f64>) -> Pose {
-    Pose { translation: single(place.translation.vector), rotation: place.rotation.coords.map(narrow).into() }
-}
-
-fn single(vector: Vector3<f64>) -> [f32; 3] {
-    vector.map(narrow).into()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
-const fn narrow(value: f64) -> f32 {
-    value as f32
+    let joints = chains.iter().flat_map(|chain| &chain.joints).map(|joint| joint.name.as_str());
+    let tips = chains.iter().map(|chain| chain.tip.as_str());
+    for name in std::iter::once(urdf.robot.name.as_str()).chain(joints).chain(tips) {
+        if name.len() > MAX_NAME {
+            let message = format!("the name {name:?} has {} bytes, at most {MAX_NAME} fit", name.len());
+            report.dynamics(
+                urdf.line_of_joint(name).or_else(|| urdf.line_of_link(name)),
+                message,
+                "shorten it here and in controller.toml",
+            );
+        }
+    }
+    if urdf.robot.name.is_empty() {
+        report.dynamics(None, "the robot has no name", "<robot name=\"…\">");
+    }
 }

@@ -9,6 +9,7 @@ use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::port::PortError;
 use tesaki_supervisor::robot::RobotError;
+use tesaki_supervisor::urdf::UrdfError;
 
 /// Why a command came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +40,9 @@ pub enum Failure {
     /// A robot folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
+    /// A URDF.
+    #[error(transparent)]
+    Urdf(#[from] UrdfError),
     /// A file.
     #[error("{path}: {source}", path = path.display())]
     File {
@@ -74,7 +78,7 @@ impl Failure {
     /// The number for scripts: see the help.
     pub const fn number(&self) -> u8 {
         match self {
-            Self::Robot(_) | Self::File { .. } | Self::Other(_) => 1,
+            Self::Robot(_) | Self::Urdf(_) | Self::File { .. } | Self::Other(_) => 1,
             Self::Usage(_) | Self::Board(BoardError::TooManyJoints(_)) => 2,
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,

@@ -2,7 +2,9 @@
 
 mod args;
 mod board;
+mod check;
 mod doctor;
+mod eval;
 mod failure;
 mod model;
 mod motion;
@@ -47,8 +49,9 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Model { command } => match command {
             ModelCommand::Push { robot } => model::push(options, robot),
             ModelCommand::Show => model::show(options),
-            ModelCommand::Check { robot } => model::check(options, robot),
+            ModelCommand::Check { robot } => return check::run(options, robot),
         },
+        Command::Eval(eval) => eval::run(options, eval),
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(record) => recording::record(options, record),
         Command::Replay { log } => recording::replay(options, log),

@@ -1,6 +1,5 @@
-//! `model push`, `model show`, `model check`.
+//! `model push`, `model show`.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use serde_json::json;
@@ -46,35 +45,4 @@ pub fn show(options: &Options) -> Result<(), Failure> {
     let model = session.model()?;
     let text = toml::to_string_pretty(&model).map_err(|error| Failure::Other(error.to_string()))?;
     output::result(options, &model, || text)
-}
-
-pub fn check(options: &Options, robot: &Path) -> Result<(), Failure> {
-    let model = RobotFolder::load(robot)?.model;
-    let value = json!({ "robot": model.name, "joints": model.joints.len(), "chains": model.chains.len() });
-    output::result(options, &value, || {
-        let mut text = String::new();
-        for (number, range) in model.chain_ranges().enumerate() {
-            let _ = writeln!(text, "chain {}", number + 1);
-            for joint in model.joints.get(range).unwrap_or_default() {
-                let _ = writeln!(
-                    text,
-                    "  {:<20} {:>7.3} to {:>6.3} rad, {:>6.2} rad/s, {:>6.3} N·m, link {:.1} g",
-                    joint.name,
-                    joint.limits.lower,
-                    joint.limits.upper,
-                    joint.limits.velocity,
-                    joint.limits.torque,
-                    joint.link.mass * 1000.0
-                );
-            }
-        }
-        let _ = write!(
-            text,
-            "{}: {} joints in {} chains; nothing is wrong",
-            model.name,
-            model.joints.len(),
-            model.chains.len()
-        );
-        text
-    })
 }

@@ -1,0 +1,125 @@
+//! `model check`: everything that is wrong in a robot folder, by file and line.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::ExitCode;
+
+use serde_json::{Value, json};
+use tesaki::model::RobotModel;
+use tesaki_supervisor::finding::{Finding, Weight};
+use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::urdf::{SerialPath, Urdf, UrdfError};
+
+use crate::args::Options;
+use crate::failure::Failure;
+use crate::output;
+
+/// What is right, and what is not.
+struct Checked {
+    good: Vec<String>,
+    findings: Vec<Finding>,
+}
+
+pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
+    let checked = if robot.join("controller.toml").is_file() { folder(robot)? } else { urdf(robot)? };
+    let wrong = checked.findings.iter().any(Finding::is_error);
+    let good = checked.good.iter().map(|text| json!({ "weight": "good", "finding": text }));
+    let list: Vec<Value> = good.chain(checked.findings.iter().map(object)).collect();
+    output::result(options, &list, || text(&checked))?;
+    Ok(ExitCode::from(u8::from(wrong)))
+}
+
+/// A folder for a controller.
+fn folder(path: &Path) -> Result<Checked, Failure> {
+    let (urdf, settings) = RobotFolder::read(path)?;
+    let (folder, findings) = RobotFolder::check(path, &urdf, &settings);
+    Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
+}
+
+fn summary(model: &RobotModel) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+        lines.push(format!("chain to {}", chain.name));
+        for joint in model.joints.get(range).unwrap_or_default() {
+            lines.push(format!(
+                "  {:<20} {:>7.3} to {:>6.3} rad, {:>6.2} rad/s, {:>6.3} N·m, link {:.1} g",
+                joint.name,
+                joint.limits.lower,
+                joint.limits.upper,
+                joint.limits.velocity,
+                joint.limits.torque,
+                joint.link.mass * 1000.0
+            ));
+        }
+    }
+    let chains = if model.chains.len() == 1 { "chain" } else { "chains" };
+    lines.push(format!("{}: {} joints in {} {chains}", model.name, model.joints.len(), model.chains.len()));
+    lines
+}
+
+/// A URDF without settings for a controller.
+fn urdf(path: &Path) -> Result<Checked, Failure> {
+    let file = Urdf::locate(path);
+    let text = Urdf::read_text(&file)?;
+    let (urdf, mut findings) = Urdf::check(&file, &text);
+    let why = if path.is_dir() { "no controller.toml there" } else { "a file alone" };
+    let mut good = vec![format!("only the URDF is checked: {why}")];
+    if let Some(urdf) = urdf {
+        let mut missed = Vec::new();
+        for tip in urdf.tips(None) {
+            match urdf.path(None, tip) {
+                Ok(path) => good.push(joints(&path)),
+                Err(UrdfError::Path(finding)) => missed.push(finding),
+                Err(other) => return Err(other.into()),
+            }
+        }
+        // When some tips are out of reach, as those of a gripper with slides, the others can be computed.
+        if !urdf.reachable_tips(None).is_empty() {
+            missed.iter_mut().for_each(|finding| finding.weight = Weight::Warning);
+        }
+        findings.extend(missed);
+    }
+    Ok(Checked { good, findings })
+}
+
+/// `tip finger_tip: base palm, joints a, b, c (= 0.8 b + 0.1)`
+fn joints(path: &SerialPath) -> String {
+    let joints = path.joints.iter().map(|joint| match path.drives.get(joint.drive) {
+        Some(drive) if drive.name != joint.name => {
+            let offset = if joint.offset == 0.0 { String::new() } else { format!(" {:+}", joint.offset) };
+            format!("{} (= {} {}{offset})", joint.name, joint.multiplier, drive.name)
+        }
+        _ => joint.name.clone(),
+    });
+    format!("tip {}: base {}, joints {}", path.tip, path.base, joints.collect::<Vec<_>>().join(", "))
+}
+
+fn object(finding: &Finding) -> Value {
+    json!({
+        "weight": if finding.is_error() { "bad" } else { "warning" },
+        "file": finding.path.display().to_string(),
+        "line": finding.line,
+        "finding": finding.message,
+        "advice": finding.advice,
+    })
+}
+
+fn text(checked: &Checked) -> String {
+    let mut text = String::new();
+    for good in &checked.good {
+        let _ = writeln!(text, "ok    {good}");
+    }
+    for finding in &checked.findings {
+        let sign = if finding.is_error() { "BAD " } else { "look" };
+        let _ = writeln!(text, "{sign}  {}: {}", finding.place(), finding.message);
+        if !finding.advice.is_empty() {
+            let _ = writeln!(text, "      → {}", finding.advice);
+        }
+    }
+    let errors = checked.findings.iter().filter(|finding| finding.is_error()).count();
+    text + &match (errors, checked.findings.len() - errors) {
+        (0, 0) => "nothing is wrong".to_owned(),
+        (0, warnings) => format!("works; {warnings} to look at"),
+        (errors, _) => format!("{errors} to mend"),
+    }
+}

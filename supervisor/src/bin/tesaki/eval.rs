@@ -1,0 +1,135 @@
+//! `eval`: the control core's kinematics of any robot, for every row of a table.
+
+mod forward;
+mod inverse;
+mod table;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use serde_json::{Value, json};
+use tesaki_supervisor::finding::Matter;
+use tesaki_supervisor::urdf::{Drive, SerialPath, Urdf};
+
+use crate::args::{Eval, Options, Quantity};
+use crate::failure::Failure;
+use crate::output;
+use table::{Row, Table};
+
+/// Results: a header and as many values in every row, as text.
+struct Results {
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+    /// What the user should know, for people and for programs.
+    notes: Vec<String>,
+    used: Vec<String>,
+}
+
+pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
+    let matters: &[Matter] = match eval.what {
+        Quantity::Fk | Quantity::Jacobian => &[],
+        Quantity::Ik => &[Matter::Limits],
+    };
+    let (urdf, others) = Urdf::load(&eval.robot, matters)?;
+    let table = Table::read(&eval.input)?;
+    let tips = tips(&urdf, eval, &table)?;
+    let paths = tips.iter().map(|tip| urdf.path(eval.base.as_deref(), tip));
+    let paths: Vec<SerialPath> = paths.collect::<Result<_, _>>()?;
+    let mut results = match eval.what {
+        Quantity::Fk => forward::poses(&table, &paths)?,
+        Quantity::Jacobian => forward::jacobians(&table, &paths)?,
+        Quantity::Ik => inverse::angles(&table, &paths)?,
+    };
+    results.notes.extend(unused(&table, &results.used));
+    if others > 0 {
+        let place = urdf.path.display();
+        results
+            .notes
+            .push(format!("{others} findings that do not matter here: `tesaki model check {place}`"));
+    }
+    write(&eval.output, &results)?;
+    for note in &results.notes {
+        output::notice(options, note);
+    }
+    summary(options, eval, &paths, &results)
+}
+
+/// What to compute: named tips, those with columns for the inverse, or all.
+fn tips(urdf: &Urdf, eval: &Eval, table: &Table) -> Result<Vec<String>, Failure> {
+    if !eval.tip.is_empty() {
+        return Ok(eval.tip.clone());
+    }
+    let base = eval.base.as_deref();
+    let all = || urdf.tips(base).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    let tips: Vec<String> = match eval.what {
+        Quantity::Fk | Quantity::Jacobian => all(),
+        Quantity::Ik => {
+            let is_link = |name: &&str| urdf.robot.links.iter().any(|link| link.name == *name);
+            let names = table.headers().iter().filter_map(|header| header.strip_suffix(".x"));
+            names.filter(is_link).map(str::to_owned).collect()
+        }
+    };
+    match eval.what {
+        _ if !tips.is_empty() => Ok(tips),
+        Quantity::Ik => {
+            let message = "no targets: name columns TIP.x, TIP.y, TIP.z [m], and TIP.qx, .qy, .qz, .qw for an \
+                orientation";
+            Err(table.error(1, &format!("{message}; tips are {}", all().join(", "))))
+        }
+        // The path to no place says what is wrong with the base.
+        _ => {
+            urdf.path(base, base.unwrap_or(urdf.base()))?;
+            Err(Failure::Other(format!("{}: no joint moves: nothing to compute", urdf.path.display())))
+        }
+    }
+}
+
+/// The drives of all paths, each once.
+fn drives(paths: &[SerialPath]) -> Vec<&Drive> {
+    let mut drives: Vec<&Drive> = Vec::new();
+    for drive in paths.iter().flat_map(|path| &path.drives) {
+        if !drives.iter().any(|known| known.name == drive.name) {
+            drives.push(drive);
+        }
+    }
+    drives
+}
+
+/// Digits that mean this very number.
+fn exact(value: f32) -> String {
+    format!("{value:?}")
+}
+
+fn unused(table: &Table, used: &[String]) -> Option<String> {
+    let unused: Vec<&str> =
+        table.headers().iter().filter(|header| !used.contains(header)).map(String::as_str).collect();
+    (!unused.is_empty()).then(|| format!("columns that were not needed: {}", unused.join(", ")))
+}
+
+fn write(path: &Path, results: &Results) -> Result<(), Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let lines = std::iter::once(&results.header).chain(&results.rows);
+    for line in lines {
+        writer.write_record(line).map_err(|error| Failure::Other(error.to_string()))?;
+    }
+    let text = writer.into_inner().map_err(|error| Failure::Other(error.to_string()))?;
+    if path != Path::new("-") {
+        return std::fs::write(path, text).map_err(Failure::file(path));
+    }
+    match io::stdout().write_all(&text).and_then(|()| io::stdout().flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Failure::Pipe),
+        other => other.map_err(Failure::file("standard output")),
+    }
+}
+
+/// What was done; on standard error when the results themselves go to standard output.
+fn summary(options: &Options, eval: &Eval, paths: &[SerialPath], results: &Results) -> Result<(), Failure> {
+    let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
+    let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
+    if eval.output == Path::new("-") {
+        output::notice(options, &text);
+        return Ok(());
+    }
+    let value: Value = json!({ "rows": results.rows.len(), "tips": tips, "notes": results.notes });
+    output::result(options, &value, || format!("{text} → {}", eval.output.display()))
+}

@@ -1,0 +1,169 @@
+//! Tables of numbers as CSV, with errors that name file, line and column.
+
+use std::io::{self, Read};
+use std::path::Path;
+
+use csv::{ReaderBuilder, StringRecord, Trim};
+
+use crate::failure::Failure;
+
+/// A CSV file: a header of names, rows of numbers.
+pub struct Table {
+    name: String,
+    headers: Vec<String>,
+    pub rows: Vec<Row>,
+}
+
+/// One line.
+pub struct Row {
+    pub line: u64,
+    record: StringRecord,
+}
+
+impl Table {
+    /// Reads the file at `path`; `-` is standard input.
+    pub fn read(path: &Path) -> Result<Self, Failure> {
+        let mut text = Vec::new();
+        if path == Path::new("-") {
+            io::stdin().read_to_end(&mut text).map_err(Failure::file("standard input"))?;
+            Self::parse("standard input", &text)
+        } else {
+            text = std::fs::read(path).map_err(Failure::file(path))?;
+            Self::parse(&path.display().to_string(), &text)
+        }
+    }
+
+    /// `name` is used in errors.
+    pub fn parse(name: &str, text: &[u8]) -> Result<Self, Failure> {
+        let unreadable = |error: csv::Error| Failure::Other(format!("{name}: {error}; is it CSV in UTF-8?"));
+        let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(text);
+        let headers: Vec<String> = reader.headers().map_err(unreadable)?.iter().map(str::to_owned).collect();
+        let mut table = Self { name: name.to_owned(), headers, rows: Vec::new() };
+        if table.headers.is_empty() {
+            return Err(Failure::Other(format!("{name} is empty: its first line names the columns")));
+        }
+        for record in reader.into_records() {
+            let record = record.map_err(unreadable)?;
+            let line = record.position().map_or(0, |position| first_line(text, position));
+            table.rows.push(Row { line, record });
+        }
+        table.check()?;
+        Ok(table)
+    }
+
+    fn check(&self) -> Result<(), Failure> {
+        for (index, header) in self.headers.iter().enumerate() {
+            if self.headers.iter().take(index).any(|other| other == header) {
+                return Err(self.error(1, &format!("two columns are called {header:?}: remove one")));
+            }
+        }
+        if self.rows.is_empty() {
+            return Err(self.error(1, "no rows after the header: nothing to compute"));
+        }
+        let columns = self.headers.len();
+        match self.rows.iter().find(|row| row.record.len() != columns) {
+            Some(row) => {
+                let message = format!(
+                    "{} values, but the header has {columns} columns: complete the row",
+                    row.record.len()
+                );
+                Err(self.error(row.line, &message))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// `name:line: message`
+    pub fn error(&self, line: u64, message: &str) -> Failure {
+        Failure::Other(format!("{}:{line}: {message}", self.name))
+    }
+
+    pub fn headers(&self) -> &[String] {
+        &self.headers
+    }
+
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.headers.iter().position(|header| header == name)
+    }
+
+    /// The column `name`, which must be there; `what` tells what it holds.
+    pub fn needed(&self, name: &str, what: &str) -> Result<usize, Failure> {
+        self.column(name).ok_or_else(|| {
+            let hint = match &*self.headers {
+                [one] if one.contains([';', '\t']) => "separate the columns by commas".to_owned(),
+                headers => format!("add it; the columns are {}", headers.join(", ")),
+            };
+            self.error(1, &format!("no column {name} ({what}): {hint}"))
+        })
+    }
+
+    /// A finite number.
+    pub fn number(&self, row: &Row, column: usize) -> Result<f32, Failure> {
+        let text = row.record.get(column).unwrap_or_default();
+        let name = self.headers.get(column).map_or("?", String::as_str);
+        match text.parse::<f32>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            Ok(_) => {
+                Err(self
+                    .error(row.line, &format!("column {name}: {text} is no finite number: mend the value")))
+            }
+            Err(_) if text.is_empty() => {
+                Err(self.error(row.line, &format!("column {name} is empty: fill in a number")))
+            }
+            Err(_) => {
+                let message = format!("column {name}: {text:?} is no number: write it as 0.5 or 5e-1");
+                Err(self.error(row.line, &message))
+            }
+        }
+    }
+}
+
+/// The line of a record: its position is where the blank lines before it start.
+fn first_line(text: &[u8], position: &csv::Position) -> u64 {
+    let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or_default();
+    let blank = rest.iter().take_while(|byte| byte.is_ascii_whitespace());
+    position.line() + blank.map(|&byte| u64::from(byte == b'\n')).sum::<u64>()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+    use super::*;
+
+    fn said(text: &str) -> String {
+        let number = |table: Table| {
+            let column = table.needed("a", "angle [rad]")?;
+            table.rows.iter().try_for_each(|row| table.number(row, column).map(|_| ()))
+        };
+        Table::parse("states.csv", text.as_bytes()).and_then(number).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_bad_table_is_told_by_line_and_column() {
+        for (text, expected) in [
+            ("", "states.csv is empty: its first line names the columns"),
+            ("a,b\n", "states.csv:1: no rows after the header"),
+            ("b,c\n1,2\n", "states.csv:1: no column a (angle [rad]): add it; the columns are b, c"),
+            ("a;b\n1;2\n", "states.csv:1: no column a (angle [rad]): separate the columns by commas"),
+            ("a,a\n1,2\n", "states.csv:1: two columns are called \"a\""),
+            ("a,b\n1,2\n3\n", "states.csv:3: 1 values, but the header has 2 columns"),
+            ("a,b\n1,2\n\n3,4,5\n", "states.csv:4: 3 values, but the header has 2 columns"),
+            ("a,b\n1,2\nNaN,2\n", "states.csv:3: column a: NaN is no finite number"),
+            ("a,b\n1e60,2\n", "states.csv:2: column a: 1e60 is no finite number"),
+            ("b,a\n1,2\n1,left\n", "states.csv:3: column a: \"left\" is no number"),
+            ("b,a\n1,\n", "states.csv:2: column a is empty"),
+        ] {
+            let said = said(text);
+            assert!(said.starts_with(expected), "{text:?}: {said}");
+        }
+        let said = Table::parse("states.csv", b"a\n\xff\n").map(|_| ()).unwrap_err().to_string();
+        assert!(said.contains("UTF-8"), "{said}");
+    }
+
+    #[test]
+    fn blanks_quotes_and_a_byte_order_mark_do_no_harm() {
+        let table = Table::parse("states.csv", "\u{feff}a,\"b\" \r\n 1 ,\t0.1\r\n".as_bytes()).unwrap();
+        assert_eq!(table.headers(), ["a", "b"]);
+        assert_eq!(table.number(&table.rows[0], 1).unwrap().to_bits(), 0.1_f32.to_bits());
+    }
+}

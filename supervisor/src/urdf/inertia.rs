@@ -1,0 +1,107 @@
+//! Masses that a body can have.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::source::{Part, Source};
+use crate::finding::Report;
+
+/// Largest mass of a link [kg].
+const LARGEST_MASS: f64 = 1000.0;
+/// Largest radius of gyration of a link [m].
+const LARGEST_RADIUS: f64 = 2.0;
+/// Largest distance of a centre of mass from its link's origin [m].
+const FARTHEST_CENTER: f64 = 5.0;
+/// Largest component of an inertia that is looked at more closely [kg·m²].
+const LARGEST_INERTIA: f64 = 1e6;
+
+const UNITS: &str = "inertias are in kg·m²: 1 kg·mm² is 1e-6, 1 g·mm² is 1e-9";
+
+pub fn check(source: &Source<'_>, report: &mut Report) {
+    for link in &source.links {
+        if let Some(inertial) = link.child("inertial") {
+            body(link, &inertial, report);
+        }
+    }
+}
+
+fn body(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
+    let [Some(mass), Some(inertia)] = ["mass", "inertia"].map(|tag| inertial.child(tag)) else {
+        let message = format!("{}: <inertial> needs <mass> and <inertia>", link.title());
+        let advice = "add them, or remove <inertial> of a link that is only a frame";
+        report.kinematics(Some(inertial.line()), message, advice);
+        return;
+    };
+    let line = Some(mass.line());
+    let Some(mass) = mass.number("value") else { return };
+    let six = ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"].map(|name| inertia.number(name));
+    let [Some(ixx), Some(iyy), Some(izz), Some(ixy), Some(ixz), Some(iyz)] = six else { return };
+    let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+    if mass < 0.0 {
+        report.dynamics(line, format!("{}: mass = {mass} kg is below 0", link.title()), "masses are in kg");
+    } else if mass > LARGEST_MASS {
+        let message = format!("{}: mass = {mass} kg, more than {LARGEST_MASS} kg: grams?", link.title());
+        report.dynamics(line, message, format!("masses are in kg: {mass} g are {}", mass / 1000.0));
+    } else if mass == 0.0 && tensor.iter().any(|value| *value != 0.0) {
+        let message = format!("{}: mass = 0 kg, but its inertia is not 0", link.title());
+        report.dynamics(line, message, "give the mass, or set the inertia to 0");
+    }
+    tensor_of(link, &inertia, &tensor, mass, report);
+    center(link, inertial, report);
+}
+
+fn tensor_of(link: &Part<'_>, part: &Part<'_>, tensor: &Matrix3<f64>, mass: f64, report: &mut Report) {
+    let line = Some(part.line());
+    if tensor.amax() > LARGEST_INERTIA {
+        let message = format!(
+            "{}: an inertia of {:e} kg·m², more than {LARGEST_INERTIA:e}",
+            link.title(),
+            tensor.amax()
+        );
+        report.dynamics(line, message, UNITS);
+        return;
+    }
+    let [small, middle, large] = sorted(tensor.symmetric_eigenvalues());
+    let listed = format!("principal moments {small:.3e}, {middle:.3e}, {large:.3e} kg·m²");
+    // The same margin as the board's: digits are cut when files are exported.
+    let tolerance = 1e-3 * tensor.trace().abs() + 1e-12;
+    if small < -tolerance {
+        let message = format!("{}: no body has this inertia: {listed}, one is negative", link.title());
+        report.dynamics(line, message, "check its diagonal, and the signs of ixy, ixz, iyz");
+    } else if (tensor.trace() / 2.0 - large) < -tolerance {
+        let message = format!(
+            "{}: no body has this inertia: {listed}, one exceeds the sum of the others",
+            link.title()
+        );
+        report.dynamics(
+            line,
+            message,
+            "check the units (kg·m²) and export the inertia about the centre of mass",
+        );
+    } else if mass > 0.0 && (large / mass).sqrt() > LARGEST_RADIUS {
+        let message = format!(
+            "{}: radius of gyration {:.3} m, more than {LARGEST_RADIUS} m: {listed} for {mass} kg",
+            link.title(),
+            (large / mass).sqrt()
+        );
+        report.dynamics(line, message, UNITS);
+    }
+}
+
+fn sorted(moments: Vector3<f64>) -> [f64; 3] {
+    let mut moments: [f64; 3] = moments.into();
+    moments.sort_by(f64::total_cmp);
+    moments
+}
+
+fn center(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
+    let Some(origin) = inertial.child("origin") else { return };
+    let distance = origin.vector("xyz").map_or(0.0, |xyz| Vector3::from(xyz).norm());
+    if distance > FARTHEST_CENTER {
+        let message = format!(
+            "{}: centre of mass {distance} m from the link's origin, more than {FARTHEST_CENTER} m: millimetres?",
+            link.title()
+        );
+        let advice = format!("lengths are in m: {distance} mm are {}", distance / 1000.0);
+        report.dynamics(Some(origin.line()), message, advice);
+    }
+}

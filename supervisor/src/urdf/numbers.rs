@@ -1,0 +1,132 @@
+//! Every number of links and joints is one, and finite; nothing that is needed is missing, or there twice.
+
+use super::source::{Part, Source};
+use crate::finding::Report;
+
+/// Attributes that hold numbers, and how many: element, attribute, count. An empty element means any.
+const NUMBERS: &[(&str, &str, usize)] = &[
+    ("", "xyz", 3),
+    ("", "rpy", 3),
+    ("", "quat_xyzw", 4),
+    ("color", "rgba", 4),
+    ("box", "size", 3),
+    ("mesh", "scale", 3),
+    ("sphere", "radius", 1),
+    ("cylinder", "radius", 1),
+    ("cylinder", "length", 1),
+    ("capsule", "radius", 1),
+    ("capsule", "length", 1),
+    ("mass", "value", 1),
+    ("inertia", "ixx", 1),
+    ("inertia", "iyy", 1),
+    ("inertia", "izz", 1),
+    ("inertia", "ixy", 1),
+    ("inertia", "ixz", 1),
+    ("inertia", "iyz", 1),
+    ("limit", "lower", 1),
+    ("limit", "upper", 1),
+    ("limit", "effort", 1),
+    ("limit", "velocity", 1),
+    ("dynamics", "damping", 1),
+    ("dynamics", "friction", 1),
+    ("mimic", "multiplier", 1),
+    ("mimic", "offset", 1),
+    ("calibration", "rising", 1),
+    ("calibration", "falling", 1),
+    ("safety_controller", "soft_lower_limit", 1),
+    ("safety_controller", "soft_upper_limit", 1),
+    ("safety_controller", "k_position", 1),
+    ("safety_controller", "k_velocity", 1),
+];
+
+/// Attributes without which an element cannot be read: element, attributes.
+const NEEDED: &[(&str, &[&str])] = &[
+    ("axis", &["xyz"]),
+    ("mass", &["value"]),
+    ("inertia", &["ixx", "iyy", "izz", "ixy", "ixz", "iyz"]),
+    ("mimic", &["joint"]),
+    ("box", &["size"]),
+    ("sphere", &["radius"]),
+    ("cylinder", &["radius", "length"]),
+    ("capsule", &["radius", "length"]),
+    ("mesh", &["filename"]),
+];
+
+/// Elements of which there can be one at most in another.
+const SINGLE: &[&str] = &[
+    "inertial",
+    "origin",
+    "mass",
+    "inertia",
+    "geometry",
+    "parent",
+    "child",
+    "axis",
+    "limit",
+    "dynamics",
+    "mimic",
+    "calibration",
+    "safety_controller",
+];
+
+pub fn check(source: &Source<'_>, report: &mut Report) {
+    for owner in source.links.iter().chain(&source.joints) {
+        for part in owner.descendants() {
+            for attribute in part.node.attributes() {
+                number(owner, &part, attribute.name(), attribute.value(), report);
+            }
+            needed(owner, &part, report);
+            single(owner, &part, report);
+        }
+    }
+    for joint in &source.joints {
+        // Since URDF 1.2 everything in <limit> may be left out.
+        let limit = joint.child("limit").filter(|_| source.root.attribute("version").is_none());
+        if let Some(limit) = limit.filter(|limit| limit.attribute("velocity").is_none()) {
+            let message = format!("{}: <limit> has no velocity", joint.title());
+            report.kinematics(Some(limit.line()), message, "add velocity=\"…\" in rad/s (m/s for a slide)");
+        }
+    }
+}
+
+fn number(owner: &Part<'_>, part: &Part<'_>, name: &str, value: &str, report: &mut Report) {
+    let known = |(tag, attribute, _): &&(&str, &str, usize)| {
+        *attribute == name && (tag.is_empty() || *tag == part.tag())
+    };
+    let Some(&(_, _, count)) = NUMBERS.iter().find(known) else { return };
+    let words: Vec<&str> = value.split_whitespace().collect();
+    let stranger = words.iter().find(|word| !word.parse().is_ok_and(f64::is_finite));
+    let message = match stranger {
+        Some(word) => format!("{word:?} is no finite number"),
+        None if words.len() != count => format!("{} numbers, {count} expected", words.len()),
+        None => return,
+    };
+    let message = format!("{}: <{} {name}={value:?}>: {message}", owner.title(), part.tag());
+    let advice = if value.contains("${") || value.contains("$(") {
+        "a xacro expression: `xacro FILE.xacro > robot.urdf` computes it"
+    } else {
+        "write numbers such as 0.05 or 1e-6, with a point, separated by spaces"
+    };
+    report.kinematics(Some(part.line()), message, advice);
+}
+
+fn needed(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {
+    let Some((_, names)) = NEEDED.iter().find(|(tag, _)| *tag == part.tag()) else { return };
+    for name in names.iter().filter(|name| part.attribute(name).is_none()) {
+        let message = format!("{}: <{}> has no {name}", owner.title(), part.tag());
+        report.kinematics(Some(part.line()), message, format!("add {name}=\"…\""));
+    }
+}
+
+fn single(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {
+    for tag in SINGLE {
+        if let Some(second) = part.children(tag).nth(1) {
+            let message = format!("{}: a second <{tag}>", owner.title());
+            report.kinematics(Some(second.line()), message, "remove one");
+        }
+    }
+    if matches!(part.tag(), "visual" | "collision") && part.child("geometry").is_none() {
+        let message = format!("{}: <{}> has no geometry", owner.title(), part.tag());
+        report.kinematics(Some(part.line()), message, "add <geometry>, or remove it");
+    }
+}

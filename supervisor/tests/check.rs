@@ -1,0 +1,179 @@
+//! `tesaki model check`: all that is wrong in a folder at once, by file and line.
+#![cfg(all(unix, feature = "cli"))]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Exit code and all that was printed.
+fn check(arguments: &[&str], robot: &Path) -> (i32, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
+    let output = command.args(arguments).args(["model", "check"]).arg(robot).output().unwrap();
+    let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    (output.status.code().unwrap(), text)
+}
+
+fn contains(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+}
+
+/// hand3 with changes: file, from, to.
+fn changed(changes: &[(&str, &str, &str)]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["robot.urdf", "controller.toml"] {
+        let mut text = std::fs::read_to_string(workspace().join("robots/hand3").join(name)).unwrap();
+        for (_, from, to) in changes.iter().filter(|(file, ..)| *file == name) {
+            assert!(text.contains(from), "{from}");
+            text = text.replacen(from, to, 1);
+        }
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn a_good_folder_lists_its_joints() {
+    let (code, text) = check(&[], &workspace().join("robots/hand3"));
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &["chain to finger1_tip", "finger3_curl", "hand3: 9 joints in 3 chains", "nothing is wrong"],
+    );
+}
+
+#[test]
+fn every_mistake_of_both_files_is_told_in_one_go() {
+    let folder = changed(&[
+        ("robot.urdf", "<mass value=\"0.04\"/>", "<mass value=\"4000\"/>"),
+        ("robot.urdf", "lower=\"-1.2\" upper=\"1.7\"", "lower=\"-70\" upper=\"97\""),
+        ("robot.urdf", "<origin xyz=\"0 0 0.046\"/>", "<origin xyz=\"0 0 46\"/>"),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.thumb.motor]\ndelay = 1e-4\n\n[joints.finger2_bend.motor]\ntorqe = 1\n\n[joint.servo]",
+        ),
+        ("controller.toml", "torque_rate = 60.0", "torque_rate = \"fast\""),
+        ("controller.toml", "supply_min = 20.0", "supply_minimum = 20.0"),
+    ]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "robot.urdf:45: link finger1_knuckle: mass = 4000 kg",
+            "robot.urdf:59: joint finger1_bend: limits -70 to 97 rad",
+            "robot.urdf:75: joint finger1_curl: 46 m",
+            "controller.toml:10: ",
+            "supply_minimum",
+            "controller.toml:32: [joints.thumb] belongs to no joint of the URDF",
+            "controller.toml:36: joint finger2_bend: there is no motor.torqe",
+            "controller.toml:29: joints finger1_swing, finger1_bend",
+            "invalid type: string \"fast\", expected f32",
+            "7 to mend",
+        ],
+    );
+}
+
+#[test]
+fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_file() {
+    let folder = changed(&[
+        ("robot.urdf", "effort=\"0.6\" velocity=\"6\"", "effort=\"0.6\" velocity=\"0\""),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.finger2_bend.motor]\ntorque_constant = -0.5\n\n[joint.servo]",
+        ),
+    ]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "robot.urdf:34: joint finger1_swing: limits.velocity = 0 must be above 0",
+            "<limit velocity",
+            "controller.toml:33: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
+            "2 to mend",
+        ],
+    );
+}
+
+#[test]
+fn joints_without_settings_are_named() {
+    let folder = changed(&[]);
+    let settings =
+        "gravity = [0.0, 0.0, -9.81]\n[safety]\ndamping = 0.01\nsupply_min = 20.0\nsupply_max = 28.0\n";
+    std::fs::write(folder.path().join("controller.toml"), settings).unwrap();
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &["joints finger1_swing, finger1_bend", "finger3_curl: nothing is said", "[joint…]", "1 to mend"],
+    );
+}
+
+#[test]
+fn a_mimic_joint_has_no_motor_but_can_be_evaluated() {
+    let limit = "<limit lower=\"-0.1\" upper=\"2.4\" effort=\"0.6\" velocity=\"6\"/>";
+    let folder = changed(&[("robot.urdf", limit, &format!("{limit}<mimic joint=\"finger1_bend\"/>"))]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &["robot.urdf:74: joint finger1_curl mimics finger1_bend: it has no motor", "`tesaki eval`"],
+    );
+    // Without settings for a controller it is fine.
+    std::fs::remove_file(folder.path().join("controller.toml")).unwrap();
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &["only the URDF is checked: no controller.toml there", "finger1_curl (= 1 finger1_bend)"],
+    );
+}
+
+#[test]
+fn warnings_alone_are_no_failure_and_json_is_a_list() {
+    let robot = workspace().join("tests/robots/franka_panda.urdf");
+    let (code, text) = check(&["--json"], &robot);
+    assert_eq!(code, 0, "{text}");
+    let list: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let warning = list.as_array().unwrap().iter().find(|entry| entry["weight"] == "warning").unwrap();
+    assert_eq!(warning["line"], 175);
+    assert!(warning["file"].as_str().unwrap().ends_with("franka_panda.urdf"));
+    contains(warning["finding"].as_str().unwrap(), &["panda_finger_joint1", "prismatic"]);
+    contains(warning["advice"].as_str().unwrap(), &["panda_hand_tcp"]);
+    let (_, text) = check(&[], &robot);
+    contains(&text, &["look  ", "works; 2 to look at"]);
+}
+
+#[test]
+fn published_robots_have_nothing_wrong_with_their_kinematics() {
+    for entry in std::fs::read_dir(workspace().join("tests/robots")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "urdf") {
+            let (code, text) = check(&[], &path);
+            // One of them has inertias that no body can have.
+            let expected = i32::from(path.ends_with("allegro_right.urdf"));
+            assert_eq!(code, expected, "{}: {text}", path.display());
+            assert_eq!(
+                text.matches("BAD").count(),
+                text.matches("no body has this inertia").count(),
+                "{text}"
+            );
+            contains(&text, &["tip "]);
+        }
+    }
+}
+
+#[test]
+fn a_place_without_a_robot_says_what_is_there() {
+    let (code, text) = check(&[], &workspace().join("tests/robots"));
+    assert_eq!(code, 1);
+    contains(&text, &["robots/robot.urdf", "a folder with robot.urdf", "ur5e.urdf"]);
+}

@@ -1,0 +1,368 @@
+//! `tesaki eval` against other libraries' numbers, and what it says about tables and robots that do not fit.
+#![cfg(all(unix, feature = "cli"))]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+const ROBOTS: [(&str, &[&str]); 5] = [
+    ("allegro_right", &[]),
+    ("franka_panda", &["panda_hand_tcp"]),
+    ("inspire_right", &[]),
+    ("kinova_gen3", &[]),
+    ("robotiq_2f85", &[]),
+];
+
+fn tests() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests")
+}
+
+fn robot(name: &str) -> String {
+    tests().join(format!("robots/{name}.urdf")).display().to_string()
+}
+
+fn data(robot: &str, kind: &str) -> PathBuf {
+    tests().join(format!("oracles/data/eval/{robot}_{kind}.csv"))
+}
+
+/// Exit code, standard output, standard error of `tesaki`, which reads `input`.
+fn tesaki(arguments: &[&str], input: &str) -> (i32, String, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let input = input.to_owned();
+    // A program that ends without reading its input is right to do so.
+    let writer = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
+    let output = child.wait_with_output().unwrap();
+    writer.join().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+}
+
+#[track_caller]
+fn eval(what: &str, robot: &str, tips: &[&str], input: &str) -> (String, String) {
+    let mut arguments = vec!["eval", what, "--robot", robot, "--in", "-"];
+    arguments.extend(tips.iter().flat_map(|tip| ["--tip", tip]));
+    let (code, out, err) = tesaki(&arguments, input);
+    assert_eq!(code, 0, "{arguments:?}: {err}");
+    (out, err)
+}
+
+/// Columns by name.
+fn columns(text: &str) -> BTreeMap<String, Vec<String>> {
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let column = |index: usize| rows.iter().map(|row: &Vec<&str>| row[index].to_owned()).collect();
+    names.iter().enumerate().map(|(index, name)| ((*name).to_owned(), column(index))).collect()
+}
+
+fn numbers(column: &[String]) -> Vec<f64> {
+    column.iter().map(|value| value.parse().unwrap()).collect()
+}
+
+/// The largest difference between what was computed and what another library says.
+fn compare(what: &str) -> f64 {
+    let mut worst = 0.0_f64;
+    for (name, tips) in ROBOTS {
+        let states = std::fs::read_to_string(data(name, "states")).unwrap();
+        let expected = columns(&std::fs::read_to_string(data(name, what)).unwrap());
+        let got = columns(&eval(what, &robot(name), tips, &states).0);
+        for (column, expected) in &expected {
+            let got = numbers(got.get(column).unwrap_or_else(|| panic!("{name}: no column {column}")));
+            let expected = numbers(expected);
+            assert_eq!(got.len(), expected.len());
+            for (row, (got, expected)) in got.iter().zip(&expected).enumerate() {
+                let difference = (got - expected).abs();
+                assert!(difference < 1e-5, "{name}: {column}, row {row}: {got} instead of {expected}");
+                worst = worst.max(difference);
+            }
+        }
+        assert_eq!(got.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>(), "{name}");
+    }
+    worst
+}
+
+#[test]
+fn poses_are_those_of_pinocchio() {
+    let worst = compare("fk");
+    println!("largest difference {worst:.2e}");
+}
+
+#[test]
+fn jacobians_are_those_of_pinocchio_mimic_joints_included() {
+    let worst = compare("jacobian");
+    println!("largest difference {worst:.2e}");
+}
+
+#[test]
+fn the_inverse_brings_the_tips_back_to_where_they_were() {
+    let (mut targets, mut reached) = (0, 0);
+    for (name, tips) in ROBOTS {
+        let states = std::fs::read_to_string(data(name, "states")).unwrap();
+        let poses = eval("fk", &robot(name), tips, &states).0;
+        // From where they were, not far off, every joint comes back; without a start, the tip does.
+        let (out, _) = eval("ik", &robot(name), &separate(name, tips), &poses);
+        let solved = columns(&out);
+        let again = columns(&eval("fk", &robot(name), &separate(name, tips), &out).0);
+        let poses = columns(&poses);
+        for tip in solved.keys().filter_map(|column| column.strip_suffix(".status")) {
+            for (row, status) in solved[&format!("{tip}.status")].iter().enumerate() {
+                targets += 1;
+                if status != "reached" {
+                    continue;
+                }
+                reached += 1;
+                for part in ["x", "y", "z", "qx", "qy", "qz", "qw"] {
+                    let column = format!("{tip}.{part}");
+                    let (got, expected) = (numbers(&again[&column])[row], numbers(&poses[&column])[row]);
+                    // A quaternion and its negative are the same orientation.
+                    let difference = (got - expected).abs().min((got + expected).abs());
+                    assert!(difference < 3e-5, "{name}: {column}, row {row}: {got} instead of {expected}");
+                }
+            }
+        }
+    }
+    assert!(targets > 80, "{targets}");
+    assert!(reached == targets, "{reached} of {targets} reached");
+}
+
+#[test]
+fn the_inverse_finds_the_drive_that_joints_of_another_branch_mimic() {
+    let gripper = robot("robotiq_2f85");
+    let states = std::fs::read_to_string(data("robotiq_2f85", "states")).unwrap();
+    for tip in ["right_inner_finger_pad", "right_inner_knuckle"] {
+        let poses = eval("fk", &gripper, &[tip], &states).0;
+        let solved = columns(&eval("ik", &gripper, &[tip], &poses).0);
+        assert!(solved[&format!("{tip}.status")].iter().all(|status| status == "reached"), "{solved:?}");
+        let expected = numbers(&columns(&states)["finger_joint"]);
+        for (got, expected) in numbers(&solved["finger_joint"]).iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-3, "{tip}: {got} instead of {expected}");
+        }
+    }
+}
+
+/// Tips whose joints are all their own.
+fn separate<'a>(name: &str, tips: &[&'a str]) -> Vec<&'a str> {
+    if name == "robotiq_2f85" { vec!["left_inner_finger_pad"] } else { tips.to_vec() }
+}
+
+#[test]
+fn columns_in_any_order_further_columns_and_angles_outside_are_told_and_computed() {
+    let ur5e = robot("ur5e");
+    let input = "time,wrist_3_joint,wrist_2_joint,wrist_1_joint,elbow_joint,shoulder_lift_joint,shoulder_pan_joint\n\
+        0,0.6,0.5,0.4,0.3,-0.2,0.1\n\
+        0,0.6,0.5,0.4,3.5,-0.2,0.1\n";
+    let (out, err) = eval("fk", &ur5e, &[], input);
+    let ordered = "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint\n\
+        0.1,-0.2,0.3,0.4,0.5,0.6\n\
+        0.1,-0.2,3.5,0.4,0.5,0.6\n";
+    assert_eq!(out, eval("fk", &ur5e, &[], ordered).0);
+    for words in [
+        "columns that were not needed: time",
+        "elbow_joint: 1 of 2 angles outside its limits -3.1415927 to 3.1415927 rad, first in line 3",
+        "2 rows, tips tool0",
+    ] {
+        assert!(err.contains(words), "no {words:?} in: {err}");
+    }
+}
+
+#[test]
+fn numbers_read_back_as_the_same_single_precision_number() {
+    let (out, _) = eval(
+        "jacobian",
+        &robot("inspire_right"),
+        &[],
+        &std::fs::read_to_string(data("inspire_right", "states")).unwrap(),
+    );
+    for word in out.lines().skip(1).flat_map(|line| line.split(',')) {
+        let value: f32 = word.parse().unwrap();
+        assert_eq!(format!("{value:?}"), word);
+    }
+}
+
+#[test]
+fn a_base_in_between_starts_there_and_uses_its_frame() {
+    let robot = robot("ur5e");
+    let (code, out, err) = tesaki(
+        &[
+            "eval",
+            "fk",
+            "--robot",
+            &robot,
+            "--in",
+            "-",
+            "--base",
+            "forearm_link",
+            "--tip",
+            "wrist_3_link",
+            "--tip",
+            "wrist_1_link",
+        ],
+        "wrist_1_joint,wrist_2_joint,wrist_3_joint\n0,0,0\n",
+    );
+    assert_eq!(code, 0, "{err}");
+    assert!(out.starts_with("wrist_3_link.x,") && out.contains("wrist_1_link.qw\n"), "{out}");
+}
+
+#[test]
+fn the_inverse_takes_positions_alone_starts_and_targets_out_of_reach() {
+    let robot = robot("ur5e");
+    let (out, err) =
+        eval("ik", &robot, &[], "tool0.x,tool0.y,tool0.z,elbow_joint\n0.3,0.2,0.4,1.5\n3,0,0,1.5\n");
+    let columns = columns(&out);
+    assert_eq!(columns["tool0.status"], ["reached", "not reached"], "{out}");
+    assert!(numbers(&columns["tool0.position_error"])[0] < 1e-4, "{out}");
+    assert!(numbers(&columns["tool0.position_error"])[1] > 1.5, "{out}");
+    assert!(err.contains("tool0: 1 of 2 targets not reached"), "{err}");
+}
+
+#[test]
+fn results_go_to_a_file_and_json_tells_what_was_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("fk.csv");
+    let states = data("kinova_gen3", "states");
+    let arguments =
+        ["--json", "eval", "fk", "--robot", &robot("kinova_gen3"), "--in", states.to_str().unwrap()];
+    let (code, text, err) = tesaki(&[&arguments[..], &["--out", out.to_str().unwrap()]].concat(), "");
+    assert_eq!((code, err.as_str()), (0, ""));
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(value["rows"], 10);
+    assert_eq!(value["tips"][0], "end_effector_link");
+    assert_eq!(std::fs::read_to_string(out).unwrap().lines().count(), 11);
+}
+
+/// What, robot, further arguments, input; exit code and what is said.
+type Case<'a> = (&'a str, &'a str, &'a [&'a str], &'a str, i32, &'a [&'a str]);
+
+#[test]
+fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
+    let (gripper, panda) = (robot("robotiq_2f85"), robot("franka_panda"));
+    let pads: &[&str] = &["--tip", "left_inner_finger_pad"];
+    let cases: &[Case<'_>] = &[
+        ("fk", &gripper, &[], "", 1, &["standard input is empty"]),
+        ("fk", &gripper, &[], "finger_joint\n", 1, &["standard input:1", "no rows"]),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger\n0\n",
+            1,
+            &["standard input:1", "no column finger_joint (angle [rad])", "columns are finger"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint\n0.1\nNaN\n",
+            1,
+            &["standard input:3", "column finger_joint", "NaN is no finite number"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint\n0.1\n30°\n",
+            1,
+            &["standard input:3", "column finger_joint", "\"30°\" is no number"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &[],
+            "finger_joint,a\n0.1\n",
+            1,
+            &["standard input:2", "1 values, but the header has 2 columns"],
+        ),
+        (
+            "fk",
+            &gripper,
+            &["--tip", "thumb"],
+            "finger_joint\n0\n",
+            1,
+            &["no link \"thumb\"", "left_inner_finger_pad"],
+        ),
+        ("fk", &gripper, &["--base", "thumb"], "finger_joint\n0\n", 1, &["no link \"thumb\""]),
+        (
+            "fk",
+            &panda,
+            &[],
+            "a\n0\n",
+            1,
+            &["franka_panda.urdf:175", "panda_finger_joint1", "prismatic", "panda_hand_tcp"],
+        ),
+        (
+            "ik",
+            &gripper,
+            &[],
+            "finger_joint\n0\n",
+            1,
+            &["standard input:1", "TIP.x", "tips are left_inner_finger_pad"],
+        ),
+        (
+            "ik",
+            &gripper,
+            pads,
+            "finger_joint\n0\n",
+            1,
+            &["no column left_inner_finger_pad.x (position of the tip [m])"],
+        ),
+        (
+            "ik",
+            &panda,
+            &[],
+            "panda_hand_tcp.x,panda_hand_tcp.y,panda_hand_tcp.z,panda_hand_tcp.qw\n0,0,1,1\n",
+            1,
+            &["no column panda_hand_tcp.qx", "all four"],
+        ),
+        (
+            "ik",
+            &panda,
+            &[],
+            "panda_hand_tcp.x,panda_hand_tcp.y,panda_hand_tcp.z,panda_hand_tcp.qx,panda_hand_tcp.qy,panda_hand_tcp.qz,panda_hand_tcp.qw\n0,0,1,1,0,0,1\n",
+            1,
+            &["standard input:2", "quaternion has length 1.41", "order"],
+        ),
+        (
+            "ik",
+            &gripper,
+            &["--tip", "left_inner_finger_pad", "--tip", "right_inner_finger_pad"],
+            "a\n0\n",
+            2,
+            &["left_inner_finger_pad and right_inner_finger_pad share the joint finger_joint", "--tip"],
+        ),
+        ("fk", "/nowhere.urdf", &[], "a\n0\n", 1, &["/nowhere.urdf", "a folder with robot.urdf"]),
+        ("dance", &gripper, &[], "a\n0\n", 2, &["dance", "jacobian"]),
+    ];
+    for (what, robot, more, input, code, words) in cases {
+        let (got, _, err) = tesaki(&[&["eval", what, "--robot", robot, "--in", "-"], *more].concat(), input);
+        assert_eq!(got, *code, "{what} {more:?}: {err}");
+        for word in *words {
+            assert!(err.contains(word), "{what} {more:?}: no {word:?} in: {err}");
+        }
+    }
+    let (code, _, err) = tesaki(&["eval", "fk", "--robot", &gripper, "--in", "/nowhere.csv"], "");
+    assert!(code == 1 && err.contains("/nowhere.csv"), "{err}");
+}
+
+#[test]
+fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = folder.path().join("robot.urdf");
+    let text = std::fs::read_to_string(robot("robotiq_2f85")).unwrap();
+    let change = |from: &str, to: &str| std::fs::write(&urdf, text.replacen(from, to, 1)).unwrap();
+    let robot = folder.path().to_str().unwrap();
+    change("<mass value=\"", "<mass value=\"-");
+    let (_, err) = eval("fk", robot, &[], "finger_joint\n0\n");
+    assert!(err.contains("1 findings that do not matter here: `tesaki model check "), "{err}");
+    change("upper=\"", "upper=\"100");
+    eval("fk", robot, &[], "finger_joint\n0\n");
+    let (code, _, err) = tesaki(&["eval", "ik", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    assert!(code == 1 && err.contains("robot.urdf:") && err.contains("degrees?"), "{err}");
+    change("<parent link=\"", "<parent link=\"x");
+    let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");
+}
