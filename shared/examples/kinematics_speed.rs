@@ -82,7 +82,7 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
             let result = solver.solve(&chain, target, &mut q);
             reached += u32::from(result.is_ok());
             if let Ok(solved) = result {
-                iterations += u32::from(solved.iterations);
+                iterations += solved.iterations;
             }
             times.push(time(1, |_| {
                 let mut q = from(index);

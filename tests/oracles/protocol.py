@@ -297,6 +297,8 @@ def refusals():
         "not-a-finger": uint(21) + byte(2),
         "out-of-reach": uint(22) + byte(1) + reals([0.1, 0.0, -0.25]),
         "singular": uint(23) + byte(0),
+        "too-much-acceleration": uint(24) + byte(3) + reals([9000.0, 2857.0]),
+        "tip-not-finite": uint(25) + byte(2),
     }
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))

@@ -147,7 +147,7 @@ variants! {
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
-        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular,
+        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -440,6 +440,9 @@ impl Messages {
         let nearest = [0.1, 0.0, -0.25];
         self.refused("out-of-reach", Refusal::OutOfReach { chain: 1, nearest });
         self.refused("singular", Refusal::Singular { chain: 0 });
+        let acceleration = Refusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 };
+        self.refused("too-much-acceleration", acceleration);
+        self.refused("tip-not-finite", Refusal::TipNotFinite { chain: 2 });
         for (field, name) in FIELDS {
             let error = ModelError { joint: Some(7), field, value: 0.5, problem: Problem::NotFinite };
             self.refused(&format!("field-{name}"), Refusal::Model(error));

@@ -81,6 +81,11 @@ impl JointServoState {
 }
 
 impl JointServo {
+    /// Acceleration [rad/s²] that `torque` [N·m] gives the joint's inertia.
+    pub const fn acceleration(&self, torque: f32) -> f32 {
+        self.observer.acceleration(torque)
+    }
+
     /// The servo of a joint of a validated model.
     pub fn new(joint: &JointModel) -> Self {
         let current_torque = joint.motor.current_limit * joint.motor.torque_constant;

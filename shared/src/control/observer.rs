@@ -63,6 +63,11 @@ impl ObserverState {
 }
 
 impl ErrorObserver {
+    /// Acceleration [rad/s²] that `torque` [N·m] gives the inertia that the feedback sees.
+    pub const fn acceleration(&self, torque: f32) -> f32 {
+        torque * self.velocity_per_effort / TICK
+    }
+
     /// With the gains and the motor of a validated model.
     pub fn new(gains: &ObserverGains, motor: &Motor) -> Self {
         let inertia = gains.inertia;

@@ -106,11 +106,14 @@ fn rotation(pose: &Pose) -> Rotation3<f32> {
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix()
 }
 
-/// The shortest rotation that takes the unit vector `axis` to z.
+/// A rotation that takes the unit vector `axis` to z.
 fn align_with_z(axis: &Vector3<f32>) -> Matrix3<f32> {
-    match Rotation3::rotation_between(axis, &Vector3::z()) {
-        Some(rotation) => rotation.into_inner(),
-        // `axis` = −z: half a turn about x.
-        None => Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)),
+    if axis.z < 0.0 {
+        // Half a turn about x first: near −z the formula below would divide by nothing.
+        let half_turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        return align_with_z(&(half_turn * axis)) * half_turn;
     }
+    // Rodrigues' formula with sin = |axis × z| and cos = axis · z; no angle is computed, so small ones keep their digits.
+    let cross = axis.cross(&Vector3::z()).cross_matrix();
+    Matrix3::identity() + cross + cross * cross / (1.0 + axis.z)
 }

@@ -5,9 +5,10 @@ use heapless::Vec;
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
 
 use super::Chain;
+use super::inverse::FARTHEST;
 use crate::math::{self, abs};
 
-/// By how much of its size a chain may miss the shape of a finger.
+/// By how much of its size a chain may miss the shape of a finger; solutions then miss their point by as much.
 const SHAPE_TOLERANCE: f32 = 1e-4;
 /// Nearer to the first axis than this the first joint has no say in where the tip is [m].
 const ON_AXIS: f32 = 1e-6;
@@ -30,8 +31,15 @@ pub struct Finger {
     offset: f32,
     /// Lengths of the two links that bend [m].
     lengths: [f32; 2],
-    /// Directions of the two links at angle 0, from z towards x [rad].
-    directions: [f32; 2],
+    /// Squared distances of the tip from the second joint when the finger is straight and when it is folded [m²].
+    straight: f32,
+    folded: f32,
+    /// Sum and difference of the lengths' squares [m²].
+    sum: f32,
+    difference: f32,
+    /// Direction of the first link at angle 0, from z towards x, and by how much the second is turned from it [rad].
+    direction: f32,
+    bent: f32,
     /// Whether the third joint turns against the second.
     opposed: bool,
     /// Lower and upper limit of each joint [rad].
@@ -54,16 +62,18 @@ pub enum NotAFinger {
     NotPlanar,
     /// A link without length.
     NoLength,
+    /// A limit is NaN or infinite, or the lower one is above the upper one.
+    Limits,
 }
 
 /// Why no joint angles bring a fingertip to a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FingerError {
-    /// The place is NaN or infinite.
+    /// The place is NaN, infinite or more than 1e6 m away, or an angle of where the finger is is NaN or infinite.
     NotFinite,
     /// Too far from the second joint, or too near to it.
     OutOfReach {
-        /// The nearest place within reach [m, base frame].
+        /// The nearest place that would be within reach without limits [m, base frame].
         nearest: Vector3<f32>,
     },
     /// Within reach, but only with this angle of the joint (0 to 2); of all ways to reach it the nearest.
@@ -85,6 +95,9 @@ impl Finger {
     /// # Errors
     /// What of its shape has no closed form.
     pub fn try_new(chain: &Chain, limits: [(f32, f32); 3]) -> Result<Self, NotAFinger> {
+        if !limits.iter().all(|(lower, upper)| lower.is_finite() && upper.is_finite() && lower <= upper) {
+            return Err(NotAFinger::Limits);
+        }
         let posture = chain.posture(&[0.0; 3]);
         let [(axis, first), (across, second), (bend, third)] = posture.joints[..] else {
             return Err(NotAFinger::Joints(chain.len()));
@@ -108,35 +121,50 @@ impl Finger {
         if beside.iter().any(|&distance| distance > tolerance) {
             return Err(NotAFinger::NotPlanar);
         }
+        let [a, b] = lengths;
+        let [direction, other] = links.map(|link| math::atan2(link.dot(&x), link.dot(&axis)));
         let height = axis * (second - first).dot(&axis);
         let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, axis.cross(&x), axis]));
         Ok(Self {
             root: IsometryMatrix3::from_parts(Translation3::from(first + height), rotation),
             offset: (second - first).dot(&x),
             lengths,
-            directions: links.map(|link| math::atan2(link.dot(&x), link.dot(&axis))),
+            straight: (a + b) * (a + b),
+            folded: (a - b) * (a - b),
+            sum: a * a + b * b,
+            difference: a * a - b * b,
+            direction,
+            bent: other - direction,
             opposed: bend.dot(&across) < 0.0,
             limits,
         })
     }
 
-    /// All joint angles within the limits that bring the tip to `point` [m, base frame], the nearest to `near` [rad]
-    /// first. Where the first joint has no say, on its axis, it keeps the angle that it has in `near`.
+    /// The joint angles within the limits that bring the tip to `point` [m, base frame], of each way to bend the nearest to
+    /// `near` [rad], and of these the nearest first. Where the first joint has no say, on its axis, it keeps the angle that it has in `near`.
     ///
     /// # Errors
     /// Why there are none.
     pub fn inverse(&self, point: &Vector3<f32>, near: &[f32; 3]) -> Result<FingerSolutions, FingerError> {
         let mut found = Vec::<([f32; 3], f32), 4>::new();
         let mut failure = Failure::default();
-        let place = self.place(point, near)?;
+        if !near.iter().all(|angle| angle.is_finite()) {
+            return Err(FingerError::NotFinite);
+        }
+        let mut near = *near;
+        for (near, &(lower, upper)) in near.iter_mut().zip(&self.limits) {
+            *near = math::clamp(*near, lower, upper);
+        }
+        let place = self.place(point, &near)?;
         // The finger bends towards the point, or over its axis.
-        for side in [place, place.across()] {
+        let sides = if place.radius > ON_AXIS { 2 } else { 1 };
+        for side in [place, place.across()].into_iter().take(sides) {
             let Some(bends) = self.bends(&side) else {
                 failure.out_of_reach(self, &side);
                 continue;
             };
             for angles in bends {
-                if let Some(fit) = self.fit(angles, near, &mut failure) {
+                if let Some(fit) = self.fit(angles, &near, &mut failure) {
                     let nearer = found.iter().take_while(|other| other.1 <= fit.1).count();
                     // Cannot fail: two sides have two solutions each.
                     let _ = found.insert(nearer, fit);
@@ -158,7 +186,12 @@ impl Finger {
         // half a turn away, is farther.
         let place = self.place(point, near)?;
         if let Some([one, other]) = self.bends(&place) {
-            let (to_one, to_other) = (self.distance(&one, near), self.distance(&other, near));
+            let [swing, second, third] = self.limits;
+            let swung = Self::distance(one[0], near[0], swing);
+            let bent = |angles: &[f32; 3]| {
+                swung + Self::distance(angles[1], near[1], second) + Self::distance(angles[2], near[2], third)
+            };
+            let (to_one, to_other) = (bent(&one), bent(&other));
             let (angles, distance) = if to_other < to_one { (other, to_other) } else { (one, to_one) };
             let least = PI - abs(angles[0] - near[0]);
             if distance <= least * least && !(to_one + to_other).is_nan() {
@@ -174,7 +207,9 @@ impl Finger {
     fn place(&self, point: &Vector3<f32>, near: &[f32; 3]) -> Result<Place, FingerError> {
         let at = self.root.inverse_transform_point(&Point3::from(*point));
         let radius = math::sqrt(at.x * at.x + at.y * at.y);
-        if !(radius + at.z).is_finite() {
+        // False for NaN, too.
+        let there = radius + abs(at.z) < FARTHEST;
+        if !there {
             return Err(FingerError::NotFinite);
         }
         let swing = if radius > ON_AXIS { math::atan2(at.y, at.x) } else { near[0] };
@@ -184,27 +219,23 @@ impl Finger {
     /// Both ways to bend to `place`.
     #[inline(always)]
     fn bends(&self, place: &Place) -> Option<[[f32; 3]; 2]> {
-        let [a, b] = self.lengths;
         let (along, height) = (place.radius - self.offset, place.height);
         let squared = along * along + height * height;
-        let longest = (a + b) * (a + b);
-        let (straight, folded) = (longest - squared, squared - (a - b) * (a - b));
-        let mut area = straight * folded;
-        if straight < 0.0 || folded < 0.0 {
-            if straight.min(folded) < -REACH_TOLERANCE * longest {
+        // Heron: accurate for the straight and for the folded finger, too, where a cosine's arc would not be.
+        let mut area = (self.straight - squared) * (squared - self.folded);
+        if area < 0.0 {
+            if !self.nearly_reaches(squared) {
                 return None;
             }
             area = 0.0;
         }
-        // Heron: accurate for the straight and for the folded finger, too, where a cosine's arc would not be. Both are 2ab
-        // times sine and cosine of the angle between the links.
+        // Both angles' tangents: that between the links, and that by which the first link is turned from the direction of
+        // the tip.
         let sine = math::sqrt(area);
-        let cosine = squared - a * a - b * b;
-        let between = math::atan2(sine, cosine);
-        // By so much the first link is turned from the direction of the tip.
-        let lead = math::atan2(sine, 2.0 * a * a + cosine);
-        let second = math::atan2(along, height) - self.directions[0];
-        let bent = self.directions[1] - self.directions[0];
+        let between = math::atan2(sine, squared - self.sum);
+        let lead = math::atan2(sine, squared + self.difference);
+        let second = math::atan2(along, height) - self.direction;
+        let bent = self.bent;
         let (mut one, mut other) = (between - bent, -between - bent);
         if self.opposed {
             (one, other) = (-one, -other);
@@ -212,23 +243,27 @@ impl Finger {
         Some([[place.swing, second - lead, one], [place.swing, second + lead, other]])
     }
 
-    /// Squared distance of `angles` from `near`; infinite when they are outside the limits, NaN when a whole turn may bring
-    /// them inside or nearer.
+    /// Whether a point at this squared distance from the second joint is within the tolerance of reach.
+    #[cold]
+    fn nearly_reaches(&self, squared: f32) -> bool {
+        let [a, b] = self.lengths;
+        let (distance, tolerance) = (math::sqrt(squared), REACH_TOLERANCE * (a + b));
+        distance <= a + b + tolerance && distance >= abs(a - b) - tolerance
+    }
+
+    /// Squared distance of a joint's angle from `near`; infinite when it is outside the limits, NaN when a whole turn may
+    /// bring it inside or nearer.
     #[inline(always)]
-    fn distance(&self, angles: &[f32; 3], near: &[f32; 3]) -> f32 {
-        let mut distance = 0.0;
-        for ((&angle, &near), &(lower, upper)) in angles.iter().zip(near).zip(&self.limits) {
-            let away = angle - near;
-            if abs(away) > PI || angle < lower || angle > upper {
-                let turns = abs(away) > PI
-                    || angle - TAU >= lower - LIMIT_TOLERANCE
-                    || angle + TAU <= upper + LIMIT_TOLERANCE
-                    || angle > lower - LIMIT_TOLERANCE && angle < upper + LIMIT_TOLERANCE;
-                return if turns { f32::NAN } else { f32::INFINITY };
-            }
-            distance += away * away;
+    fn distance(angle: f32, near: f32, (lower, upper): (f32, f32)) -> f32 {
+        let away = angle - near;
+        if abs(away) > PI || angle < lower || angle > upper {
+            let turns = abs(away) > PI
+                || angle - TAU >= lower - LIMIT_TOLERANCE
+                || angle + TAU <= upper + LIMIT_TOLERANCE
+                || angle > lower - LIMIT_TOLERANCE && angle < upper + LIMIT_TOLERANCE;
+            return if turns { f32::NAN } else { f32::INFINITY };
         }
-        distance
+        away * away
     }
 
     /// `angles` with whole turns added so that they are nearest to `near` and within the limits, and their squared
@@ -324,6 +359,7 @@ impl fmt::Display for NotAFinger {
             Self::NotAcross => write!(f, "the axes of joints 1 and 2 are not at right angles"),
             Self::NotParallel => write!(f, "the axes of joints 2 and 3 are not parallel"),
             Self::NotPlanar => write!(f, "joints and tip are not in one plane with the axis of joint 1"),
+            Self::Limits => write!(f, "a joint's limits are not a lower and an upper angle"),
             Self::NoLength => write!(f, "two joints, or the last joint and the tip, are at the same place"),
         }
     }
@@ -446,6 +482,35 @@ mod tests {
     }
 
     #[test]
+    fn where_the_finger_is_need_not_be_within_its_limits() {
+        let chain = hand3();
+        let finger = finger(&chain, [(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]);
+        let point = chain.posture(&[0.2, 0.5, 0.8]).tip.translation.vector;
+        for near in [[1.000_02, 0.5, 0.8], [10.0, 0.0, 0.0], [0.0, 30.0, -7.0]] {
+            assert!(close(&finger.nearest(&point, &near).unwrap(), &[0.2, 0.5, 0.8], 1e-5), "{near:?}");
+        }
+        assert_eq!(finger.nearest(&point, &[f32::NAN, 0.0, 0.0]), Err(FingerError::NotFinite));
+        // On its axis any angle of the first joint will do, so its limit is no obstacle.
+        let on_axis = Vector3::new(0.0, 0.0, 0.1);
+        let found = finger.inverse(&on_axis, &[1.000_02, -0.5, 0.9]).unwrap();
+        assert!(found.iter().all(|angles| abs(angles[0] - 1.0) < 1e-9), "{found:?}");
+        assert_eq!(Finger::try_new(&chain, [(1.0, -1.0); 3]).unwrap_err(), NotAFinger::Limits);
+    }
+
+    #[test]
+    fn nearly_equal_links_do_not_reach_where_they_fold() {
+        let z = [0.0, 0.0, 1.0];
+        let y = [0.0, 1.0, 0.0];
+        let chain = chain([([0.0; 3], z), ([0.0; 3], y), ([0.0, 0.0, 0.500_4], y)], [0.0, 0.0, 0.499_6]);
+        let Err(FingerError::OutOfReach { nearest }) =
+            finger(&chain, FREE).nearest(&Vector3::new(0.0, 0.0, 1e-5), &[0.0, 0.0, 3.0])
+        else {
+            panic!()
+        };
+        assert!((nearest - Vector3::new(0.0, 0.0, 8e-4)).norm() < 1e-6, "{nearest}");
+    }
+
+    #[test]
     fn other_shapes_are_told_what_is_wrong_with_them() {
         let z = [0.0, 0.0, 1.0];
         let y = [0.0, 1.0, 0.0];
@@ -496,7 +561,7 @@ mod tests {
             }
             // Near the axis and the straight finger many angles lead to almost the same point.
             let radius = finger.root.inverse_transform_point(&Point3::from(point)).coords.xy().norm();
-            let bent = q[2] * if opposed { -1.0 } else { 1.0 } + finger.directions[1] - finger.directions[0];
+            let bent = q[2] * if opposed { -1.0 } else { 1.0 } + finger.bent;
             if radius > 0.05 * size && abs(libm::sinf(bent)) > 0.05 {
                 prop_assert!(found.iter().any(|angles| close(angles, &q, 1e-3)), "{q:?} not in {found:?}");
                 let nearest = finger.nearest(&point, &near).unwrap();

@@ -17,6 +17,9 @@ const MAX_STEP: f32 = 1.0;
 /// A start is given up when this many iterations in a row have not brought the squared error down by a tenth.
 const STALLS: u8 = 4;
 
+/// Targets beyond this [m] are none: their squares would be infinite.
+pub(super) const FARTHEST: f32 = 1e6;
+
 /// Where the tip should be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
@@ -40,11 +43,11 @@ pub struct InverseKinematics {
 /// When [`InverseKinematics`] has reached its target, and when it gives up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Largest distance from the target [m].
+    /// Largest distance from the target [m]. Tolerances end the search; they are no weights.
     pub position_tolerance: f32,
     /// Largest angle from the target's orientation [rad].
     pub rotation_tolerance: f32,
-    /// A metre of distance counts as much as this angle [rad/m].
+    /// A metre of distance counts as much as this angle [rad/m]; some 1 to 2 over the chain's length is good.
     pub radians_per_metre: f32,
     /// Iterations from one start.
     pub iterations: u16,
@@ -90,8 +93,8 @@ pub enum BadJoint {
         /// The joint.
         joint: usize,
     },
-    /// The joint follows itself, one that follows another itself, or one that is not there; or by a factor that is no
-    /// number.
+    /// The joint follows itself, one that follows another itself, one that is not there, or already another; or by a
+    /// factor that is no number.
     Mimic {
         /// The joint.
         joint: usize,
@@ -111,13 +114,13 @@ pub struct Solved {
     /// Angle from the target's orientation [rad]; 0 when it had none.
     pub rotation_error: f32,
     /// Iterations in all.
-    pub iterations: u16,
+    pub iterations: u32,
 }
 
 /// Why a target was not reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotSolved {
-    /// The target, or the start, is NaN or infinite.
+    /// The target is NaN, infinite or more than 1e6 m away, or the start is NaN or infinite.
     NotFinite,
     /// The chain, the limits and the start have different numbers of joints.
     Joints,
@@ -173,7 +176,8 @@ impl InverseKinematics {
             return Err(BadJoint::Mimic { joint });
         };
         let followed = self.joints.iter().any(|other| other.mimic.is_some_and(|mimic| mimic.of == joint));
-        if joint == of || other.mimic.is_some() || followed || !(multiplier * offset).is_finite() {
+        let finite = multiplier.is_finite() && offset.is_finite();
+        if joint == of || own.mimic.is_some() || other.mimic.is_some() || followed || !finite {
             return Err(BadJoint::Mimic { joint });
         }
         // The joint that is followed may go only where both stay within their limits.
@@ -183,7 +187,8 @@ impl InverseKinematics {
             lower = lower.max(ends[0].min(ends[1]));
             upper = upper.min(ends[0].max(ends[1]));
         }
-        if lower > upper {
+        let stands_outside = multiplier == 0.0 && !(own.lower..=own.upper).contains(&offset);
+        if lower > upper || stands_outside {
             return Err(BadJoint::MimicLimits { joint });
         }
         if let Some(other) = self.joints.get_mut(of) {
@@ -205,8 +210,11 @@ impl InverseKinematics {
             return Err(NotSolved::Joints);
         }
         let finite = match target {
-            Target::Position(position) => position.iter().all(|value| value.is_finite()),
-            Target::Pose(pose) => pose.to_homogeneous().iter().all(|value| value.is_finite()),
+            Target::Position(position) => position.iter().all(|value| abs(*value) < FARTHEST),
+            Target::Pose(pose) => {
+                pose.translation.vector.iter().all(|value| abs(*value) < FARTHEST)
+                    && pose.rotation.matrix().iter().all(|value| value.is_finite())
+            }
         };
         if !finite || !q.iter().all(|value| value.is_finite()) {
             return Err(NotSolved::NotFinite);
@@ -243,18 +251,19 @@ impl InverseKinematics {
         let tolerances = (square(options.position_tolerance), square(options.rotation_tolerance));
         let mut angles = [0.0; MAX_CHAIN_JOINTS];
         angles.iter_mut().zip(q.iter()).for_each(|(angle, &q)| *angle = q);
-        let mut best = Best { cost: f32::INFINITY, angles, linear: 0.0, angular: 0.0 };
-        let mut iterations = 0;
+        self.limit(&mut angles);
+        let mut best = Best { cost: f32::INFINITY, angles, linear: f32::INFINITY, angular: f32::INFINITY };
+        let mut iterations = 0_u32;
         let mut look = |angles: &[f32; MAX_CHAIN_JOINTS], best: &mut Best| {
             let posture = chain.posture(angles.get(..chain.len()).unwrap_or_default());
             let (error, linear, angular) = error(&posture);
             iterations += 1;
             let cost = error.norm_squared();
-            let better = cost < best.cost;
-            if better {
+            let there = linear <= tolerances.0 && angular <= tolerances.1;
+            if there || cost < best.cost {
                 *best = Best { cost, angles: *angles, linear, angular };
             }
-            (posture, error, cost, better && linear <= tolerances.0 && angular <= tolerances.1)
+            (posture, error, cost, there)
         };
 
         let mut reached = false;
@@ -290,7 +299,11 @@ impl InverseKinematics {
                 angles = best.angles;
                 let (posture, error, cost, _) = look(&angles, &mut best);
                 self.step(&posture, &error, damping, &mut angles);
-                let (.., nearer, _) = look(&angles, &mut best);
+                let (.., nearer, there) = look(&angles, &mut best);
+                if there {
+                    reached = true;
+                    break;
+                }
                 damping *= if nearer < cost { 0.1 } else { 10.0 };
             }
         }
@@ -541,6 +554,24 @@ mod tests {
     }
 
     #[test]
+    fn few_iterations_that_reach_the_target_are_enough() {
+        let chain = chain_of("hand3_finger1");
+        let options = Options { restarts: 0, ..Options::default() };
+        let solver = InverseKinematics::try_new(&[(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]).unwrap();
+        let solver = solver.with_options(options);
+        let mut random = Random(11);
+        for _ in 0..1000 {
+            let goal = [random.between(-1.0, 1.0), random.between(-1.2, 1.7), random.between(-0.1, 2.4)];
+            let target = Target::Position(chain.posture(&goal).tip().translation.vector);
+            let result = solver.solve(&chain, &target, &mut [0.0, 0.3, 1.0]);
+            let Err(NotSolved::NotReached(nearest)) = result else { continue };
+            assert!(nearest.position_error > options.position_tolerance, "{nearest:?}");
+        }
+        let nowhere = Target::Position(Vector3::new(1e19, 0.0, 0.0));
+        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 3]), Err(NotSolved::NotFinite));
+    }
+
+    #[test]
     fn bad_input_is_refused_by_name() {
         let chain = chain_of("allegro_index");
         let refused = |limits: &[(f32, f32)]| InverseKinematics::try_new(limits).unwrap_err();
@@ -555,6 +586,12 @@ mod tests {
         assert_eq!(mimic(1, 2, f32::NAN), BadJoint::Mimic { joint: 1 });
         let offset = solver.clone().with_mimic(3, 2, 1.0, 5.0).unwrap_err();
         assert_eq!(offset, BadJoint::MimicLimits { joint: 3 });
+        assert_eq!(
+            solver.clone().with_mimic(3, 2, 0.0, 5.0).unwrap_err(),
+            BadJoint::MimicLimits { joint: 3 }
+        );
+        let twice = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
+        assert_eq!(twice.with_mimic(3, 1, 1.0, 0.0).unwrap_err(), BadJoint::Mimic { joint: 3 });
         let chained = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
         assert_eq!(chained.with_mimic(2, 1, 1.0, 0.0).unwrap_err(), BadJoint::Mimic { joint: 2 });
         let nowhere = Target::Position(Vector3::new(f32::NAN, 0.0, 0.0));

@@ -3,7 +3,11 @@ use nalgebra::{IsometryMatrix3, SMatrix, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
+
+/// Determinant of a Jacobian, as a share of the largest that its columns could have, below which it counts as singular.
+const SINGULAR: f32 = 1e-3;
 
 /// Jacobian of a chain's tip: `[v; ω] = J q̇`. A column a joint; columns beyond the chain's joints are 0.
 pub type Jacobian = SMatrix<f32, 6, MAX_CHAIN_JOINTS>;
@@ -44,14 +48,26 @@ impl Posture {
         jacobian
     }
 
-    /// Velocities [rad/s] and accelerations [rad/s²] of three joints that move the tip like `point`; `None` in a singular
-    /// posture.
+    /// Velocities [rad/s] and accelerations [rad/s²] of three joints that move the tip like `point`; `None` near a singular
+    /// posture, where small motions of the tip would take large ones of the joints, or with another number of joints.
     pub fn follow(&self, point: &TipPoint) -> Option<([f32; 3], [f32; 3])> {
         let (velocity, acceleration) = (Vector3::from(point.velocity), Vector3::from(point.acceleration));
         if velocity == Vector3::zeros() && acceleration == Vector3::zeros() {
             return Some(([0.0; 3], [0.0; 3]));
         }
-        let inverse = self.jacobian().fixed_view::<3, 3>(0, 0).try_inverse()?;
+        if self.joints.len() != 3 {
+            return None;
+        }
+        let jacobian = self.jacobian().fixed_view::<3, 3>(0, 0).into_owned();
+        let size = jacobian.column_iter().fold(0.0_f32, |size, column| {
+            let squared = column.norm_squared();
+            if squared > size { squared } else { size }
+        });
+        // 1 when the joints move the tip equally far and at right angles.
+        if abs(jacobian.determinant()) < SINGULAR * size * math::sqrt(size) {
+            return None;
+        }
+        let inverse = jacobian.try_inverse()?;
         let qd = inverse * velocity;
         // ẍ = J q̈ + J̇ q̇
         let qdd = inverse * (acceleration - self.bias_acceleration(qd.as_slice()).fixed_rows::<3>(0));

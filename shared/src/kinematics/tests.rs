@@ -64,3 +64,16 @@ fn agrees_with_pinocchio_on_arms_and_hands_of_different_make() {
         }
     }
 }
+
+#[test]
+fn an_axis_that_is_hardly_tilted_is_tilted_all_the_same() {
+    // About k = (3e-4, 0, 1) half a turn takes x to −x + 2 k (k·x) = (−1 + 1.8e-7, 0, 6e-4); about (3e-4, 0, −1) to
+    // (−1 + 1.8e-7, 0, −6e-4).
+    for (up, height) in [(1.0, 6e-4), (-1.0, -6e-4)] {
+        let joint = ([0.0; 3], [0.0, 0.0, 0.0, 1.0], [3e-4, 0.0, up]);
+        let chain = chain(&[joint], &([1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]));
+        let tip = chain.posture(&[core::f32::consts::PI]).tip().translation.vector;
+        let expected = nalgebra::Vector3::new(-1.0, 0.0, height);
+        assert!((tip - expected).norm() < 4e-7, "{tip}");
+    }
+}

@@ -5,8 +5,8 @@ use super::abs;
 /// tan(π/8).
 const TAN_PI_8: f32 = 0.414_213_57;
 
-/// The angle of the point `(x, y)` [rad], −π to π, within 3e-7 of the exact value; 0 or ±π at the origin, by the signs
-/// of the zeros. Not for infinite coordinates: NaN.
+/// The angle of the point `(x, y)` [rad], −π to π, within 3e-7 of the exact value for coordinates of 1e-30 to 1e38; 0 or ±π
+/// at the origin, by the signs of the zeros. Infinite coordinates give NaN.
 ///
 /// The angle is reduced to ±π/8, where a minimax polynomial (fitted in double precision, error 2e-8) takes over.
 /// Identical bits on every IEEE machine.
@@ -22,7 +22,7 @@ pub fn atan2(y: f32, x: f32) -> f32 {
     // atan a = π/4 + atan((a − 1)/(a + 1))
     let (numerator, denominator, base) =
         if least > TAN_PI_8 * most { (least - most, least + most, FRAC_PI_4) } else { (least, most, 0.0) };
-    // At the origin 0 / 0 would be NaN; beside any other number the smallest one vanishes.
+    // At the origin 0 / 0 would be NaN; beside larger numbers the smallest one vanishes.
     let t = numerator / (denominator + f32::MIN_POSITIVE);
     let z = t * t;
     let series = -3.333_295_6e-1 + z * (1.997_792_6e-1 + z * (-1.387_984_5e-1 + z * 8.060_293e-2));

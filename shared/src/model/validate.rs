@@ -22,14 +22,23 @@ impl RobotModel {
             return Err(robot.error(Field::Joints, 0.0, Problem::Below(1.0)));
         }
         let mut in_chains = 0;
-        for (index, chain) in self.chains.iter().enumerate() {
+        for chain in &self.chains {
             let joints = f32::from(chain.joints);
             robot.at_least(Field::Chains, joints, 1.0)?;
             #[expect(clippy::cast_precision_loss, reason = "a small constant")]
             robot.at_most(Field::Chains, joints, MAX_CHAIN_JOINTS as f32)?;
             in_chains += usize::from(chain.joints);
-            #[expect(clippy::cast_possible_truncation, reason = "at most 42")]
-            let last = Check { joint: Some(in_chains as u8 - 1) };
+        }
+        if in_chains != self.joints.len() {
+            #[expect(clippy::cast_precision_loss, reason = "at most 16 and 42")]
+            let (got, expected) = (in_chains as f32, self.joints.len() as f32);
+            return Err(robot.error(Field::Chains, got, Problem::Count(expected)));
+        }
+        let mut end = 0;
+        for (index, chain) in self.chains.iter().enumerate() {
+            end += usize::from(chain.joints);
+            #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+            let last = Check { joint: Some(end as u8 - 1) };
             last.all_finite(Field::TipTranslation, &chain.tip.translation)?;
             last.unit(Field::TipRotation, &chain.tip.rotation)?;
             let others = self.chains.iter().take(index);
@@ -37,11 +46,6 @@ impl RobotModel {
                 #[expect(clippy::cast_precision_loss, reason = "at most 6")]
                 return Err(last.error(Field::ChainName, index as f32, Problem::NotUnique));
             }
-        }
-        if in_chains != self.joints.len() {
-            #[expect(clippy::cast_precision_loss, reason = "at most 16 and 42")]
-            let (got, expected) = (in_chains as f32, self.joints.len() as f32);
-            return Err(robot.error(Field::Chains, got, Problem::Count(expected)));
         }
         self.safety.validate()?;
         for (index, joint) in self.joints.iter().enumerate() {
@@ -190,7 +194,7 @@ impl Check {
     fn unit(self, field: Field, vector: &[f32]) -> Result<(), ModelError> {
         self.all_finite(field, vector)?;
         let length = math::sqrt(vector.iter().map(|x| x * x).sum());
-        if abs(length - 1.0) > UNIT_TOLERANCE {
+        if length.is_nan() || abs(length - 1.0) > UNIT_TOLERANCE {
             return Err(self.error(field, length, Problem::NotUnit));
         }
         Ok(())

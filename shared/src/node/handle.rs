@@ -239,7 +239,7 @@ impl Node {
             let states = self.state.joints.iter().skip(first);
             near.iter_mut().zip(states).for_each(|(near, state)| *near = state.reference.position);
             let angles = finger.nearest(&tip.position.into(), &near).map_err(|error| match error {
-                FingerError::NotFinite => Refusal::NotFinite { joint: count(first) },
+                FingerError::NotFinite => Refusal::TipNotFinite { chain },
                 FingerError::OutOfReach { nearest } => Refusal::OutOfReach { chain, nearest: nearest.into() },
                 FingerError::OutsideLimits { joint, value, lower, upper } => {
                     Refusal::OutsideLimits { joint: count(first) + joint, value, lower, upper }

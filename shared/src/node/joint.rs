@@ -105,6 +105,10 @@ impl JointConfig {
         if abs(point.velocity) > self.limits.velocity {
             return Err(Refusal::TooFast { joint, value: point.velocity, limit: self.limits.velocity });
         }
+        let limit = self.servo.acceleration(self.limits.torque);
+        if abs(point.acceleration) > limit {
+            return Err(Refusal::TooMuchAcceleration { joint, value: point.acceleration, limit });
+        }
         let distance = abs(point.position - reference.position);
         if distance > self.limits.following_error {
             return Err(Refusal::Jump { joint, value: distance, limit: self.limits.following_error });

@@ -381,11 +381,26 @@ pub enum Refusal {
     OutOfReach {
         /// The chain.
         chain: u8,
-        /// The nearest place where it can be [m, base frame].
+        /// The nearest place where it could be, were it not for the limits of its joints [m, base frame].
         nearest: [f32; 3],
     },
-    /// 23: where the chain's tip is to be, it cannot move in every direction: straight, or on its first joint's axis.
+    /// 23: where the chain's tip is to be, it can hardly move in some direction: nearly straight, or near the axis of its
+    /// first joint.
     Singular {
+        /// The chain.
+        chain: u8,
+    },
+    /// 24: the trajectory's acceleration is more than the joint's torque gives its inertia.
+    TooMuchAcceleration {
+        /// The joint.
+        joint: u8,
+        /// The acceleration [rad/s²].
+        value: f32,
+        /// Its limit [rad/s²].
+        limit: f32,
+    },
+    /// 25: the point of a tip is NaN, infinite or a thousand kilometres away.
+    TipNotFinite {
         /// The chain.
         chain: u8,
     },
@@ -400,6 +415,7 @@ impl Refusal {
             | Self::NotFinite { joint }
             | Self::OutsideLimits { joint, .. }
             | Self::TooFast { joint, .. }
+            | Self::TooMuchAcceleration { joint, .. }
             | Self::Jump { joint, .. } => Some(joint),
             _ => None,
         }
@@ -482,13 +498,19 @@ impl fmt::Display for Refusal {
             ),
             Self::OutOfReach { chain, nearest: [x, y, z] } => write!(
                 f,
-                "the tip of chain {chain} does not reach that place; the nearest is ({x}, {y}, {z}) m"
+                "the tip of chain {chain} does not reach so far (or so near); without its joints' limits it would reach \
+                 ({x}, {y}, {z}) m"
             ),
             Self::Singular { chain } => write!(
                 f,
-                "the tip of chain {chain} is to move where it cannot move in every direction: keep away from the \
+                "the tip of chain {chain} is to move where it can hardly move in some direction: keep away from the \
                  straight finger and from the axis of its first joint"
             ),
+            Self::TooMuchAcceleration { joint, value, limit } => write!(
+                f,
+                "joint {joint}: {value} rad/s² is more than its torque can do, {limit} rad/s²: a slower trajectory"
+            ),
+            Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite place"),
         }
     }
 }
