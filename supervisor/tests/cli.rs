@@ -223,6 +223,43 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
 }
 
 #[test]
+fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_moves() {
+    let server = Server::ready();
+    // All fingers bent, away from the straight ones.
+    server.succeeds(&[
+        "move",
+        "finger1_bend=0.1",
+        "finger1_curl=1.3",
+        "finger2_curl=1.3",
+        "finger3_curl=1.3",
+    ]);
+    let arrived = server.succeeds(&["reach", "--relative", "finger1_tip=0.01,-0.005,0.008"]);
+    assert!(arrived.contains("arrived") && arrived.contains("disarmed"), "{arrived}");
+    // Back by the same way to the angles from which it came.
+    server.succeeds(&["reach", "--relative", "finger1_tip=-0.01,0.005,-0.008", "finger2_tip=0,0.005,0"]);
+    let state = server.json(&["read"]);
+    for (joint, angle) in [(0, 0.0), (1, 0.1), (2, 1.3)] {
+        let position = state["joints"][joint]["position"].as_f64().unwrap();
+        assert!((position - angle).abs() < 0.03, "joint {joint} at {position}");
+    }
+    server.fails(&["reach", "thumb=0,0,0"], 2, &["no tip \"thumb\"", "finger3_tip"]);
+    server.fails(&["reach", "finger1_tip=0,0"], 2, &["no place"]);
+    server.fails(
+        &["reach", "finger1_tip=0.5,0.04,0.1"],
+        2,
+        &["finger1_tip", "does not reach", "mm on its way"],
+    );
+    server.fails(
+        &["reach", "--relative", "finger1_tip=-0.045,0.05,0"],
+        2,
+        &["finger1_swing", "outside its limits"],
+    );
+    server.fails(&["reach", "--relative", "finger1_tip=0,0.08,0"], 2, &["would turn at", "lower --speed"]);
+    server.fails(&["reach", "--speed", "0", "finger1_tip=0,0,0.1"], 2, &["above 0"]);
+    server.fails(&["reach", "--speed", "1e-9", "--relative", "finger1_tip=0,0,0.01"], 2, &["600 s"]);
+}
+
+#[test]
 fn a_recording_goes_on_when_the_board_was_reset() {
     let server = Server::ready();
     let name = server.folder.path().join("run");

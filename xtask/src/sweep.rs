@@ -81,8 +81,11 @@ fn print(scenario: &str, results: &[Value]) {
         let mut values: Vec<f64> = results.iter().map(metric).collect();
         values.sort_by(f64::total_cmp);
         let middle = values.len() / 2;
-        let median =
-            if values.len() % 2 == 0 { 0.5 * (values[middle - 1] + values[middle]) } else { values[middle] };
+        let median = if values.len().is_multiple_of(2) {
+            0.5 * (values[middle - 1] + values[middle])
+        } else {
+            values[middle]
+        };
         let first = &results[0]["metrics"][name];
         let limit = first["limit"].as_f64().map_or_else(|| String::from("–"), |limit| limit.to_string());
         let unit = first["unit"].as_str().unwrap_or("");

@@ -76,6 +76,8 @@ pub enum Command {
     Stop,
     /// Move joints to angles, then disarm
     Move(Move),
+    /// Lead fingertips to places in straight lines, then disarm
+    Reach(Reach),
     /// Tell the board at which angles its joints stand
     Home(Home),
     /// Read the joints' state, or a parameter of the model such as safety.command_timeout or joints.NAME.limits
@@ -208,6 +210,28 @@ pub struct Move {
 }
 
 #[derive(Args)]
+pub struct Reach {
+    /// Where to: TIP=X,Y,Z in m, in the robot's base frame; the other tips stay
+    #[arg(required = true, value_name = "TIP=X,Y,Z", value_parser = tip_place)]
+    pub tips: Vec<(String, [f32; 3])>,
+    /// The places are counted from where the tips are
+    #[arg(long)]
+    pub relative: bool,
+    /// Largest speed on the way [m/s]
+    #[arg(long, default_value_t = 0.05)]
+    pub speed: f32,
+    /// How the joints are controlled
+    #[arg(long, value_enum, default_value_t = Servo::Observer)]
+    pub servo: Servo,
+    /// How near is there [m]
+    #[arg(long, default_value_t = 0.002)]
+    pub tolerance: f32,
+    /// Once there, hold until Ctrl-C instead of disarming
+    #[arg(long)]
+    pub hold: bool,
+}
+
+#[derive(Args)]
 pub struct Home {
     /// Where the joints stand: JOINT=ANGLE in rad
     #[arg(value_name = "JOINT=ANGLE", value_parser = joint_angle)]
@@ -265,6 +289,19 @@ fn joint_angle(text: &str) -> Result<(String, f32), String> {
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
         _ => Err(format!("{angle:?} is no angle")),
+    }
+}
+
+fn tip_place(text: &str) -> Result<(String, [f32; 3]), String> {
+    let (name, place) = text
+        .split_once('=')
+        .ok_or_else(|| format!("{text:?} is not TIP=X,Y,Z, such as finger1_tip=0.09,0.04,0.1"))?;
+    let numbers: Vec<f32> = place.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+    match <[f32; 3]>::try_from(numbers) {
+        Ok(place) if place.iter().all(|value| value.is_finite()) && text.matches(',').count() == 2 => {
+            Ok((name.trim().to_owned(), place))
+        }
+        _ => Err(format!("{place:?} is no place: three numbers with commas between, in m")),
     }
 }
 

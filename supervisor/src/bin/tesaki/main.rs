@@ -10,6 +10,7 @@ mod model;
 mod motion;
 mod output;
 mod parameter;
+mod reach;
 mod recording;
 mod session;
 mod watch;
@@ -43,6 +44,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Disarm => board::disarm(options),
         Command::Stop => board::stop(options),
         Command::Move(aim) => motion::go(options, aim),
+        Command::Reach(aim) => reach::run(options, aim),
         Command::Home(home) => motion::home(options, home),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),

@@ -1,4 +1,4 @@
-//! The commands that move joints: arm, move, home.
+//! The commands that move joints: arm, move, home; what they share with `reach`.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -33,7 +33,8 @@ pub fn arm(options: &Options, arm: &Arm) -> Result<(), Failure> {
     motion.arm(arm.servo.into())?;
     output::notice(options, "armed: the joints hold; Ctrl-C disarms");
     let until = arm.duration.map(|duration| Instant::now() + duration);
-    let end = motion.drive(&goal, |_, now| until.is_some_and(|until| now >= until))?;
+    let hold = goal_set_point(&goal)?;
+    let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
     motion.end(end == End::Interrupted)
 }
 
@@ -49,20 +50,30 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
     }
     let goal = goal;
     let named = &aim.joints;
-    output::confirm(options, &format!("{} of {} will move. Go on?", joints(named.len()), motion.model.name))?;
+    output::confirm(
+        options,
+        &format!("{} of {} will move. Go on?", output::counted(named.len(), "joint"), motion.model.name),
+    )?;
     motion.arm(aim.servo.into())?;
     let deadline = Instant::now() + aim.within;
     let (mut near, mut farthest) = (0, (0, 0.0_f32));
-    let end = motion.drive(&goal, |telemetry, now| {
-        if let Some(telemetry) = telemetry {
-            let errors = telemetry.joints.iter().zip(&goal).map(|(joint, goal)| abs(goal - joint.position));
-            farthest = errors
-                .enumerate()
-                .fold((0, 0.0), |worst, (index, error)| if error > worst.1 { (index, error) } else { worst });
-            near = if farthest.1 <= aim.tolerance { near + 1 } else { 0 };
-        }
-        near >= ARRIVED || now >= deadline
-    })?;
+    let set_point = goal_set_point(&goal)?;
+    let end =
+        motion.drive(
+            KEEP_ALIVE,
+            |_| set_point.clone(),
+            |telemetry, now| {
+                if let Some(telemetry) = telemetry {
+                    let errors =
+                        telemetry.joints.iter().zip(&goal).map(|(joint, goal)| abs(goal - joint.position));
+                    farthest = errors.enumerate().fold((0, 0.0), |worst, (index, error)| {
+                        if error > worst.1 { (index, error) } else { worst }
+                    });
+                    near = if farthest.1 <= aim.tolerance { near + 1 } else { 0 };
+                }
+                near >= ARRIVED || now >= deadline
+            },
+        )?;
     if end == End::Interrupted {
         return motion.end(true);
     }
@@ -84,7 +95,7 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
     )?;
     if aim.hold {
         output::notice(options, "holding; Ctrl-C disarms");
-        motion.drive(&goal, |_, _| false)?;
+        motion.drive(KEEP_ALIVE, |_| set_point.clone(), |_, _| false)?;
     }
     motion.end(false)
 }
@@ -112,12 +123,13 @@ pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
     output::confirm(options, "The joints will be taken to stand at these angles. Is that so?")?;
     session.board.home(&positions)?;
     output::result(options, &json!({ "homed": output::exact(&positions) }), || {
-        format!("{} homed", joints(positions.len()))
+        format!("{} homed", output::counted(positions.len(), "joint"))
     })
 }
 
-fn joints(count: usize) -> String {
-    if count == 1 { "1 joint".to_owned() } else { format!("{count} joints") }
+fn goal_set_point(goal: &[f32]) -> Result<SetPoint, Failure> {
+    let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
+    Ok(SetPoint::Goal { positions })
 }
 
 /// The joint called `name`.
@@ -142,7 +154,7 @@ fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
 
 /// Why a motion ended without a failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum End {
+pub enum End {
     /// What was asked for is done.
     Done,
     /// Ctrl-C.
@@ -150,15 +162,15 @@ enum End {
 }
 
 /// A board that this program commands and may have armed.
-struct Motion<'a> {
+pub struct Motion<'a> {
     session: Session,
     options: &'a Options,
-    model: RobotModel,
+    pub model: RobotModel,
     armed: bool,
 }
 
 impl<'a> Motion<'a> {
-    fn begin(options: &'a Options) -> Result<Self, Failure> {
+    pub fn begin(options: &'a Options) -> Result<Self, Failure> {
         let mut session = Session::command(options)?;
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
@@ -167,7 +179,7 @@ impl<'a> Motion<'a> {
     }
 
     /// Where the joints are, within their limits.
-    fn positions(&mut self) -> Result<Vec<f32>, Failure> {
+    pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
         let telemetry = self.session.telemetry_now()?;
         let joints = telemetry.joints.iter().zip(&self.model.joints);
         // A joint may rest against its stop, a hair outside.
@@ -176,7 +188,7 @@ impl<'a> Motion<'a> {
             .collect())
     }
 
-    fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
+    pub fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
         // Caught from here on: whoever presses Ctrl-C wants the outputs off.
         interrupted()?;
         self.session.arm(servo).map_err(|failure| failure.named(&self.model))?;
@@ -184,23 +196,27 @@ impl<'a> Motion<'a> {
         Ok(())
     }
 
-    /// Keeps the board at `goal` until `done` says so; `None` is passed when nothing new is known.
-    fn drive(
+    /// Sends what `aim` says for each moment, one set-point `every` so long, until `done` says so; that is passed `None` when
+    /// nothing new is known.
+    pub fn drive(
         &mut self,
-        goal: &[f32],
+        every: Duration,
+        mut aim: impl FnMut(Instant) -> SetPoint,
         mut done: impl FnMut(Option<&Telemetry>, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
-        let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
         let (mut heard, mut reported) = (Instant::now(), None::<Instant>);
         // What was on its way while the board was being armed still says otherwise.
         let mut seen_armed = false;
+        let mut next = Instant::now();
         loop {
             if interrupted.load(Ordering::Relaxed) {
                 return Ok(End::Interrupted);
             }
-            self.session.board.post(Request::SetPoint(SetPoint::Goal { positions: positions.clone() }))?;
-            let next = Instant::now() + KEEP_ALIVE;
+            // Counted from the one before, so that being late does not add up.
+            let now = Instant::now();
+            next = if now > next + every { now + every } else { next + every };
+            self.session.board.post(Request::SetPoint(aim(now)))?;
             let mut latest = None;
             while Instant::now() < next {
                 match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
@@ -247,7 +263,7 @@ impl<'a> Motion<'a> {
     }
 
     /// Switches off and hands the command back.
-    fn end(mut self, interrupted: bool) -> Result<(), Failure> {
+    pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
         self.session.board.ask("disarm", Request::Disarm)?;
         self.armed = false;
         output::notice(self.options, if interrupted { "\ninterrupted: disarmed" } else { "disarmed" });

@@ -68,3 +68,8 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
         Err(Failure::Usage("not confirmed: nothing was done".to_owned()))
     }
 }
+
+/// A number of things, in words.
+pub fn counted(count: usize, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+}

@@ -3,7 +3,9 @@
 use std::fmt::Write as _;
 
 use serde_json::Value;
+use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
+use tesaki::protocol::Telemetry;
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -36,7 +38,10 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
 fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result<(), Failure> {
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
-    output::result(options, &telemetry, || {
+    let tips = tips(model, &telemetry);
+    let mut value = output::exact(&telemetry);
+    value["tips"] = tips.iter().map(|(name, place)| (name.clone(), output::exact(place))).collect();
+    output::result(options, &value, || {
         let mut text = format!(
             "{:<20} {:>10} {:>10} {:>10} {:>10}\n",
             "joint", "angle", "velocity", "reference", "torque"
@@ -50,9 +55,30 @@ fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result
             );
             let _ = writeln!(text, "{}", if homed >> index & 1 == 0 { "  not homed" } else { "" });
         }
-        let _ = write!(text, "{} in tick {}", telemetry.mode, telemetry.tick);
+        let _ = writeln!(text, "\n{:<20} {:>10} {:>10} {:>10}", "tip", "x / m", "y / m", "z / m");
+        for (name, [x, y, z]) in &tips {
+            let _ = writeln!(text, "{name:<20} {x:>10.4} {y:>10.4} {z:>10.4}");
+        }
+        let _ = write!(text, "\n{} in tick {}", telemetry.mode, telemetry.tick);
         text
     })
+}
+
+/// Where the tips are [m, base frame].
+fn tips(model: &RobotModel, telemetry: &Telemetry) -> Vec<(String, [f32; 3])> {
+    let tips = model.chains.iter().zip(model.chain_ranges());
+    tips.map(|(tip, joints)| {
+        let angles: Vec<f32> = telemetry
+            .joints
+            .iter()
+            .skip(joints.start)
+            .take(joints.len())
+            .map(|joint| joint.position)
+            .collect();
+        let posture = Chain::new(&model.joints[joints], &tip.tip).posture(&angles);
+        (tip.name.to_string(), posture.tip().translation.vector.into())
+    })
+    .collect()
 }
 
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
