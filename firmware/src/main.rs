@@ -170,7 +170,7 @@ mod app {
             // When it is full, the gap in the indices tells the receiver how much is missing.
             let _ = log.enqueue((node.records(), sensors, actuators.clone()));
         }
-        if logged || node.is_due(Stream::Telemetry) || node.is_due(Stream::Status) {
+        if logged || Stream::ALL.into_iter().any(|stream| node.is_due(stream)) {
             rtic::pend(Interrupt::EXTI1);
         }
         actuators
@@ -207,14 +207,18 @@ mod app {
                 rtic::pend(Interrupt::USART1);
             }
         }
-        let (tick, telemetry, status_due, index) = cx.shared.node.lock(|node| {
+        let (tick, telemetry, tips, status_due, index) = cx.shared.node.lock(|node| {
             let telemetry = node.is_due(Stream::Telemetry).then(|| node.telemetry());
-            (node.last_tick(), telemetry, node.is_due(Stream::Status), node.records())
+            let tips = node.is_due(Stream::Tips).then(|| node.tips());
+            (node.last_tick(), telemetry, tips, node.is_due(Stream::Status), node.records())
         });
         send_ticks(link, ticks, index);
         if cx.local.told.replace(tick) != Some(tick) {
             if let Some(telemetry) = telemetry {
                 link.send(&FromBoard::Telemetry(telemetry));
+            }
+            if let Some(tips) = tips {
+                link.send(&FromBoard::Tips(tips));
             }
             if status_due {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);

@@ -64,6 +64,9 @@ impl VirtualBoard {
         if self.node.is_due(Stream::Telemetry) {
             send(&FromBoard::Telemetry(self.node.telemetry()), out);
         }
+        if self.node.is_due(Stream::Tips) {
+            send(&FromBoard::Tips(self.node.tips()), out);
+        }
         if self.node.is_due(Stream::Status) {
             send(&FromBoard::Status(self.node.status(&self.status)), out);
         }

@@ -124,9 +124,9 @@ def board_status(clock, reset, words, stack_used, stack_size, supervisor, plant)
 QUIET_BOARD = board_status(0, 0, "", 0, 0, NO_STATISTICS, NO_STATISTICS)
 
 
-def sensors(number, flags, supply, encoders, currents):
+def sensors(number, flags, supply, encoders, currents, forces=()):
     return (uint(number) + byte(flags) + uint(supply) + sequence(map(sint, encoders))
-            + sequence(map(sint, currents)))
+            + sequence(map(sint, currents)) + sequence(b"".join(map(sint, six)) for six in forces))
 
 
 def actuators(number, enabled, torques):
@@ -158,7 +158,7 @@ def model(reaction):
         + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
         + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
     )
-    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0])
+    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + option(None)
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
     return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
 
@@ -237,6 +237,8 @@ def requests():
         "set-rate-telemetry": uint(12) + uint(0) + uint(1),
         "set-rate-status": uint(12) + uint(1) + uint(100),
         "set-rate-log": uint(12) + uint(2) + uint(65535),
+        "set-rate-tips": uint(12) + uint(3) + uint(2),
+        "tare": uint(17),
         "take-command": uint(13) + boolean(False),
         "take-command-by-force": uint(13) + boolean(True),
         "release-command": uint(14),
@@ -255,7 +257,8 @@ rotor-inertia torque-constant current-limit current-resolution motor-bandwidth m
 counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque-rate limit-following-error
 filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
 damping supply-min supply-max rest-error
-chain-name tip-translation tip-rotation""".split()
+chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
+tip-center-of-mass""".split()
 
 
 def refusals():
@@ -299,6 +302,7 @@ def refusals():
         "singular": uint(23) + byte(0),
         "too-much-acceleration": uint(24) + byte(3) + reals([9000.0, 2857.0]),
         "tip-not-finite": uint(25) + byte(2),
+        "no-force-sensor": uint(26),
     }
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
@@ -328,8 +332,8 @@ def from_board():
     golden("board-faults-none", reply(9, 1234, uint(4) + uint(0) + sequence([])))
     first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause) for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
-    second = [fault(cause, None, 2.0, 0.0, 0) for cause in (16, 17)]
-    golden("board-faults-16-to-17", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in (16, 17, 18, 19, 20)]
+    golden("board-faults-16-to-20", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469)))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
     golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
@@ -337,6 +341,9 @@ def from_board():
     golden("board-telemetry-pid", uint(1) + telemetry(1234, ARMED_PID, 0, [[0.5, -0.25, 0.5625, 0.03125],
                                                                           [-0.5, 0.25, -0.5625, -0.03125]]))
     golden("board-telemetry-16", uint(1) + telemetry(4294967295, FAULT, 4294967295, [[LOWEST] * 4] * 16))
+    tip = reals([0.1, -0.04, 0.0625, 1.5, 0.0, -0.5, 0.0, 0.015625, 0.0]) + boolean(True)
+    golden("board-tips", uint(4) + uint(1234) + sequence([tip, reals([0.0] * 9) + boolean(False)]))
+    golden("board-tips-6", uint(4) + uint(4294967295) + sequence([reals([LOWEST] * 9) + boolean(True)] * 6))
     golden("board-stream-status", uint(2) + statuses["fault"])
     for number, (name, record) in enumerate(RECORDS.items()):
         golden("board-log-" + name, uint(3) + uint(2468 + number) + record)
@@ -357,7 +364,8 @@ def plant_link():
     golden("sensors", sensors(1234, 0, 24000, [100, -100, 0], [5, -5, 0]))
     golden("sensors-none", sensors(0, 0, 0, [], []))
     golden("sensors-emergency-stop", sensors(300, 1, 65535, [-2147483648, 2147483647], [-32768, 32767]))
-    golden("sensors-16", sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16))
+    golden("sensors-16", sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16, [[-2147483648] * 6] * 6))
+    golden("sensors-forces", sensors(1234, 0, 24000, [100], [5], [[1000, -1000, 0, 7, -7, 63], [0, 0, 0, 0, 0, 1]]))
     golden("actuators-off", actuators(1234, False, [0.0, 0.0, 0.0]))
     golden("actuators-on", actuators(300, True, [0.0, -0.25, 0.5]))
     golden("actuators-none", actuators(0, False, []))

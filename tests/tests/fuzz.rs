@@ -246,6 +246,7 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
             supply: 24_000,
             encoders: model.joints.iter().map(|_| 0).collect(),
             currents: model.joints.iter().map(|_| 0).collect(),
+            forces: heapless::Vec::new(),
         };
         let mut last: Vec<f32> = vec![0.0; model.joints.len()];
         let mut records = Vec::new();

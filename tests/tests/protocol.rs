@@ -19,7 +19,7 @@ use tesaki::protocol::{
     ActuatorFrame, BoardStatus, ClockSource, Fault, FaultCause, FaultLog, FromBoard, Identity, Item,
     JointTelemetry, LinkStatistics, LogEntry, LogRecord, LogStart, Mode, NodeStatus, Refusal, Reply,
     ReplyFrame, Request, RequestFrame, ResetCause, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Status,
-    Stream, Task, Telemetry,
+    Stream, Task, Telemetry, TipTelemetry, Tips,
 };
 
 const GOLDEN: &str = include_str!("../oracles/data/protocol_frames.in");
@@ -135,19 +135,19 @@ macro_rules! variants {
 variants! {
     Request {
         Hello, ModelBegin, ModelChunk, ModelCommit, Home, Arm, Disarm, SetPoint, Stop, ReadStatus, ReadFaults,
-        ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport,
+        ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport, Tare,
     }
-    Stream { Telemetry, Status, Log }
+    Stream { Telemetry, Status, Log, Tips }
     Item { Model, State }
     Task { JointServo }
     ServoMode { Pid, Observer }
     SetPoint { Goal, Stream, Reach }
-    FromBoard { Reply, Telemetry, Status, Log }
+    FromBoard { Reply, Telemetry, Status, Log, Tips }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk }
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
-        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite,
+        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -155,14 +155,15 @@ variants! {
         Viscous, CountsPerTurn, LimitLower, LimitUpper, LimitVelocity, LimitTorque, LimitTorqueRate,
         LimitFollowingError, FilterTime, Proportional, Integral, Derivative, Cutoff, ServoInertia, Bandwidth,
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
-        ChainName, TipTranslation, TipRotation,
+        ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
+        TipMass, TipCenterOfMass,
     }
     Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique }
     Mode { Disarmed, Armed, Fault }
     FaultCause {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
-        HardFault, ClockFallback, Stop,
+        HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }
@@ -248,6 +249,7 @@ impl Seen {
             FromBoard::Telemetry(telemetry) => self.mode(telemetry.mode),
             FromBoard::Status(status) => self.status(status),
             FromBoard::Log(entry) => self.record(&entry.record),
+            FromBoard::Tips(_) => {}
         }
     }
 
@@ -306,6 +308,7 @@ fn finger(reaction: Reaction) -> RobotModel {
         name: "finger_tip".try_into().unwrap(),
         joints: 1,
         tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
+        force_sensor: None,
     };
     RobotModel {
         name: "finger".try_into().unwrap(),
@@ -380,6 +383,8 @@ impl Messages {
         self.request("set-rate-telemetry", Request::SetRate { stream: Stream::Telemetry, every: 1 });
         self.request("set-rate-status", Request::SetRate { stream: Stream::Status, every: 100 });
         self.request("set-rate-log", Request::SetRate { stream: Stream::Log, every: 65535 });
+        self.request("set-rate-tips", Request::SetRate { stream: Stream::Tips, every: 2 });
+        self.request("tare", Request::Tare);
         self.request("take-command", Request::TakeCommand { by_force: false });
         self.request("take-command-by-force", Request::TakeCommand { by_force: true });
         self.request("release-command", Request::ReleaseCommand);
@@ -443,6 +448,7 @@ impl Messages {
         let acceleration = Refusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 };
         self.refused("too-much-acceleration", acceleration);
         self.refused("tip-not-finite", Refusal::TipNotFinite { chain: 2 });
+        self.refused("no-force-sensor", Refusal::NoForceSensor);
         for (field, name) in FIELDS {
             let error = ModelError { joint: Some(7), field, value: 0.5, problem: Problem::NotFinite };
             self.refused(&format!("field-{name}"), Refusal::Model(error));
@@ -473,7 +479,7 @@ impl Messages {
             limit: 0.0,
             tick: 0,
         });
-        self.reply("faults-16-to-17", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
+        self.reply("faults-16-to-20", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
         self.reply("exported", Reply::Exported { length: 220, checksum: 0xdead_beef, index: 2469 });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });
         self.reply("chunk-long", Reply::Chunk { offset: 0, data: list(0..192) });
@@ -491,6 +497,18 @@ impl Messages {
         telemetry("telemetry-pid", 1234, Mode::Armed(PID), 0, &two);
         telemetry("telemetry-16", u32::MAX, Mode::Fault, u32::MAX, &[[f32::MIN; 4]; 16]);
         telemetry("session-telemetry", 3, Mode::Armed(OBSERVER), 0, &[[0.0; 4]]);
+        let tip = TipTelemetry {
+            position: [0.1, -0.04, 0.0625],
+            force: [1.5, 0.0, -0.5],
+            torque: [0.0, 0.015_625, 0.0],
+            tared: true,
+        };
+        let mut tips = |name: &str, tick, tips| {
+            self.add(format!("board-{name}"), Message::Board(FromBoard::Tips(Tips { tick, tips })));
+        };
+        tips("tips", 1234, list([tip, TipTelemetry::default()]));
+        let [position, force, torque] = [[f32::MIN; 3]; 3];
+        tips("tips-6", u32::MAX, list([TipTelemetry { position, force, torque, tared: true }; 6]));
         let status = statuses().remove("fault").unwrap();
         self.add("board-stream-status", Message::Board(FromBoard::Status(status)));
         for (index, (name, record)) in (2468..).zip(records()) {
@@ -508,7 +526,10 @@ impl Messages {
         sensors("-none", SensorFrame::default());
         let ends = sensor_frame(300, 1, u16::MAX, &[i32::MIN, i32::MAX], &[i16::MIN, i16::MAX]);
         sensors("-emergency-stop", ends);
-        sensors("-16", sensor_frame(u32::MAX, 255, u16::MAX, &[i32::MIN; 16], &[i16::MIN; 16]));
+        let full = sensor_frame(u32::MAX, 255, u16::MAX, &[i32::MIN; 16], &[i16::MIN; 16]);
+        sensors("-16", SensorFrame { forces: list([[i32::MIN; 6]; 6]), ..full });
+        let forces = list([[1000, -1000, 0, 7, -7, 63], [0, 0, 0, 0, 0, 1]]);
+        sensors("-forces", SensorFrame { forces, ..sensor_frame(1234, 0, 24000, &[100], &[5]) });
         for tick in 1..=3 {
             sensors(&format!("-session-{tick}"), sensor_frame(tick, 0, 24000, &[1000], &[0]));
         }
@@ -615,6 +636,12 @@ const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::ChainName, "chain-name"),
     (Field::TipTranslation, "tip-translation"),
     (Field::TipRotation, "tip-rotation"),
+    (Field::ForceResolution, "force-resolution"),
+    (Field::TorqueResolution, "torque-resolution"),
+    (Field::Saturation, "saturation"),
+    (Field::ForceLimit, "force-limit"),
+    (Field::TipMass, "tip-mass"),
+    (Field::TipCenterOfMass, "tip-center-of-mass"),
 ];
 
 const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
@@ -636,6 +663,9 @@ const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::HardFault,
     FaultCause::ClockFallback,
     FaultCause::Stop,
+    FaultCause::ForceSaturated,
+    FaultCause::ForceStuck,
+    FaultCause::ForceLimit,
 ];
 
 fn quiet_board() -> BoardStatus {
@@ -699,7 +729,7 @@ fn statuses() -> BTreeMap<&'static str, Status> {
 
 fn sensor_frame(sequence: u32, flags: u8, supply: u16, encoders: &[i32], currents: &[i16]) -> SensorFrame {
     let (encoders, currents) = (list(encoders.iter().copied()), list(currents.iter().copied()));
-    SensorFrame { sequence, flags: SensorFlags(flags), supply, encoders, currents }
+    SensorFrame { sequence, flags: SensorFlags(flags), supply, encoders, currents, forces: list([]) }
 }
 
 fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {

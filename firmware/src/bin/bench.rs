@@ -262,6 +262,7 @@ fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
         supply: 24_000,
         encoders: [0; 9].into_iter().collect(),
         currents: [0; 9].into_iter().collect(),
+        forces: Vec::new(),
     };
     node.tick(&sensors);
     ask(node, Request::Arm { task: Task::JointServo(mode) });

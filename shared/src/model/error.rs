@@ -65,6 +65,12 @@ pub enum Field {
     ChainName,
     TipTranslation,
     TipRotation,
+    ForceResolution,
+    TorqueResolution,
+    Saturation,
+    ForceLimit,
+    TipMass,
+    TipCenterOfMass,
 }
 
 impl Field {
@@ -112,6 +118,12 @@ impl Field {
             Self::ChainName => "name of the tip",
             Self::TipTranslation => "tip xyz",
             Self::TipRotation => "tip rpy",
+            Self::ForceResolution => "force_sensor.force_resolution",
+            Self::TorqueResolution => "force_sensor.torque_resolution",
+            Self::Saturation => "force_sensor.saturation",
+            Self::ForceLimit => "force_sensor.force_limit",
+            Self::TipMass => "mass of the tip",
+            Self::TipCenterOfMass => "centre of mass of the tip",
         }
     }
 }

@@ -53,6 +53,26 @@ pub struct ChainModel {
     pub joints: u8,
     /// The tip's frame in the frame of the last joint.
     pub tip: Pose,
+    /// The force sensor that carries the tip, if there is one.
+    pub force_sensor: Option<ForceSensor>,
+}
+
+/// A six-axis force sensor between the last link and the tip, which measures what acts on the tip at the origin of the
+/// tip's frame, along that frame's axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct ForceSensor {
+    /// Force for one count [N].
+    pub force_resolution: f32,
+    /// Torque for one count [N·m].
+    pub torque_resolution: f32,
+    /// A count of this size is the end of the sensor's range.
+    pub saturation: u32,
+    /// A larger force on the tip is a fault [N].
+    pub force_limit: f32,
+    /// Mass of what the sensor carries [kg].
+    pub mass: f32,
+    /// Its centre of mass in the tip's frame [m].
+    pub center_of_mass: [f32; 3],
 }
 
 /// One rotary joint, the link that it moves, and the drive that moves it.

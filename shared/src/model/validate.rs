@@ -1,8 +1,8 @@
 use nalgebra::Matrix3;
 
 use super::{
-    Encoder, Field, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, ModelError, Motor,
-    Problem, RobotModel, Safety, ServoGains,
+    Encoder, Field, ForceSensor, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, ModelError,
+    Motor, Problem, RobotModel, Safety, ServoGains,
 };
 use crate::TICK;
 use crate::math::{self, abs};
@@ -41,6 +41,9 @@ impl RobotModel {
             let last = Check { joint: Some(end as u8 - 1) };
             last.all_finite(Field::TipTranslation, &chain.tip.translation)?;
             last.unit(Field::TipRotation, &chain.tip.rotation)?;
+            if let Some(sensor) = &chain.force_sensor {
+                sensor.validate(last)?;
+            }
             let others = self.chains.iter().take(index);
             if chain.name.is_empty() || others.into_iter().any(|other| other.name == chain.name) {
                 #[expect(clippy::cast_precision_loss, reason = "at most 6")]
@@ -94,6 +97,18 @@ impl Inertial {
             return Err(check.error(Field::Inertia, worst, Problem::NotPhysical));
         }
         Ok(())
+    }
+}
+
+impl ForceSensor {
+    fn validate(&self, check: Check) -> Result<(), ModelError> {
+        check.above(Field::ForceResolution, self.force_resolution, 0.0)?;
+        check.above(Field::TorqueResolution, self.torque_resolution, 0.0)?;
+        #[expect(clippy::cast_precision_loss, reason = "a figure for people")]
+        check.above(Field::Saturation, self.saturation as f32, 0.0)?;
+        check.above(Field::ForceLimit, self.force_limit, 0.0)?;
+        check.at_least(Field::TipMass, self.mass, 0.0)?;
+        check.all_finite(Field::TipCenterOfMass, &self.center_of_mass)
     }
 }
 

@@ -1,11 +1,12 @@
 use heapless::Vec;
 
 use super::lease::Admitted;
+use super::tip::TipState;
 use super::transfer::Committed;
 use super::{Node, Robot};
 use crate::control::JointPoint;
 use crate::kinematics::{FingerError, TipPoint};
-use crate::model::{MAX_JOINTS, Reaction};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
     RequestFrame, SCHEMA_KEY, SetPoint, Status, Task,
@@ -62,7 +63,8 @@ impl Node {
             | Request::Arm { .. }
             | Request::SetPoint(_)
             | Request::ClearFaults { .. }
-            | Request::ReleaseCommand => {
+            | Request::ReleaseCommand
+            | Request::Tare => {
                 if let Admitted::Repeated(result) = self.state.lease.admit(client, frame.sequence)? {
                     return result.map(|()| Reply::Done);
                 }
@@ -90,6 +92,7 @@ impl Node {
             Request::Arm { task } => self.arm(*task),
             Request::SetPoint(set_point) => self.set_point(set_point),
             Request::ClearFaults { total } => self.clear_faults(*total),
+            Request::Tare => self.tare(),
             Request::ReleaseCommand => {
                 if let Mode::Armed(_) = self.state.mode {
                     return Err(Refusal::WrongMode(self.state.mode));
@@ -108,6 +111,7 @@ impl Node {
         for (index, (config, state)) in self.robot.joints.iter().zip(&mut self.state.joints).enumerate() {
             *state = state.configured(config, same_encoders >> index & 1 != 0);
         }
+        self.state.tips = [TipState::new(); MAX_CHAINS];
         self.state.alarm = None;
         self.state.sensed = false;
         Ok(())
@@ -119,6 +123,22 @@ impl Node {
         }
         if self.state.mode == Mode::Fault {
             self.state.mode = Mode::Disarmed;
+        }
+        Ok(())
+    }
+
+    fn tare(&mut self) -> Result<(), Refusal> {
+        let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
+        if robot.force_sensors == 0 {
+            return Err(Refusal::NoForceSensor);
+        }
+        if !self.state.sensed {
+            return Err(Refusal::NoSensors);
+        }
+        for (chain, state) in robot.model().chains.iter().zip(&mut self.state.tips) {
+            if chain.force_sensor.is_some() {
+                state.take_tare();
+            }
         }
         Ok(())
     }

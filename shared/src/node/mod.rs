@@ -22,6 +22,7 @@ mod replay;
 mod robot;
 mod state;
 mod tick;
+mod tip;
 mod transfer;
 
 #[cfg(test)]
@@ -40,8 +41,8 @@ pub use state::State;
 
 use heapless::Vec;
 
-use crate::model::{MAX_JOINTS, Reaction};
-use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
+use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry, TipTelemetry, Tips};
 use export::Export;
 use joint::JointState;
 use transfer::Transfer;
@@ -154,6 +155,23 @@ impl Node {
             });
         }
         Telemetry { tick: self.state.tick, mode: self.state.mode, faults: self.state.faults.total, joints }
+    }
+
+    /// The tips after the last tick.
+    pub fn tips(&self) -> Tips {
+        let mut tips = Vec::new();
+        let mut first = 0;
+        for ((chain, _), state) in self.robot.chains.iter().zip(&self.state.tips) {
+            let mut angles = [0.0; MAX_CHAIN_JOINTS];
+            let states = self.state.joints.iter().skip(first).take(chain.len());
+            angles.iter_mut().zip(states).for_each(|(angle, joint)| *angle = joint.position);
+            first += chain.len();
+            let position = chain.posture(&angles).tip().translation.vector.into();
+            let (force, torque, tared) = (state.force, state.torque, state.tared);
+            // Cannot fail: there are no more chains than places.
+            let _ = tips.push(TipTelemetry { position, force, torque, tared });
+        }
+        Tips { tick: self.state.tick, tips }
     }
 
     /// One value for each joint of the robot.

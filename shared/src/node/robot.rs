@@ -15,6 +15,8 @@ pub struct Robot {
     /// With the closed-form inverse of those that have one.
     pub(super) chains: Vec<(Chain, Option<Finger>), MAX_CHAINS>,
     pub(super) joints: Vec<JointConfig, MAX_JOINTS>,
+    /// How many chains have one.
+    pub(super) force_sensors: usize,
 }
 
 impl Robot {
@@ -36,6 +38,7 @@ impl Robot {
         gravity: Vector3::new(0.0, 0.0, 0.0),
         chains: Vec::new(),
         joints: Vec::new(),
+        force_sensors: 0,
     };
 
     /// Becomes the robot of `model`, or stays what it was.
@@ -64,6 +67,7 @@ impl Robot {
             let _ = self.joints.push(JointConfig::new(joint));
         }
         self.gravity = Vector3::from(model.gravity);
+        self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
         self.model.clone_from(model);
         Ok(())
     }

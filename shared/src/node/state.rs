@@ -3,8 +3,9 @@ use serde::{Deserialize, Serialize};
 
 use super::joint::JointState;
 use super::lease::Lease;
+use super::tip::TipState;
 use crate::control::ServoMode;
-use crate::model::{MAX_JOINTS, Reaction};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, Mode, Stream};
 
 /// How many clients, the commander aside, the node remembers to have agreed on the schema.
@@ -34,6 +35,7 @@ pub struct State {
     /// Whether references come point by point instead of through the trajectory filter.
     pub(super) streaming: bool,
     pub(super) joints: [JointState; MAX_JOINTS],
+    pub(super) tips: [TipState; MAX_CHAINS],
     pub(super) faults: FaultLog,
     /// The total of the faults when they were read last.
     pub(super) faults_read: u32,
@@ -59,6 +61,7 @@ impl State {
             silence: 0,
             streaming: false,
             joints: [JointState::new(); MAX_JOINTS],
+            tips: [TipState::new(); MAX_CHAINS],
             faults: FaultLog::new(),
             faults_read: 0,
             rates: [0; Stream::ALL.len()],

@@ -1,4 +1,4 @@
-use super::Node;
+use super::{Node, Robot, State};
 use crate::TICK;
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
@@ -49,10 +49,16 @@ impl Node {
                 return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
             }
         }
+        let (got, expected) = (sensors.forces.len(), robot.force_sensors);
+        if got != expected {
+            #[expect(clippy::cast_precision_loss, reason = "at most 6")]
+            return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
+        }
         let sensed = core::mem::replace(&mut self.state.sensed, true);
         let readings = robot.joints.iter().zip(&mut self.state.joints).zip(&sensors.encoders);
         if !sensed {
             readings.for_each(|((config, state), &count)| state.first_read(config, count));
+            feel(robot, &mut self.state, sensors);
             return None;
         }
         let mut of_joint = None;
@@ -63,6 +69,7 @@ impl Node {
             }
         }
 
+        let of_tip = if expected == 0 { None } else { feel(robot, &mut self.state, sensors) };
         let safety = &robot.model().safety;
         let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
@@ -75,6 +82,9 @@ impl Node {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
         }
         if let Some((index, (cause, value, limit))) = of_joint {
+            return fault(cause, Some(index), value, limit);
+        }
+        if let Some((index, (cause, value, limit))) = of_tip {
             return fault(cause, Some(index), value, limit);
         }
         let elapsed = tick.wrapping_sub(last);
@@ -173,6 +183,31 @@ impl Node {
             tick,
         })
     }
+}
+
+/// Reads the force sensors of the tips; says what is wrong with the first that is wrong: last joint of its chain, cause,
+/// value, limit.
+#[inline(never)]
+fn feel(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Option<(u8, (FaultCause, f32, f32))> {
+    let mut found = None;
+    let (mut first, mut forces) = (0, sensors.forces.iter());
+    let chains = robot.chains.iter().zip(&robot.model().chains).zip(&mut state.tips);
+    for (((chain, _), model), tip) in chains {
+        let start = first;
+        first += chain.len();
+        let Some(sensor) = &model.force_sensor else { continue };
+        let Some(counts) = forces.next() else { break };
+        let mut angles = [0.0; MAX_CHAIN_JOINTS];
+        let joints = state.joints.iter().skip(start).take(chain.len());
+        angles.iter_mut().zip(joints).for_each(|(angle, joint)| *angle = joint.position);
+        let wrong = tip.read(sensor, counts, &chain.posture(&angles), &robot.gravity);
+        if found.is_none() {
+            #[expect(clippy::cast_possible_truncation, reason = "at most 16 joints")]
+            let last = first as u8 - 1;
+            found = wrong.map(|wrong| (last, wrong));
+        }
+    }
+    found
 }
 
 const _: () = assert!(MAX_JOINTS <= u8::MAX as usize);

@@ -1,6 +1,6 @@
 #![expect(
     clippy::cast_possible_truncation,
-    reason = "no model is longer than 4096 bytes, no request longer than 320"
+    reason = "no model is longer than 4096 bytes, no request longer than 336"
 )]
 
 use heapless::Vec;

@@ -10,7 +10,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 /// Longest postcard encoding of a message in bytes.
-pub const MAX_MESSAGE: usize = 320;
+pub const MAX_MESSAGE: usize = 336;
 /// Bytes of the checksum.
 const CHECKSUM: usize = 4;
 /// Longest run of a COBS group: a code byte and 254 others.

@@ -51,6 +51,12 @@ pub enum FaultCause {
     ClockFallback,
     /// 17: the supervisor asked for an immediate stop.
     Stop,
+    /// 18: a force sensor is at the end of its range; the joint is the last of its chain. Value and limit in counts.
+    ForceSaturated,
+    /// 19: no count of a force sensor has changed for so long: it is dead. Value and limit in ticks.
+    ForceStuck,
+    /// 20: the force on a tip is beyond its limit. Value and limit in N.
+    ForceLimit,
 }
 
 impl FaultCause {
@@ -89,6 +95,9 @@ impl FaultCause {
             Self::EncoderStuck | Self::NotFinite => "N·m",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
+            Self::ForceLimit => "N",
+            Self::ForceSaturated => "counts",
+            Self::ForceStuck => "ticks",
             _ => "",
         }
     }
@@ -114,6 +123,9 @@ impl FaultCause {
             Self::HardFault => "a CPU fault reset the board",
             Self::ClockFallback => "the clock fell back to a less exact source",
             Self::Stop => "stopped by the supervisor",
+            Self::ForceSaturated => "the force sensor of its tip is at the end of its range",
+            Self::ForceStuck => "the force sensor of its tip reads the same all the time: dead or unplugged",
+            Self::ForceLimit => "more force on its tip than allowed",
         }
     }
 }

@@ -3,7 +3,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{EXPORT_CHUNK, Identity, RequestFrame};
-use crate::model::MAX_JOINTS;
+use crate::model::{MAX_CHAINS, MAX_JOINTS};
 
 /// What the sensors of all joints read at one instant. Raw counts: SI conversion happens once, in the node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -19,6 +19,9 @@ pub struct SensorFrame {
     pub encoders: Vec<i32, MAX_JOINTS>,
     /// Motor currents in counts of [`crate::model::Motor::current_resolution`], a joint each.
     pub currents: Vec<i16, MAX_JOINTS>,
+    /// Counts of the force sensors, one for each chain that has one: forces along x, y, z of the tip's frame in counts of
+    /// [`crate::model::ForceSensor::force_resolution`], then torques.
+    pub forces: Vec<[i32; 6], MAX_CHAINS>,
 }
 
 /// Bits of [`SensorFrame::flags`].

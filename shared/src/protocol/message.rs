@@ -101,6 +101,8 @@ pub enum Request {
         /// Where the piece begins.
         offset: u32,
     },
+    /// 17: nothing touches the tips: what their force sensors read now is what they read without contact.
+    Tare,
 }
 
 /// What a board sends unasked.
@@ -114,11 +116,13 @@ pub enum Stream {
     /// 2: [`FromBoard::Log`]: everything that goes into the node and comes out of it. Complete whatever the rate is,
     /// unless that is 0.
     Log,
+    /// 3: [`FromBoard::Tips`].
+    Tips,
 }
 
 impl Stream {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Telemetry, Self::Status, Self::Log];
+    pub const ALL: [Self; 4] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips];
 }
 
 /// What can be exported.
@@ -170,6 +174,8 @@ pub enum FromBoard {
     Status(Status),
     /// 3: an entry of the log, likewise.
     Log(LogEntry),
+    /// 4: the tips, likewise.
+    Tips(Tips),
 }
 
 /// An entry of the log of what goes into the node and comes out of it.
@@ -404,6 +410,8 @@ pub enum Refusal {
         /// The chain.
         chain: u8,
     },
+    /// 26: no chain of the robot has a force sensor.
+    NoForceSensor,
 }
 
 impl Refusal {
@@ -510,6 +518,7 @@ impl fmt::Display for Refusal {
                 f,
                 "joint {joint}: {value} rad/s² is more than its torque can do, {limit} rad/s²: a slower trajectory"
             ),
+            Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
             Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite place"),
         }
     }
@@ -665,6 +674,29 @@ pub struct Telemetry {
     pub faults: u32,
     /// One entry for each joint.
     pub joints: Vec<JointTelemetry, MAX_JOINTS>,
+}
+
+/// The tips after a tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Tips {
+    /// The tick.
+    pub tick: u32,
+    /// One entry for each chain.
+    pub tips: Vec<TipTelemetry, MAX_CHAINS>,
+}
+
+/// A tip after a tick, in the base frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TipTelemetry {
+    /// Where it is [m].
+    pub position: [f32; 3],
+    /// Force of the world on it, without the weight of what the sensor carries [N]; 0 without a sensor.
+    pub force: [f32; 3],
+    /// Torque likewise, about the tip [N·m].
+    pub torque: [f32; 3],
+    /// Whether its force sensor was tared.
+    pub tared: bool,
 }
 
 /// A joint after a tick.

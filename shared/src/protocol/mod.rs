@@ -18,7 +18,7 @@ pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use message::{
     BoardStatus, ClockSource, EXPORT_CHUNK, FromBoard, Identity, Item, JointTelemetry, LinkStatistics,
     LogEntry, MODEL_CHUNK, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, ResetCause,
-    SetPoint, Status, Stream, Task, Telemetry,
+    SetPoint, Status, Stream, Task, Telemetry, TipTelemetry, Tips,
 };
 
 /// Ticks of silence after which a commander that has armed nothing can be replaced: 1 s.

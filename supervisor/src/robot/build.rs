@@ -2,7 +2,8 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainModel, Field, JointModel, ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
+    ChainModel, Field, ForceSensor, JointModel, ModelError, ObserverGains, PidGains, Pose, RobotModel,
+    ServoGains,
 };
 
 use super::settings::{self, JointSettings, Settings};
@@ -24,6 +25,14 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
             name: chain.tip.as_str().try_into().ok()?,
             joints: u8::try_from(chain.joints.len()).ok()?,
             tip: chain.pose,
+            force_sensor: settings.force_sensor.as_ref().map(|sensor| ForceSensor {
+                force_resolution: sensor.force_resolution,
+                torque_resolution: sensor.torque_resolution,
+                saturation: sensor.saturation,
+                force_limit: sensor.force_limit,
+                mass: chain.mass,
+                center_of_mass: chain.center_of_mass,
+            }),
         };
         model.chains.push(tip).ok()?;
         let first = model.joints.len();
@@ -46,7 +55,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         alone.joints.clear();
         alone.chains.truncate(1);
         let Some(chain) = alone.chains.first_mut() else { return };
-        (chain.joints, chain.tip) = (1, Pose::IDENTITY);
+        (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
         let _ = alone.joints.push(joint.clone());
         match alone.validate() {
             Err(error) if error.joint.is_some() => found.push((Some(joint), error)),
@@ -89,6 +98,7 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
             "mend the <origin> of the joint"
         }
         Field::Axis => "mend its <axis>",
+        Field::TipMass | Field::TipCenterOfMass => "mend <inertial> of the tip",
         Field::Mass | Field::CenterOfMass | Field::Inertia => "mend <inertial> of the links behind it",
         Field::Coulomb => "mend <dynamics friction=\"…\"/> (N·m)",
         Field::Viscous => "mend <dynamics damping=\"…\"/> (N·m·s/rad)",

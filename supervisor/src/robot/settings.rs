@@ -17,8 +17,24 @@ pub struct Settings {
     pub gravity: [f32; 3],
     /// What is watched, and the reaction.
     pub safety: Safety,
+    /// The force sensors of the tips, all alike; `None` when they have none.
+    pub force_sensor: Option<ForceSensorSettings>,
     /// By joint name.
     pub joints: BTreeMap<String, JointSettings>,
+}
+
+/// See [`tesaki::model::ForceSensor`].
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceSensorSettings {
+    /// Force for one count [N].
+    pub force_resolution: f32,
+    /// Torque for one count [N·m].
+    pub torque_resolution: f32,
+    /// Count at the end of the range.
+    pub saturation: u32,
+    /// Largest force on a tip [N].
+    pub force_limit: f32,
 }
 
 /// The settings of one joint.
@@ -75,6 +91,7 @@ pub struct ObserverSettings {
 struct File {
     gravity: [f32; 3],
     safety: SafetySettings,
+    force_sensor: Option<ForceSensorSettings>,
     // Known here, put together by `joints`.
     #[serde(default, rename = "joint")]
     _joint: Table,
@@ -125,7 +142,12 @@ impl Settings {
         let table = toml::from_str::<Table>(text).ok()?;
         let joints = joints(&table, text, names, report);
         let file = file.ok().filter(|_| report.findings.len() == before)?;
-        Some(Self { gravity: file.gravity, safety: file.safety.into(), joints })
+        Some(Self {
+            gravity: file.gravity,
+            safety: file.safety.into(),
+            force_sensor: file.force_sensor,
+            joints,
+        })
     }
 }
 

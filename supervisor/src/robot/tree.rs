@@ -27,6 +27,9 @@ pub struct SerialChain {
     pub tip: String,
     /// Its frame in the last joint's.
     pub pose: Pose,
+    /// Its own mass [kg] and centre of mass in its frame [m]: what a force sensor behind it carries.
+    pub mass: f32,
+    pub center_of_mass: [f32; 3],
 }
 
 /// The chains that leave the base, each from base to tip, in the order of the file. What no controller can drive is
@@ -66,7 +69,16 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
         let advice = "give the links behind it <inertial>: gravity and inertia are fed forward from it";
         report.warning(urdf.line_of_joint(&joint.name), message, advice);
     }
-    SerialChain { joints, tip: tip.to_owned(), pose: pose(&place) }
+    let link = urdf.robot.links.iter().find(|link| link.name == tip);
+    let (mass, center) =
+        link.map_or((0.0, [0.0; 3]), |link| (link.inertial.mass.value, link.inertial.origin.xyz.0));
+    SerialChain {
+        joints,
+        tip: tip.to_owned(),
+        pose: pose(&place),
+        mass: narrow(mass),
+        center_of_mass: center.map(narrow),
+    }
 }
 
 /// Reports a joint that has no rotary motor with limits.
