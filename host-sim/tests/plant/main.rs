@@ -7,8 +7,11 @@
 )]
 #![allow(clippy::manual_range_contains, reason = "reads as on paper")]
 
+mod contact;
 mod errors;
 mod friction;
+mod grip;
 mod hand;
 mod motion;
+mod pinch;
 mod sensors;
