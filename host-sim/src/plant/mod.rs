@@ -27,6 +27,7 @@
 mod drive;
 mod error;
 mod factors;
+mod force;
 mod grasp;
 mod inner_loop;
 mod object;
@@ -41,6 +42,7 @@ mod world;
 
 pub use error::PlantError;
 pub use factors::JointFactors;
+pub use force::ForceSensorValues;
 pub use object::{ObjectValues, Shape, Support};
 pub use push::{Load, Push};
 pub use truth::{ContactTruth, ObjectTruth, Truth};
@@ -49,6 +51,7 @@ pub use values::{
 };
 
 use drive::DriveState;
+use force::ForceSensors;
 use random::{Purpose, Random};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
@@ -66,6 +69,7 @@ pub struct Plant {
     /// For each joint of the world, its drive.
     drive_of: Vec<usize>,
     factors: Vec<JointFactors>,
+    forces: ForceSensors,
     values: PlantValues,
     random: Random,
     ideal_sensors: bool,
@@ -128,13 +132,20 @@ impl Plant {
             object.validate()?;
         }
         let object = options.object.as_ref().map(|object| (object, friction(object, options)));
-        world.insert_object(tips::tips(urdf, &bodies), object);
+        let mut tips = tips::tips(urdf, &bodies);
+        for tip in &mut tips {
+            tip.mass *= of_body(tip.body).mass;
+            tip.inertia *= of_body(tip.body).inertia;
+        }
+        world.insert_object(tips, object);
+        let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
         let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
         Ok(Self {
             world,
             drives,
             drive_of,
             factors,
+            forces,
             values: values.clone(),
             random: Random::new(options.seed, Purpose::Noise),
             ideal_sensors: options.ideal_sensors,
@@ -162,6 +173,15 @@ impl Plant {
             let _ = frame.currents.push(drive.current_count(half, noise(current)));
         }
         frame
+    }
+
+    /// What the force sensors read now, a fingertip each: forces and torques along x, y and z of the frame of its link, in
+    /// the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws noise twice.
+    ///
+    /// They feel what acts on the fingertip, at the origin of that frame, as a mean over the last control period:
+    /// contact, and the weight and inertia of the fingertip itself.
+    pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
+        self.forces.counts()
     }
 
     /// Advances by one control period, in which `frame` reaches the drives.
@@ -194,7 +214,9 @@ impl Plant {
             }
             let torque_of = |&drive: &usize| torques.get(drive).copied().unwrap_or(0.0);
             self.world.step(self.drive_of.iter().map(torque_of));
+            self.forces.add(&self.world);
         }
+        self.forces.finish(&self.world, CONTROL_PERIOD);
         Ok(())
     }
 

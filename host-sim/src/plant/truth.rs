@@ -113,4 +113,9 @@ impl Plant {
         };
         self.world.tips().iter().zip(touches).map(truth).collect()
     }
+
+    /// What the force sensors would read without any error, a fingertip each: forces [N] and torques [N·m].
+    pub fn tip_wrenches(&self) -> Vec<[f64; 6]> {
+        self.forces.wrenches()
+    }
 }

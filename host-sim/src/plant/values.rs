@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use tesaki::model::{Encoder, JointModel, Motor};
 
-use super::{CONTROL_PERIOD, ObjectValues, PlantError};
+use super::{CONTROL_PERIOD, ForceSensorValues, ObjectValues, PlantError};
 
 /// The simulated machine as data, a robot's `plant.toml`: what neither its URDF nor its controller knows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -23,6 +23,9 @@ pub struct PlantValues {
     pub supply: Supply,
     /// The physics.
     pub integration: Integration,
+    /// The force sensors of the fingertips, if there are any.
+    #[serde(default)]
+    pub force_sensor: Option<ForceSensorValues>,
     /// Where joints stand at the start, by name [rad]; 0 for a joint that is not named.
     #[serde(default)]
     pub posture: BTreeMap<String, f64>,
@@ -127,6 +130,9 @@ impl PlantValues {
             if !(value.is_finite() && value >= 0.0) {
                 return error(field, value, "at least 0");
             }
+        }
+        if let Some(sensor) = &self.force_sensor {
+            sensor.validate()?;
         }
         let bandwidth = self.inner_loop.bandwidth;
         if !(bandwidth.is_finite() && bandwidth > 0.0) {

@@ -182,10 +182,21 @@ impl World {
         self.grasp = Some(grasp);
     }
 
+    /// Acceleration of gravity in the frame of the base [m/s²].
+    pub fn gravity(&self) -> Vector3<f64> {
+        wide(self.gravity)
+    }
+
+    /// Frame of a tip's link in that of the base.
+    pub fn tip_frame(&self, tip: usize) -> Option<Isometry3<f64>> {
+        let tip = self.tips.get(tip)?;
+        Some(self.body(tip.body)? * tip.frame)
+    }
+
     /// Radius of a tip, its middle and the motion of that.
     fn tip_motion(&self, tip: usize) -> Option<(f64, Vector3<f64>, Motion)> {
-        let tip = self.tips.get(tip)?;
-        let center = (self.body(tip.body)? * tip.frame * Point3::from(tip.center)).coords;
+        let (frame, tip) = (self.tip_frame(tip)?, self.tips.get(tip)?);
+        let center = (frame * Point3::from(tip.center)).coords;
         Some((tip.radius, center, self.motion_at(tip.body, &center)))
     }
 

@@ -78,7 +78,15 @@ pub struct Grip {
 impl Grip {
     /// With joint friction [N·m] and the given time step [s].
     pub fn new(friction: f64, coulomb: f64, step: f64) -> Self {
-        let mut hand = Hand::exact().coulomb(coulomb);
+        Self::build(friction, Hand::exact().coulomb(coulomb), step)
+    }
+
+    /// Without dry friction in the joints; viscous friction in [N·m·s/rad].
+    pub fn viscous(friction: f64, viscous: f64, step: f64) -> Self {
+        Self::build(friction, Hand::exact().coulomb(0.0).viscous(viscous), step)
+    }
+
+    fn build(friction: f64, mut hand: Hand, step: f64) -> Self {
         let posture = [0, 1, 2].map(|finger| angles(finger, &touching(finger)));
         hand.options.posture = Some(posture.concat());
         hand.values.integration.step = step;

@@ -36,15 +36,24 @@ pub struct Pinch {
 }
 
 impl Pinch {
+    /// The same, with the middle of the box above the tips [m] and a sub-step [s].
+    pub fn shifted(friction: f64, above: f64, step: f64) -> Self {
+        Self::build(friction, 9.81, above, step)
+    }
+
     /// Box between the tips `ARM` below the hinges, gravity along −z [m/s²].
     pub fn new(friction: f64, gravity: f64) -> Self {
+        Self::build(friction, gravity, 0.0, 0.001)
+    }
+
+    fn build(friction: f64, gravity: f64, above: f64, step: f64) -> Self {
         let object = ObjectValues {
             shape: Shape::Box,
             size: SIZE,
             mass: MASS,
             friction,
             friction_spread: 0.0,
-            position: [0.0, 0.0, -ARM],
+            position: [0.0, 0.0, above - ARM],
             orientation: [0.0, 0.0, 0.0, 1.0],
             support: None,
         };
@@ -55,6 +64,7 @@ impl Pinch {
             .map(|(joint, drive)| Drive { joint: joint.to_owned(), ..drive })
             .collect();
         values.gravity = [0.0, 0.0, -gravity];
+        values.integration.step = step;
         values.posture.clear();
         let options = PlantOptions { held_at_start: false, object: Some(object), ..PlantOptions::exact() };
         Self { plant: Plant::new(&urdf(), &drives, &values, &options).unwrap() }
