@@ -3,7 +3,7 @@
 use rapier3d::dynamics::{CoefficientCombineRule, IntegrationParameters, RigidBodyBuilder, RigidBodyHandle};
 use rapier3d::dynamics::{FrictionModel, SpringCoefficients};
 use rapier3d::geometry::{
-    Collider, ColliderBuilder, ColliderHandle, ContactPair, Group, InteractionGroups, InteractionTestMode,
+    Collider, ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode,
 };
 use rapier3d::math::Vector;
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -13,13 +13,12 @@ use super::object::{ObjectValues, Shape};
 use super::push::Disturbances;
 use super::stick::Creep;
 use super::tips::Tip;
+use super::touch::{Contact, Touch, contact};
 use super::world::{narrow, pose, wide};
 
 /// Sweeps over the constraints in a sub-step: more than a free hand needs, since what squeezes an object is coupled
 /// through it.
 const SWEEPS: usize = 16;
-/// A contact slides when its friction is at least this share of what it can be.
-const SLIDING: f64 = 0.999;
 /// Spring of a contact, on the masses that it parts: natural frequency [Hz] and damping ratio.
 const SOFTNESS: (f32, f32) = (1000.0, 1.0);
 
@@ -42,28 +41,6 @@ pub struct Grasp {
     /// Coefficient of friction of every contact of the object.
     pub friction: f64,
     pub disturbances: Disturbances,
-}
-
-/// A fingertip and its contact with the object, as of the last sub-step.
-#[derive(Clone, Debug)]
-pub struct Touch {
-    collider: ColliderHandle,
-    /// On the object, in the frame of the base [N].
-    pub force: Vector3<f64>,
-    /// Where it acts, in the frame of the base [m]; the middle of the tip without contact.
-    pub point: Vector3<f64>,
-    /// Out of the object, in the frame of the base; 0 without contact.
-    pub normal: Vector3<f64>,
-    /// How deep the tip is in the object [m].
-    pub depth: f64,
-    /// Of the tip along the object's surface, in the frame of the object [m/s].
-    pub slip_velocity: Vector3<f64>,
-    /// Its integral while the tip touched [m].
-    pub slip: Vector3<f64>,
-    /// Integral of its size while the contact slid [m].
-    pub slip_path: f64,
-    /// `slip` when the contact last slid: all since then is creep.
-    stuck_at: Vector3<f64>,
 }
 
 /// What contacts at the scale of grams and centimetres need of rapier.
@@ -92,8 +69,12 @@ impl Grasp {
         links: &[RigidBodyHandle],
     ) -> Self {
         let place = isometry(values.position, values.orientation);
-        let object = physics.insert_body(RigidBodyBuilder::dynamic().pose(pose(&place)).can_sleep(false));
-        let body = solid(values).mass(narrow(values.mass)).collision_groups(groups(true));
+        let disturbances = Disturbances::new(values);
+        // Not of rapier's own making: its principal axes of a convex hull can be wrong.
+        let mass = disturbances.mass_properties(0.0);
+        let body = RigidBodyBuilder::dynamic().pose(pose(&place)).additional_mass_properties(mass);
+        let object = physics.insert_body(body.can_sleep(false));
+        let body = solid(values).density(0.0).collision_groups(groups(true));
         let collider = physics.insert_collider(rubbing(body, friction), Some(object));
         let support = values.support.map(|support| {
             let place = isometry(support.position, support.orientation);
@@ -108,15 +89,7 @@ impl Grasp {
             let ball = rubbing(ball.collision_groups(groups(false)), friction);
             touches.push(Touch::new(physics.insert_collider(ball, Some(link))));
         }
-        Self {
-            object,
-            collider,
-            support,
-            stuck_at: place,
-            touches,
-            friction,
-            disturbances: Disturbances::default(),
-        }
+        Self { object, collider, support, stuck_at: place, touches, friction, disturbances }
     }
 
     /// Lets pushes and weights act in the sub-step around `time`, with a share of each force.
@@ -144,10 +117,9 @@ impl Grasp {
             let contact = pair.map(|pair| contact(pair, self.collider, step)).unwrap_or_default();
             let point = center - contact.normal * *radius;
             let object = self.motion_at(physics, &point);
-            let slip = tip.linear + tip.angular.cross(&(point - center)) - object.linear;
-            let slip = turn.inverse() * (slip - contact.normal * contact.normal.dot(&slip));
+            let motion = tip.linear + tip.angular.cross(&(point - center)) - object.linear;
             if let Some(touch) = self.touches.get_mut(index) {
-                touch.update(&contact, point, slip, step, contact.slides(self.friction));
+                touch.update(&contact, point, &motion, &turn, (self.friction, step));
             }
         }
         if self.support_contact(physics, step).is_none_or(|contact| contact.slides(self.friction)) {
@@ -155,10 +127,10 @@ impl Grasp {
         }
     }
 
-    /// What the contacts have crept since they last slid.
+    /// What the contacts have crept since they last slid, for rapier to take back.
     pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
         let pose = self.pose(physics);
-        let tip = |touch: &Touch| (touch.collider, pose.rotation * (touch.slip - touch.stuck_at));
+        let tip = |touch: &Touch| (touch.collider, pose.rotation * touch.correction(step));
         Creep {
             tips: self.touches.iter().map(tip).collect(),
             support: self.support.map(|support| (support, pose * self.stuck_at.inverse())),
@@ -182,6 +154,11 @@ impl Grasp {
         Motion { linear: linear + angular.cross(&arm), angular }
     }
 
+    /// Begins new means of the forces.
+    pub fn begin_means(&mut self) {
+        self.touches.iter_mut().for_each(Touch::begin_mean);
+    }
+
     /// A tip each.
     pub fn touches(&self) -> &[Touch] {
         &self.touches
@@ -196,78 +173,6 @@ impl Grasp {
         let pair = physics.contact_pair(self.support?, self.collider)?;
         Some(contact(pair, self.collider, step))
     }
-}
-
-impl Touch {
-    fn new(collider: ColliderHandle) -> Self {
-        let zero = Vector3::zeros();
-        Self {
-            collider,
-            force: zero,
-            point: zero,
-            normal: zero,
-            depth: 0.0,
-            slip_velocity: zero,
-            slip: zero,
-            slip_path: 0.0,
-            stuck_at: zero,
-        }
-    }
-
-    fn update(
-        &mut self,
-        contact: &Contact,
-        point: Vector3<f64>,
-        slip: Vector3<f64>,
-        step: f64,
-        slides: bool,
-    ) {
-        let touches = contact.force != Vector3::zeros();
-        self.force = contact.force;
-        self.point = point;
-        self.normal = contact.normal;
-        self.depth = contact.depth;
-        self.slip_velocity = if touches { slip } else { Vector3::zeros() };
-        self.slip += self.slip_velocity * step;
-        if slides {
-            self.slip_path += self.slip_velocity.norm() * step;
-            self.stuck_at = self.slip;
-        }
-    }
-}
-
-/// What one collider does to another.
-#[derive(Default)]
-struct Contact {
-    force: Vector3<f64>,
-    normal: Vector3<f64>,
-    depth: f64,
-}
-
-impl Contact {
-    /// Whether it slides, or parts.
-    fn slides(&self, friction: f64) -> bool {
-        let normal = self.force.dot(&self.normal);
-        (self.force - self.normal * normal).norm() >= SLIDING * friction * normal.abs()
-    }
-}
-
-/// The forces of a pair on `object` in the last sub-step, which had one solver iteration.
-fn contact(pair: &ContactPair, object: ColliderHandle, step: f64) -> Contact {
-    let side = if pair.collider1 == object { 1.0 } else { -1.0 };
-    let mut contact = Contact::default();
-    for manifold in pair.manifolds() {
-        let normal = wide(manifold.data.normal);
-        let touching = || manifold.points.iter().filter(|point| point.data.impulse > 0.0);
-        let Some(first) = touching().next() else { continue };
-        // A face rubs as a whole, and each of its points is told the whole friction.
-        let friction = wide(first.data.warmstart_tangent_world);
-        let push = touching().map(|point| f64::from(point.data.impulse)).sum::<f64>();
-        contact.force += (friction - normal * push) * (side / step);
-        contact.normal = normal * side;
-        contact.depth = touching().fold(contact.depth, |depth, point| depth.max(-f64::from(point.dist)));
-    }
-    contact
 }
 
 fn solid(values: &ObjectValues) -> ColliderBuilder {

@@ -35,6 +35,7 @@ mod push;
 mod random;
 mod stick;
 mod tips;
+mod touch;
 mod tree;
 mod truth;
 mod values;
@@ -208,6 +209,7 @@ impl Plant {
             return Ok(());
         }
         let mut torques = vec![0.0; expected];
+        self.world.begin_period();
         for _ in 0..self.values.steps() {
             for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
                 *torque = drive.advance(step);

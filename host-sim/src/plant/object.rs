@@ -1,5 +1,6 @@
 //! What the hand may grasp, as data.
 
+use rapier3d::na::{Matrix3, Vector3};
 use serde::Deserialize;
 
 use super::PlantError;
@@ -88,6 +89,29 @@ impl ObjectValues {
     pub const fn on(mut self, support: Support) -> Self {
         self.support = Some(support);
         self
+    }
+
+    /// Centre of mass [m] and inertia about it [kg·m²], in its own frame.
+    pub(super) fn inertia(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        let [x, y, z] = self.size;
+        let (middle, mean) = match self.shape {
+            Shape::Box => (0.0, [x * x / 12.0, y * y / 12.0, z * z / 12.0]),
+            Shape::Cylinder => (0.0, [x * x / 16.0, x * x / 16.0, z * z / 12.0]),
+            Shape::Wedge { top } => {
+                // Simpson's rule over the height; exact for cubic polynomials.
+                let slices = [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)];
+                let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
+                    slices.iter().map(|(up, share)| share * of(*up, x * (1.0 - (1.0 - top) * up))).sum()
+                };
+                let area = sum(&|_, width| width);
+                let up = sum(&|up, width| up * width) / area;
+                let high = sum(&|up, width| up * up * width) / area - up * up;
+                let wide = sum(&|_, width| width * width * width / 12.0) / area;
+                (z * (up - 0.5), [wide, y * y / 12.0, z * z * high])
+            }
+        };
+        let [x, y, z] = mean.map(|square| self.mass * square);
+        (Vector3::new(0.0, 0.0, middle), Matrix3::from_diagonal(&Vector3::new(y + z, x + z, x + y)))
     }
 
     pub(super) fn validate(&self) -> Result<(), PlantError> {

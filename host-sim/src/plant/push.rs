@@ -2,11 +2,11 @@
 
 use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::geometry::ColliderSet;
-use rapier3d::math::Vector;
-use rapier3d::na::Vector3;
+use rapier3d::na::{Matrix3, Vector3};
 
-use super::PlantError;
-use super::world::{narrow, vector, wide};
+use super::tree::point_inertia;
+use super::world::{mass_properties, vector, wide};
+use super::{ObjectValues, PlantError};
 
 /// A force on the object that rises, stays and falls.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +77,7 @@ fn duration(field: &str, value: f64, good: bool) -> Result<(), PlantError> {
 
 /// A weight whose mass changes from one value to another.
 struct Weight {
-    point: Vector,
+    point: Vector3<f64>,
     from: f64,
     to: f64,
     begin: f64,
@@ -91,9 +91,10 @@ impl Weight {
     }
 }
 
-/// All that disturbs an object.
-#[derive(Default)]
+/// The mass of an object with all that disturbs it.
 pub struct Disturbances {
+    /// Of the object alone: mass [kg], centre [m], inertia about that [kg·m²].
+    own: (f64, Vector3<f64>, Matrix3<f64>),
     pushes: Vec<(f64, Push)>,
     weights: Vec<Weight>,
     /// What rapier was last told [kg].
@@ -101,12 +102,17 @@ pub struct Disturbances {
 }
 
 impl Disturbances {
+    pub fn new(object: &ObjectValues) -> Self {
+        let (center, inertia) = object.inertia();
+        Self { own: (object.mass, center, inertia), pushes: Vec::new(), weights: Vec::new(), mass: 0.0 }
+    }
+
     pub fn push(&mut self, push: Push, time: f64) {
         self.pushes.push((time, push));
     }
 
     pub fn load(&mut self, load: Load, time: f64) {
-        let point = vector(&Vector3::from(load.point));
+        let point = Vector3::from(load.point);
         self.weights.push(Weight { point, from: 0.0, to: load.mass, begin: time, ramp: load.ramp });
     }
 
@@ -121,7 +127,7 @@ impl Disturbances {
 
     /// Mass of all weights [kg].
     pub fn mass(&self, time: f64) -> f64 {
-        self.weights.iter().map(|weight| weight.mass(time)).sum()
+        self.weights.iter().fold(0.0, |sum, weight| sum + weight.mass(time))
     }
 
     /// Acts on the object in the sub-step around `time`, with a share of each force.
@@ -142,22 +148,27 @@ impl Disturbances {
 
     /// Gives the object its mass with all weights. No point of it changes its velocity.
     fn weigh(&self, body: &mut RigidBody, colliders: &ColliderSet, time: f64) {
-        let mut sum = MassProperties::default();
-        for weight in &self.weights {
-            let mass = weight.mass(time);
-            if mass > 0.0 {
-                sum += MassProperties::new(weight.point, narrow(mass), Vector::ZERO);
-            }
-        }
         let (before, turn) = (wide(body.center_of_mass()), wide(body.angvel()));
-        body.set_additional_mass_properties(sum, true);
+        body.set_additional_mass_properties(self.mass_properties(time), true);
         body.recompute_mass_properties_from_colliders(colliders);
         let moved = turn.cross(&(wide(body.center_of_mass()) - before));
         body.set_linvel(body.linvel() + vector(&moved), true);
     }
+
+    /// Of the object and all weights.
+    pub fn mass_properties(&self, time: f64) -> MassProperties {
+        let (own, center, inertia) = &self.own;
+        let mut parts = vec![(*own, *center)];
+        parts.extend(self.weights.iter().map(|weight| (weight.mass(time), weight.point)));
+        let mass: f64 = parts.iter().map(|(mass, _)| mass).sum();
+        let common = parts.iter().map(|(mass, place)| place * *mass).sum::<Vector3<f64>>() / mass;
+        let around = parts.iter().map(|(mass, place)| point_inertia(*mass, &(place - common)));
+        mass_properties(mass, &common, inertia + around.sum::<Matrix3<f64>>())
+    }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
 
@@ -175,7 +186,9 @@ mod tests {
 
     #[test]
     fn weights_go_on_and_off() {
-        let mut all = Disturbances::default();
+        let values =
+            ObjectValues::from_toml("shape = 'box'\nsize = [0.1, 0.2, 0.3]\nmass = 0.1\nfriction = 0.5");
+        let mut all = Disturbances::new(&values.unwrap());
         all.load(Load { mass: 0.1, point: [0.0; 3], ramp: 0.3 }, 1.0);
         assert!((all.mass(1.15) - 0.05).abs() < 1e-12);
         all.unload(0.3, 2.0);

@@ -11,11 +11,12 @@ use rapier3d::pipeline::{ContactModificationContext, PhysicsHooks};
 use super::world::{vector, wide};
 
 /// Share of the creep that is taken back in a sub-step.
-const SHARE: f64 = 0.2;
+pub const SHARE: f64 = 0.2;
 
 /// How far the contacts of an object have crept.
 pub struct Creep {
-    /// Collider of each fingertip, and its creep on the object in the frame of the base [m].
+    /// Collider of each fingertip, and the velocity along the object that takes back its creep, in the frame of the base
+    /// [m/s].
     pub tips: Vec<(ColliderHandle, Vector3<f64>)>,
     /// Collider of the support, and the motion by which the object has crept on it.
     pub support: Option<(ColliderHandle, Isometry3<f64>)>,
@@ -24,14 +25,14 @@ pub struct Creep {
 }
 
 impl Creep {
-    /// Creep on the object at a point, of the tip or support that has a collider.
-    fn at(&self, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
-        if let Some((_, creep)) = self.tips.iter().find(|(tip, _)| *tip == other) {
-            return Some(*creep);
+    /// Velocity along the object that takes back the creep of what has a collider, at a point.
+    fn back(&self, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
+        if let Some((_, velocity)) = self.tips.iter().find(|(tip, _)| *tip == other) {
+            return Some(*velocity);
         }
         let (_, motion) = self.support.as_ref().filter(|(support, _)| *support == other)?;
         let point = Point3::from(wide(point));
-        Some(motion.inverse() * point - point)
+        Some((motion.inverse() * point - point) * (SHARE / self.step))
     }
 }
 
@@ -41,9 +42,9 @@ impl PhysicsHooks for Creep {
         let (one, two) = (context.collider1, context.collider2);
         let Some(manifold) = context.rigid_mut() else { return };
         for contact in manifold.solver_contacts.iter_mut() {
-            let creep = self.at(one, contact.anchor1);
-            let creep = creep.or_else(|| self.at(two, contact.anchor2).map(|creep| -creep));
-            contact.tangent_velocity = vector(&(creep.unwrap_or_default() * (SHARE / self.step)));
+            let back = self.back(one, contact.anchor1);
+            let back = back.or_else(|| self.back(two, contact.anchor2).map(|velocity| -velocity));
+            contact.tangent_velocity = vector(&back.unwrap_or_default());
         }
     }
 }

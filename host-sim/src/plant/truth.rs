@@ -36,12 +36,13 @@ pub struct ObjectTruth {
     pub support_force: [f64; 3],
 }
 
-/// A fingertip's contact with the object, as of the last sub-step. In the frame of the base where nothing else is said.
+/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base where nothing else is
+/// said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactTruth {
     /// Link of the fingertip.
     pub link: String,
-    /// Force on the object; 0 without contact [N].
+    /// Force on the object, mean over the last control period [N].
     pub force: [f64; 3],
     /// Where it acts, on the fingertip [m].
     pub point: [f64; 3],
@@ -101,9 +102,9 @@ impl Plant {
     /// A contact for each fingertip, touching or not, in the order of the URDF; none without an object.
     pub fn contacts(&self) -> Vec<ContactTruth> {
         let touches = self.world.grasp().map_or(&[][..], |grasp| grasp.touches());
-        let truth = |(tip, touch): (&super::tips::Tip, &super::grasp::Touch)| ContactTruth {
+        let truth = |(tip, touch): (&super::tips::Tip, &super::touch::Touch)| ContactTruth {
             link: tip.link.clone(),
-            force: touch.force.into(),
+            force: touch.mean_force().into(),
             point: touch.point.into(),
             normal: touch.normal.into(),
             depth: touch.depth,

@@ -230,6 +230,13 @@ impl World {
         &self.tips
     }
 
+    /// Begins a control period: new means of the contacts' forces.
+    pub fn begin_period(&mut self) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.begin_means();
+        }
+    }
+
     /// What disturbs the object.
     pub fn disturbances(&mut self) -> Option<&mut Disturbances> {
         self.grasp.as_mut().map(|grasp| &mut grasp.disturbances)
@@ -291,15 +298,20 @@ fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize
 }
 
 fn mass(body: &Body, factors: &JointFactors) -> MassProperties {
-    let eigen = (body.inertia * factors.inertia).symmetric_eigen();
+    mass_properties(body.mass * factors.mass, &body.center_of_mass, body.inertia * factors.inertia)
+}
+
+/// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
+pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
+    let eigen = inertia.symmetric_eigen();
     let mut axes: Matrix3<f64> = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
         axes.column_mut(0).neg_mut();
     }
     let frame = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
     MassProperties::with_principal_inertia_frame(
-        vector(&body.center_of_mass),
-        narrow(body.mass * factors.mass),
+        vector(center),
+        narrow(mass),
         vector(&eigen.eigenvalues),
         rotation(&frame),
     )

@@ -66,7 +66,6 @@ fn a_box_slides_on_a_table_as_coulomb_says() {
         let (start, end) = (run(&mut above, 10), run(&mut above, 50));
         let speed = (end.velocity[0] - start.velocity[0]) / 0.5;
         let expected = G * (slope - friction) / (1.0 + slope * slope).sqrt();
-        println!("{friction}: {speed} {expected}");
         assert!((speed / expected - 1.0).abs() < 0.03, "{friction}: {speed} {expected}");
     }
 }
@@ -87,7 +86,6 @@ fn two_tips_lose_a_box_as_coulomb_says() {
             rig.squeeze(grip_for(friction, share), 50);
             let gone = moved(&start, &rig.plant.object().unwrap());
             // Below the threshold it falls with 1 % of its weight for half a second: 12 mm.
-            println!("{friction} {share}: {gone:e}");
             assert!(
                 if holds { gone < 5e-6 } else { gone > 8e-3 && gone < 14e-3 },
                 "{friction}, {share}: {gone:e}"
@@ -115,7 +113,6 @@ fn a_held_box_does_not_creep() {
     let start = pinch.plant.object().unwrap();
     pinch.squeeze(1.0, 1000);
     let end = pinch.plant.object().unwrap();
-    println!("{:e} {:e}", moved(&start, &end), turned(&start, &end));
     assert!(moved(&start, &end) < 1e-6 && turned(&start, &end) < 1e-4, "{start:?} {end:?}");
 
     for force in [2.0, 4.0] {
@@ -124,7 +121,6 @@ fn a_held_box_does_not_creep() {
         let start = grip.plant.object().unwrap();
         grip.hold(squeeze(force), 1000);
         let end = grip.plant.object().unwrap();
-        println!("{force}: {:e} {:e}", moved(&start, &end), turned(&start, &end));
         assert!(moved(&start, &end) < 2e-6 && turned(&start, &end) < 2e-5, "{start:?} {end:?}");
         for contact in grip.plant.contacts() {
             let slip = largest(contact.slip);

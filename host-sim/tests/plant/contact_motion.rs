@@ -64,20 +64,19 @@ fn hand(step: f64) -> (Worst, f64) {
     (worst, joints)
 }
 
-/// Bounds at 1 ms: distance [m] and turn [rad] while the box goes 7 mm, 1.9 mm, 3.3 mm and turns 0.17 rad, and swings to 0.75 rad.
-/// Askew, where no direction is the axis of an effective mass, friction points off the way that the box slides.
+/// Bounds at 1 ms: distance [m] and turn [rad] while the box goes 7 mm, 1.9 mm, 3.3 mm and turns 0.17 rad, and swings to
+/// 0.75 rad.
 #[test]
 fn a_pinched_box_moves_as_in_mujoco() {
     let bounds = [
         ("slides", 3e-5, 1e-4),
-        ("slides askew", 8e-4, 0.02),
-        ("slides and turns", 2.5e-4, 8e-3),
+        ("slides askew", 2e-5, 5e-4),
+        ("slides and turns", 8e-5, 3e-3),
         ("swings", 8e-5, 1.5e-3),
     ];
     for (case, (name, distance, turn)) in PINCH.iter().zip(bounds) {
         assert_eq!(case.0, name);
         let worst = pinch(case, 0.001);
-        println!("{name}: {worst:?}");
         assert!(worst.distance < distance && worst.turn < turn, "{name}: {worst:?}");
     }
     let (coarse, fine) = (pinch(&PINCH[3], 0.001), pinch(&PINCH[3], 0.00025));
@@ -88,6 +87,5 @@ fn a_pinched_box_moves_as_in_mujoco() {
 #[test]
 fn the_hand_moves_a_box_as_in_mujoco() {
     let (worst, joints) = hand(0.001);
-    println!("{worst:?} {joints:e}");
     assert!(worst.distance < 1e-5 && worst.turn < 1e-4 && joints < 1e-4, "{worst:?} {joints:e}");
 }

@@ -3,7 +3,7 @@
 use crate::hand::{Hand, JOINTS, frame};
 use crate::motion::tip;
 use rapier3d::na::{Rotation3, UnitQuaternion, Vector3};
-use tesaki_sim::plant::{ObjectValues, Plant, Shape};
+use tesaki_sim::plant::{ObjectValues, Plant, Shape, Support};
 
 /// Middle [m] and pitch [rad] of the box.
 pub const MIDDLE: [f64; 3] = [0.090, 0.0, 0.085];
@@ -19,9 +19,9 @@ pub fn turned() -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), PITCH)
 }
 
-/// Where the middles of the tips touch the box: two at its −x side, one opposite.
-fn touching(finger: usize) -> Vector3<f64> {
-    let out = SIZE[0] / 2.0 + RADIUS;
+/// Where the middles of the tips are, a gap off the box: two at its −x side, one opposite.
+fn touching(finger: usize, gap: f64) -> Vector3<f64> {
+    let out = SIZE[0] / 2.0 + RADIUS + gap;
     let in_box = [[-out, 0.04, 0.0], [-out, -0.04, 0.0], [out, 0.0, 0.0]][finger];
     Vector3::from(MIDDLE) + turned() * Vector3::from(in_box)
 }
@@ -70,6 +70,13 @@ fn weight(finger: usize, q: [f64; 3]) -> [f64; 3] {
     })
 }
 
+/// A block under the middle of the box, along its bottom.
+fn support() -> Support {
+    let below = Vector3::from(MIDDLE) - turned() * Vector3::new(0.0, 0.0, SIZE[2] / 2.0 + 0.01);
+    let orientation = UnitQuaternion::from_rotation_matrix(&turned()).coords.into();
+    Support { size: [0.05, 0.1, 0.02], position: below.into(), orientation }
+}
+
 pub struct Grip {
     pub plant: Plant,
     posture: [[f64; 3]; 3],
@@ -78,16 +85,21 @@ pub struct Grip {
 impl Grip {
     /// With joint friction [N·m] and the given time step [s].
     pub fn new(friction: f64, coulomb: f64, step: f64) -> Self {
-        Self::build(friction, Hand::exact().coulomb(coulomb), step)
+        Self::build(friction, Hand::exact().coulomb(coulomb), step, 0.0)
+    }
+
+    /// With the box on a support and the tips a gap off it [m].
+    pub fn open(gap: f64) -> Self {
+        Self::build(0.6, Hand::exact(), 0.001, gap)
     }
 
     /// Without dry friction in the joints; viscous friction in [N·m·s/rad].
     pub fn viscous(friction: f64, viscous: f64, step: f64) -> Self {
-        Self::build(friction, Hand::exact().coulomb(0.0).viscous(viscous), step)
+        Self::build(friction, Hand::exact().coulomb(0.0).viscous(viscous), step, 0.0)
     }
 
-    fn build(friction: f64, mut hand: Hand, step: f64) -> Self {
-        let posture = [0, 1, 2].map(|finger| angles(finger, &touching(finger)));
+    fn build(friction: f64, mut hand: Hand, step: f64, gap: f64) -> Self {
+        let posture = [0, 1, 2].map(|finger| angles(finger, &touching(finger, gap)));
         hand.options.posture = Some(posture.concat());
         hand.values.integration.step = step;
         let turn = UnitQuaternion::from_rotation_matrix(&turned());
@@ -99,7 +111,7 @@ impl Grip {
             friction_spread: 0.0,
             position: MIDDLE,
             orientation: turn.coords.into(),
-            support: None,
+            support: (gap > 0.0).then(support),
         });
         Self { plant: hand.build(), posture }
     }

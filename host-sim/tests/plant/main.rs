@@ -15,5 +15,6 @@ mod friction;
 mod grip;
 mod hand;
 mod motion;
+mod objects;
 mod pinch;
 mod sensors;
