@@ -14,6 +14,9 @@ pub enum PlantError {
     /// `plant.toml` cannot be read.
     #[error("plant.toml: {0}")]
     Syntax(String),
+    /// The description of an object cannot be read.
+    #[error("object: {0}")]
+    Object(String),
     /// A value of `plant.toml` or of the options makes no sense.
     #[error("{field} is {value}: it must be {expected}")]
     Value {

@@ -19,23 +19,40 @@
 //! # Friction
 //! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the bound stands
 //! still, and does not creep.
+//!
+//! # Contact
+//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction again as a
+//! constraint. Only the object touches anything: links and tips pass through each other and through the support.
 
 mod drive;
 mod error;
 mod factors;
+mod force;
+mod grasp;
 mod inner_loop;
+mod object;
+mod push;
 mod random;
+mod stick;
+mod tips;
+mod touch;
 mod tree;
+mod truth;
 mod values;
 mod world;
 
 pub use error::PlantError;
 pub use factors::JointFactors;
+pub use force::ForceSensorValues;
+pub use object::{ObjectValues, Shape, Support};
+pub use push::{Load, Push};
+pub use truth::{ContactTruth, ObjectTruth, Truth};
 pub use values::{
     Drive, FrictionSizes, InnerLoop, Integration, Mismatch, Noise, PlantOptions, PlantValues, Supply,
 };
 
 use drive::DriveState;
+use force::ForceSensors;
 use random::{Purpose, Random};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
@@ -53,24 +70,12 @@ pub struct Plant {
     /// For each joint of the world, its drive.
     drive_of: Vec<usize>,
     factors: Vec<JointFactors>,
+    forces: ForceSensors,
     values: PlantValues,
     random: Random,
     ideal_sensors: bool,
     held: bool,
     emergency_stop: bool,
-}
-
-/// What is so, whatever the sensors say. Joints are in the order of the drives.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Truth {
-    /// Joint angles [rad].
-    pub positions: Vec<f64>,
-    /// Joint velocities, half a sub-step ago [rad/s].
-    pub velocities: Vec<f64>,
-    /// Torques of the motors at the joints [N·m].
-    pub torques: Vec<f64>,
-    /// Angle that homing believes, less the true angle [rad].
-    pub homing_errors: Vec<f64>,
 }
 
 impl Plant {
@@ -116,7 +121,7 @@ impl Plant {
             .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
             .collect();
         let world_factors: Vec<JointFactors> = (0..bodies.len()).map(of_body).collect();
-        let world = World::new(
+        let mut world = World::new(
             values.gravity,
             values.integration.step,
             &bodies,
@@ -124,12 +129,24 @@ impl Plant {
             &world_factors,
             &world_posture,
         );
+        if let Some(object) = &options.object {
+            object.validate()?;
+        }
+        let object = options.object.as_ref().map(|object| (object, friction(object, options)));
+        let mut tips = tips::tips(urdf, &bodies);
+        for tip in &mut tips {
+            tip.mass *= of_body(tip.body).mass;
+            tip.inertia *= of_body(tip.body).inertia;
+        }
+        world.insert_object(tips, object);
+        let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
         let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
         Ok(Self {
             world,
             drives,
             drive_of,
             factors,
+            forces,
             values: values.clone(),
             random: Random::new(options.seed, Purpose::Noise),
             ideal_sensors: options.ideal_sensors,
@@ -159,6 +176,15 @@ impl Plant {
         frame
     }
 
+    /// What the force sensors read now, a fingertip each: forces and torques along x, y and z of the frame of its link, in
+    /// the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws noise twice.
+    ///
+    /// They feel what acts on the fingertip, at the origin of that frame, as a mean over the last control period:
+    /// contact, and the weight and inertia of the fingertip itself.
+    pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
+        self.forces.counts()
+    }
+
     /// Advances by one control period, in which `frame` reaches the drives.
     ///
     /// # Errors
@@ -183,13 +209,16 @@ impl Plant {
             return Ok(());
         }
         let mut torques = vec![0.0; expected];
+        self.world.begin_period();
         for _ in 0..self.values.steps() {
             for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
                 *torque = drive.advance(step);
             }
             let torque_of = |&drive: &usize| torques.get(drive).copied().unwrap_or(0.0);
             self.world.step(self.drive_of.iter().map(torque_of));
+            self.forces.add(&self.world);
         }
+        self.forces.finish(&self.world, CONTROL_PERIOD);
         Ok(())
     }
 
@@ -198,15 +227,43 @@ impl Plant {
         self.emergency_stop = pressed;
     }
 
-    /// The state of the machine.
-    pub fn truth(&self) -> Truth {
-        let half = self.values.integration.step / 2.0;
-        Truth {
-            positions: in_drive_order(&self.drive_of, self.world.positions()),
-            velocities: in_drive_order(&self.drive_of, self.world.velocities()),
-            torques: self.drives.iter().map(|drive| drive.torque(half)).collect(),
-            homing_errors: self.drives.iter().map(|drive| drive.homing_error).collect(),
+    /// Pushes the object, from now on. Nothing happens without one.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn push(&mut self, push: Push) -> Result<(), PlantError> {
+        push.validate()?;
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.push(push, time);
         }
+        Ok(())
+    }
+
+    /// Puts a weight on the object, beside those that are on it. Nothing happens without an object.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn load(&mut self, load: Load) -> Result<(), PlantError> {
+        load.validate()?;
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.load(load, time);
+        }
+        Ok(())
+    }
+
+    /// Takes all weights off the object, within `ramp` [s].
+    pub fn unload(&mut self, ramp: f64) {
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.unload(ramp, time);
+        }
+    }
+
+    /// Takes away what the object stands on.
+    pub fn remove_support(&mut self) {
+        self.world.remove_support();
     }
 
     /// The angles that homing finds now: the true ones and each joint's homing error [rad].
@@ -225,6 +282,12 @@ impl Plant {
     pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
         self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
     }
+}
+
+/// Coefficient of friction of an object's contacts.
+fn friction(object: &ObjectValues, options: &PlantOptions) -> f64 {
+    let spread = if options.mismatch { object.friction_spread } else { 0.0 };
+    object.friction + spread * Random::new(options.seed, Purpose::Contact).symmetric()
 }
 
 /// The drive of each body's joint.

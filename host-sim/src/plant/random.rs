@@ -9,6 +9,9 @@ pub enum Purpose {
     Homing = 1,
     PowerOn = 2,
     Noise = 3,
+    Contact = 4,
+    ForceSensors = 5,
+    ForceNoise = 6,
 }
 
 /// Seeded random numbers, the same on every machine.

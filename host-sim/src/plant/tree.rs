@@ -200,7 +200,7 @@ impl Moments {
 }
 
 /// Inertia about the origin of a point mass at `center`.
-fn point_inertia(mass: f64, center: &Vector3<f64>) -> Matrix3<f64> {
+pub fn point_inertia(mass: f64, center: &Vector3<f64>) -> Matrix3<f64> {
     mass * (Matrix3::identity() * center.norm_squared() - center * center.transpose())
 }
 

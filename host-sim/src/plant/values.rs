@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use tesaki::model::{Encoder, JointModel, Motor};
 
-use super::{CONTROL_PERIOD, PlantError};
+use super::{CONTROL_PERIOD, ForceSensorValues, ObjectValues, PlantError};
 
 /// The simulated machine as data, a robot's `plant.toml`: what neither its URDF nor its controller knows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -23,6 +23,9 @@ pub struct PlantValues {
     pub supply: Supply,
     /// The physics.
     pub integration: Integration,
+    /// The force sensors of the fingertips, if there are any.
+    #[serde(default)]
+    pub force_sensor: Option<ForceSensorValues>,
     /// Where joints stand at the start, by name [rad]; 0 for a joint that is not named.
     #[serde(default)]
     pub posture: BTreeMap<String, f64>,
@@ -128,6 +131,9 @@ impl PlantValues {
                 return error(field, value, "at least 0");
             }
         }
+        if let Some(sensor) = &self.force_sensor {
+            sensor.validate()?;
+        }
         let bandwidth = self.inner_loop.bandwidth;
         if !(bandwidth.is_finite() && bandwidth > 0.0) {
             return error("inner_loop.bandwidth", bandwidth, "above 0 [Hz]");
@@ -192,12 +198,22 @@ pub struct PlantOptions {
     pub posture: Option<Vec<f64>>,
     /// Whether something holds the joints where they are until the power stages are first switched on.
     pub held_at_start: bool,
+    /// Something for the hand to grasp.
+    pub object: Option<ObjectValues>,
 }
 
 impl PlantOptions {
     /// A mismatched plant with all sensor errors, held until the drives are on: what acceptance runs use.
     pub const fn mismatched(seed: u64) -> Self {
-        Self { seed, mismatch: true, ideal_sensors: false, coulomb: None, posture: None, held_at_start: true }
+        Self {
+            seed,
+            mismatch: true,
+            ideal_sensors: false,
+            coulomb: None,
+            posture: None,
+            held_at_start: true,
+            object: None,
+        }
     }
 
     /// A plant as the model says, with ideal sensors, held until the drives are on.

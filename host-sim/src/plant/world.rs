@@ -5,10 +5,16 @@ use rapier3d::dynamics::{
     RigidBodyHandle,
 };
 use rapier3d::math::{Pose, Rotation, Vector};
-use rapier3d::na::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rapier3d::na::{
+    Isometry3, Matrix3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3,
+};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::factors::JointFactors;
+use super::grasp::{self, Grasp, Motion};
+use super::object::ObjectValues;
+use super::push::Disturbances;
+use super::tips::Tip;
 use super::tree::Body;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few sweeps
@@ -29,14 +35,20 @@ pub struct JointValues {
 pub struct World {
     physics: PhysicsWorld,
     joints: Vec<Joint>,
+    tips: Vec<Tip>,
+    grasp: Option<Grasp>,
     gravity: Vector,
-    started: bool,
+    step: f64,
+    /// Sub-steps since the start.
+    steps: u64,
 }
 
 struct Joint {
     handle: MultibodyJointHandle,
     body: RigidBodyHandle,
     parent: RigidBodyHandle,
+    /// The joint before it.
+    before: Option<usize>,
     /// In the frame of the body.
     axis: Vector,
 }
@@ -80,13 +92,27 @@ impl World {
                 joint = joint.limits(JointAxis::AngX, [narrow(lower), narrow(upper)]);
             }
             if let Some(joint) = physics.multibody_joints.insert(parent, handle, joint, true) {
-                joints.push(Joint { handle: joint, body: handle, parent, axis: vector(&body.axis) });
+                let (axis, before) = (vector(&body.axis), body.parent);
+                joints.push(Joint { handle: joint, body: handle, parent, before, axis });
             }
         }
-        let mut world = Self { physics, joints, gravity: vector(&Vector3::from(gravity)), started: false };
+        let gravity = vector(&Vector3::from(gravity));
+        let (tips, grasp) = (Vec::new(), None);
+        let mut world = Self { physics, joints, tips, grasp, gravity, step, steps: 0 };
         world.set_posture(posture);
         world.set_values(values, step);
         world
+    }
+
+    /// Says which bodies have tips, and puts an object among them, if there is one.
+    pub fn insert_object(&mut self, tips: Vec<Tip>, object: Option<(&ObjectValues, f64)>) {
+        self.tips = tips;
+        let Some((values, friction)) = object else { return };
+        grasp::set_parameters(&mut self.physics.integration_parameters);
+        self.tips.retain(|tip| tip.body < self.joints.len());
+        let links: Vec<_> =
+            self.tips.iter().filter_map(|tip| self.joints.get(tip.body)).map(|joint| joint.body).collect();
+        self.grasp = Some(Grasp::new(&mut self.physics, values, friction, &self.tips, &links));
     }
 
     /// Puts the joints, which stand at 0, where `posture` says.
@@ -135,9 +161,98 @@ impl World {
             }
         }
         // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by themselves.)
-        self.physics.gravity = if self.started { self.gravity } else { self.gravity * 0.5 };
-        self.started = true;
-        self.physics.step();
+        let share = if self.steps > 0 { 1.0 } else { 0.5 };
+        self.physics.gravity = self.gravity * narrow(share);
+        let time = self.time();
+        if let Some(grasp) = &mut self.grasp {
+            grasp.disturb(&mut self.physics, time, share);
+        }
+        self.steps += 1;
+        match self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step)) {
+            Some(creep) => self.physics.step_with_events(&creep, &()),
+            None => self.physics.step(),
+        }
+        self.read_contacts();
+    }
+
+    fn read_contacts(&mut self) {
+        let Some(mut grasp) = self.grasp.take() else { return };
+        let tips: Vec<_> = (0..self.tips.len()).filter_map(|tip| self.tip_motion(tip)).collect();
+        grasp.read(&self.physics, &tips, self.step);
+        self.grasp = Some(grasp);
+    }
+
+    /// Acceleration of gravity in the frame of the base [m/s²].
+    pub fn gravity(&self) -> Vector3<f64> {
+        wide(self.gravity)
+    }
+
+    /// Frame of a tip's link in that of the base.
+    pub fn tip_frame(&self, tip: usize) -> Option<Isometry3<f64>> {
+        let tip = self.tips.get(tip)?;
+        Some(self.body(tip.body)? * tip.frame)
+    }
+
+    /// Radius of a tip, its middle and the motion of that.
+    fn tip_motion(&self, tip: usize) -> Option<(f64, Vector3<f64>, Motion)> {
+        let (frame, tip) = (self.tip_frame(tip)?, self.tips.get(tip)?);
+        let center = (frame * Point3::from(tip.center)).coords;
+        Some((tip.radius, center, self.motion_at(tip.body, &center)))
+    }
+
+    /// Motion of a point of a joint's body, both in the frame of the base.
+    pub fn motion_at(&self, joint: usize, point: &Vector3<f64>) -> Motion {
+        let mut motion = Motion { linear: Vector3::zeros(), angular: Vector3::zeros() };
+        let mut next = Some(joint);
+        while let Some((index, joint)) = next.and_then(|index| Some((index, self.joints.get(index)?))) {
+            if let Some(body) = self.physics.bodies.get(joint.body) {
+                let turn = wide(body.rotation() * joint.axis) * self.velocity(joint);
+                motion.angular += turn;
+                motion.linear += turn.cross(&(point - wide(body.translation())));
+            }
+            next = joint.before.filter(|&before| before < index);
+        }
+        motion
+    }
+
+    /// The object and its contacts.
+    pub const fn grasp(&self) -> Option<&Grasp> {
+        self.grasp.as_ref()
+    }
+
+    /// The physics, for those who read it.
+    pub const fn physics(&self) -> &PhysicsWorld {
+        &self.physics
+    }
+
+    /// The tips, in the order of their bodies.
+    pub fn tips(&self) -> &[Tip] {
+        &self.tips
+    }
+
+    /// Begins a control period: new means of the contacts' forces.
+    pub fn begin_period(&mut self) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.begin_means();
+        }
+    }
+
+    /// What disturbs the object.
+    pub fn disturbances(&mut self) -> Option<&mut Disturbances> {
+        self.grasp.as_mut().map(|grasp| &mut grasp.disturbances)
+    }
+
+    /// Takes away what the object stands on.
+    pub fn remove_support(&mut self) {
+        if let Some(grasp) = &mut self.grasp {
+            grasp.remove_support(&mut self.physics);
+        }
+    }
+
+    /// Simulated time [s].
+    #[expect(clippy::cast_precision_loss, reason = "exact for thousands of years")]
+    pub fn time(&self) -> f64 {
+        self.steps as f64 * self.step
     }
 
     /// Joint angles [rad].
@@ -151,14 +266,21 @@ impl World {
 
     /// Joint velocities in the last sub-step [rad/s].
     pub fn velocities(&self) -> impl Iterator<Item = f64> {
-        self.joints.iter().map(|joint| {
-            let chain = self.physics.multibody_joints.get(joint.handle);
-            chain
-                .and_then(|(chain, link)| {
-                    Some(f64::from(chain.generalized_velocity()[first_dof(chain, link)?]))
-                })
-                .unwrap_or(f64::NAN)
-        })
+        self.joints.iter().map(|joint| self.velocity(joint))
+    }
+
+    fn velocity(&self, joint: &Joint) -> f64 {
+        let chain = self.physics.multibody_joints.get(joint.handle);
+        chain
+            .and_then(|(chain, link)| Some(f64::from(chain.generalized_velocity()[first_dof(chain, link)?])))
+            .unwrap_or(f64::NAN)
+    }
+
+    /// Where the body behind a joint is, in the frame of the base.
+    fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
+        let ([x, y, z], [i, j, k, w]) = self.body_pose(joint)?;
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+        Some(Isometry3::from_parts(Translation3::new(x, y, z), turn))
     }
 
     /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z, w]`.
@@ -176,26 +298,36 @@ fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize
 }
 
 fn mass(body: &Body, factors: &JointFactors) -> MassProperties {
-    let eigen = (body.inertia * factors.inertia).symmetric_eigen();
+    mass_properties(body.mass * factors.mass, &body.center_of_mass, body.inertia * factors.inertia)
+}
+
+/// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
+pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
+    let eigen = inertia.symmetric_eigen();
     let mut axes: Matrix3<f64> = eigen.eigenvectors;
     if axes.determinant() < 0.0 {
         axes.column_mut(0).neg_mut();
     }
     let frame = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
     MassProperties::with_principal_inertia_frame(
-        vector(&body.center_of_mass),
-        narrow(body.mass * factors.mass),
+        vector(center),
+        narrow(mass),
         vector(&eigen.eigenvalues),
         rotation(&frame),
     )
 }
 
-fn pose(pose: &Isometry3<f64>) -> Pose {
+pub fn pose(pose: &Isometry3<f64>) -> Pose {
     Pose::from_parts(vector(&pose.translation.vector), rotation(&pose.rotation))
 }
 
-fn vector(vector: &Vector3<f64>) -> Vector {
+pub fn vector(vector: &Vector3<f64>) -> Vector {
     Vector::new(narrow(vector.x), narrow(vector.y), narrow(vector.z))
+}
+
+/// In double precision.
+pub fn wide(vector: Vector) -> Vector3<f64> {
+    Vector3::from(vector.to_array().map(f64::from))
 }
 
 fn rotation(rotation: &UnitQuaternion<f64>) -> Rotation {
@@ -205,6 +337,6 @@ fn rotation(rotation: &UnitQuaternion<f64>) -> Rotation {
 
 /// Rapier works in single precision.
 #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
-const fn narrow(value: f64) -> f32 {
+pub const fn narrow(value: f64) -> f32 {
     value as f32
 }

@@ -69,7 +69,11 @@ impl Hand {
 }
 
 pub fn frame(torques: [f32; JOINTS]) -> ActuatorFrame {
-    ActuatorFrame { sequence: 0, enabled: true, torques: torques.into_iter().collect() }
+    frame_of(&torques)
+}
+
+pub fn frame_of(torques: &[f32]) -> ActuatorFrame {
+    ActuatorFrame { sequence: 0, enabled: true, torques: torques.iter().copied().collect() }
 }
 
 /// Largest absolute value.

@@ -7,8 +7,14 @@
 )]
 #![allow(clippy::manual_range_contains, reason = "reads as on paper")]
 
+mod contact;
+mod contact_motion;
 mod errors;
+mod force;
 mod friction;
+mod grip;
 mod hand;
 mod motion;
+mod objects;
+mod pinch;
 mod sensors;

@@ -50,7 +50,7 @@ const L2: f64 = 0.046;
 const L3: f64 = 0.05178;
 
 /// A fingertip by the formulae of the paper, in the frame of the palm.
-fn tip(finger: usize, [q1, q2, q3]: [f64; 3]) -> [f64; 3] {
+pub fn tip(finger: usize, [q1, q2, q3]: [f64; 3]) -> [f64; 3] {
     let r = L2 * q2.sin() + L3 * (q2 + q3).sin();
     let z = L1 + L2 * q2.cos() + L3 * (q2 + q3).cos();
     let (x, y) = (r * q1.cos(), r * q1.sin());

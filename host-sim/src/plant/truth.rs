@@ -1,0 +1,122 @@
+//! What is so, whatever the sensors say.
+
+use rapier3d::na::Vector3;
+
+use super::{Plant, in_drive_order};
+
+/// The machine's own state. Joints are in the order of the drives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// Joint angles [rad].
+    pub positions: Vec<f64>,
+    /// Joint velocities, half a sub-step ago [rad/s].
+    pub velocities: Vec<f64>,
+    /// Torques of the motors at the joints [N·m].
+    pub torques: Vec<f64>,
+    /// Angle that homing believes, less the true angle [rad].
+    pub homing_errors: Vec<f64>,
+}
+
+/// The object's own state, in the frame of the base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectTruth {
+    /// Where its frame is [m].
+    pub position: [f64; 3],
+    /// Unit quaternion `[x, y, z, w]`.
+    pub orientation: [f64; 4],
+    /// Velocity of the origin of its frame, half a sub-step ago [m/s].
+    pub velocity: [f64; 3],
+    /// Angular velocity, half a sub-step ago [rad/s].
+    pub angular_velocity: [f64; 3],
+    /// Mass of the weights on it [kg].
+    pub load: f64,
+    /// Coefficient of friction of all its contacts.
+    pub friction: f64,
+    /// Force of the support on it in the last sub-step [N].
+    pub support_force: [f64; 3],
+}
+
+/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base where nothing else is
+/// said.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContactTruth {
+    /// Link of the fingertip.
+    pub link: String,
+    /// Force on the object, mean over the last control period [N].
+    pub force: [f64; 3],
+    /// Where it acts, on the fingertip [m].
+    pub point: [f64; 3],
+    /// Unit vector out of the object, through the middle of the tip; 0 without contact.
+    pub normal: [f64; 3],
+    /// How deep the tip is in the object [m].
+    pub depth: f64,
+    /// Velocity of the tip's surface along that of the object, in the frame of the object, half a sub-step ago [m/s].
+    pub slip_velocity: [f64; 3],
+    /// Integral of `slip_velocity` since the start, while they touched: sliding, and at most some µm of creep [m].
+    pub slip: [f64; 3],
+    /// Integral of the size of `slip_velocity` while friction was at its limit [m]: what rubs to and fro adds up.
+    pub slip_path: f64,
+}
+
+impl ContactTruth {
+    /// Share of the force along the normal, into the object [N].
+    pub fn normal_force(&self) -> f64 {
+        -Vector3::from(self.force).dot(&Vector3::from(self.normal))
+    }
+
+    /// Size of the force along the surface [N].
+    pub fn tangential_force(&self) -> f64 {
+        let (force, normal) = (Vector3::from(self.force), Vector3::from(self.normal));
+        (force - normal * force.dot(&normal)).norm()
+    }
+}
+
+impl Plant {
+    /// The state of the machine.
+    pub fn truth(&self) -> Truth {
+        let half = self.values.integration.step / 2.0;
+        Truth {
+            positions: in_drive_order(&self.drive_of, self.world.positions()),
+            velocities: in_drive_order(&self.drive_of, self.world.velocities()),
+            torques: self.drives.iter().map(|drive| drive.torque(half)).collect(),
+            homing_errors: self.drives.iter().map(|drive| drive.homing_error).collect(),
+        }
+    }
+
+    /// The state of the object; `None` without one.
+    pub fn object(&self) -> Option<ObjectTruth> {
+        let (grasp, physics) = (self.world.grasp()?, self.world.physics());
+        let pose = grasp.pose(physics);
+        let motion = grasp.motion_at(physics, &pose.translation.vector);
+        Some(ObjectTruth {
+            position: pose.translation.vector.into(),
+            orientation: pose.rotation.coords.into(),
+            velocity: motion.linear.into(),
+            angular_velocity: motion.angular.into(),
+            load: grasp.disturbances.mass(self.world.time()),
+            friction: grasp.friction,
+            support_force: grasp.support_force(physics, self.values.integration.step).into(),
+        })
+    }
+
+    /// A contact for each fingertip, touching or not, in the order of the URDF; none without an object.
+    pub fn contacts(&self) -> Vec<ContactTruth> {
+        let touches = self.world.grasp().map_or(&[][..], |grasp| grasp.touches());
+        let truth = |(tip, touch): (&super::tips::Tip, &super::touch::Touch)| ContactTruth {
+            link: tip.link.clone(),
+            force: touch.mean_force().into(),
+            point: touch.point.into(),
+            normal: touch.normal.into(),
+            depth: touch.depth,
+            slip_velocity: touch.slip_velocity.into(),
+            slip: touch.slip.into(),
+            slip_path: touch.slip_path,
+        };
+        self.world.tips().iter().zip(touches).map(truth).collect()
+    }
+
+    /// What the force sensors would read without any error, a fingertip each: forces [N] and torques [N·m].
+    pub fn tip_wrenches(&self) -> Vec<[f64; 6]> {
+        self.forces.wrenches()
+    }
+}
