@@ -175,6 +175,14 @@ pub trait Board {
         self.ask("home", Request::Home { positions: joints(positions)? })
     }
 
+    /// Nothing touches the tips: what their force sensors read now is taken off from now on.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn tare(&mut self) -> Result<(), BoardError> {
+        self.ask("tare its force sensors", Request::Tare)
+    }
+
     /// Arms the board.
     ///
     /// # Errors

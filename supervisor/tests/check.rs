@@ -71,9 +71,9 @@ fn every_mistake_of_both_files_is_told_in_one_go() {
             "robot.urdf:75: joint finger1_curl: 46 m",
             "controller.toml:10: ",
             "supply_minimum",
-            "controller.toml:32: [joints.thumb] belongs to no joint of the URDF",
-            "controller.toml:36: joint finger2_bend: there is no motor.torqe",
-            "controller.toml:29: joints finger1_swing, finger1_bend",
+            "controller.toml:39: [joints.thumb] belongs to no joint of the URDF",
+            "controller.toml:43: joint finger2_bend: there is no motor.torqe",
+            "controller.toml:36: joints finger1_swing, finger1_bend",
             "invalid type: string \"fast\", expected f32",
             "7 to mend",
         ],
@@ -97,7 +97,7 @@ fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_fil
         &[
             "robot.urdf:34: joint finger1_swing: limits.velocity = 0 must be above 0",
             "<limit velocity",
-            "controller.toml:33: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
+            "controller.toml:40: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
             "2 to mend",
         ],
     );

@@ -190,6 +190,7 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
             Request::SetPoint(SetPoint::Reach { tips: (0..tips).map(|_| tip(random)).collect() })
         }
         14 => Request::Stop,
+        15 if random.one_in(2) => Request::Tare,
         15 => Request::ReadStatus,
         16 => Request::ReadFaults,
         17 => Request::ClearFaults { total: random.below(5) as u32 },
@@ -246,7 +247,7 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
             supply: 24_000,
             encoders: model.joints.iter().map(|_| 0).collect(),
             currents: model.joints.iter().map(|_| 0).collect(),
-            forces: heapless::Vec::new(),
+            forces: model.chains.iter().filter_map(|chain| chain.force_sensor).map(|_| [0; 6]).collect(),
         };
         let mut last: Vec<f32> = vec![0.0; model.joints.len()];
         let mut records = Vec::new();
@@ -280,6 +281,12 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
                 let at = random.below(sensors.encoders.len().max(1));
                 if let Some(count) = sensors.encoders.get_mut(at) {
                     *count = random.next() as i32;
+                }
+            }
+            for counts in &mut sensors.forces {
+                counts[random.below(6)] = random.below(2000) as i32 - 1000;
+                if random.one_in(300) {
+                    counts[random.below(6)] = random.next() as i32;
                 }
             }
             sensors.flags = SensorFlags(u8::from(random.one_in(300)));

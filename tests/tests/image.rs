@@ -111,6 +111,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
         supply: 24_000,
         encoders: std::iter::repeat_n(5, 9).collect(),
         currents: std::iter::repeat_n(0, 9).collect(),
+        forces: [[0; 6]; 3].into_iter().collect(),
         ..SensorFrame::default()
     };
     board.tick(&sensors).unwrap();

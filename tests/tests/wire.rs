@@ -54,6 +54,7 @@ impl Rig {
             supply: 24_000,
             encoders: std::iter::repeat_n(0, joints).collect(),
             currents: std::iter::repeat_n(0, joints).collect(),
+            forces: model.chains.iter().filter_map(|chain| chain.force_sensor).map(|_| [0; 6]).collect(),
             ..SensorFrame::default()
         };
         let mut rig = Self { board: VirtualBoard::default(), sequence: 0, sensors, model: model.clone() };
@@ -86,12 +87,19 @@ impl Rig {
 
     fn tick(&mut self) -> ActuatorFrame {
         self.sensors.sequence += 1;
+        tremble(&mut self.sensors);
         self.board.tick(&self.sensors, &mut Vec::new())
     }
 
     fn mode(&self) -> Mode {
         self.board.node().mode()
     }
+}
+
+/// Live force sensors never read the same for long.
+fn tremble(sensors: &mut SensorFrame) {
+    let noise = (sensors.sequence % 3).cast_signed();
+    sensors.forces.iter_mut().for_each(|counts| counts[0] = noise);
 }
 
 /// What left one end, by number, and how much of it arrived at the other as it was.
@@ -198,6 +206,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
         out.clear();
         rig.board.receive(&wire, &mut out);
         rig.sensors.sequence += 1;
+        tremble(&mut rig.sensors);
         // Joints that follow exactly: the link is what is tested here.
         for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.board.node().telemetry().joints) {
             // A count that never moves would be a dead encoder.

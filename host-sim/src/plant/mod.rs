@@ -54,7 +54,7 @@ pub use values::{
 use drive::DriveState;
 use force::ForceSensors;
 use random::{Purpose, Random};
-use tesaki::model::MAX_JOINTS;
+use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tree::Body;
 pub(crate) use tree::isometry;
@@ -173,6 +173,7 @@ impl Plant {
             let _ = frame.encoders.push(drive.encoder_count(position));
             let _ = frame.currents.push(drive.current_count(half, noise(current)));
         }
+        frame.forces = self.force_sensors().into_iter().take(MAX_CHAINS).collect();
         frame
     }
 

@@ -80,6 +80,8 @@ pub enum Command {
     Reach(Reach),
     /// Tell the board at which angles its joints stand
     Home(Home),
+    /// Take what the force sensors of the tips read now for nothing: when nothing touches them
+    Tare,
     /// Read the joints' state, or a parameter of the model such as safety.command_timeout or joints.NAME.limits
     Read {
         /// The parameter; `model` for all of them

@@ -45,6 +45,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Stop => board::stop(options),
         Command::Move(aim) => motion::go(options, aim),
         Command::Reach(aim) => reach::run(options, aim),
+        Command::Tare => motion::tare(options),
         Command::Home(home) => motion::home(options, home),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),

@@ -132,6 +132,13 @@ fn goal_set_point(goal: &[f32]) -> Result<SetPoint, Failure> {
     Ok(SetPoint::Goal { positions })
 }
 
+pub fn tare(options: &Options) -> Result<(), Failure> {
+    let mut session = Session::command(options)?;
+    output::confirm(options, "What the tips feel now will be taken for nothing. Does nothing touch them?")?;
+    session.board.tare()?;
+    output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
+}
+
 /// The joint called `name`.
 fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
     model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {

@@ -3,9 +3,7 @@
 use std::fmt::Write as _;
 
 use serde_json::Value;
-use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
-use tesaki::protocol::Telemetry;
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -38,9 +36,14 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
 fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result<(), Failure> {
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
-    let tips = tips(model, &telemetry);
+    let tips = session.tips()?.tips;
     let mut value = output::exact(&telemetry);
-    value["tips"] = tips.iter().map(|(name, place)| (name.clone(), output::exact(place))).collect();
+    value["tips"] = model
+        .chains
+        .iter()
+        .zip(&tips)
+        .map(|(chain, tip)| (chain.name.to_string(), output::exact(tip)))
+        .collect();
     output::result(options, &value, || {
         let mut text = format!(
             "{:<20} {:>10} {:>10} {:>10} {:>10}\n",
@@ -56,29 +59,19 @@ fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result
             let _ = writeln!(text, "{}", if homed >> index & 1 == 0 { "  not homed" } else { "" });
         }
         let _ = writeln!(text, "\n{:<20} {:>10} {:>10} {:>10}", "tip", "x / m", "y / m", "z / m");
-        for (name, [x, y, z]) in &tips {
-            let _ = writeln!(text, "{name:<20} {x:>10.4} {y:>10.4} {z:>10.4}");
+        for (chain, tip) in model.chains.iter().zip(&tips) {
+            let [x, y, z] = tip.position;
+            let _ = write!(text, "{:<20} {x:>10.4} {y:>10.4} {z:>10.4}", chain.name);
+            if chain.force_sensor.is_some() {
+                let [x, y, z] = tip.force;
+                let tared = if tip.tared { "" } else { ", not tared" };
+                let _ = write!(text, "   force {x:.2}, {y:.2}, {z:.2} N{tared}");
+            }
+            text.push('\n');
         }
         let _ = write!(text, "\n{} in tick {}", telemetry.mode, telemetry.tick);
         text
     })
-}
-
-/// Where the tips are [m, base frame].
-fn tips(model: &RobotModel, telemetry: &Telemetry) -> Vec<(String, [f32; 3])> {
-    let tips = model.chains.iter().zip(model.chain_ranges());
-    tips.map(|(tip, joints)| {
-        let angles: Vec<f32> = telemetry
-            .joints
-            .iter()
-            .skip(joints.start)
-            .take(joints.len())
-            .map(|joint| joint.position)
-            .collect();
-        let posture = Chain::new(&model.joints[joints], &tip.tip).posture(&angles);
-        (tip.name.to_string(), posture.tip().translation.vector.into())
-    })
-    .collect()
 }
 
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, Request, Stream, Task, Telemetry,
+    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, Request, Stream, Task, Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
@@ -135,6 +135,21 @@ impl Session {
              looks closer)",
             within.as_secs_f64()
         )))
+    }
+
+    /// The tips, now.
+    pub fn tips(&mut self) -> Result<Tips, Failure> {
+        self.board.set_rate(Stream::Tips, 1)?;
+        let deadline = Instant::now() + Duration::from_secs(1);
+        let tips = loop {
+            match self.board.next_event(deadline)? {
+                Some(FromBoard::Tips(tips)) => break Ok(tips),
+                Some(_) => {}
+                None => break Err(Failure::Late("nothing came of the tips within 1 s".to_owned())),
+            }
+        };
+        self.board.set_rate(Stream::Tips, 0)?;
+        tips
     }
 
     /// One telemetry, now; leaves the rate as a monitor would want it.
