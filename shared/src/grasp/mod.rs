@@ -1,0 +1,24 @@
+//! Grasping: what contact forces do to an object, and which are needed to hold it.
+//!
+//! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the object (Hand3,
+//!   section 5).
+//! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object; [`WrenchInverse`] back, to the least
+//!   forces, with rank and [`Conditioning`].
+//!
+//! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
+
+mod contact;
+mod fingers;
+mod frame;
+mod inverse;
+mod map;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
+mod tests;
+
+pub use contact::{BadContact, Contact, ContactForces, MAX_CONTACTS};
+pub use fingers::{SingularFinger, ThreeFingers, contact_map, object_map};
+pub use frame::{NoObjectFrame, object_frame};
+pub use inverse::{Conditioning, NoForces, WrenchInverse};
+pub use map::{GraspMap, GraspMatrix, NoGrasp};
