@@ -4,12 +4,15 @@
 //!   section 5).
 //! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object; [`WrenchInverse`] back, to the least
 //!   forces, with rank and [`Conditioning`].
+//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move nothing, in the
+//!   three forms that are wanted.
 //!
 //! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
 
 mod contact;
 mod fingers;
 mod frame;
+mod internal;
 mod inverse;
 mod map;
 
@@ -20,5 +23,6 @@ mod tests;
 pub use contact::{BadContact, Contact, ContactForces, MAX_CONTACTS};
 pub use fingers::{SingularFinger, ThreeFingers, contact_map, object_map};
 pub use frame::{NoObjectFrame, object_frame};
+pub use internal::{InternalForces, NoNormalGrip, NormalGrip, NotThreeContacts};
 pub use inverse::{Conditioning, NoForces, WrenchInverse};
 pub use map::{GraspMap, GraspMatrix, NoGrasp};
