@@ -263,6 +263,12 @@ fn grasp(watch: &mut Stopwatch) {
     watch.measure("grasp_inverse_3", |x| {
         assert!(black_box(&map.inverse().forces(&load(x))).is_ok());
     });
+    watch.measure("internal_forces_3", |_| {
+        black_box(&black_box(&map).internal_forces());
+    });
+    watch.measure("normal_grip_3", |_| {
+        let _ = black_box(&black_box(&map).normal_grip(1.0));
+    });
     let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
     let mut state = GripState::default();
     // Contacts and load move every time.

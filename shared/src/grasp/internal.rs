@@ -1,7 +1,7 @@
 use core::fmt;
 
 use heapless::Vec;
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::{ContactForces, GraspMap, MAX_CONTACTS};
 use crate::math::{self, abs};
@@ -117,8 +117,8 @@ impl GraspMap {
 
     fn unit_force(&self, place: usize, axis: usize) -> ContactForces {
         let mut forces: ContactForces = self.arms.iter().map(|_| Vector3::zeros()).collect();
-        if let Some(force) = forces.get_mut(place) {
-            force[axis] = 1.0;
+        if let Some(part) = forces.get_mut(place).and_then(|force| force.get_mut(axis)) {
+            *part = 1.0;
         }
         forces
     }
@@ -134,7 +134,7 @@ impl GraspMap {
         // NᵀDₒDₒᵀN; rows beyond the contacts get an eigenvalue above all others.
         let mut products =
             SMatrix::<f32, MAX_CONTACTS, MAX_CONTACTS>::from_diagonal_element(f32::from(u8::MAX));
-        let pairs = || self.contacts.iter().zip(&self.arms).enumerate();
+        let pairs = || self.contacts.iter().zip(&self.arms).enumerate().take(MAX_CONTACTS);
         for (row, (one, arm)) in pairs() {
             for (column, (other, second)) in pairs() {
                 let (turn, other_turn) = (arm.cross(&one.normal), second.cross(&other.normal));
@@ -142,15 +142,16 @@ impl GraspMap {
             }
         }
         let vectors = eigenvectors(&mut products);
-        let (mut least, mut next) = ((0, f32::INFINITY), f32::INFINITY);
-        for (index, &value) in products.diagonal().iter().enumerate() {
-            if value < least.1 {
-                (next, least) = (least.1, (index, value));
+        let (mut least, mut next) = (f32::INFINITY, f32::INFINITY);
+        let mut vector = SVector::zeros();
+        for (&value, column) in products.diagonal().iter().zip(vectors.column_iter()) {
+            if value < least {
+                (next, least) = (least, value);
+                vector = column.into_owned();
             } else if value < next {
                 next = value;
             }
         }
-        let vector = vectors.column(least.0);
         let push = |scale: f32| -> ContactForces {
             self.contacts
                 .iter()

@@ -108,7 +108,7 @@ impl GraspMap {
     /// `G` [1; m], 6 × 3n.
     pub fn matrix(&self) -> GraspMatrix {
         let mut matrix = GraspMatrix::zeros();
-        for (index, contact) in self.contacts.iter().enumerate() {
+        for (index, contact) in self.contacts.iter().enumerate().take(MAX_CONTACTS) {
             let arm = (contact.position - self.origin).cross_matrix();
             matrix.fixed_view_mut::<3, 3>(0, 3 * index).fill_with_identity();
             matrix.fixed_view_mut::<3, 3>(3, 3 * index).copy_from(&arm);

@@ -6,18 +6,21 @@ use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
 
-/// Most Newton steps.
+/// Most Newton steps; the last of them.
 const STEPS: u8 = 40;
-/// After so many of them the axis about which contacts in line turn is tried as a proof, and after twice as many what is
-/// good enough is taken.
+const LAST: u8 = STEPS - 1;
+/// After so many of them the axis about which contacts in line turn is tried as a proof.
 const PATIENCE: u8 = 8;
+/// After so many of them what is good enough is taken.
+const SETTLE: u8 = 16;
 /// What may be missing to the load, over the load: what is searched for, and what is good enough.
 const GOOD: f32 = 1e-5;
 const ENOUGH: f32 = 9e-5;
 /// What rounding leaves, over the root of the sum of the forces' squares.
 const ROUNDING: f32 = 6e-7;
-/// By how much what is missing may change the sum of squares, over the sum.
-const GAP: f32 = 1e-4;
+/// By how much what is missing may change the sum of squares, over half of it.
+const TIGHT: f32 = 2e-4;
+const LOOSE: f32 = 8e-4;
 
 /// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one divides it.
 const DAMPING: f32 = 1e-3;
@@ -83,7 +86,12 @@ impl Search<'_> {
             if missing < best {
                 best = missing;
             }
-            if missing <= ENOUGH && (steps >= 2 * PATIENCE || self.is_good(&point, missing)) {
+            let wanted = match steps {
+                0..SETTLE => self.is_good(&point, missing),
+                SETTLE..LAST => changes(&point) <= LOOSE,
+                _ => true,
+            };
+            if wanted && missing <= ENOUGH {
                 return Ok((point, steps));
             }
             let proof = self.candidates(&point, ahead, steps).find_map(|twist| proves(&twist));
@@ -102,8 +110,7 @@ impl Search<'_> {
 
     fn is_good(&self, point: &Point, missing: f32) -> bool {
         let rounding = ROUNDING * math::sqrt(point.square);
-        missing * self.size <= GOOD * self.size + rounding
-            && abs(point.twist.dot(&point.missing)) <= GAP * point.square
+        missing * self.size <= GOOD * self.size + rounding && changes(point) <= TIGHT
     }
 
     /// Twists that may prove that nothing holds the load.
@@ -239,4 +246,9 @@ impl Search<'_> {
         }
         hessian
     }
+}
+
+/// How much the sum of squares would change with what is missing, over half of the sum: the twist is its gradient.
+fn changes(point: &Point) -> f32 {
+    2.0 * abs(point.twist.dot(&point.missing)) / point.square
 }
