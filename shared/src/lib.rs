@@ -20,6 +20,7 @@
 //! | [`model`] | what a robot is, as data |
 //! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
 //! | [`dynamics`] | Newton–Euler for a chain |
+//! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
@@ -31,6 +32,7 @@
 
 pub mod control;
 pub mod dynamics;
+pub mod grasp;
 pub mod kinematics;
 pub mod math;
 pub mod model;

@@ -26,6 +26,9 @@ const LIMITS: &[(&str, f64)] = &[
     ("forward_and_jacobian_7", 1600.0),
     ("bias_acceleration_7", 1500.0),
     ("finger_nearest", 450.0),
+    ("least_grip_3_warm", 25_000.0),
+    ("least_grip_3_infeasible", 60_000.0),
+    ("least_grip_3_too_heavy", 60_000.0),
     ("node_tick_9_pid", 6000.0),
     ("node_tick_9_observer", 6000.0),
 ];

@@ -11,8 +11,9 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
+use tesaki::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip};
 use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
 use tesaki::model::{PidGains, Pose, RobotModel};
@@ -203,6 +204,8 @@ fn main() -> ! {
         black_box(math::atan2(black_box(x - 0.1), black_box(0.05)));
     });
 
+    grasp(&mut watch);
+
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
         JointTelemetry {
@@ -234,6 +237,56 @@ fn main() -> ! {
     tick(&mut watch, second, "node_tick_9_observer", ServoMode::Observer);
     debug::exit(debug::EXIT_SUCCESS);
     loop {}
+}
+
+/// The contacts of a hand with three fingers whose tips have moved by `x`, the grasp map included.
+fn held(x: f32, friction: f32) -> GraspMap {
+    let contact = |position: [f32; 3], normal: [f32; 3]| {
+        let position = Vector3::from(position) + Vector3::new(0.0, 0.01 * x, 0.02 * x);
+        Contact::try_new(position, normal.into(), friction, 10.0).expect("a contact")
+    };
+    let contacts = [
+        contact([0.09 + 0.01 * x, 0.04, 0.085], [1.0, 0.1, 0.55]),
+        contact([0.09, -0.04, 0.083], [1.0, -0.05, 0.6]),
+        contact([0.15, 0.004, 0.12], [-1.0, 0.05, -0.6]),
+    ];
+    GraspMap::try_new(&contacts, Vector3::new(0.11, 0.0, 0.1)).expect("a grasp")
+}
+
+/// Grasp map, its inverse, and the least grip: from the last tick's, from nothing, and when nothing holds the load.
+fn grasp(watch: &mut Stopwatch) {
+    watch.measure("grasp_map_3", |x| {
+        black_box(held(black_box(x), 0.6));
+    });
+    let map = held(0.0, 0.6);
+    let load = |x: f32| black_box(Vector6::new(1.0 + x, 0.2 * x, 1.2, 0.01, 0.02 * x - 0.01, 0.0));
+    watch.measure("grasp_inverse_3", |x| {
+        assert!(black_box(&map.inverse().forces(&load(x))).is_ok());
+    });
+    watch.measure("internal_forces_3", |_| {
+        black_box(&black_box(&map).internal_forces());
+    });
+    watch.measure("normal_grip_3", |_| {
+        let _ = black_box(&black_box(&map).normal_grip(1.0));
+    });
+    let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
+    let mut state = GripState::default();
+    // Contacts and load move every time.
+    watch.measure("least_grip_3_warm", |x| {
+        assert!(black_box(&grip.solve(&held(x, 0.6), &load(x), &mut state)).is_ok());
+    });
+    watch.measure("least_grip_3_cold", |x| {
+        assert!(black_box(&grip.solve(&held(x, 0.6), &load(x), &mut GripState::default())).is_ok());
+    });
+    // Too slippery; too heavy.
+    for (name, friction, weight) in
+        [("least_grip_3_infeasible", 0.03, 1.0), ("least_grip_3_too_heavy", 0.6, 20.0)]
+    {
+        watch.measure(name, |x| {
+            let refused = grip.solve(&held(x, friction), &(load(x) * weight), &mut GripState::default());
+            assert!(matches!(black_box(&refused), Err(NoGrip::CannotHold(_))));
+        });
+    }
 }
 
 /// A node with three chains of three joints, armed and moving.

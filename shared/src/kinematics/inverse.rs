@@ -4,7 +4,7 @@ use heapless::Vec;
 use nalgebra::{IsometryMatrix3, SMatrix, SVector, Vector3};
 
 use super::{Chain, Jacobian, Posture};
-use crate::math::{self, abs};
+use crate::math::{self, Ldlt, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Share of the squared error [rad²] that is added to the squared singular values: far from the target it keeps steps
@@ -329,7 +329,7 @@ impl InverseKinematics {
         for index in 0..M {
             damped[(index, index)] += damping + LEAST_DAMPING;
         }
-        let step = jacobian.tr_mul(&Factors::new(&damped).solve(error));
+        let step = jacobian.tr_mul(&Ldlt::new(&damped, LEAST_DAMPING).solve(error));
         let largest = step.iter().fold(0.0_f32, |largest, step| largest.max(abs(*step)));
         let scale = if largest > MAX_STEP { MAX_STEP / largest } else { 1.0 };
         for (angle, step) in angles.iter_mut().zip(&step) {
@@ -378,54 +378,6 @@ impl InverseKinematics {
                 }
             }
         }
-    }
-}
-
-/// `L D Lᵀ` of a symmetric positive matrix.
-struct Factors<const M: usize> {
-    lower: SMatrix<f32, M, M>,
-    /// Inverse of D.
-    inverse: SVector<f32, M>,
-}
-
-impl<const M: usize> Factors<M> {
-    fn new(matrix: &SMatrix<f32, M, M>) -> Self {
-        let mut lower = *matrix;
-        let mut inverse = SVector::<f32, M>::zeros();
-        for column in 0..M {
-            let mut pivot = lower[(column, column)];
-            for k in 0..column {
-                let l = lower[(column, k)];
-                // Not yet divided by D: l = L·D.
-                pivot -= l * l * inverse[k];
-            }
-            // Rounding may have eaten a singular matrix's last pivot.
-            inverse[column] = 1.0 / pivot.max(LEAST_DAMPING);
-            for row in column + 1..M {
-                let mut value = lower[(row, column)];
-                for k in 0..column {
-                    value -= lower[(row, k)] * lower[(column, k)] * inverse[k];
-                }
-                lower[(row, column)] = value;
-            }
-        }
-        Self { lower, inverse }
-    }
-
-    fn solve(&self, right: &SVector<f32, M>) -> SVector<f32, M> {
-        let mut x = *right;
-        for row in 0..M {
-            for k in 0..row {
-                x[row] -= self.lower[(row, k)] * self.inverse[k] * x[k];
-            }
-        }
-        for row in (0..M).rev() {
-            x[row] *= self.inverse[row];
-            for k in row + 1..M {
-                x[row] -= self.lower[(k, row)] * self.inverse[row] * x[k];
-            }
-        }
-        x
     }
 }
 

@@ -5,11 +5,13 @@
 //! the platform has; `clippy.toml` bans them), and so is the fused multiply-add.
 
 mod atan2;
+mod ldlt;
 mod rotation;
 mod sincos;
 mod sqrt;
 
 pub use atan2::atan2;
+pub(crate) use ldlt::Ldlt;
 pub use rotation::rotation_vector;
 pub use sincos::sin_cos;
 pub use sqrt::sqrt;

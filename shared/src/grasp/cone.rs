@@ -1,0 +1,176 @@
+use nalgebra::{Matrix3, Vector3};
+
+use super::Contact;
+use crate::math;
+
+/// The forces that a contact can have, in units of the load: at least `least` and at most `limit` along its normal, and at
+/// most friction times that across it. A cone with its tip cut off and a flat end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cone {
+    normal: Vector3<f32>,
+    friction: f32,
+    /// 1/(1 + μ²).
+    flatness: f32,
+    least: f32,
+    limit: f32,
+}
+
+/// The force of a cone that is nearest to a given one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Nearest {
+    pub force: Vector3<f32>,
+    /// The most power that forces of the cone have against the given vector as a velocity.
+    pub support: f32,
+    /// Unit vector across the normal, towards the given force; 0 for one along the normal.
+    across: Vector3<f32>,
+    /// The derivative: along the normal, between it and `across`, along `across`, and at right angles to both.
+    derivative: [f32; 4],
+}
+
+impl Cone {
+    /// Of a contact; friction less `margin`, forces over `unit` [N].
+    pub fn new(contact: &Contact, margin: f32, least: f32, unit: f32) -> Self {
+        let friction = contact.friction * (1.0 - margin);
+        let inverse = 1.0 / unit;
+        Self {
+            normal: contact.normal,
+            friction,
+            flatness: 1.0 / (1.0 + friction * friction),
+            least: least * inverse,
+            limit: contact.limit * inverse,
+        }
+    }
+
+    /// The most power of its forces against the velocity `v`.
+    pub fn support(&self, v: &Vector3<f32>) -> f32 {
+        let along = self.normal.dot(v);
+        let across = math::sqrt((v - self.normal * along).norm_squared());
+        self.power(along, across)
+    }
+
+    #[inline]
+    fn power(&self, along: f32, across: f32) -> f32 {
+        let rate = along + self.friction * across;
+        rate * if rate > 0.0 { self.limit } else { self.least }
+    }
+
+    /// The force nearest to `v`.
+    #[inline]
+    pub fn nearest(&self, v: &Vector3<f32>) -> Nearest {
+        let Self { normal, friction, flatness, least, limit } = *self;
+        let along = normal.dot(v);
+        let mut across = v - normal * along;
+        let square = across.norm_squared();
+        let side = math::sqrt(square);
+        let support = self.power(along, side);
+        if side <= friction * along && along >= least && along <= limit {
+            return Nearest {
+                force: *v,
+                support,
+                across: Vector3::zeros(),
+                derivative: [1.0, 0.0, 1.0, 1.0],
+            };
+        }
+        let inverse = if square > f32::MIN_POSITIVE { 1.0 / side } else { 0.0 };
+        across *= inverse;
+        // The foot on the cone's surface; outside of it that is where the force is, but for the ends.
+        let foot = (along + friction * side) * flatness;
+        let surface = side > friction * along;
+        let push = if surface { foot } else { along };
+        if surface && foot > least && foot < limit {
+            let hold = friction * foot;
+            let derivative = [flatness, friction * flatness, friction * friction * flatness, hold * inverse];
+            return Nearest { force: normal * foot + across * hold, support, across, derivative };
+        }
+        let push = if push < limit { push } else { limit };
+        let push = if push > least { push } else { least };
+        let most = friction * push;
+        if side < most {
+            Nearest {
+                force: normal * push + across * side,
+                support,
+                across,
+                derivative: [0.0, 0.0, 1.0, 1.0],
+            }
+        } else {
+            let derivative = [0.0, 0.0, 0.0, most * inverse];
+            Nearest { force: normal * push + across * most, support, across, derivative }
+        }
+    }
+
+    /// The derivative of the nearest force, a symmetric matrix.
+    #[inline]
+    pub fn derivative(&self, nearest: &Nearest) -> Matrix3<f32> {
+        let [along, mixed, across, rest] = nearest.derivative;
+        let (n, t) = (&self.normal, &nearest.across);
+        // (along − rest) n nᵀ + mixed (n tᵀ + t nᵀ) + (across − rest) t tᵀ + rest
+        let a = n * (along - rest) + t * mixed;
+        let b = n * mixed + t * (across - rest);
+        let mut matrix = Matrix3::zeros();
+        for row in 0..3 {
+            for column in 0..=row {
+                let value = a[row] * n[column] + b[row] * t[column] + if row == column { rest } else { 0.0 };
+                matrix[(row, column)] = value;
+                matrix[(column, row)] = value;
+            }
+        }
+        matrix
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{Random, contact};
+    use super::*;
+
+    fn cones() -> impl Iterator<Item = Cone> {
+        [(0.5, 0.0, 3.0), (0.0, 0.0, 2.0), (1.2, 0.3, 2.5), (0.3, 0.5, 0.9)].into_iter().map(
+            |(friction, least, limit)| {
+                Cone::new(&contact([0.0; 3], [1.0, -2.0, 0.5], friction, limit * 2.0), 0.1, least * 2.0, 2.0)
+            },
+        )
+    }
+
+    #[test]
+    fn the_nearest_force_is_inside_and_nearer_than_all_others() {
+        let mut random = Random(6);
+        for cone in cones() {
+            for _ in 0..2000 {
+                let v = random.vector(4.0);
+                let nearest = cone.nearest(&v);
+                let along = cone.normal.dot(&nearest.force);
+                let across = (nearest.force - cone.normal * along).norm();
+                assert!(across <= cone.friction * along + 2e-6 && along < cone.limit + 1e-6);
+                assert!(along > cone.least - 1e-6);
+                // (v − p)·(q − p) ≤ 0 for every q of a convex set; and no q has more power than the support.
+                for _ in 0..20 {
+                    let push = random.between(cone.least, cone.limit);
+                    let side = random.vector(1.0);
+                    let side = (side - cone.normal * cone.normal.dot(&side)).normalize();
+                    let other = cone.normal * push + side * (cone.friction * push * random.between(0.0, 1.0));
+                    assert!((v - nearest.force).dot(&(other - nearest.force)) < 2e-5);
+                    assert!(v.dot(&other) < nearest.support + 1e-5);
+                }
+                assert!((cone.support(&v) - nearest.support).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_derivative_is_that_of_small_steps() {
+        let mut random = Random(7);
+        for cone in cones() {
+            let mut far = 0;
+            for _ in 0..2000 {
+                let (v, step) = (random.vector(4.0), random.vector(1.0));
+                let size = 2e-3;
+                let (before, after) = (cone.nearest(&(v - step * size)), cone.nearest(&(v + step * size)));
+                let slope = (after.force - before.force) / (2.0 * size);
+                let matrix = cone.derivative(&cone.nearest(&v));
+                // But for steps over an edge.
+                far += u32::from((matrix * step - slope).norm() > 5e-3);
+            }
+            assert!(far < 40, "{cone:?}: {far}");
+        }
+    }
+}

@@ -1,0 +1,120 @@
+use core::fmt;
+
+use heapless::Vec;
+use nalgebra::Vector3;
+
+use crate::math;
+
+/// Contacts that a grasp can have.
+pub const MAX_CONTACTS: usize = 6;
+
+/// The forces of a grasp's contacts on the object [N], in the order of the contacts.
+pub type ContactForces = Vec<Vector3<f32>, MAX_CONTACTS>;
+
+/// A normal shorter than this has no direction.
+const SHORTEST_NORMAL: f32 = 1e-6;
+
+/// A point contact with friction: it pushes along its normal and holds sideways up to friction times the push; it
+/// cannot pull, nor turn the object about its normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    pub(super) position: Vector3<f32>,
+    pub(super) normal: Vector3<f32>,
+    pub(super) friction: f32,
+    pub(super) limit: f32,
+}
+
+/// Why something is no [`Contact`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BadContact {
+    /// The position is not finite.
+    Position,
+    /// The normal is not finite, or has no length.
+    Normal,
+    /// The coefficient of friction is negative or not finite.
+    Friction(f32),
+    /// The largest normal force is not a positive number.
+    Limit(f32),
+}
+
+impl Contact {
+    /// A contact at `position` [m] with the object's surface, whose normal `normal` points into the object (of any
+    /// length), with the coefficient of `friction` and at most `limit` of normal force [N].
+    ///
+    /// # Errors
+    /// Which of them cannot be.
+    pub fn try_new(
+        position: Vector3<f32>,
+        normal: Vector3<f32>,
+        friction: f32,
+        limit: f32,
+    ) -> Result<Self, BadContact> {
+        if !(position.x + position.y + position.z).is_finite() {
+            return Err(BadContact::Position);
+        }
+        let length = math::sqrt(normal.norm_squared());
+        if !(length > SHORTEST_NORMAL && length.is_finite()) {
+            return Err(BadContact::Normal);
+        }
+        if !(friction >= 0.0 && friction.is_finite()) {
+            return Err(BadContact::Friction(friction));
+        }
+        if !(limit > 0.0 && limit.is_finite()) {
+            return Err(BadContact::Limit(limit));
+        }
+        Ok(Self { position, normal: normal / length, friction, limit })
+    }
+
+    /// Where it is [m].
+    pub const fn position(&self) -> &Vector3<f32> {
+        &self.position
+    }
+
+    /// Its normal, a unit vector into the object.
+    pub const fn normal(&self) -> &Vector3<f32> {
+        &self.normal
+    }
+
+    /// Its coefficient of friction.
+    pub const fn friction(&self) -> f32 {
+        self.friction
+    }
+
+    /// The largest normal force [N].
+    pub const fn limit(&self) -> f32 {
+        self.limit
+    }
+}
+
+impl fmt::Display for BadContact {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Position => write!(f, "the position is not finite"),
+            Self::Normal => write!(f, "the normal has no direction"),
+            Self::Friction(value) => write!(f, "the coefficient of friction is {value}"),
+            Self::Limit(value) => write!(f, "the largest normal force is {value} N"),
+        }
+    }
+}
+
+impl core::error::Error for BadContact {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let (here, up) = (Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.0, 2.0));
+        assert_eq!(*Contact::try_new(here, up, 0.0, 1.0).unwrap().normal(), Vector3::z());
+        let nan = Vector3::new(0.0, f32::NAN, 0.0);
+        assert_eq!(Contact::try_new(nan, up, 0.5, 1.0), Err(BadContact::Position));
+        assert_eq!(Contact::try_new(here, nan, 0.5, 1.0), Err(BadContact::Normal));
+        assert_eq!(Contact::try_new(here, Vector3::zeros(), 0.5, 1.0), Err(BadContact::Normal));
+        assert_eq!(Contact::try_new(here, up, -0.5, 1.0), Err(BadContact::Friction(-0.5)));
+        assert!(matches!(Contact::try_new(here, up, f32::NAN, 1.0), Err(BadContact::Friction(_))));
+        assert_eq!(Contact::try_new(here, up, 0.5, 0.0), Err(BadContact::Limit(0.0)));
+        assert_eq!(Contact::try_new(here, up, 0.5, f32::INFINITY), Err(BadContact::Limit(f32::INFINITY)));
+    }
+}

@@ -1,0 +1,110 @@
+use core::fmt;
+
+use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
+
+use super::map::halves;
+use crate::kinematics::Jacobian;
+
+/// A finger's block of `D_F J_F` whose determinant is less than this share of the product of its columns' lengths is
+/// singular.
+const LEAST_DETERMINANT: f32 = 1e-4;
+
+/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `arm` [m] from a frame's origin, of the frame's twist `[v; ω]`.
+/// `D_Fi` with the arm from the fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand;
+/// Hand3 (13) without the rows for rotation, which a point contact does not pass on.
+pub fn contact_map(arm: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
+    let mut map = SMatrix::<f32, 3, 6>::zeros();
+    map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+    map.fixed_view_mut::<3, 3>(0, 3).copy_from(&-arm.cross_matrix());
+    map
+}
+
+/// `D_o`, 9 × 6, of three contacts at `arms` [m] from the object's origin. Its transpose is the grasp map.
+pub fn object_map(arms: &[Vector3<f32>; 3]) -> SMatrix<f32, 9, 6> {
+    let mut map = SMatrix::<f32, 9, 6>::zeros();
+    for (index, arm) in arms.iter().enumerate() {
+        map.fixed_view_mut::<3, 6>(3 * index, 0).copy_from(&contact_map(arm));
+    }
+    map
+}
+
+/// Three fingers of three joints that hold an object: `D_F J_F`, 9 × 9, whose blocks off the diagonal are 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThreeFingers {
+    blocks: [Matrix3<f32>; 3],
+}
+
+/// A finger cannot move its contact in all directions: it is stretched, or folded, or on its first axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SingularFinger {
+    /// The finger, 0 to 2.
+    pub finger: u8,
+}
+
+impl ThreeFingers {
+    /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact is from the
+    /// tip [m], in the axes of the Jacobian.
+    pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
+        let block =
+            |(jacobian, arm): &(Jacobian, Vector3<f32>)| contact_map(arm) * jacobian.fixed_view::<6, 3>(0, 0);
+        Self { blocks: fingers.each_ref().map(block) }
+    }
+
+    /// `D_Fi J_Fi` of the three fingers [m/rad].
+    pub const fn blocks(&self) -> &[Matrix3<f32>; 3] {
+        &self.blocks
+    }
+
+    /// `(D_F J_F)ᵀ f`, Hand3 (16): the joint torques [N·m] of each finger that press on the object with these `forces` [N].
+    pub fn torques(&self, forces: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
+        let [a, b, c] = &self.blocks;
+        let [f, g, h] = forces;
+        [a.tr_mul(f), b.tr_mul(g), c.tr_mul(h)]
+    }
+
+    /// `D_F J_F q̇`, the left side of Hand3 (15): the velocities of the contacts [m/s] for joint velocities [rad/s].
+    pub fn velocities(&self, joints: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
+        let [a, b, c] = &self.blocks;
+        let [p, q, r] = joints;
+        [a * p, b * q, c * r]
+    }
+
+    /// `(D_F J_F)⁻¹ D_o V`, Hand3 (22): the joint velocities [rad/s] with which the fingers follow an object that moves
+    /// with `twist` [m/s; rad/s] and has its contacts at `arms` [m] from its origin. Small motions go the same way (23).
+    ///
+    /// # Errors
+    /// A finger in a singular posture.
+    pub fn follow(
+        &self,
+        arms: &[Vector3<f32>; 3],
+        twist: &Vector6<f32>,
+    ) -> Result<[Vector3<f32>; 3], SingularFinger> {
+        let (linear, angular) = halves(twist);
+        let mut joints = [Vector3::zeros(); 3];
+        for (finger, ((block, arm), joints)) in (0..).zip(self.blocks.iter().zip(arms).zip(&mut joints)) {
+            let velocity = linear + angular.cross(arm);
+            *joints = solve(block, &velocity).ok_or(SingularFinger { finger })?;
+        }
+        Ok(joints)
+    }
+}
+
+/// Cramer's rule; `None` for a singular matrix, one that is not finite included.
+fn solve(matrix: &Matrix3<f32>, right: &Vector3<f32>) -> Option<Vector3<f32>> {
+    let (a, b, c) = (matrix.column(0), matrix.column(1), matrix.column(2));
+    let across = b.cross(&c);
+    let determinant = a.dot(&across);
+    // Squares, to spare the roots.
+    let size = a.norm_squared() * b.norm_squared() * c.norm_squared();
+    let regular = determinant * determinant > LEAST_DETERMINANT * LEAST_DETERMINANT * size;
+    let inverse = 1.0 / determinant;
+    regular.then(|| Vector3::new(across.dot(right), c.cross(&a).dot(right), a.cross(&b).dot(right)) * inverse)
+}
+
+impl fmt::Display for SingularFinger {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "finger {} is in a singular posture", self.finger + 1)
+    }
+}
+
+impl core::error::Error for SingularFinger {}

@@ -1,0 +1,189 @@
+use core::fmt;
+
+use nalgebra::{Vector3, Vector6};
+
+use super::cone::Cone;
+use super::map::{halves, stack};
+use super::search::{Search, Unheld};
+use super::{Certificate, ContactForces, GraspMap};
+use crate::math;
+
+/// Loads smaller than this share of the least normal force are balanced as exactly as one of that size.
+const SMALLEST: f32 = 0.01;
+
+/// The least grip that holds a load: of all contact forces `f` that
+///
+/// - make the wrench wanted, `G f = w`,
+/// - push along the normals with at least `least` and at most the contact's limit,
+/// - and stay inside the friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`,
+///
+/// those of the least sum of squares `½ Σ |f|²`. This is strictly convex, so there is exactly one answer and it moves
+/// steadily with contacts and load; and because the pseudo-inverse's part is at right angles to all internal forces
+/// (Hand3 (18)), it is also the answer with the smallest *internal* force.
+///
+/// # How
+/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints: maximise
+/// `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated cone, which has a closed
+/// form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's
+/// method (semismooth, damped, with a line search) takes a few steps from the last tick's twist. The forces `pᵢ` are inside
+/// their cones at every step; there is no linearisation of the cones and no interior to find first. Where nothing holds the
+/// load `y` grows along a twist that proves it: the [`Certificate`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeastGrip {
+    pub(super) margin: f32,
+    pub(super) least: f32,
+}
+
+/// The last solution's twist, from which the next search starts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GripState {
+    /// About the origin, over the load.
+    pub(super) twist: Vector6<f32>,
+}
+
+/// Forces that hold the load.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grip {
+    /// The contacts' forces on the object [N].
+    pub forces: ContactForces,
+    /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4. A load below a
+    /// hundredth of the least normal force counts as that much.
+    pub rest: f32,
+    /// Newton steps taken.
+    pub steps: u8,
+}
+
+/// Bad settings of a [`LeastGrip`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BadGrip {
+    /// The margin is not at least 0 and less than 1.
+    Margin(f32),
+    /// The least normal force is negative or not finite.
+    Least(f32),
+}
+
+/// Why there is no grip.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoGrip {
+    /// The load is not finite.
+    NotFinite,
+    /// A contact's limit is below the least normal force.
+    Limit {
+        /// Its index.
+        contact: u8,
+        /// Its limit [N].
+        limit: f32,
+    },
+    /// No forces hold the load, and this proves it.
+    CannotHold(Certificate),
+    /// Neither forces nor proof were found: the load is at the edge of what can be held.
+    NotConverged {
+        /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
+        rest: f32,
+    },
+}
+
+impl LeastGrip {
+    /// A grip that leaves `margin` of the friction unused (0 to 1) and pushes with at least `least` [N] at each contact, so
+    /// that none is lost.
+    ///
+    /// # Errors
+    /// Which of them cannot be.
+    pub fn try_new(margin: f32, least: f32) -> Result<Self, BadGrip> {
+        if !(0.0..1.0).contains(&margin) {
+            return Err(BadGrip::Margin(margin));
+        }
+        if !(least >= 0.0 && least.is_finite()) {
+            return Err(BadGrip::Least(least));
+        }
+        Ok(Self { margin, least })
+    }
+
+    /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the opposite of what
+    /// gravity and inertia do to it.
+    ///
+    /// # Errors
+    /// Nothing holds the load, or it is at the edge of what can be held.
+    pub fn solve(&self, map: &GraspMap, load: &Vector6<f32>, state: &mut GripState) -> Result<Grip, NoGrip> {
+        if !load.sum().is_finite() {
+            return Err(NoGrip::NotFinite);
+        }
+        for (contact, of) in (0..).zip(map.contacts()) {
+            if of.limit() < self.least {
+                return Err(NoGrip::Limit { contact, limit: of.limit() });
+            }
+        }
+        let (force, moment) = map.scaled(load);
+        let size = math::sqrt(force.norm_squared() + moment.norm_squared());
+        let unit = if size > self.least { size } else { self.least };
+        if unit <= f32::MIN_POSITIVE {
+            let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
+            return Ok(Grip { forces, rest: 0.0, steps: 0 });
+        }
+        let cone = |contact| Cone::new(contact, self.margin, self.least, unit);
+        let search = Search {
+            map,
+            cones: map.contacts().iter().map(cone).collect(),
+            load: stack(&(force / unit), &(moment / unit)),
+            size: if size > SMALLEST * unit { size / unit } else { SMALLEST },
+        };
+        let (linear, angular) = halves(&state.twist);
+        let mut start = stack(&(linear + angular.cross(&map.center)), &(angular * map.length));
+        if !start.sum().is_finite() {
+            start = Vector6::zeros();
+        }
+        let physical = |y: &Vector6<f32>| {
+            let (linear, angular) = halves(y);
+            let angular = angular / map.length;
+            stack(&(linear - angular.cross(&map.center)), &angular)
+        };
+        let proves = |y: &Vector6<f32>| {
+            let (linear, angular) = halves(y);
+            let certificate = Certificate { twist: stack(&linear, &(angular / map.length)) };
+            certificate.holds(self, map, load).then_some(certificate)
+        };
+        let (point, steps) = search.run(start, proves).map_err(|end| match end {
+            Unheld::Refused(certificate) => NoGrip::CannotHold(certificate),
+            Unheld::Open(rest) => NoGrip::NotConverged { rest },
+        })?;
+        let rest = search.rest(&point);
+        state.twist = physical(&point.twist);
+        let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
+        Ok(Grip { forces, rest, steps })
+    }
+}
+
+impl fmt::Display for BadGrip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Margin(value) => write!(f, "the margin is {value}; it is at least 0 and less than 1"),
+            Self::Least(value) => write!(f, "the least normal force is {value} N"),
+        }
+    }
+}
+
+impl core::error::Error for BadGrip {}
+
+impl fmt::Display for NoGrip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "the load is not finite"),
+            Self::Limit { contact, limit } => {
+                write!(f, "contact {contact}: its limit of {limit} N is below the least normal force")
+            }
+            Self::CannotHold(certificate) => {
+                let t = certificate.twist;
+                write!(
+                    f,
+                    "no contact forces hold the load against the twist {} {} {} m/s, {} {} {} rad/s",
+                    t.x, t.y, t.z, t.w, t.a, t.b
+                )
+            }
+            Self::NotConverged { rest } => {
+                write!(f, "the load is at the edge of what can be held: {rest} of it is missing")
+            }
+        }
+    }
+}
+
+impl core::error::Error for NoGrip {}

@@ -1,0 +1,214 @@
+use nalgebra::{Vector3, Vector6};
+
+use super::tests::{Random, contact, hand3_grasp};
+use super::*;
+use crate::math::sqrt;
+
+type StoredContact = ([f32; 3], [f32; 3], f32, f32);
+
+/// Margin, least normal force, load; contacts as position, normal, friction, limit; half the least sum of squares, if the
+/// load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
+#[allow(clippy::type_complexity)]
+const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
+    include!("../../../tests/oracles/data/grip.in");
+
+const FREE: LeastGrip = LeastGrip { margin: 0.0, least: 0.0 };
+
+/// An object of 40 mm between two fingers that face each other along x.
+fn pinch(friction: f32, limit: f32) -> GraspMap {
+    let contacts = [
+        contact([-0.02, 0.0, 0.1], [1.0, 0.0, 0.0], friction, limit),
+        contact([0.02, 0.0, 0.1], [-1.0, 0.0, 0.0], friction, limit),
+    ];
+    GraspMap::try_new(&contacts, Vector3::new(0.0, 0.0, 0.1)).unwrap()
+}
+
+fn lift(weight: f32) -> Vector6<f32> {
+    Vector6::new(0.0, 0.0, weight, 0.0, 0.0, 0.0)
+}
+
+fn solve(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> Result<Grip, NoGrip> {
+    grip.solve(map, load, &mut GripState::default())
+}
+
+/// Largest violation of balance, cones and limits, over the load.
+fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Vector3<f32>]) -> f32 {
+    let (force, moment) = map.scaled(&(load - map.wrench(forces)));
+    let (wanted, turned) = map.scaled(load);
+    let size = sqrt(wanted.norm_squared() + turned.norm_squared());
+    let mut worst = sqrt(force.norm_squared() + moment.norm_squared());
+    for (contact, force) in map.contacts().iter().zip(forces) {
+        let along = contact.normal().dot(force);
+        let across = (force - contact.normal() * along).norm();
+        let friction = contact.friction() * (1.0 - grip.margin);
+        for excess in [across - friction * along, along - contact.limit(), grip.least - along] {
+            worst = worst.max(excess);
+        }
+    }
+    worst / size
+}
+
+#[test]
+fn two_fingers_pinch_with_the_weight_over_twice_the_friction() {
+    let weight = 0.2 * 9.81;
+    let grip = solve(&FREE, &pinch(0.5, 20.0), &lift(weight)).unwrap();
+    let push = weight / (2.0 * 0.5);
+    for (force, side) in grip.forces.iter().zip([1.0, -1.0]) {
+        assert!((force - Vector3::new(side * push, 0.0, weight / 2.0)).norm() < 2e-4, "{grip:?}");
+    }
+    // With a fifth of the friction left unused.
+    let careful = LeastGrip::try_new(0.2, 0.0).unwrap();
+    let grip = solve(&careful, &pinch(0.5, 20.0), &lift(weight)).unwrap();
+    assert!((grip.forces[0].x - weight / (2.0 * 0.4)).abs() < 2e-4);
+    // Limits of 10 N and a friction of 0.5 carry 10 N.
+    assert!(solve(&FREE, &pinch(0.5, 10.0), &lift(9.9)).is_ok());
+    assert!(matches!(solve(&FREE, &pinch(0.5, 10.0), &lift(10.1)), Err(NoGrip::CannotHold(_))));
+}
+
+#[test]
+fn three_fingers_share_a_weight_as_worked_by_hand() {
+    // The weight hangs half way: finger 3 carries half of it, and what it needs to push the others push together.
+    let (weight, friction) = (2.0, 0.4);
+    let load = Vector6::new(0.0, 0.0, weight, 0.0, -0.03 * weight, 0.0);
+    let grip = solve(&FREE, &hand3_grasp(friction), &load).unwrap();
+    let push = weight / 2.0 / friction;
+    let expected = [(push / 2.0, weight / 4.0), (push / 2.0, weight / 4.0), (-push, weight / 2.0)];
+    for (force, (x, z)) in grip.forces.iter().zip(expected) {
+        assert!((force - Vector3::new(x, 0.0, z)).norm() < 2e-4, "{grip:?}");
+    }
+}
+
+#[test]
+fn forces_inside_all_cones_are_those_of_the_pseudo_inverse() {
+    let mut random = Random(8);
+    let mut seen = 0;
+    for _ in 0..300 {
+        // A tray on five points, which push up and hold sideways by about a tenth of that.
+        let contacts: Vec<Contact> = (0..5)
+            .map(|_| {
+                contact(
+                    [random.between(-0.1, 0.1), random.between(-0.1, 0.1), 0.0],
+                    [0.0, 0.0, 1.0],
+                    0.5,
+                    9.0,
+                )
+            })
+            .collect();
+        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+        let made: Vec<Vector3<f32>> = contacts.iter().map(|_| Vector3::z() + random.vector(0.1)).collect();
+        let load = map.wrench(&made);
+        let least = map.inverse().forces(&load).unwrap();
+        if violation(&FREE, &map, &load, &least) < 1e-5 {
+            seen += 1;
+            let grip = solve(&FREE, &map, &load).unwrap();
+            assert!(grip.steps <= 3);
+            for (force, least) in grip.forces.iter().zip(&least) {
+                assert!((force - least).norm() < 1e-4);
+            }
+        }
+    }
+    assert!(seen > 100, "{seen}");
+}
+
+#[test]
+fn what_nothing_holds_is_refused_with_a_proof() {
+    let moment = Vector6::new(0.0, 0.0, 0.0, 0.1, 0.0, 0.0);
+    for (map, load) in [
+        // No friction; a moment about the line of two fingers; too heavy; a pull.
+        (pinch(0.0, 20.0), lift(1.0)),
+        (pinch(0.5, 20.0), moment),
+        (pinch(0.5, 20.0), lift(50.0)),
+        (hand3_grasp(0.0), lift(1.0)),
+        (hand3_grasp(0.1), lift(10.0)),
+    ] {
+        let Err(NoGrip::CannotHold(certificate)) = solve(&FREE, &map, &load) else { panic!("{load}") };
+        assert!(certificate.holds(&FREE, &map, &load));
+        // It proves nothing about a load that can be held, nor in the other direction.
+        assert!(!certificate.holds(&FREE, &map, &(load * 0.0)));
+        assert!(!certificate.holds(&FREE, &map, &-load));
+    }
+    // All normals one way: nothing can be pulled back.
+    let one_way = [[0.0, 0.02, 0.0], [0.0, -0.02, 0.0], [0.0, 0.0, 0.03]]
+        .map(|place| contact(place, [1.0, 0.0, 0.0], 0.5, 20.0));
+    let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
+    let back = Vector6::new(-1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    assert!(matches!(solve(&FREE, &map, &back), Err(NoGrip::CannotHold(_))));
+    assert!(solve(&FREE, &map, &Vector6::new(1.0, 0.0, 0.0, 0.0, 0.01, 0.0)).is_ok());
+    let nonsense = Certificate { twist: Vector6::repeat(f32::NAN) };
+    assert!(!nonsense.holds(&FREE, &map, &back));
+}
+
+#[test]
+fn every_contact_pushes_with_the_least_force() {
+    let grip = LeastGrip::try_new(0.1, 0.3).unwrap();
+    let idle = solve(&grip, &pinch(0.5, 20.0), &lift(0.0)).unwrap();
+    assert!((idle.forces[0] - Vector3::new(0.3, 0.0, 0.0)).norm() < 1e-4, "{idle:?}");
+    let nothing = solve(&FREE, &pinch(0.5, 20.0), &lift(0.0)).unwrap();
+    assert_eq!(nothing.forces[..], [Vector3::zeros(); 2]);
+}
+
+#[test]
+fn the_next_search_starts_where_the_last_one_ended() {
+    let map = hand3_grasp(0.5);
+    let load = Vector6::new(0.1, 0.2, 2.0, 0.001, -0.05, 0.002);
+    let mut state = GripState::default();
+    let first = FREE.solve(&map, &load, &mut state).unwrap();
+    let again = FREE.solve(&map, &load, &mut state).unwrap();
+    assert!(first.steps > 1 && again.steps == 0, "{} {}", first.steps, again.steps);
+    // A state that is no number does no harm, and a refusal leaves the state as it is.
+    let before = state.clone();
+    assert!(FREE.solve(&map, &(load * 100.0), &mut state).is_err());
+    assert_eq!(state, before);
+    let mut broken = GripState { twist: Vector6::repeat(f32::NAN) };
+    assert!(FREE.solve(&map, &load, &mut broken).is_ok());
+}
+
+#[test]
+fn bad_input_is_refused_by_name() {
+    assert_eq!(LeastGrip::try_new(1.0, 0.0), Err(BadGrip::Margin(1.0)));
+    assert!(matches!(LeastGrip::try_new(f32::NAN, 0.0), Err(BadGrip::Margin(_))));
+    assert_eq!(LeastGrip::try_new(0.1, -1.0), Err(BadGrip::Least(-1.0)));
+    assert_eq!(LeastGrip::try_new(0.1, f32::INFINITY), Err(BadGrip::Least(f32::INFINITY)));
+    let map = pinch(0.5, 2.0);
+    assert_eq!(solve(&FREE, &map, &lift(f32::NAN)), Err(NoGrip::NotFinite));
+    let strong = LeastGrip::try_new(0.1, 3.0).unwrap();
+    assert_eq!(solve(&strong, &map, &lift(1.0)), Err(NoGrip::Limit { contact: 0, limit: 2.0 }));
+}
+
+#[test]
+fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
+    let (mut held, mut refused, mut open) = (0, 0, 0);
+    for (index, &(margin, least, load, contacts, objective, boundary)) in CASES.iter().enumerate() {
+        let contacts: Vec<Contact> = contacts
+            .iter()
+            .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
+            .collect();
+        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+        let grip = LeastGrip::try_new(margin, least).unwrap();
+        let load = Vector6::from(load);
+        match (solve(&grip, &map, &load), objective) {
+            (Ok(found), _) => {
+                held += 1;
+                let worst = violation(&grip, &map, &load, &found.forces);
+                assert!(worst < 1e-4, "{index}: {worst}");
+                assert!(objective.is_some() || boundary, "{index} cannot be held");
+                let sum = 0.5 * found.forces.iter().map(Vector3::norm_squared).sum::<f32>();
+                if let Some(objective) = objective
+                    && !boundary
+                {
+                    assert!((sum / objective - 1.0).abs() < 1e-3, "{index}: {sum} {objective}");
+                }
+            }
+            (Err(NoGrip::CannotHold(certificate)), objective) => {
+                refused += 1;
+                assert!(certificate.holds(&grip, &map, &load) && objective.is_none(), "{index} can be held");
+            }
+            // Neither: on the boundary, or where only forces many times the load could hold it.
+            (Err(error), _) => {
+                open += 1;
+                println!("{index} boundary {boundary}: {error}");
+            }
+        }
+    }
+    assert!(held > 140 && refused > 100 && open <= 2, "{held} {refused} {open}");
+}

@@ -1,0 +1,373 @@
+use core::fmt;
+
+use heapless::Vec;
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::{ContactForces, GraspMap, MAX_CONTACTS};
+use crate::math::{self, abs};
+
+/// Most independent internal forces: six contacts in line.
+const MAX_INTERNAL: usize = 3 * MAX_CONTACTS - 5;
+/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single precision.
+const SWEEPS: usize = 6;
+
+/// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose wrench is 0.
+/// There are 3n − 6 of them, or 3n − 5 for contacts in line.
+#[derive(Clone, Debug)]
+pub struct InternalForces {
+    basis: Vec<ContactForces, MAX_INTERNAL>,
+}
+
+/// The pairwise form of internal forces is for three contacts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotThreeContacts(pub usize);
+
+/// The internal force along the contacts' normals, with one degree of freedom (Hand3, section 5.3).
+#[derive(Clone, Debug, PartialEq)]
+pub struct NormalGrip {
+    /// Normal forces, the largest of them 1.
+    shares: Vec<f32, MAX_CONTACTS>,
+    forces: ContactForces,
+}
+
+/// Why the contacts cannot grip along their normals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoNormalGrip {
+    /// No forces along the normals balance.
+    Unbalanced {
+        /// The least wrench that remains, over the root of the sum of squares of the forces, moments over the length.
+        rest: f32,
+    },
+    /// More than one combination balances.
+    Ambiguous,
+    /// They balance only when one of the contacts carries nothing, or pulls.
+    NotPushing {
+        /// Its index.
+        contact: u8,
+        /// Its force over the largest one.
+        share: f32,
+    },
+}
+
+impl GraspMap {
+    /// `E`, 9 × 3, of Hand3 (18): its columns are unit forces by which contacts 2 and 3, 1 and 3, 1 and 2 press towards
+    /// each other.
+    ///
+    /// # Errors
+    /// There are not three contacts.
+    pub fn pairwise(&self) -> Result<SMatrix<f32, 9, 3>, NotThreeContacts> {
+        let [one, two, three] = self.arms[..] else {
+            return Err(NotThreeContacts(self.arms.len()));
+        };
+        let toward = |from: Vector3<f32>, to: Vector3<f32>| {
+            let step = to - from;
+            step / math::sqrt(step.norm_squared())
+        };
+        let (e12, e13, e23) = (toward(one, two), toward(one, three), toward(two, three));
+        let mut matrix = SMatrix::<f32, 9, 3>::zeros();
+        for (row, column, e) in
+            [(0, 1, e13), (0, 2, e12), (3, 0, e23), (3, 2, -e12), (6, 0, -e23), (6, 1, -e13)]
+        {
+            matrix.fixed_view_mut::<3, 1>(row, column).copy_from(&e);
+        }
+        Ok(matrix)
+    }
+
+    /// A basis of all internal forces.
+    pub fn internal_forces(&self) -> InternalForces {
+        let inverse = self.inverse();
+        let count = self.arms.len();
+        let dimension = 3 * count - usize::from(inverse.conditioning().rank);
+        // Unit forces without what moves the object, the one with most left first (Gram and Schmidt with pivots).
+        let mut basis = Vec::<ContactForces, MAX_INTERNAL>::new();
+        let mut left: ContactForces = self.arms.iter().map(|_| Vector3::repeat(1.0)).collect();
+        for (place, left) in left.iter_mut().enumerate() {
+            for axis in 0..3 {
+                let mut force = self.unit_force(place, axis);
+                inverse.remove_wrench(&mut force);
+                left[axis] = force.get(place).map_or(0.0, |force| force[axis]);
+            }
+        }
+        for _ in 0..dimension {
+            let (mut place, mut axis, mut most) = (0, 0, 0.0);
+            for (index, left) in left.iter().enumerate() {
+                for (direction, &left) in left.iter().enumerate() {
+                    if left > most {
+                        (place, axis, most) = (index, direction, left);
+                    }
+                }
+            }
+            let mut force = self.unit_force(place, axis);
+            for _ in 0..2 {
+                inverse.remove_wrench(&mut force);
+                for known in &basis {
+                    let share = dot(known, &force);
+                    force.iter_mut().zip(known).for_each(|(force, known)| *force -= known * share);
+                }
+            }
+            let length = math::sqrt(dot(&force, &force));
+            force.iter_mut().for_each(|force| *force /= length);
+            for (left, force) in left.iter_mut().zip(&force) {
+                *left -= force.component_mul(force);
+            }
+            let _ = basis.push(force); // no more than the largest dimension
+        }
+        InternalForces { basis }
+    }
+
+    fn unit_force(&self, place: usize, axis: usize) -> ContactForces {
+        let mut forces: ContactForces = self.arms.iter().map(|_| Vector3::zeros()).collect();
+        if let Some(part) = forces.get_mut(place).and_then(|force| force.get_mut(axis)) {
+            *part = 1.0;
+        }
+        forces
+    }
+
+    /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`. `tolerance` is the
+    /// largest wrench that may remain, over the root of the sum of squares of the forces and with moments over
+    /// [`GraspMap::length`]: measured contacts never balance exactly. What remains is then balanced by the least forces
+    /// across the normals.
+    ///
+    /// # Errors
+    /// The normals do not balance in one way, with all contacts pushing.
+    pub fn normal_grip(&self, tolerance: f32) -> Result<NormalGrip, NoNormalGrip> {
+        // NᵀDₒDₒᵀN; rows beyond the contacts get an eigenvalue above all others.
+        let mut products =
+            SMatrix::<f32, MAX_CONTACTS, MAX_CONTACTS>::from_diagonal_element(f32::from(u8::MAX));
+        let pairs = || self.contacts.iter().zip(&self.arms).enumerate().take(MAX_CONTACTS);
+        for (row, (one, arm)) in pairs() {
+            for (column, (other, second)) in pairs() {
+                let (turn, other_turn) = (arm.cross(&one.normal), second.cross(&other.normal));
+                products[(row, column)] = one.normal.dot(&other.normal) + turn.dot(&other_turn);
+            }
+        }
+        let vectors = eigenvectors(&mut products);
+        let (mut least, mut next) = (f32::INFINITY, f32::INFINITY);
+        let mut vector = SVector::zeros();
+        for (&value, column) in products.diagonal().iter().zip(vectors.column_iter()) {
+            if value < least {
+                (next, least) = (least, value);
+                vector = column.into_owned();
+            } else if value < next {
+                next = value;
+            }
+        }
+        let push = |scale: f32| -> ContactForces {
+            self.contacts
+                .iter()
+                .zip(vector.iter())
+                .map(|(contact, share)| contact.normal * (share * scale))
+                .collect()
+        };
+        // Not from the eigenvalue, whose digits near 0 are lost.
+        let (force, moment) = self.scaled_sum(&push(1.0));
+        let rest = math::sqrt(force.norm_squared() + moment.norm_squared());
+        if rest > tolerance || (rest + tolerance).is_nan() {
+            return Err(NoNormalGrip::Unbalanced { rest });
+        }
+        if next <= tolerance * tolerance + f32::EPSILON {
+            return Err(NoNormalGrip::Ambiguous);
+        }
+        let largest =
+            vector.iter().fold(0.0, |most: f32, &share| if abs(share) > abs(most) { share } else { most });
+        let shares: Vec<f32, MAX_CONTACTS> =
+            vector.iter().take(self.contacts.len()).map(|share| share / largest).collect();
+        for (contact, &share) in (0..).zip(&shares) {
+            if share <= tolerance {
+                return Err(NoNormalGrip::NotPushing { contact, share });
+            }
+        }
+        let mut forces = push(1.0 / largest);
+        self.inverse().remove_wrench(&mut forces);
+        Ok(NormalGrip { shares, forces })
+    }
+}
+
+impl InternalForces {
+    /// The basis; as many as there are degrees of freedom.
+    pub fn basis(&self) -> &[ContactForces] {
+        &self.basis
+    }
+
+    /// The internal forces [N] with these parts along the basis [N]; missing ones are 0.
+    pub fn forces(&self, parts: &[f32]) -> ContactForces {
+        let mut forces = ContactForces::new();
+        for (member, part) in self.basis.iter().zip(parts.iter().chain(core::iter::repeat(&0.0))) {
+            let _ = forces.resize_default(member.len()); // cannot fail: as many places as contacts
+            forces.iter_mut().zip(member).for_each(|(force, member)| *force += member * *part);
+        }
+        forces
+    }
+}
+
+impl NormalGrip {
+    /// The normal force of each contact over the largest one.
+    pub fn shares(&self) -> &[f32] {
+        &self.shares
+    }
+
+    /// The contacts' forces [N] when the largest of them is `strength` [N]; their wrench is 0.
+    pub fn forces(&self, strength: f32) -> ContactForces {
+        self.forces.iter().map(|force| force * strength).collect()
+    }
+}
+
+fn dot(a: &[Vector3<f32>], b: &[Vector3<f32>]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}
+
+/// The eigenvectors of a symmetric matrix by Jacobi's method; the matrix becomes diagonal.
+fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32, N, N> {
+    let mut vectors = SMatrix::identity();
+    for _ in 0..SWEEPS {
+        for p in 0..N {
+            for q in p + 1..N {
+                let off = matrix[(p, q)];
+                if abs(off) <= f32::MIN_POSITIVE {
+                    continue;
+                }
+                // The smaller rotation that makes this element 0.
+                let ratio = (matrix[(q, q)] - matrix[(p, p)]) / (2.0 * off);
+                let size = abs(ratio);
+                let root = if size < 1e6 { math::sqrt(ratio * ratio + 1.0) } else { size };
+                let tangent = (1.0 / (size + root)).copysign(ratio);
+                let cosine = 1.0 / math::sqrt(tangent * tangent + 1.0);
+                let sine = tangent * cosine;
+                let turn = |a: f32, b: f32| (cosine * a - sine * b, sine * a + cosine * b);
+                for k in 0..N {
+                    (matrix[(k, p)], matrix[(k, q)]) = turn(matrix[(k, p)], matrix[(k, q)]);
+                }
+                for k in 0..N {
+                    (matrix[(p, k)], matrix[(q, k)]) = turn(matrix[(p, k)], matrix[(q, k)]);
+                    (vectors[(k, p)], vectors[(k, q)]) = turn(vectors[(k, p)], vectors[(k, q)]);
+                }
+            }
+        }
+    }
+    vectors
+}
+
+impl fmt::Display for NotThreeContacts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} contacts; the pairwise form is for 3", self.0)
+    }
+}
+
+impl core::error::Error for NotThreeContacts {}
+
+impl fmt::Display for NoNormalGrip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unbalanced { rest } => {
+                write!(f, "forces along the normals do not balance: {rest} of their size remains")
+            }
+            Self::Ambiguous => write!(f, "forces along the normals balance in more than one way"),
+            Self::NotPushing { contact, share } => write!(
+                f,
+                "forces along the normals balance only with {share} of the largest at contact {contact}, which can push only"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for NoNormalGrip {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
+mod tests {
+    use super::super::Contact;
+    use super::super::tests::{Random, contact, hand3_grasp};
+    use super::*;
+
+    fn rest(map: &GraspMap, forces: &[Vector3<f32>]) -> f32 {
+        let (force, moment) = map.scaled_sum(forces);
+        math::sqrt(force.norm_squared() + moment.norm_squared())
+    }
+
+    #[test]
+    fn pairs_press_towards_each_other_and_move_nothing() {
+        let mut random = Random(4);
+        for _ in 0..100 {
+            let map = random.ball(3, Vector3::new(0.1, 0.2, 0.3));
+            let e = map.pairwise().unwrap();
+            assert!((map.matrix().fixed_columns::<9>(0) * e).norm() < 2e-7);
+            // Positive means squeezed: each presses inwards.
+            let squeezed = e * Vector3::new(1.0, 1.0, 1.0);
+            for (index, arm) in map.arms.iter().enumerate() {
+                assert!(squeezed.fixed_rows::<3>(3 * index).dot(arm) < 0.0);
+            }
+        }
+        assert_eq!(random.ball(4, Vector3::zeros()).pairwise(), Err(NotThreeContacts(4)));
+    }
+
+    #[test]
+    fn the_basis_is_orthonormal_complete_and_moves_nothing() {
+        let mut random = Random(5);
+        let line: std::vec::Vec<Contact> =
+            (0..6).map(|x| contact([0.02 * x as f32, 0.01, 0.0], [0.0, 0.0, 1.0], 0.5, 9.0)).collect();
+        let line = GraspMap::try_new(&line, Vector3::zeros()).unwrap();
+        let mut maps: std::vec::Vec<GraspMap> =
+            (0..100).map(|round| random.ball(2 + round % 5, Vector3::zeros())).collect();
+        maps.push(line);
+        for (round, map) in maps.iter().enumerate() {
+            let internal = map.internal_forces();
+            let expected = if round == 100 { 13 } else { [1, 3, 6, 9, 12][round % 5] };
+            assert_eq!(internal.basis().len(), expected);
+            for (index, force) in internal.basis().iter().enumerate() {
+                assert!(rest(map, force) < 2e-6, "{round} {}", rest(map, force));
+                for (other, second) in internal.basis().iter().enumerate() {
+                    let unit = if index == other { 1.0 } else { 0.0 };
+                    assert!((dot(force, second) - unit).abs() < 2e-6, "{round} {index} {other}");
+                }
+            }
+            let made = internal.forces(&[2.0, -1.0]);
+            assert!((dot(&made, &internal.basis()[0]) - 2.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn three_fingers_grip_like_in_the_paper() {
+        // +2, +2 and −4 N along x.
+        let grip = hand3_grasp(0.5).normal_grip(1e-4).unwrap();
+        let expected = [2.0, 2.0, -4.0].map(|x| Vector3::new(x, 0.0, 0.0));
+        for (force, expected) in grip.forces(4.0).iter().zip(&expected) {
+            assert!((force - expected).norm() < 4e-6, "{force}");
+        }
+        // Finger 3 nearer to finger 1, on their line: finger 1 carries more. Beside the line: no balance.
+        let aside = |y: f32, z: f32| {
+            let mut contacts: std::vec::Vec<Contact> = hand3_grasp(0.5).contacts().to_vec();
+            contacts[2].position = Vector3::new(0.06, y, z);
+            GraspMap::try_new(&contacts, Vector3::zeros()).unwrap().normal_grip(1e-3)
+        };
+        let nearer = aside(0.02, 0.0).unwrap();
+        for (share, expected) in nearer.shares().iter().zip([0.75, 0.25, 1.0]) {
+            assert!((share - expected).abs() < 1e-5);
+        }
+        assert!(matches!(aside(0.0, 0.01), Err(NoNormalGrip::Unbalanced { rest }) if rest > 0.05));
+        assert!(matches!(aside(0.06, 0.0), Err(NoNormalGrip::NotPushing { contact: 1, .. })));
+        // By a little: what remains is balanced across the normals.
+        let little = aside(0.0, 2e-5).unwrap().forces(4.0);
+        assert!((little[2].x + 4.0).abs() < 1e-2 && (little[0] + little[1] + little[2]).norm() < 1e-5);
+    }
+
+    #[test]
+    fn normals_that_do_not_balance_are_refused() {
+        let one_way: std::vec::Vec<Contact> = [[0.0, 0.0], [0.02, 0.03], [0.06, 0.0]]
+            .iter()
+            .map(|&[y, z]| contact([0.0, y, z], [1.0, 0.0, 0.0], 0.5, 9.0))
+            .collect();
+        let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
+        assert!(matches!(map.normal_grip(1e-3), Err(NoNormalGrip::Unbalanced { .. })));
+        // In line one of them would have to pull.
+        let line: std::vec::Vec<Contact> =
+            [0.0, 0.02, 0.06].iter().map(|&y| contact([0.0, y, 0.0], [1.0, 0.0, 0.0], 0.5, 9.0)).collect();
+        let map = GraspMap::try_new(&line, Vector3::zeros()).unwrap();
+        assert!(matches!(map.normal_grip(1e-3), Err(NoNormalGrip::NotPushing { .. })));
+        // Two opposed pairs: each balances.
+        let pairs = [[0.03, 0.0], [-0.03, 0.0], [0.0, 0.03], [0.0, -0.03]]
+            .map(|[x, y]| contact([x, y, 0.0], [-x, -y, 0.0], 0.5, 9.0));
+        let map = GraspMap::try_new(&pairs, Vector3::zeros()).unwrap();
+        assert_eq!(map.normal_grip(1e-3), Err(NoNormalGrip::Ambiguous));
+        assert!(map.normal_grip(f32::NAN).is_err());
+    }
+}

@@ -1,0 +1,40 @@
+//! Grasping: what contact forces do to an object, and which are needed to hold it.
+//!
+//! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the object (Hand3,
+//!   section 5).
+//! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object; [`WrenchInverse`] back, to the least
+//!   forces, with rank and [`Conditioning`].
+//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move nothing, in the
+//!   three forms that are wanted.
+//! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that there are
+//!   none.
+//!
+//! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
+
+mod certificate;
+mod cone;
+mod contact;
+mod fingers;
+mod frame;
+mod grip;
+mod internal;
+mod inverse;
+mod map;
+mod search;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
+mod tests;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod grip_tests;
+
+pub use certificate::Certificate;
+pub use contact::{BadContact, Contact, ContactForces, MAX_CONTACTS};
+pub use fingers::{SingularFinger, ThreeFingers, contact_map, object_map};
+pub use frame::{NoObjectFrame, object_frame};
+pub use grip::{BadGrip, Grip, GripState, LeastGrip, NoGrip};
+pub use internal::{InternalForces, NoNormalGrip, NormalGrip, NotThreeContacts};
+pub use inverse::{Conditioning, NoForces, WrenchInverse};
+pub use map::{GraspMap, GraspMatrix, NoGrasp};

@@ -1,0 +1,254 @@
+use heapless::Vec;
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+use super::cone::{Cone, Nearest};
+use super::map::{halves, stack};
+use super::{Certificate, GraspMap, MAX_CONTACTS};
+use crate::math::{self, Ldlt, abs};
+
+/// Most Newton steps; the last of them.
+const STEPS: u8 = 40;
+const LAST: u8 = STEPS - 1;
+/// After so many of them the axis about which contacts in line turn is tried as a proof.
+const PATIENCE: u8 = 8;
+/// After so many of them what is good enough is taken.
+const SETTLE: u8 = 16;
+/// What may be missing to the load, over the load: what is searched for, and what is good enough.
+const GOOD: f32 = 1e-5;
+const ENOUGH: f32 = 9e-5;
+/// What rounding leaves, over the root of the sum of the forces' squares.
+const ROUNDING: f32 = 6e-7;
+/// By how much what is missing may change the sum of squares, over half of it.
+const TIGHT: f32 = 2e-4;
+const LOOSE: f32 = 8e-4;
+
+/// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one divides it.
+const DAMPING: f32 = 1e-3;
+const HARDER: f32 = 8.0;
+const SOFTER: f32 = 0.1;
+const MOST_DAMPING: f32 = 1.0;
+/// The least damping: single precision leaves as much noise in the Hessian.
+const LEAST_DAMPING: f32 = 1e-5;
+const LEAST_PIVOT: f32 = 1e-7;
+/// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
+const SLOPE: f32 = 0.5;
+/// Most shortenings of a step, and most times that one is made longer by the factor.
+const SHORTER: usize = 6;
+const LONGER: usize = 3;
+const FACTOR: f32 = 4.0;
+/// Farther out than this, in units of the load, sums of single precision say nothing.
+const FARTHEST: f32 = 3e4;
+/// Where nothing changes along a step, points so many steps ahead are tried as a proof.
+const AHEAD: [f32; 2] = [10.0, 1000.0];
+
+/// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the length.
+pub(super) struct Search<'a> {
+    pub map: &'a GraspMap,
+    pub cones: Vec<Cone, MAX_CONTACTS>,
+    pub load: Vector6<f32>,
+    /// Size of the load.
+    pub size: f32,
+}
+
+/// How a search ends without forces.
+pub(super) enum Unheld {
+    /// With a proof.
+    Refused(Certificate),
+    /// With neither; what was missing to the load at best, over the load.
+    Open(f32),
+}
+
+/// A twist and what follows from it.
+pub(super) struct Point {
+    pub twist: Vector6<f32>,
+    /// The nearest forces to the velocities of the contacts.
+    pub nearest: Vec<Nearest, MAX_CONTACTS>,
+    /// Load less wrench of the forces: the gradient.
+    missing: Vector6<f32>,
+    /// The most power of the contacts against the twist.
+    support: f32,
+    /// Sum of the forces' squares.
+    square: f32,
+}
+
+impl Search<'_> {
+    /// Newton's method from `start`: where it ends, and after how many steps. `proves` tells whether a twist proves that
+    /// nothing holds the load.
+    pub fn run(
+        &self,
+        start: Vector6<f32>,
+        proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
+    ) -> Result<(Point, u8), Unheld> {
+        let mut point = self.at(start);
+        let (mut damping, mut ahead, mut best) = (DAMPING, None, f32::INFINITY);
+        for steps in 0..STEPS {
+            let missing = self.rest(&point);
+            if missing < best {
+                best = missing;
+            }
+            let wanted = match steps {
+                0..SETTLE => self.is_good(&point, missing),
+                SETTLE..LAST => changes(&point) <= LOOSE,
+                _ => true,
+            };
+            if wanted && missing <= ENOUGH {
+                return Ok((point, steps));
+            }
+            let proof = self.candidates(&point, ahead, steps).find_map(|twist| proves(&twist));
+            if let Some(certificate) = proof {
+                return Err(Unheld::Refused(certificate));
+            }
+            (point, ahead) = self.step(&point, &mut damping);
+        }
+        Err(Unheld::Open(best))
+    }
+
+    /// What is missing to the load, over the load.
+    pub fn rest(&self, point: &Point) -> f32 {
+        math::sqrt(point.missing.norm_squared()) / self.size
+    }
+
+    fn is_good(&self, point: &Point, missing: f32) -> bool {
+        let rounding = ROUNDING * math::sqrt(point.square);
+        missing * self.size <= GOOD * self.size + rounding && changes(point) <= TIGHT
+    }
+
+    /// Twists that may prove that nothing holds the load.
+    fn candidates(
+        &self,
+        point: &Point,
+        ahead: Option<Vector6<f32>>,
+        steps: u8,
+    ) -> impl Iterator<Item = Vector6<f32>> {
+        let own = (point.twist.dot(&self.load) > point.support).then_some(point.twist);
+        // What is missing tends to the way from the nearest wrench that can be made, which separates.
+        let missing = (steps > 0).then_some(point.missing);
+        let twist = point.twist;
+        let far = ahead.into_iter().flat_map(move |step| AHEAD.map(|times| twist + step * times));
+        let about = (steps == PATIENCE).then(|| {
+            let axis = self.map.inverse().conditioning().axis;
+            stack(&Vector3::zeros(), &(axis * axis.dot(&halves(&self.load).1)))
+        });
+        own.into_iter()
+            .chain(missing.into_iter().chain(far).chain(about).filter(|twist| self.separates(twist)))
+    }
+
+    /// Whether the load has more power against a twist than the contacts.
+    fn separates(&self, twist: &Vector6<f32>) -> bool {
+        let (linear, angular) = halves(twist);
+        let mut left = twist.dot(&self.load);
+        for (cone, arm) in self.cones.iter().zip(&self.map.arms) {
+            left -= cone.support(&(linear + angular.cross(arm)));
+        }
+        left > 0.0
+    }
+
+    #[inline(never)]
+    fn at(&self, twist: Vector6<f32>) -> Point {
+        let (linear, angular) = halves(&twist);
+        let (mut force, mut moment) = halves(&self.load);
+        let (mut support, mut square) = (0.0, 0.0);
+        let mut all = Vec::new();
+        for (cone, arm) in self.cones.iter().zip(&self.map.arms) {
+            let nearest = cone.nearest(&(linear + angular.cross(arm)));
+            force -= nearest.force;
+            moment -= arm.cross(&nearest.force);
+            support += nearest.support;
+            square += nearest.force.norm_squared();
+            let _ = all.push(nearest); // as many places as contacts
+        }
+        Point { twist, nearest: all, missing: stack(&force, &moment), support, square }
+    }
+
+    /// A damped Newton step, made shorter or longer as needed; the direction, if the slope along it has hardly changed.
+    fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
+        let mut hessian = self.hessian(point);
+        let added = *damping * math::sqrt(point.missing.norm_squared());
+        let added = if added > LEAST_DAMPING { added } else { LEAST_DAMPING };
+        for index in 0..6 {
+            hessian[(index, index)] += added;
+        }
+        let direction = Ldlt::new(&hessian, LEAST_PIVOT).solve(&point.missing);
+        let slope = direction.dot(&point.missing);
+        let next = self.at(point.twist + direction);
+        let left = direction.dot(&next.missing);
+        let (next, factor) = if left < -SLOPE * slope {
+            (self.shorter(point, &direction, slope, left), HARDER)
+        } else if left > SLOPE * slope {
+            (self.longer(next, &direction), SOFTER)
+        } else {
+            (next, SOFTER)
+        };
+        *damping = math::clamp(*damping * factor, DAMPING, MOST_DAMPING);
+        let flat = direction.dot(&next.missing) > SLOPE * slope;
+        (next, flat.then_some(direction))
+    }
+
+    /// A point before the end of a step that went too far: the slope along it falls from `slope` to `end` < 0.
+    fn shorter(&self, point: &Point, direction: &Vector6<f32>, slope: f32, end: f32) -> Point {
+        let (mut lower, mut upper) = ((0.0, slope), (1.0, end));
+        let mut tries = 1;
+        loop {
+            // Where the slope would be 0 if it fell evenly, but well inside.
+            let share = math::clamp(lower.1 / (lower.1 - upper.1), 0.1, 0.9);
+            let length = lower.0 + (upper.0 - lower.0) * share;
+            let next = self.at(point.twist + direction * length);
+            let left = direction.dot(&next.missing);
+            if abs(left) <= SLOPE * slope || tries == SHORTER {
+                return next;
+            }
+            if left > 0.0 {
+                lower = (length, left);
+            } else {
+                upper = (length, left);
+            }
+            tries += 1;
+        }
+    }
+
+    /// A point behind the end of a step along which the slope has hardly changed.
+    fn longer(&self, mut point: Point, direction: &Vector6<f32>) -> Point {
+        let mut length = FACTOR - 1.0;
+        for _ in 0..LONGER {
+            let next = self.at(point.twist + direction * length);
+            // It goes on only while it helps in all directions.
+            if next.missing.norm_squared() > 0.98 * point.missing.norm_squared()
+                || direction.dot(&next.missing) < 0.0
+                || next.twist.norm_squared() > FARTHEST * FARTHEST
+            {
+                break;
+            }
+            length *= FACTOR;
+            point = next;
+        }
+        point
+    }
+
+    /// `Σ Gᵢ Pᵢ Gᵢᵀ`, its lower triangle.
+    #[inline(never)]
+    fn hessian(&self, point: &Point) -> Matrix6<f32> {
+        let mut hessian = Matrix6::zeros();
+        for ((cone, arm), nearest) in self.cones.iter().zip(&self.map.arms).zip(&point.nearest) {
+            let derivative = cone.derivative(nearest);
+            // r^ P, and r^ P (r^)ᵀ, whose columns are r × the rows of r^ P.
+            let turned = [0, 1, 2].map(|index| arm.cross(&derivative.column(index).into_owned()));
+            let rows =
+                [0, 1, 2].map(|row| arm.cross(&Vector3::new(turned[0][row], turned[1][row], turned[2][row])));
+            for column in 0..3 {
+                for row in column..3 {
+                    hessian[(row, column)] += derivative[(row, column)];
+                    hessian[(3 + row, 3 + column)] += rows[column][row];
+                }
+                for row in 0..3 {
+                    hessian[(3 + row, column)] += turned[column][row];
+                }
+            }
+        }
+        hessian
+    }
+}
+
+/// How much the sum of squares would change with what is missing, over half of the sum: the twist is its gradient.
+fn changes(point: &Point) -> f32 {
+    2.0 * abs(point.twist.dot(&point.missing)) / point.square
+}
