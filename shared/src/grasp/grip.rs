@@ -76,7 +76,8 @@ pub enum NoGrip {
     },
     /// No forces hold the load, and this proves it.
     CannotHold(Certificate),
-    /// Neither forces nor proof were found: the load is at the edge of what can be held.
+    /// Neither forces nor proof were found: the load is at the edge of what can be held, or only forces of more than some
+    /// twenty times its size could hold it, for which single precision has not the digits. The next search starts anew.
     NotConverged {
         /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
         rest: f32,
@@ -144,7 +145,10 @@ impl LeastGrip {
         };
         let (point, steps) = search.run(start, proves).map_err(|end| match end {
             Unheld::Refused(certificate) => NoGrip::CannotHold(certificate),
-            Unheld::Open(rest) => NoGrip::NotConverged { rest },
+            Unheld::Open(rest) => {
+                *state = GripState::default();
+                NoGrip::NotConverged { rest }
+            }
         })?;
         let rest = search.rest(&point);
         state.twist = physical(&point.twist);

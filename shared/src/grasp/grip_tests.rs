@@ -164,6 +164,29 @@ fn the_next_search_starts_where_the_last_one_ended() {
 }
 
 #[test]
+fn a_start_from_another_grasp_does_no_harm() {
+    let mut state = GripState::default();
+    let mut open = 0;
+    for (margin, least, load, contacts, objective, boundary) in CASES {
+        let contacts: Vec<Contact> = contacts
+            .iter()
+            .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
+            .collect();
+        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+        let grip = LeastGrip::try_new(*margin, *least).unwrap();
+        match grip.solve(&map, &Vector6::from(*load), &mut state) {
+            Ok(found) => {
+                let sum = 0.5 * found.forces.iter().map(Vector3::norm_squared).sum::<f32>();
+                assert!(*boundary || (sum / objective.unwrap() - 1.0).abs() < 1e-3);
+            }
+            Err(NoGrip::CannotHold(_)) => assert!(objective.is_none()),
+            Err(_) => open += 1,
+        }
+    }
+    assert!(open <= 3, "{open}");
+}
+
+#[test]
 fn bad_input_is_refused_by_name() {
     assert_eq!(LeastGrip::try_new(1.0, 0.0), Err(BadGrip::Margin(1.0)));
     assert!(matches!(LeastGrip::try_new(f32::NAN, 0.0), Err(BadGrip::Margin(_))));
@@ -206,7 +229,7 @@ fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
             // Neither: on the boundary, or where only forces many times the load could hold it.
             (Err(error), _) => {
                 open += 1;
-                println!("{index} boundary {boundary}: {error}");
+                println!("{index}, on the boundary: {boundary}: {error}");
             }
         }
     }

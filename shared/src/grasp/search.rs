@@ -11,6 +11,8 @@ const STEPS: u8 = 40;
 const LAST: u8 = STEPS - 1;
 /// After so many of them the axis about which contacts in line turn is tried as a proof.
 const PATIENCE: u8 = 8;
+/// After so many of them a search that did not begin at 0 begins anew there.
+const ANEW: u8 = 12;
 /// After so many of them what is good enough is taken.
 const SETTLE: u8 = 16;
 /// What may be missing to the load, over the load: what is searched for, and what is good enough.
@@ -80,8 +82,14 @@ impl Search<'_> {
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
     ) -> Result<(Point, u8), Unheld> {
         let mut point = self.at(start);
+        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good.
+        let mut astray = point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
         let (mut damping, mut ahead, mut best) = (DAMPING, None, f32::INFINITY);
         for steps in 0..STEPS {
+            if astray || steps == ANEW && start != Vector6::zeros() {
+                point = self.at(Vector6::zeros());
+                (damping, ahead, astray) = (DAMPING, None, false);
+            }
             let missing = self.rest(&point);
             if missing < best {
                 best = missing;
