@@ -106,7 +106,7 @@ CLEAR_FAULTS, SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 11, 12, 13, 14
 
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck; torque not
 finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog reset; panic; CPU fault;
-clock fallback; stop""".replace("\n", " ").split("; ")
+clock fallback; stop; force sensor saturated; force sensor stuck; too much force""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
@@ -150,6 +150,13 @@ REFUSALS = [
     ("nobody commands: take command first", []),
     ("too late", ["latest:uint"]),
     ("not exported", ["length:uint"]),
+    ("wrong number of tips", ["got:u8", "expected:u8"]),
+    ("the board cannot compute this chain's angles", ["chain:u8"]),
+    ("the tip cannot be there", ["chain:u8", "nearest_x:f32", "nearest_y:f32", "nearest_z:f32"]),
+    ("the tip can hardly move there", ["chain:u8"]),
+    ("too much acceleration", ["joint:u8", "value:f32", "limit:f32"]),
+    ("not a place", ["chain:u8"]),
+    ("no force sensor", []),
 ]
 
 

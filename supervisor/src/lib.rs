@@ -1,5 +1,5 @@
 //! The PC at the other end of a tesaki board's serial line: robot folders, the client side of the protocol,
-//! and the ways to the board: ports, a hub for several programs, and a bad line for tests.
+//! motions for it to send, and the ways to the board: ports, a hub for several programs, and a bad line for tests.
 
 mod board;
 pub mod fault_injector;
@@ -13,6 +13,7 @@ pub mod monitor;
 #[cfg(unix)]
 pub mod port;
 pub mod robot;
+pub mod trajectory;
 pub mod urdf;
 
 pub use board::{Board, BoardError};

@@ -260,6 +260,26 @@ fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_m
 }
 
 #[test]
+#[ignore = "needs Python: cargo xtask test"]
+fn the_example_client_in_python_moves_a_joint_and_is_told_why_not() {
+    let server = Server::ready();
+    let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
+    let client = |arguments: &[&str]| {
+        let mut command = Command::new(&python);
+        command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/client.py"));
+        command.arg(server.address.to_string()).args(arguments);
+        said(&finish(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()))
+    };
+    let (code, text) = client(&["--move", "0", "0.2", "--seconds", "2.5"]);
+    assert!(code == 0 && text.contains("board with schema") && text.contains("hand3"), "{text}");
+    let state = server.json(&["read"]);
+    let angle = state["joints"][0]["position"].as_f64().unwrap();
+    assert!((angle - 0.2).abs() < 0.02, "{angle}: {text}");
+    let (code, text) = client(&["--move", "0", "9"]);
+    assert!(code != 0 && text.contains("outside the limits"), "{text}");
+}
+
+#[test]
 fn a_recording_goes_on_when_the_board_was_reset() {
     let server = Server::ready();
     let name = server.folder.path().join("run");

@@ -836,6 +836,15 @@ fn the_page_quotes_the_golden_bytes() {
     }
 }
 
+/// What the numbers of the example client stand for; `xtask test` runs it against a board.
+#[test]
+fn the_example_client_knows_every_fault_and_every_refusal() {
+    let client = include_str!("../../docs/examples/client.py");
+    let between = |from: &str, to: &str| client.split_once(from).unwrap().1.split_once(to).unwrap().0;
+    assert_eq!(between("CAUSES = \"\"\"", "\"\"\"").split(';').count(), FaultCause::VARIANTS.len());
+    assert_eq!(between("REFUSALS = [", "\n]").matches("\n    (").count(), Refusal::VARIANTS.len());
+}
+
 #[test]
 fn the_page_is_about_this_version_of_the_messages() {
     let key = format!("`{SCHEMA_KEY:016x}`");

@@ -48,9 +48,11 @@ pub fn run() -> Result<()> {
     step("the host suite");
     tools::run(&mut cargo(&["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"]))?;
 
-    step("recordings, read by rosbags");
-    let mut tests = workspace_tests("recording");
-    tools::run(tests.env("TESAKI_PYTHON", python).args(["--", "--ignored"]))?;
+    step("other programs: rosbags reads recordings, the example client moves a joint");
+    for name in ["recording", "cli"] {
+        let mut tests = workspace_tests(name);
+        tools::run(tests.env("TESAKI_PYTHON", &python).args(["--", "--ignored"]))?;
+    }
 
     step("the firmware image");
     let image = firmware::build(compiler, firmware::IMAGE, &[])?;

@@ -9,6 +9,7 @@ use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::Refusal;
 use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::common::{capital, prepare, stopped};
@@ -224,16 +225,6 @@ impl PathPoint {
 /// The figures' plane in the hand's frame.
 fn across_x(point: Vector2<f64>) -> Vector3<f64> {
     Vector3::new(0.0, point.x, point.y)
-}
-
-/// Minimum jerk from 0 to 1 for `share` from 0 to 1: value and two derivatives.
-fn minimum_jerk(share: f64) -> [f64; 3] {
-    let s = share.clamp(0.0, 1.0);
-    [
-        s * s * s * (10.0 + s * (-15.0 + 6.0 * s)),
-        30.0 * s * s * (1.0 - s) * (1.0 - s),
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-    ]
 }
 
 /// From `from` to `to` in `duration`, `time` after the start.

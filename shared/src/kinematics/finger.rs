@@ -367,6 +367,25 @@ impl fmt::Display for NotAFinger {
 
 impl core::error::Error for NotAFinger {}
 
+impl fmt::Display for FingerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "place and angles must be finite, the place within 1e6 m"),
+            Self::OutOfReach { nearest } => write!(
+                f,
+                "it does not reach there; without its joints' limits it would reach ({}, {}, {}) m",
+                nearest.x, nearest.y, nearest.z
+            ),
+            Self::OutsideLimits { joint, value, lower, upper } => write!(
+                f,
+                "joint {joint} of the finger would have to be at {value} rad, outside its limits {lower} to {upper} rad"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for FingerError {}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {

@@ -403,6 +403,22 @@ impl fmt::Display for BadJoint {
 
 impl core::error::Error for BadJoint {}
 
+impl fmt::Display for NotSolved {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => write!(f, "target and start must be finite, the target within 1e6 m"),
+            Self::Joints => write!(f, "chain, limits and start must have the same number of joints"),
+            Self::NotReached(Solved { position_error, rotation_error, iterations }) => write!(
+                f,
+                "not reached in {iterations} iterations: the nearest is {position_error} m and {rotation_error} rad away; \
+                 a nearer target, wider limits or more restarts may help"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for NotSolved {}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
 mod tests {

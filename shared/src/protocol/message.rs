@@ -428,6 +428,17 @@ impl Refusal {
             _ => None,
         }
     }
+
+    /// The chain that it concerns, if it concerns one.
+    pub const fn chain(&self) -> Option<u8> {
+        match *self {
+            Self::NotAFinger { chain }
+            | Self::OutOfReach { chain, .. }
+            | Self::Singular { chain }
+            | Self::TipNotFinite { chain } => Some(chain),
+            _ => None,
+        }
+    }
 }
 
 impl fmt::Display for Refusal {

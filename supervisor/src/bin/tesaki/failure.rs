@@ -97,13 +97,18 @@ impl Failure {
     /// The same, with the joint's name instead of its number.
     pub fn named(self, model: &RobotModel) -> Self {
         match &self {
-            Self::Board(BoardError::Refused { refusal, .. }) => match refusal.joint() {
-                Some(joint) => {
-                    let name = model.joint_name(usize::from(joint));
-                    Self::Refused(self.to_string().replacen(&format!("joint {joint}"), name, 1))
+            Self::Board(BoardError::Refused { refusal, .. }) => {
+                let chain =
+                    refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
+                let named = |number: String, name: &str| self.to_string().replacen(&number, name, 1);
+                match (refusal.joint(), chain) {
+                    (Some(joint), _) => {
+                        Self::Refused(named(format!("joint {joint}"), model.joint_name(usize::from(joint))))
+                    }
+                    (_, Some((chain, tip))) => Self::Refused(named(format!("chain {chain}"), &tip.name)),
+                    _ => self,
                 }
-                None => self,
-            },
+            }
             _ => self,
         }
     }

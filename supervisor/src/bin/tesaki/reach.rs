@@ -8,6 +8,7 @@ use tesaki::TICK;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
 use tesaki::model::{MAX_CHAINS, RobotModel};
 use tesaki::protocol::{SetPoint, Telemetry};
+use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
@@ -194,15 +195,13 @@ fn distance(ways: &[Way], telemetry: &Telemetry) -> (String, f32) {
 impl Way {
     /// The point at `share` of the time, 0 to 1.
     fn point(&self, share: f32, duration: f32) -> TipPoint {
-        let s = share.clamp(0.0, 1.0);
         let way = self.to - self.from;
-        let value = s * s * s * (10.0 + s * (6.0 * s - 15.0));
-        let rate = 30.0 * s * s * (1.0 - s) * (1.0 - s) / duration;
-        let change = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (duration * duration);
+        #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+        let [value, rate, change] = minimum_jerk(share.into()).map(|value| value as f32);
         TipPoint {
             position: (self.from + way * value).into(),
-            velocity: (way * rate).into(),
-            acceleration: (way * change).into(),
+            velocity: (way * (rate / duration)).into(),
+            acceleration: (way * (change / (duration * duration))).into(),
         }
     }
 }

@@ -137,19 +137,18 @@ impl Session {
         )))
     }
 
-    /// The tips, now.
+    /// The tips, now; leaves a rate at which others can go on reading them.
     pub fn tips(&mut self) -> Result<Tips, Failure> {
-        self.board.set_rate(Stream::Tips, 1)?;
+        self.board.set_rate(Stream::Tips, 10)?;
         let deadline = Instant::now() + Duration::from_secs(1);
-        let tips = loop {
-            match self.board.next_event(deadline)? {
-                Some(FromBoard::Tips(tips)) => break Ok(tips),
-                Some(_) => {}
-                None => break Err(Failure::Late("nothing came of the tips within 1 s".to_owned())),
+        while let Some(event) = self.board.next_event(deadline)? {
+            if let FromBoard::Tips(tips) = event {
+                return Ok(tips);
             }
-        };
-        self.board.set_rate(Stream::Tips, 0)?;
-        tips
+        }
+        Err(Failure::Late(
+            "the board told nothing of its tips within 1 s: no sensor readings? (`tesaki doctor` looks closer)".to_owned(),
+        ))
     }
 
     /// One telemetry, now; leaves the rate as a monitor would want it.
