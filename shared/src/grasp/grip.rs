@@ -1,10 +1,13 @@
+use core::cell::Cell;
 use core::fmt;
 
 use nalgebra::{Vector3, Vector6};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
 
 use super::cone::Cone;
 use super::map::{halves, stack};
-use super::search::{Search, Unheld};
+use super::search::{Begun, Search, Unheld};
 use super::{Certificate, ContactForces, GraspMap};
 use crate::math;
 
@@ -34,11 +37,13 @@ pub struct LeastGrip {
     pub(super) least: f32,
 }
 
-/// The last solution's twist, from which the next search starts.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The last solution's twist, from which the next search starts, and the search that a call has left off.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripState {
-    /// About the origin, over the load.
-    pub(super) twist: Vector6<f32>,
+    /// About the contacts' centroid, the angular half times the length, over the load: so it stays the same when the
+    /// whole grasp moves.
+    pub(super) twist: [f32; 6],
+    pub(super) begun: Option<Begun>,
 }
 
 /// Forces that hold the load.
@@ -49,7 +54,7 @@ pub struct Grip {
     /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4. A load below a
     /// hundredth of the least normal force counts as that much.
     pub rest: f32,
-    /// Newton steps taken.
+    /// Newton steps taken, in all calls.
     pub steps: u8,
 }
 
@@ -82,6 +87,11 @@ pub enum NoGrip {
         /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
         rest: f32,
     },
+    /// No answer yet: the next call goes on.
+    Unfinished {
+        /// What is missing to the load so far, over the load, with moments over [`GraspMap::length`].
+        rest: f32,
+    },
 }
 
 impl LeastGrip {
@@ -106,6 +116,22 @@ impl LeastGrip {
     /// # Errors
     /// Nothing holds the load, or it is at the edge of what can be held.
     pub fn solve(&self, map: &GraspMap, load: &Vector6<f32>, state: &mut GripState) -> Result<Grip, NoGrip> {
+        self.advance(map, load, state, u16::MAX)
+    }
+
+    /// Like [`Self::solve`], but begins no further Newton step after `most` evaluations of all contacts' forces; the step
+    /// at the end may take TODO more. With [`SLICE`] a call fits into a tick. The next call goes on with the contacts and the
+    /// load that it is given; those of all calls together take no more steps than one call of [`Self::solve`].
+    ///
+    /// # Errors
+    /// As above, or [`NoGrip::Unfinished`].
+    pub fn advance(
+        &self,
+        map: &GraspMap,
+        load: &Vector6<f32>,
+        state: &mut GripState,
+        most: u16,
+    ) -> Result<Grip, NoGrip> {
         if !load.sum().is_finite() {
             return Err(NoGrip::NotFinite);
         }
@@ -118,6 +144,7 @@ impl LeastGrip {
         let size = math::sqrt(force.norm_squared() + moment.norm_squared());
         let unit = if size > self.least { size } else { self.least };
         if unit <= f32::MIN_POSITIVE {
+            state.begun = None;
             let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
             return Ok(Grip { forces, rest: 0.0, steps: 0 });
         }
@@ -127,33 +154,33 @@ impl LeastGrip {
             cones: map.contacts().iter().map(cone).collect(),
             load: stack(&(force / unit), &(moment / unit)),
             size: if size > SMALLEST * unit { size / unit } else { SMALLEST },
-        };
-        let (linear, angular) = halves(&state.twist);
-        let mut start = stack(&(linear + angular.cross(&map.center)), &(angular * map.length));
-        if !start.sum().is_finite() {
-            start = Vector6::zeros();
-        }
-        let physical = |y: &Vector6<f32>| {
-            let (linear, angular) = halves(y);
-            let angular = angular / map.length;
-            stack(&(linear - angular.cross(&map.center)), &angular)
+            work: Cell::new(0),
         };
         let proves = |y: &Vector6<f32>| {
             let (linear, angular) = halves(y);
             let certificate = Certificate { twist: stack(&linear, &(angular / map.length)) };
             certificate.holds(self, map, load).then_some(certificate)
         };
-        let (point, steps) = search.run(start, proves).map_err(|end| match end {
-            Unheld::Refused(certificate) => NoGrip::CannotHold(certificate),
-            Unheld::Open(rest) => {
-                *state = GripState::default();
-                NoGrip::NotConverged { rest }
+        let mut begun = state.begun.take().unwrap_or_else(|| Begun::at(state.twist));
+        if begun.is_broken() {
+            begun.restart();
+        }
+        match search.run(&mut begun, most, proves) {
+            Ok(point) => {
+                state.twist = point.twist.into();
+                let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
+                Ok(Grip { forces, rest: search.rest(&point), steps: begun.steps })
             }
-        })?;
-        let rest = search.rest(&point);
-        state.twist = physical(&point.twist);
-        let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
-        Ok(Grip { forces, rest, steps })
+            Err(Unheld::Refused(certificate)) => Err(NoGrip::CannotHold(certificate)),
+            Err(Unheld::Open(rest)) => {
+                *state = GripState::default();
+                Err(NoGrip::NotConverged { rest })
+            }
+            Err(Unheld::Unfinished(rest)) => {
+                state.begun = Some(begun);
+                Err(NoGrip::Unfinished { rest })
+            }
+        }
     }
 }
 
@@ -186,6 +213,7 @@ impl fmt::Display for NoGrip {
             Self::NotConverged { rest } => {
                 write!(f, "the load is at the edge of what can be held: {rest} of it is missing")
             }
+            Self::Unfinished { rest } => write!(f, "no answer yet: {rest} of the load is missing so far"),
         }
     }
 }

@@ -159,7 +159,7 @@ fn the_next_search_starts_where_the_last_one_ended() {
     let before = state.clone();
     assert!(FREE.solve(&map, &(load * 100.0), &mut state).is_err());
     assert_eq!(state, before);
-    let mut broken = GripState { twist: Vector6::repeat(f32::NAN) };
+    let mut broken = GripState { twist: [f32::NAN; 6], begun: None };
     assert!(FREE.solve(&map, &load, &mut broken).is_ok());
 }
 

@@ -1,14 +1,17 @@
+use core::cell::Cell;
+
 use heapless::Vec;
 use nalgebra::{Matrix6, Vector3, Vector6};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
 
 use super::cone::{Cone, Nearest};
 use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
 
-/// Most Newton steps; the last of them.
-const STEPS: u8 = 40;
-const LAST: u8 = STEPS - 1;
+/// Most Newton steps, in all calls; after so many of them what is good enough is taken, or the search ends.
+const LAST: u8 = 39;
 /// After so many of them the axis about which contacts in line turn is tried as a proof.
 const PATIENCE: u8 = 8;
 /// After so many of them a search that did not begin at 0 begins anew there.
@@ -50,6 +53,22 @@ pub(super) struct Search<'a> {
     pub load: Vector6<f32>,
     /// Size of the load.
     pub size: f32,
+    /// What was done so far, in evaluations.
+    pub work: Cell<u16>,
+}
+
+/// A search under way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub(super) struct Begun {
+    /// Where it is: about the contacts' centroid, the angular half times the length, over the load.
+    pub twist: [f32; 6],
+    damping: f32,
+    /// What was missing to the load at best, over the load.
+    best: f32,
+    /// Newton steps taken.
+    pub steps: u8,
+    /// Whether it began elsewhere than at 0.
+    elsewhere: bool,
 }
 
 /// How a search ends without forces.
@@ -58,6 +77,8 @@ pub(super) enum Unheld {
     Refused(Certificate),
     /// With neither; what was missing to the load at best, over the load.
     Open(f32),
+    /// Not yet; what is missing to the load, over the load.
+    Unfinished(f32),
 }
 
 /// A twist and what follows from it.
@@ -73,42 +94,73 @@ pub(super) struct Point {
     square: f32,
 }
 
+impl Begun {
+    /// Before the first step from `twist`.
+    pub fn at(twist: [f32; 6]) -> Self {
+        Self { twist, damping: DAMPING, best: f32::INFINITY, steps: 0, elsewhere: twist != [0.0; 6] }
+    }
+
+    /// Whether no search can be there, after damage to the state.
+    pub fn is_broken(&self) -> bool {
+        let sum: f32 = self.twist.iter().sum();
+        !(sum.is_finite() && (DAMPING..=MOST_DAMPING).contains(&self.damping))
+    }
+
+    /// Begins anew at 0, with the steps that are left.
+    pub fn restart(&mut self) {
+        *self = Self { best: self.best, steps: self.steps, ..Self::at([0.0; 6]) };
+    }
+}
+
 impl Search<'_> {
-    /// Newton's method from `start`: where it ends, and after how many steps. `proves` tells whether a twist proves that
-    /// nothing holds the load.
+    /// Newton's method from where it has left off, until it ends or has done `most`: where it ends. `proves` tells whether
+    /// a twist proves that nothing holds the load.
     pub fn run(
         &self,
-        start: Vector6<f32>,
+        begun: &mut Begun,
+        most: u16,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
-    ) -> Result<(Point, u8), Unheld> {
-        let mut point = self.at(start);
+    ) -> Result<Point, Unheld> {
+        let mut point = self.at(begun.twist.into());
         // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good.
         let mut astray = point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
-        let (mut damping, mut ahead, mut best) = (DAMPING, None, f32::INFINITY);
-        for steps in 0..STEPS {
-            if astray || steps == ANEW && start != Vector6::zeros() {
+        let mut ahead = None;
+        loop {
+            if astray || begun.steps == ANEW && begun.elsewhere {
+                begun.restart();
                 point = self.at(Vector6::zeros());
-                (damping, ahead, astray) = (DAMPING, None, false);
+                (ahead, astray) = (None, false);
             }
             let missing = self.rest(&point);
-            if missing < best {
-                best = missing;
+            if missing < begun.best {
+                begun.best = missing;
             }
-            let wanted = match steps {
+            let wanted = match begun.steps {
                 0..SETTLE => self.is_good(&point, missing),
                 SETTLE..LAST => changes(&point) <= LOOSE,
                 _ => true,
             };
             if wanted && missing <= ENOUGH {
-                return Ok((point, steps));
+                return Ok(point);
             }
-            let proof = self.candidates(&point, ahead, steps).find_map(|twist| proves(&twist));
+            let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| proves(&twist));
             if let Some(certificate) = proof {
                 return Err(Unheld::Refused(certificate));
             }
-            (point, ahead) = self.step(&point, &mut damping);
+            if begun.steps >= LAST {
+                return Err(Unheld::Open(begun.best));
+            }
+            if self.work.get() >= most {
+                begun.twist = point.twist.into();
+                return Err(Unheld::Unfinished(missing));
+            }
+            (point, ahead) = self.step(&point, &mut begun.damping);
+            begun.steps += 1;
         }
-        Err(Unheld::Open(best))
+    }
+
+    fn worked(&self, evaluations: u16) {
+        self.work.set(self.work.get().saturating_add(evaluations));
     }
 
     /// What is missing to the load, over the load.
@@ -153,6 +205,7 @@ impl Search<'_> {
 
     #[inline(never)]
     fn at(&self, twist: Vector6<f32>) -> Point {
+        self.worked(1);
         let (linear, angular) = halves(&twist);
         let (mut force, mut moment) = halves(&self.load);
         let (mut support, mut square) = (0.0, 0.0);
