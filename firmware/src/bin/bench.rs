@@ -205,6 +205,7 @@ fn main() -> ! {
     });
 
     grasp(&mut watch);
+    slices(&mut watch);
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
@@ -286,6 +287,45 @@ fn grasp(watch: &mut Stopwatch) {
             let refused = grip.solve(&held(x, friction), &(load(x) * weight), &mut GripState::default());
             assert!(matches!(black_box(&refused), Err(NoGrip::CannotHold(_))));
         });
+    }
+}
+
+type StoredContact = ([f32; 3], [f32; 3], f32, f32);
+
+/// The grasps of the core's tests: margin, least normal force, load, contacts; the rest does not matter here.
+#[allow(clippy::type_complexity)]
+const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
+    include!("../../../tests/oracles/data/grip.in");
+
+/// The worst call of all stored grasps, solved cold in slices, for two to six contacts; and the most calls for one.
+fn slices(watch: &mut Stopwatch) {
+    let mut worst = [(0, 0); 7];
+    for (margin, least, load, contacts, ..) in CASES {
+        let contacts: Vec<Contact, 6> = contacts
+            .iter()
+            .map(|&(position, normal, friction, limit)| {
+                Contact::try_new(position.into(), normal.into(), friction, limit).expect("a contact")
+            })
+            .collect();
+        let map = GraspMap::try_new(&contacts, Vector3::zeros()).expect("a grasp");
+        let grip = LeastGrip::try_new(*margin, *least).expect("settings");
+        let (load, mut state, mut calls) = (Vector6::from(*load), GripState::default(), 0);
+        let Some((most, most_calls)) = worst.get_mut(contacts.len()) else { continue };
+        loop {
+            watch.0.clear_current();
+            let start = SYST::get_current();
+            let result = grip.advance(&map, black_box(&load), &mut state, black_box(LeastGrip::SLICE));
+            *most = (*most).max(start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF);
+            calls += 1;
+            if !matches!(black_box(&result), Err(NoGrip::Unfinished { .. })) {
+                break;
+            }
+        }
+        *most_calls = (*most_calls).max(calls);
+    }
+    for (contacts, (ticks, calls)) in worst.iter().enumerate().skip(2) {
+        hprintln!("least_grip_{}_slice_worst {}.0", contacts, ticks * 1000 / 168);
+        hprintln!("least_grip_{}_slice_calls {}.0", contacts, calls);
     }
 }
 

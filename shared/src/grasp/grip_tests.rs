@@ -31,6 +31,17 @@ fn solve(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> Result<Grip, 
     grip.solve(map, load, &mut GripState::default())
 }
 
+/// A stored grasp and its load.
+fn stored(case: usize) -> (LeastGrip, GraspMap, Vector6<f32>) {
+    let (margin, least, load, contacts, ..) = CASES[case];
+    let contacts: Vec<Contact> = contacts
+        .iter()
+        .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
+        .collect();
+    let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+    (LeastGrip::try_new(margin, least).unwrap(), map, Vector6::from(load))
+}
+
 /// Largest violation of balance, cones and limits, over the load.
 fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Vector3<f32>]) -> f32 {
     let (force, moment) = map.scaled(&(load - map.wrench(forces)));
@@ -167,14 +178,9 @@ fn the_next_search_starts_where_the_last_one_ended() {
 fn a_start_from_another_grasp_does_no_harm() {
     let mut state = GripState::default();
     let mut open = 0;
-    for (margin, least, load, contacts, objective, boundary) in CASES {
-        let contacts: Vec<Contact> = contacts
-            .iter()
-            .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
-            .collect();
-        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
-        let grip = LeastGrip::try_new(*margin, *least).unwrap();
-        match grip.solve(&map, &Vector6::from(*load), &mut state) {
+    for (case, (.., objective, boundary)) in CASES.iter().enumerate() {
+        let (grip, map, load) = stored(case);
+        match grip.solve(&map, &load, &mut state) {
             Ok(found) => {
                 let sum = 0.5 * found.forces.iter().map(Vector3::norm_squared).sum::<f32>();
                 assert!(*boundary || (sum / objective.unwrap() - 1.0).abs() < 1e-3);
@@ -184,6 +190,104 @@ fn a_start_from_another_grasp_does_no_harm() {
         }
     }
     assert!(open <= 3, "{open}");
+}
+
+#[test]
+fn slices_end_where_one_call_does() {
+    let mut unfinished = 0;
+    for case in 0..CASES.len() {
+        let (grip, map, load) = stored(case);
+        let whole = solve(&grip, &map, &load);
+        // A step a call; a tick's share.
+        for most in [0, LeastGrip::SLICE] {
+            let mut state = GripState::default();
+            for calls in 1.. {
+                let result = grip.advance(&map, &load, &mut state, most);
+                // It travels with the state of the board.
+                let bytes = postcard::to_allocvec(&state).unwrap();
+                assert!(bytes.len() <= 59);
+                state = postcard::from_bytes(&bytes).unwrap();
+                if !matches!(result, Err(NoGrip::Unfinished { .. })) {
+                    assert_eq!(result, whole, "{case}");
+                    assert!(state.begun.is_none() && calls <= 40);
+                    break;
+                }
+                unfinished += 1;
+            }
+        }
+    }
+    assert!(unfinished > 1000, "{unfinished}");
+}
+
+#[test]
+fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
+    let mut random = Random(9);
+    let (mut state, mut calls, mut answers) = (GripState::default(), 0, 0);
+    for tick in 0..2000 {
+        // Fingertips that roll, an object that is swung, and now and then another one.
+        let phase = tick as f32 * 0.01;
+        let sway = Vector3::new(0.002 * sqrt(phase), 0.0003 * phase, 0.0);
+        let map = hand3_grasp(0.5);
+        let moved: Vec<Contact> = map
+            .contacts()
+            .iter()
+            .map(|of| {
+                let place = of.position() + sway + random.vector(2e-5);
+                Contact::try_new(place, of.normal() + random.vector(0.002), 0.5, 20.0).unwrap()
+            })
+            .collect();
+        let map = GraspMap::try_new(&moved, Vector3::zeros()).unwrap();
+        let weight = if tick % 400 < 200 { 2.0 } else { -1.0 };
+        let load = Vector6::new(0.1 * phase, 0.2, weight, 0.001, -0.03 * weight, 0.002);
+        calls += 1;
+        match FREE.advance(&map, &load, &mut state, 0) {
+            Ok(grip) => {
+                assert!(violation(&FREE, &map, &load, &grip.forces) < 1e-4, "{tick}");
+                let best = solve(&FREE, &map, &load).unwrap();
+                let sum = |grip: &Grip| grip.forces.iter().map(Vector3::norm_squared).sum::<f32>();
+                assert!((sum(&grip) / sum(&best) - 1.0).abs() < 1e-3, "{tick}");
+                (calls, answers) = (0, answers + 1);
+            }
+            Err(NoGrip::Unfinished { rest }) => assert!(rest.is_finite() && calls < 40),
+            Err(error) => panic!("{tick}: {error}"),
+        }
+    }
+    assert!(answers > 1000, "{answers}");
+    // A search that is left off in one grasp goes on in another.
+    let mut open = 0;
+    for case in 0..CASES.len() {
+        let (grip, map, load) = stored(case);
+        let whole = solve(&grip, &map, &load);
+        match grip.solve(&map, &load, &mut state) {
+            Ok(found) => {
+                assert!(whole.is_ok() && violation(&grip, &map, &load, &found.forces) < 1e-4, "{case}");
+            }
+            Err(NoGrip::CannotHold(certificate)) => assert!(certificate.holds(&grip, &map, &load)),
+            Err(_) => open += 1,
+        }
+        let _ = grip.advance(&map, &(load * 0.7), &mut state, 0);
+    }
+    assert!(open <= 3, "{open}");
+}
+
+#[test]
+fn a_damaged_search_does_no_harm() {
+    let (map, load) = (hand3_grasp(0.5), Vector6::new(0.1, 0.2, 2.0, 0.001, -0.05, 0.002));
+    let mut begun = GripState::default();
+    assert!(matches!(FREE.advance(&map, &load, &mut begun, 0), Err(NoGrip::Unfinished { .. })));
+    let bytes = postcard::to_allocvec(&begun).unwrap();
+    for index in 0..bytes.len() {
+        for bit in 0..8 {
+            let mut bytes = bytes.clone();
+            bytes[index] ^= 1 << bit;
+            let Ok(mut state) = postcard::from_bytes::<GripState>(&bytes) else { continue };
+            match FREE.solve(&map, &load, &mut state) {
+                Ok(grip) => assert!(violation(&FREE, &map, &load, &grip.forces) < 1e-4),
+                Err(NoGrip::NotConverged { .. }) => assert_eq!(state, GripState::default()),
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
 }
 
 #[test]
@@ -201,14 +305,8 @@ fn bad_input_is_refused_by_name() {
 #[test]
 fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
     let (mut held, mut refused, mut open) = (0, 0, 0);
-    for (index, &(margin, least, load, contacts, objective, boundary)) in CASES.iter().enumerate() {
-        let contacts: Vec<Contact> = contacts
-            .iter()
-            .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
-            .collect();
-        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
-        let grip = LeastGrip::try_new(margin, least).unwrap();
-        let load = Vector6::from(load);
+    for (index, &(.., objective, boundary)) in CASES.iter().enumerate() {
+        let (grip, map, load) = stored(index);
         match (solve(&grip, &map, &load), objective) {
             (Ok(found), _) => {
                 held += 1;

@@ -38,13 +38,40 @@ const LEAST_PIVOT: f32 = 1e-7;
 /// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
 const SLOPE: f32 = 0.5;
 /// Most shortenings of a step, and most times that one is made longer by the factor.
-const SHORTER: usize = 6;
+const SHORTER: u32 = 6;
 const LONGER: usize = 3;
 const FACTOR: f32 = 4.0;
 /// Farther out than this, in units of the load, sums of single precision say nothing.
 const FARTHEST: f32 = 3e4;
 /// Where nothing changes along a step, points so many steps ahead are tried as a proof.
 const AHEAD: [f32; 2] = [10.0, 1000.0];
+
+/// What something takes in instructions of a Cortex-M4F: at all, and for each contact. Measured, and rounded up.
+#[derive(Clone, Copy)]
+struct Cost(u32, u32);
+
+/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the axis of
+/// contacts in line.
+const START: Cost = Cost(500, 25);
+const EVALUATION: Cost = Cost(390, 180);
+const DIRECTION: Cost = Cost(1720, 140);
+const SEPARATION: Cost = Cost(110, 55);
+const PROOF: Cost = Cost(240, 50);
+const AXIS: Cost = Cost(900, 0);
+
+impl Cost {
+    const fn times(self, times: u32) -> Self {
+        Self(self.0 * times, self.1 * times)
+    }
+
+    const fn and(self, other: Self) -> Self {
+        Self(self.0 + other.0, self.1 + other.1)
+    }
+}
+
+/// The most that a step takes with the proofs tried after it.
+const STEP: Cost =
+    DIRECTION.and(EVALUATION.times(1 + SHORTER)).and(SEPARATION.times(4)).and(PROOF.times(5)).and(AXIS);
 
 /// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the length.
 pub(super) struct Search<'a> {
@@ -53,8 +80,8 @@ pub(super) struct Search<'a> {
     pub load: Vector6<f32>,
     /// Size of the load.
     pub size: f32,
-    /// What was done so far, in evaluations.
-    pub work: Cell<u16>,
+    /// What it took so far, in instructions.
+    pub work: Cell<u32>,
 }
 
 /// A search under way.
@@ -113,18 +140,22 @@ impl Begun {
 }
 
 impl Search<'_> {
-    /// Newton's method from where it has left off, until it ends or has done `most`: where it ends. `proves` tells whether
-    /// a twist proves that nothing holds the load.
+    /// Newton's method from where it has left off, until it ends or a further step might take it beyond `most`
+    /// instructions: where it ends. It takes at least one step. `proves` tells whether a twist proves that nothing holds
+    /// the load.
     pub fn run(
         &self,
         begun: &mut Begun,
-        most: u16,
+        most: u32,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
     ) -> Result<Point, Unheld> {
+        self.take(START);
         let mut point = self.at(begun.twist.into());
-        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good.
-        let mut astray = point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
-        let mut ahead = None;
+        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good. On the way a
+        // step may lead there and out again.
+        let mut astray = begun.steps == 0 && point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
+        let (mut ahead, before) = (None, begun.steps);
+        let enough = most.saturating_sub(self.instructions(STEP));
         loop {
             if astray || begun.steps == ANEW && begun.elsewhere {
                 begun.restart();
@@ -143,14 +174,17 @@ impl Search<'_> {
             if wanted && missing <= ENOUGH {
                 return Ok(point);
             }
-            let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| proves(&twist));
+            let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| {
+                self.take(PROOF);
+                proves(&twist)
+            });
             if let Some(certificate) = proof {
                 return Err(Unheld::Refused(certificate));
             }
             if begun.steps >= LAST {
                 return Err(Unheld::Open(begun.best));
             }
-            if self.work.get() >= most {
+            if begun.steps > before && self.work.get() > enough {
                 begun.twist = point.twist.into();
                 return Err(Unheld::Unfinished(missing));
             }
@@ -159,8 +193,12 @@ impl Search<'_> {
         }
     }
 
-    fn worked(&self, evaluations: u16) {
-        self.work.set(self.work.get().saturating_add(evaluations));
+    fn instructions(&self, Cost(fixed, each): Cost) -> u32 {
+        self.cones.iter().fold(fixed, |sum, _| sum + each)
+    }
+
+    fn take(&self, cost: Cost) {
+        self.work.set(self.work.get().saturating_add(self.instructions(cost)));
     }
 
     /// What is missing to the load, over the load.
@@ -186,6 +224,7 @@ impl Search<'_> {
         let twist = point.twist;
         let far = ahead.into_iter().flat_map(move |step| AHEAD.map(|times| twist + step * times));
         let about = (steps == PATIENCE).then(|| {
+            self.take(AXIS);
             let axis = self.map.inverse().conditioning().axis;
             stack(&Vector3::zeros(), &(axis * axis.dot(&halves(&self.load).1)))
         });
@@ -195,6 +234,7 @@ impl Search<'_> {
 
     /// Whether the load has more power against a twist than the contacts.
     fn separates(&self, twist: &Vector6<f32>) -> bool {
+        self.take(SEPARATION);
         let (linear, angular) = halves(twist);
         let mut left = twist.dot(&self.load);
         for (cone, arm) in self.cones.iter().zip(&self.map.arms) {
@@ -205,7 +245,7 @@ impl Search<'_> {
 
     #[inline(never)]
     fn at(&self, twist: Vector6<f32>) -> Point {
-        self.worked(1);
+        self.take(EVALUATION);
         let (linear, angular) = halves(&twist);
         let (mut force, mut moment) = halves(&self.load);
         let (mut support, mut square) = (0.0, 0.0);
@@ -223,6 +263,7 @@ impl Search<'_> {
 
     /// A damped Newton step, made shorter or longer as needed; the direction, if the slope along it has hardly changed.
     fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
+        self.take(DIRECTION);
         let mut hessian = self.hessian(point);
         let added = *damping * math::sqrt(point.missing.norm_squared());
         let added = if added > LEAST_DAMPING { added } else { LEAST_DAMPING };
