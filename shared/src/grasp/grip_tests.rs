@@ -223,9 +223,9 @@ fn slices_end_where_one_call_does() {
 fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
     let mut random = Random(9);
     let (mut state, mut calls, mut answers) = (GripState::default(), 0, 0);
-    for tick in 0..2000 {
+    for tick in 0..2000_u16 {
         // Fingertips that roll, an object that is swung, and now and then another one.
-        let phase = tick as f32 * 0.01;
+        let phase = f32::from(tick) * 0.01;
         let sway = Vector3::new(0.002 * sqrt(phase), 0.0003 * phase, 0.0);
         let map = hand3_grasp(0.5);
         let moved: Vec<Contact> = map

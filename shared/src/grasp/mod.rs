@@ -7,7 +7,7 @@
 //! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move nothing, in the
 //!   three forms that are wanted.
 //! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that there are
-//!   none.
+//!   none; in one call or over several ticks. [`largest_push`]: what a finger's joint torques allow.
 //!
 //! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
 
@@ -20,6 +20,7 @@ mod grip;
 mod internal;
 mod inverse;
 mod map;
+mod push;
 mod search;
 
 #[cfg(test)]
@@ -38,3 +39,4 @@ pub use grip::{BadGrip, Grip, GripState, LeastGrip, NoGrip};
 pub use internal::{InternalForces, NoNormalGrip, NormalGrip, NotThreeContacts};
 pub use inverse::{Conditioning, NoForces, WrenchInverse};
 pub use map::{GraspMap, GraspMatrix, NoGrasp};
+pub use push::{NoPush, largest_push};

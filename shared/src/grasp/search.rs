@@ -124,7 +124,8 @@ pub(super) struct Point {
 impl Begun {
     /// Before the first step from `twist`.
     pub fn at(twist: [f32; 6]) -> Self {
-        Self { twist, damping: DAMPING, best: f32::INFINITY, steps: 0, elsewhere: twist != [0.0; 6] }
+        let elsewhere = Vector6::from(twist) != Vector6::zeros();
+        Self { twist, damping: DAMPING, best: f32::INFINITY, steps: 0, elsewhere }
     }
 
     /// Whether no search can be there, after damage to the state.

@@ -1,0 +1,117 @@
+use core::fmt;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::math;
+
+/// A joint cannot add to a push: what it carries already takes all its torque, or its numbers are not finite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoPush {
+    /// The joint of the finger, 0 to 2.
+    pub joint: u8,
+}
+
+/// The largest normal force [N] that a finger can answer for: with any force inside the friction cone whose normal part
+/// is at most so large, each joint torque `used + (D_Fi J_Fi)ᵀ f`, Hand3 (16), stays within ± its limit. It is infinite if
+/// no joint feels the contact. For the limit of a [`Contact`](super::Contact), together with what sensor and tip bear.
+///
+/// - `block`: `D_Fi J_Fi` [m/rad], see [`ThreeFingers::blocks`](super::ThreeFingers::blocks).
+/// - `normal`: unit vector into the object; `friction`: coefficient, less the margin of the
+///   [`LeastGrip`](super::LeastGrip).
+/// - `used`, `limits`: joint torques for gravity and motion, and the largest ones [N·m].
+///
+/// With `c` and `s` the parts of column j of the block along and across the normal, forces of normal part `a` load joint
+/// j with `a (c − μ s)` to `a (c + μ s)`, both of which are attained; so the largest `a` is a quotient for each.
+///
+/// It is conservative for forces other than the worst of the cone. If joint j, loaded in the direction of `c`, sets the
+/// limit, then a force along the normal could be up to `1 + μ s/|c|` times as large and a force of the cone at best
+/// `(|c| + μ s)/(|c| − μ s)` times; there is no such bound where `|c| ≤ μ s`, or where the joint is loaded the other way.
+///
+/// # Errors
+/// A joint is at its limit without any push, or something is not a number.
+pub fn largest_push(
+    block: &Matrix3<f32>,
+    normal: &Vector3<f32>,
+    friction: f32,
+    used: &Vector3<f32>,
+    limits: &Vector3<f32>,
+) -> Result<f32, NoPush> {
+    let mut most = f32::INFINITY;
+    for (joint, ((column, used), limit)) in (0..).zip(block.column_iter().zip(used).zip(limits)) {
+        let along = column.dot(normal);
+        let across = friction * math::sqrt((column - normal * along).norm_squared());
+        for (rate, room) in [(across + along, limit - used), (across - along, limit + used)] {
+            // Not a number fails both.
+            if !(room > 0.0 && rate.is_finite()) {
+                return Err(NoPush { joint });
+            }
+            if rate > 0.0 && room < most * rate {
+                most = room / rate;
+            }
+        }
+    }
+    Ok(most)
+}
+
+impl fmt::Display for NoPush {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "joint {} of the finger has no torque left to push with", self.joint + 1)
+    }
+}
+
+impl core::error::Error for NoPush {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Block by rows, normal, friction, torques used, limits; the largest normal force and the force that attains it, by
+    /// brute force (`tests/oracles/push.py`).
+    #[allow(clippy::type_complexity)]
+    const CASES: &[([f32; 9], [f32; 3], f32, [f32; 3], [f32; 3], f32, [f32; 3])] =
+        include!("../../../tests/oracles/data/push.in");
+
+    #[test]
+    fn is_what_sampling_of_the_whole_cone_finds() {
+        for &(block, normal, friction, used, limits, expected, force) in CASES {
+            let block = Matrix3::from_row_slice(&block);
+            let (normal, used, limits) = (normal.into(), used.into(), Vector3::from(limits));
+            let push = largest_push(&block, &normal, friction, &used, &limits).unwrap();
+            // Safe: no sampled force takes more. Attained: this one, inside the cone, takes as much.
+            assert!(push <= expected * (1.0 + 1e-5), "{push} {expected}");
+            assert!(push >= expected * (1.0 - 1e-4), "{push} {expected}");
+            let force = Vector3::from(force);
+            let along = normal.dot(&force);
+            assert!((along / push - 1.0).abs() < 1e-4);
+            assert!((force - normal * along).norm() <= friction * along + 1e-5 * force.norm());
+            let torques = used + block.tr_mul(&force);
+            let share = torques.abs().component_div(&limits).max();
+            assert!((share - 1.0).abs() < 1e-4, "{share}");
+        }
+    }
+
+    #[test]
+    fn is_the_one_worked_by_hand() {
+        // Joint 1 feels the push at 0.1 m and nothing else, joint 2 the force sideways, joint 3 neither.
+        let block = Matrix3::from_diagonal(&Vector3::new(0.1, 0.1, 0.0));
+        let (normal, limits) = (Vector3::x(), Vector3::new(1.0, 0.3, 1e-3));
+        let push = |used: [f32; 3]| largest_push(&block, &normal, 0.5, &used.into(), &limits);
+        // 0.3 N·m over 0.5 × 0.1 m.
+        assert!((push([0.0; 3]).unwrap() - 6.0).abs() < 1e-5);
+        // Gravity pushes too, or against it; sideways its sign does not matter.
+        assert!((push([0.5, 0.0, 0.0]).unwrap() - 5.0).abs() < 1e-5);
+        assert!((push([-0.5, 0.0, 0.0]).unwrap() - 6.0).abs() < 1e-5);
+        for used in [0.1, -0.1] {
+            assert!((push([0.0, used, 0.0]).unwrap() - 4.0).abs() < 1e-5);
+        }
+        assert_eq!(push([0.0, 0.3, 0.0]), Err(NoPush { joint: 1 }));
+        assert_eq!(push([0.0, 0.0, f32::NAN]), Err(NoPush { joint: 2 }));
+        let nothing = largest_push(&Matrix3::zeros(), &normal, 0.5, &Vector3::zeros(), &limits);
+        assert_eq!(nothing, Ok(f32::INFINITY));
+        for (block, friction) in [(block * f32::NAN, 0.5), (block, f32::NAN)] {
+            let refused = largest_push(&block, &normal, friction, &Vector3::zeros(), &limits);
+            assert_eq!(refused, Err(NoPush { joint: 0 }));
+        }
+    }
+}
