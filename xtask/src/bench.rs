@@ -29,6 +29,10 @@ const LIMITS: &[(&str, f64)] = &[
     ("least_grip_3_warm", 25_000.0),
     ("least_grip_3_infeasible", 60_000.0),
     ("least_grip_3_too_heavy", 60_000.0),
+    ("least_grip_3_slice_cold", 25_000.0),
+    ("least_grip_3_slice_infeasible", 25_000.0),
+    ("least_grip_3_slice_worst", 25_000.0),
+    ("least_grip_6_slice_worst", 25_000.0),
     ("node_tick_9_pid", 6000.0),
     ("node_tick_9_observer", 6000.0),
 ];

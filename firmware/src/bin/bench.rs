@@ -205,7 +205,7 @@ fn main() -> ! {
     });
 
     grasp(&mut watch);
-    slices(&mut watch);
+    slices();
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
@@ -240,26 +240,33 @@ fn main() -> ! {
     loop {}
 }
 
-/// The contacts of a hand with three fingers whose tips have moved by `x`, the grasp map included.
-fn held(x: f32, friction: f32) -> GraspMap {
-    let contact = |position: [f32; 3], normal: [f32; 3]| {
-        let position = Vector3::from(position) + Vector3::new(0.0, 0.01 * x, 0.02 * x);
-        Contact::try_new(position, normal.into(), friction, 10.0).expect("a contact")
-    };
-    let contacts = [
-        contact([0.09 + 0.01 * x, 0.04, 0.085], [1.0, 0.1, 0.55]),
-        contact([0.09, -0.04, 0.083], [1.0, -0.05, 0.6]),
-        contact([0.15, 0.004, 0.12], [-1.0, 0.05, -0.6]),
+/// The first `count` of six contacts of a hand whose tips have moved by `x`, the grasp map included.
+fn held(count: usize, x: f32, friction: f32) -> GraspMap {
+    const PLACES: [([f32; 3], [f32; 3]); 6] = [
+        ([0.09, 0.04, 0.085], [1.0, 0.1, 0.55]),
+        ([0.09, -0.04, 0.083], [1.0, -0.05, 0.6]),
+        ([0.15, 0.004, 0.12], [-1.0, 0.05, -0.6]),
+        ([0.148, -0.03, 0.115], [-1.0, 0.1, -0.5]),
+        ([0.085, 0.002, 0.09], [1.0, 0.0, 0.5]),
+        ([0.12, 0.05, 0.1], [0.1, -1.0, 0.0]),
     ];
+    let mut moved = Vector3::new(0.01 * x, 0.01 * x, 0.02 * x);
+    let mut contacts = Vec::<_, 6>::new();
+    for (position, normal) in PLACES.iter().take(count) {
+        let position = Vector3::from(*position) + moved;
+        let contact = Contact::try_new(position, (*normal).into(), friction, 10.0).expect("a contact");
+        contacts.push(contact).expect("six places");
+        moved.x = 0.0;
+    }
     GraspMap::try_new(&contacts, Vector3::new(0.11, 0.0, 0.1)).expect("a grasp")
 }
 
 /// Grasp map, its inverse, and the least grip: from the last tick's, from nothing, and when nothing holds the load.
 fn grasp(watch: &mut Stopwatch) {
     watch.measure("grasp_map_3", |x| {
-        black_box(held(black_box(x), 0.6));
+        black_box(held(3, black_box(x), 0.6));
     });
-    let map = held(0.0, 0.6);
+    let map = held(3, 0.0, 0.6);
     let load = |x: f32| black_box(Vector6::new(1.0 + x, 0.2 * x, 1.2, 0.01, 0.02 * x - 0.01, 0.0));
     watch.measure("grasp_inverse_3", |x| {
         assert!(black_box(&map.inverse().forces(&load(x))).is_ok());
@@ -271,20 +278,25 @@ fn grasp(watch: &mut Stopwatch) {
         let _ = black_box(&black_box(&map).normal_grip(1.0));
     });
     let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
-    let mut state = GripState::default();
     // Contacts and load move every time.
-    watch.measure("least_grip_3_warm", |x| {
-        assert!(black_box(&grip.solve(&held(x, 0.6), &load(x), &mut state)).is_ok());
-    });
-    watch.measure("least_grip_3_cold", |x| {
-        assert!(black_box(&grip.solve(&held(x, 0.6), &load(x), &mut GripState::default())).is_ok());
-    });
+    for (count, warm, cold) in
+        [(3, "least_grip_3_warm", "least_grip_3_cold"), (6, "least_grip_6_warm", "least_grip_6_cold")]
+    {
+        let mut state = GripState::default();
+        watch.measure(warm, |x| {
+            assert!(black_box(&grip.solve(&held(count, x, 0.6), &load(x), &mut state)).is_ok());
+        });
+        watch.measure(cold, |x| {
+            let mut state = GripState::default();
+            assert!(black_box(&grip.solve(&held(count, x, 0.6), &load(x), &mut state)).is_ok());
+        });
+    }
     // Too slippery; too heavy.
     for (name, friction, weight) in
         [("least_grip_3_infeasible", 0.03, 1.0), ("least_grip_3_too_heavy", 0.6, 20.0)]
     {
         watch.measure(name, |x| {
-            let refused = grip.solve(&held(x, friction), &(load(x) * weight), &mut GripState::default());
+            let refused = grip.solve(&held(3, x, friction), &(load(x) * weight), &mut GripState::default());
             assert!(matches!(black_box(&refused), Err(NoGrip::CannotHold(_))));
         });
     }
@@ -297,9 +309,15 @@ type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-/// The worst call of all stored grasps, solved cold in slices, for two to six contacts; and the most calls for one.
-fn slices(watch: &mut Stopwatch) {
-    let mut worst = [(0, 0); 7];
+/// The calls that take most when the least grip is searched for in slices, from nothing: when forces hold the load, when
+/// nothing does, and over all stored grasps by the number of their contacts.
+fn slices() {
+    let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
+    let load = Vector6::new(1.0, 0.0, 1.2, 0.01, -0.01, 0.0);
+    for (name, friction) in [("least_grip_3_slice_cold", 0.6), ("least_grip_3_slice_infeasible", 0.03)] {
+        print_slice(name, longest_slice(&grip, &held(3, 0.0, friction), &load));
+    }
+    let mut worst = [0; 7];
     for (margin, least, load, contacts, ..) in CASES {
         let contacts: Vec<Contact, 6> = contacts
             .iter()
@@ -309,24 +327,34 @@ fn slices(watch: &mut Stopwatch) {
             .collect();
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).expect("a grasp");
         let grip = LeastGrip::try_new(*margin, *least).expect("settings");
-        let (load, mut state, mut calls) = (Vector6::from(*load), GripState::default(), 0);
-        let Some((most, most_calls)) = worst.get_mut(contacts.len()) else { continue };
-        loop {
-            watch.0.clear_current();
-            let start = SYST::get_current();
-            let result = grip.advance(&map, black_box(&load), &mut state, black_box(LeastGrip::SLICE));
-            *most = (*most).max(start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF);
-            calls += 1;
-            if !matches!(black_box(&result), Err(NoGrip::Unfinished { .. })) {
-                break;
-            }
+        let ticks = longest_slice(&grip, &map, &Vector6::from(*load));
+        if let Some(worst) = worst.get_mut(contacts.len()) {
+            *worst = ticks.max(*worst);
         }
-        *most_calls = (*most_calls).max(calls);
     }
-    for (contacts, (ticks, calls)) in worst.iter().enumerate().skip(2) {
-        hprintln!("least_grip_{}_slice_worst {}.0", contacts, ticks * 1000 / 168);
-        hprintln!("least_grip_{}_slice_calls {}.0", contacts, calls);
+    let [_, _, two, three, four, five, six] = worst;
+    print_slice("least_grip_2_slice_worst", two);
+    print_slice("least_grip_3_slice_worst", three);
+    print_slice("least_grip_4_slice_worst", four);
+    print_slice("least_grip_5_slice_worst", five);
+    print_slice("least_grip_6_slice_worst", six);
+}
+
+/// Ticks of the longest call, up to 6 instructions each.
+fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
+    let (mut state, mut longest) = (GripState::default(), 0);
+    loop {
+        let start = SYST::get_current();
+        let result = grip.advance(map, black_box(load), &mut state, black_box(LeastGrip::SLICE));
+        longest = longest.max(start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF);
+        if !matches!(black_box(&result), Err(NoGrip::Unfinished { .. })) {
+            return longest;
+        }
     }
+}
+
+fn print_slice(name: &str, ticks: u32) {
+    hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
 /// A node with three chains of three joints, armed and moving.

@@ -69,7 +69,8 @@ impl Cost {
     }
 }
 
-/// The most that a step takes with the proofs tried after it.
+/// The most that a step takes with the proofs tried after it. A new begin, which is never where the axis is tried, takes less
+/// than that.
 const STEP: Cost =
     DIRECTION.and(EVALUATION.times(1 + SHORTER)).and(SEPARATION.times(4)).and(PROOF.times(5)).and(AXIS);
 
