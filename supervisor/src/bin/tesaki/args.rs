@@ -1,5 +1,7 @@
 //! What can be said on the command line.
 
+mod eval;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -7,6 +9,8 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
+
+pub use eval::{Eval, Grip, Kinematics};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -100,7 +104,8 @@ pub enum Command {
         #[command(subcommand)]
         command: ModelCommand,
     },
-    /// Compute the kinematics of a robot's tips for every row of a table, without a board
+    /// Compute kinematics of a robot's tips, or the least grip of contacts, for every row of a table, without a board
+    #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|grip")]
     Eval(Eval),
     /// Read the faults since power-on
     Faults {
@@ -141,39 +146,6 @@ pub enum ModelCommand {
         /// The robot's folder, or a URDF alone
         robot: PathBuf,
     },
-}
-
-#[derive(Args)]
-pub struct Eval {
-    /// What to compute
-    #[arg(value_enum)]
-    pub what: Quantity,
-    /// The robot's folder, or a URDF alone
-    #[arg(long, env = "TESAKI_ROBOT")]
-    pub robot: PathBuf,
-    /// A link to compute, again for more; without it every leaf link that moves (ik: those with columns)
-    #[arg(long, value_name = "LINK")]
-    pub tip: Vec<String>,
-    /// The link where the chains start and whose frame is used; without it the robot's base
-    #[arg(long, value_name = "LINK")]
-    pub base: Option<String>,
-    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw; - reads stdin
-    #[arg(long = "in", value_name = "CSV")]
-    pub input: PathBuf,
-    /// Where the results go; - writes to stdout
-    #[arg(long = "out", value_name = "CSV", default_value = "-")]
-    pub output: PathBuf,
-}
-
-/// What `eval` computes.
-#[derive(Clone, Copy, ValueEnum)]
-pub enum Quantity {
-    /// Forward kinematics: position and quaternion of each tip
-    Fk,
-    /// Geometric Jacobian of each tip, in axes of the base
-    Jacobian,
-    /// Inverse kinematics: joint angles that bring each tip to a position or a pose
-    Ik,
 }
 
 #[derive(Args)]

@@ -1,7 +1,10 @@
-//! `eval`: the control core's kinematics of any robot, for every row of a table.
+//! `eval`: the control core's kinematics of any robot, and its least grip, for every row of a table.
 
+mod contacts;
 mod forward;
+mod grip;
 mod inverse;
+mod proof;
 mod table;
 
 use std::io::{self, Write};
@@ -11,7 +14,7 @@ use serde_json::{Value, json};
 use tesaki_supervisor::finding::Matter;
 use tesaki_supervisor::urdf::{Drive, SerialPath, Urdf};
 
-use crate::args::{Eval, Options, Quantity};
+use crate::args::{Eval, Kinematics, Options};
 use crate::failure::Failure;
 use crate::output;
 use table::{Row, Table};
@@ -25,17 +28,34 @@ struct Results {
     used: Vec<String>,
 }
 
+/// What is computed of a robot.
+#[derive(Clone, Copy)]
+enum Quantity {
+    Fk,
+    Jacobian,
+    Ik,
+}
+
 pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
-    let matters: &[Matter] = match eval.what {
+    match eval {
+        Eval::Fk(asked) => kinematics(options, asked, Quantity::Fk),
+        Eval::Jacobian(asked) => kinematics(options, asked, Quantity::Jacobian),
+        Eval::Ik(asked) => kinematics(options, asked, Quantity::Ik),
+        Eval::Grip(asked) => grip::run(options, asked),
+    }
+}
+
+fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(), Failure> {
+    let matters: &[Matter] = match what {
         Quantity::Fk | Quantity::Jacobian => &[],
         Quantity::Ik => &[Matter::Limits],
     };
-    let (urdf, others) = Urdf::load(&eval.robot, matters)?;
-    let table = Table::read(&eval.input)?;
-    let tips = tips(&urdf, eval, &table)?;
-    let paths = tips.iter().map(|tip| urdf.path(eval.base.as_deref(), tip));
+    let (urdf, others) = Urdf::load(&asked.robot, matters)?;
+    let table = Table::read(&asked.input)?;
+    let tips = tips(&urdf, asked, what, &table)?;
+    let paths = tips.iter().map(|tip| urdf.path(asked.base.as_deref(), tip));
     let paths: Vec<SerialPath> = paths.collect::<Result<_, _>>()?;
-    let mut results = match eval.what {
+    let mut results = match what {
         Quantity::Fk => forward::poses(&table, &paths)?,
         Quantity::Jacobian => forward::jacobians(&table, &paths)?,
         Quantity::Ik => inverse::angles(&table, &paths)?,
@@ -47,21 +67,20 @@ pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
             .notes
             .push(format!("{others} findings that do not matter here: `tesaki model check {place}`"));
     }
-    write(&eval.output, &results)?;
-    for note in &results.notes {
-        output::notice(options, note);
-    }
-    summary(options, eval, &paths, &results)
+    let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
+    let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
+    let value = json!({ "rows": results.rows.len(), "tips": tips, "notes": results.notes });
+    finish(options, &asked.output, &results, &text, &value)
 }
 
 /// What to compute: named tips, those with columns for the inverse, or all.
-fn tips(urdf: &Urdf, eval: &Eval, table: &Table) -> Result<Vec<String>, Failure> {
-    if !eval.tip.is_empty() {
-        return Ok(eval.tip.clone());
+fn tips(urdf: &Urdf, asked: &Kinematics, what: Quantity, table: &Table) -> Result<Vec<String>, Failure> {
+    if !asked.tip.is_empty() {
+        return Ok(asked.tip.clone());
     }
-    let base = eval.base.as_deref();
+    let base = asked.base.as_deref();
     let all = || urdf.tips(base).into_iter().map(str::to_owned).collect::<Vec<_>>();
-    let tips: Vec<String> = match eval.what {
+    let tips: Vec<String> = match what {
         Quantity::Fk | Quantity::Jacobian => all(),
         Quantity::Ik => {
             let is_link = |name: &&str| urdf.robot.links.iter().any(|link| link.name == *name);
@@ -69,7 +88,7 @@ fn tips(urdf: &Urdf, eval: &Eval, table: &Table) -> Result<Vec<String>, Failure>
             names.filter(is_link).map(str::to_owned).collect()
         }
     };
-    match eval.what {
+    match what {
         _ if !tips.is_empty() => Ok(tips),
         Quantity::Ik => {
             let message = "no targets: name columns TIP.x, TIP.y, TIP.z [m], and TIP.qx, .qy, .qz, .qw for an \
@@ -122,14 +141,21 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
     }
 }
 
-/// What was done; on standard error when the results themselves go to standard output.
-fn summary(options: &Options, eval: &Eval, paths: &[SerialPath], results: &Results) -> Result<(), Failure> {
-    let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
-    let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
-    if eval.output == Path::new("-") {
-        output::notice(options, &text);
+/// Writes the results and tells what was done: on standard error when the results themselves go to standard output.
+fn finish(
+    options: &Options,
+    path: &Path,
+    results: &Results,
+    text: &str,
+    value: &Value,
+) -> Result<(), Failure> {
+    write(path, results)?;
+    for note in &results.notes {
+        output::notice(options, note);
+    }
+    if path == Path::new("-") {
+        output::notice(options, text);
         return Ok(());
     }
-    let value: Value = json!({ "rows": results.rows.len(), "tips": tips, "notes": results.notes });
-    output::result(options, &value, || format!("{text} → {}", eval.output.display()))
+    output::result(options, value, || format!("{text} → {}", path.display()))
 }

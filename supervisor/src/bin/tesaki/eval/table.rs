@@ -82,6 +82,10 @@ impl Table {
         &self.headers
     }
 
+    pub fn header(&self, column: usize) -> &str {
+        self.headers.get(column).map_or("?", String::as_str)
+    }
+
     pub fn column(&self, name: &str) -> Option<usize> {
         self.headers.iter().position(|header| header == name)
     }
@@ -97,10 +101,15 @@ impl Table {
         })
     }
 
+    /// Whether the row has nothing in the column.
+    pub fn is_empty(&self, row: &Row, column: usize) -> bool {
+        row.record.get(column).is_none_or(str::is_empty)
+    }
+
     /// A finite number.
     pub fn number(&self, row: &Row, column: usize) -> Result<f32, Failure> {
         let text = row.record.get(column).unwrap_or_default();
-        let name = self.headers.get(column).map_or("?", String::as_str);
+        let name = self.header(column);
         match text.parse::<f32>() {
             Ok(value) if value.is_finite() => Ok(value),
             Ok(_) => {
