@@ -106,14 +106,15 @@ CLEAR_FAULTS, SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 11, 12, 13, 14
 
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck; torque not
 finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog reset; panic; CPU fault;
-clock fallback; stop; force sensor saturated; force sensor stuck; too much force""".replace("\n", " ").split("; ")
+clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
+object lost; object moved""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
     mode = r.uint()
     if mode == 1:
-        task, servo = r.uint(), r.uint()
-        return "armed (" + ["PID", "observer"][servo] + ")" if task == 0 else "armed"
+        task = r.uint()
+        return "armed (" + (["PID", "observer"][r.uint()] if task == 0 else "grasp") + ")"
     return {0: "disarmed", 2: "fault"}[mode]
 
 
@@ -127,6 +128,30 @@ def read_model_error(r):
     joint, field, value, problem = r.option(r.u8), r.uint(), r.f32(), r.uint()
     limit = r.f32() if problem in (1, 2, 3, 6) else None
     return {"joint": joint, "field": field, "value": value, "problem": problem, "limit": limit}
+
+
+PHASES = ["ready", "approach", "touch", "squeeze", "feel", "hold", "move", "lower", "open"]
+PLAN_FIELDS = ["clearance", "touch force", "friction", "force limit", "margin", "least", "strength", "gain"]
+
+
+def read_bad_plan(r):
+    number = r.uint()
+    if number == 0:
+        return {"field": PLAN_FIELDS[r.uint()], "value": r.f32(), "lower": r.f32(), "upper": r.f32()}
+    if number == 1:
+        return {"contact": r.u8()}
+    return {"rest": r.f32()} if number == 4 else ["the contacts are in line", "no grip within the friction"][number - 2]
+
+
+def read_unable(r):
+    number = r.uint()
+    if number == 0:
+        return {"busy": PHASES[r.uint()]}
+    if number == 1:
+        return {"plan": read_bad_plan(r)}
+    if number == 2:
+        return {"out_of_reach": r.u8(), "nearest": [r.f32() for _ in range(3)]}
+    return {"too_fast": r.f32(), "limit": r.f32()} if number == 4 else "not finite"
 
 
 REFUSALS = [
@@ -157,6 +182,10 @@ REFUSALS = [
     ("too much acceleration", ["joint:u8", "value:f32", "limit:f32"]),
     ("not a place", ["chain:u8"]),
     ("no force sensor", []),
+    ("not a hand", []),
+    ("force sensor not tared", ["chain:u8"]),
+    ("the hand cannot do this", ["why:unable"]),
+    ("too much torque", ["joint:u8", "value:f32", "limit:f32"]),
 ]
 
 
@@ -165,7 +194,8 @@ def read_version(r):
 
 
 def read_refusal(r):
-    readers = {"version": read_version, "mode": read_mode, "fault": read_fault, "model_error": read_model_error}
+    readers = {"version": read_version, "mode": read_mode, "fault": read_fault, "model_error": read_model_error,
+               "unable": read_unable}
     number = r.uint()
     words, fields = REFUSALS[number]
     values = {}

@@ -207,10 +207,11 @@ mod app {
                 rtic::pend(Interrupt::USART1);
             }
         }
-        let (tick, telemetry, tips, status_due, index) = cx.shared.node.lock(|node| {
+        let (tick, telemetry, tips, grasp, status_due, index) = cx.shared.node.lock(|node| {
             let telemetry = node.is_due(Stream::Telemetry).then(|| node.telemetry());
             let tips = node.is_due(Stream::Tips).then(|| node.tips());
-            (node.last_tick(), telemetry, tips, node.is_due(Stream::Status), node.records())
+            let grasp = node.is_due(Stream::Grasp).then(|| node.grasp());
+            (node.last_tick(), telemetry, tips, grasp, node.is_due(Stream::Status), node.records())
         });
         send_ticks(link, ticks, index);
         if cx.local.told.replace(tick) != Some(tick) {
@@ -219,6 +220,9 @@ mod app {
             }
             if let Some(tips) = tips {
                 link.send(&FromBoard::Tips(tips));
+            }
+            if let Some(grasp) = grasp {
+                link.send(&FromBoard::Grasp(grasp));
             }
             if status_due {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);

@@ -49,6 +49,12 @@ struct Serve {
     /// Decides the machine's deviations and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Begin with the fingers open around the place of this grasp, such as robots/hand3/grasps/box.toml
+    #[arg(long)]
+    grasp: Option<PathBuf>,
+    /// Something to grasp, on a support where `--grasp` expects it, such as robots/hand3/objects/box.toml
+    #[arg(long, requires = "grasp")]
+    object: Option<PathBuf>,
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
@@ -191,9 +197,11 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
 #[cfg(unix)]
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
-    use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+    use tesaki_sim::grasp_scene::{on_support, open_posture};
+    use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
+    use tesaki_supervisor::grasp::load_placed;
     use tesaki_supervisor::hub::Hub;
     use tesaki_supervisor::port::{Address, Announcement};
     use tesaki_supervisor::robot::RobotFolder;
@@ -204,7 +212,19 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     let name = robot.model.name.as_str();
     let values = PlantValues::load(&options.robot)?;
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(options.seed))?;
+    let mut machine = PlantOptions::mismatched(options.seed);
+    let mut then = format!("tesaki move {}=0.3", robot.model.joint_name(0));
+    if let Some(path) = &options.grasp {
+        let grasp = load_placed(path)?;
+        machine.posture = Some(open_posture(&robot.model, &grasp.plan)?);
+        if let Some(object) = &options.object {
+            let text =
+                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
+            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
+        }
+        then = format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display());
+    }
+    let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
     let (mut native, mut qemu);
     let board: &mut dyn ServedBoard = match options.controller {
         Where::Native => {
@@ -233,14 +253,13 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
          \x20 tesaki doctor\n\
          \x20 tesaki model push {}\n\
          \x20 {}\n\
-         \x20 tesaki move {}=0.3\n\n\
+         \x20 {then}\n\n\
          Ctrl-C ends; `help` lists the trouble that can be made here.",
         options.seed,
         hub.address(),
         terminal.display(),
         shown(&options.robot).display(),
         home_command(&plant, &robot.model),
-        robot.model.joint_name(0),
     );
     serve(&mut hub, board, &mut plant, &robot.model, &input_lines(), &|| STOP.load(Ordering::Relaxed))?;
     Ok(())

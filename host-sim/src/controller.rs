@@ -4,6 +4,7 @@ use tesaki::node::Node;
 use tesaki::protocol::{
     ActuatorFrame, BoardStatus, LogRecord, LogStart, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFrame,
 };
+use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError};
 
 /// The only client of a node in this process.
@@ -24,11 +25,14 @@ pub struct Native {
     node: Box<Node>,
     board: BoardStatus,
     sequence: u16,
+    /// Of what was posted.
+    news: News,
 }
 
 impl Default for Native {
     fn default() -> Self {
-        Self { node: Box::new(Node::new()), board: BoardStatus::default(), sequence: 0 }
+        let (node, news) = (Box::new(Node::new()), News::default());
+        Self { node, board: BoardStatus::default(), sequence: 0, news }
     }
 }
 
@@ -52,6 +56,20 @@ impl Board for Native {
 impl Controller for Native {
     fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
         Ok(self.node.tick(sensors))
+    }
+}
+
+impl FingerBoard for Native {
+    fn post(&mut self, request: Request) -> Result<(), BoardError> {
+        if let Reply::Refused(refusal) = self.request(request)? {
+            self.news.refuse(refusal);
+        }
+        Ok(())
+    }
+
+    fn listen(&mut self) -> Result<News, BoardError> {
+        let refusal = self.news.refusal.take();
+        Ok(News { telemetry: Some(self.node.telemetry()), tips: Some(self.node.tips()), refusal })
     }
 }
 

@@ -7,7 +7,9 @@
     reason = "plots and seeds"
 )]
 
+pub mod boards;
 pub mod controller;
+pub mod grasp_scene;
 pub mod motion;
 pub mod plant;
 pub mod qemu;

@@ -7,7 +7,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
-use tesaki::protocol::{ActuatorFrame, Reply, Request, SensorFrame};
+use tesaki::protocol::{ActuatorFrame, FromBoard, Reply, Request, SensorFrame, Stream};
+use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
 use crate::controller::Controller;
@@ -46,6 +47,10 @@ pub struct Qemu {
     board: LinkBoard<Socket>,
     plant: Socket,
     decoder: Decoder,
+    /// Ticks from one telemetry and one word of the tips to the next.
+    rates: [u16; 2],
+    /// What came unasked.
+    news: News,
     // Dropped last, in this order: first the process, then its folder.
     _process: Process,
     folder: tempfile::TempDir,
@@ -85,6 +90,8 @@ impl Qemu {
             board: LinkBoard::new(board, GREETING),
             plant,
             decoder: Decoder::new(),
+            rates: [0; 2],
+            news: News::default(),
             _process: process,
             folder,
         };
@@ -97,6 +104,7 @@ impl Qemu {
     /// # Errors
     /// When the board does not come back.
     pub fn reset(&mut self) -> Result<(), BoardError> {
+        self.rates = [0; 2];
         let mut monitor = UnixStream::connect(self.folder.path().join("monitor"))?;
         monitor.write_all(b"system_reset\n")?;
         // The monitor acts on a line once it reads it, and tells so with its next prompt.
@@ -109,6 +117,27 @@ impl Qemu {
     /// The supervisor link, for who speaks the protocol by themselves.
     pub fn link_mut(&mut self) -> &mut impl ByteLink {
         self.board.link_mut()
+    }
+
+    /// Takes what the board says unasked after this tick: the next one would come while it still talks.
+    fn hear(&mut self, tick: u32) -> Result<(), BoardError> {
+        let mut due = self.rates.map(|every| tick.checked_rem(every.into()) == Some(0));
+        let deadline = Instant::now() + TIMEOUT;
+        while due != [false; 2] {
+            let event = self.board.next_event(deadline)?;
+            match event.ok_or(BoardError::Timeout { seconds: TIMEOUT.as_secs_f64() })? {
+                FromBoard::Telemetry(telemetry) => {
+                    due[0] &= telemetry.tick != tick;
+                    self.news.telemetry = Some(telemetry);
+                }
+                FromBoard::Tips(tips) => {
+                    due[1] &= tips.tick != tick;
+                    self.news.tips = Some(tips);
+                }
+                event => self.news.take(event),
+            }
+        }
+        Ok(())
     }
 
     /// A UART that is not set up yet drops what it is sent: greets until there is an answer.
@@ -126,6 +155,11 @@ impl Qemu {
 
 impl Board for Qemu {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        match request {
+            Request::SetRate { stream: Stream::Telemetry, every } => self.rates[0] = every,
+            Request::SetRate { stream: Stream::Tips, every } => self.rates[1] = every,
+            _ => {}
+        }
         self.board.request(request)
     }
 }
@@ -144,7 +178,10 @@ impl Controller for Qemu {
             }
             for &byte in &buffer[..received] {
                 match self.decoder.push::<ActuatorFrame>(byte) {
-                    Some(Ok(actuators)) if actuators.sequence == sensors.sequence => return Ok(actuators),
+                    Some(Ok(actuators)) if actuators.sequence == sensors.sequence => {
+                        self.hear(sensors.sequence)?;
+                        return Ok(actuators);
+                    }
                     Some(Err(error)) => {
                         return Err(io::Error::other(format!("damaged actuator frame: {error:?}")).into());
                     }
@@ -152,6 +189,20 @@ impl Controller for Qemu {
                 }
             }
         }
+    }
+}
+
+/// In lock step: what is posted has been taken before the next tick, and what came is of the last one.
+impl FingerBoard for Qemu {
+    fn post(&mut self, request: Request) -> Result<(), BoardError> {
+        if let Reply::Refused(refusal) = self.request(request)? {
+            self.news.refuse(refusal);
+        }
+        Ok(())
+    }
+
+    fn listen(&mut self) -> Result<News, BoardError> {
+        Ok(std::mem::take(&mut self.news))
     }
 }
 

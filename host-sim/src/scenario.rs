@@ -1,13 +1,20 @@
 //! Scenarios: a robot, a task, a plant, and what is measured.
 
 mod common;
+mod grasping;
+mod hand3_force;
+mod hand3_grasp;
 mod hand3_reach;
 mod hand3_servo;
+mod hand3_shift;
+mod hand3_turn;
+mod hand3_weights;
 
 use std::path::Path;
 
 use tesaki::protocol::LogRecord;
 use tesaki_supervisor::BoardError;
+use tesaki_supervisor::grasp::GraspFileError;
 use tesaki_supervisor::robot::RobotError;
 
 use crate::controller::Watched;
@@ -33,7 +40,15 @@ pub struct Scenario {
 }
 
 /// All scenarios.
-pub const SCENARIOS: &[Scenario] = &[hand3_servo::SCENARIO, hand3_reach::SCENARIO];
+pub const SCENARIOS: &[Scenario] = &[
+    hand3_servo::SCENARIO,
+    hand3_reach::SCENARIO,
+    hand3_force::SCENARIO,
+    hand3_weights::SCENARIO,
+    hand3_turn::SCENARIO,
+    hand3_shift::SCENARIO,
+    hand3_grasp::SCENARIO,
+];
 
 /// What a run is given.
 pub struct Setting<'a, 'b> {
@@ -67,6 +82,17 @@ pub enum ScenarioError {
     /// The robot's folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
+    /// The grasp.
+    #[error(transparent)]
+    Grasp(#[from] GraspFileError),
+    /// No finger can stand in front of the object that is to be grasped.
+    #[error("finger {finger} does not reach the place where it is to wait for the object: {error}")]
+    Start {
+        /// From 1.
+        finger: usize,
+        /// Why.
+        error: String,
+    },
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),

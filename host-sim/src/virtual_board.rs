@@ -67,6 +67,9 @@ impl VirtualBoard {
         if self.node.is_due(Stream::Tips) {
             send(&FromBoard::Tips(self.node.tips()), out);
         }
+        if self.node.is_due(Stream::Grasp) {
+            send(&FromBoard::Grasp(self.node.grasp()), out);
+        }
         if self.node.is_due(Stream::Status) {
             send(&FromBoard::Status(self.node.status(&self.status)), out);
         }

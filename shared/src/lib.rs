@@ -22,6 +22,7 @@
 //! | [`dynamics`] | Newton–Euler for a chain |
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
+//! | [`manipulation`] | an object in the hand: found, grasped, held, moved, put down |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!
@@ -34,6 +35,7 @@ pub mod control;
 pub mod dynamics;
 pub mod grasp;
 pub mod kinematics;
+pub mod manipulation;
 pub mod math;
 pub mod model;
 pub mod node;

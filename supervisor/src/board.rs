@@ -1,4 +1,5 @@
 use tesaki::kinematics::TipPoint;
+use tesaki::manipulation::{GraspCommand, GraspTelemetry};
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
     FaultLog, Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Status, Stream,
@@ -206,6 +207,34 @@ pub trait Board {
     fn reach(&mut self, tips: &[TipPoint]) -> Result<(), BoardError> {
         let tips = heapless::Vec::from_slice(tips).map_err(|_| BoardError::TooManyTips(tips.len()))?;
         self.ask("move its tips", Request::SetPoint(SetPoint::Reach { tips }))
+    }
+
+    /// Tells a hand what to do next.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn grasp(&mut self, command: GraspCommand) -> Result<(), BoardError> {
+        self.ask("grasp", Request::Grasp(command))
+    }
+
+    /// The object in the hand.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, BoardError> {
+        match self.request(Request::ReadGrasp)? {
+            Reply::Grasp(grasp) => Ok(grasp),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell what it holds", refusal }),
+            reply => Err(wrong("tell what it holds", &reply)),
+        }
+    }
+
+    /// Tells the board that the supervisor lives; nothing else changes.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn keep(&mut self) -> Result<(), BoardError> {
+        self.ask("go on", Request::SetPoint(SetPoint::Keep))
     }
 
     /// What the node and the board say of themselves.

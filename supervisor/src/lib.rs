@@ -4,6 +4,8 @@
 mod board;
 pub mod fault_injector;
 pub mod finding;
+pub mod grasp;
+pub mod hand;
 #[cfg(unix)]
 pub mod hub;
 mod link;

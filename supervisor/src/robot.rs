@@ -2,6 +2,7 @@
 //! `controller.toml` (motors, encoders, gains, safety, keyed by the URDF's joint names).
 
 mod build;
+mod chain;
 mod settings;
 mod tree;
 
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 
+pub use chain::chain_model;
 pub use settings::{JointSettings, Settings};
 
 use crate::finding::{Finding, Report};

@@ -10,9 +10,11 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::grasp_scene::{on_support, open_posture};
+use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::serve::{home_command, serve};
 use tesaki_sim::virtual_board::VirtualBoard;
+use tesaki_supervisor::grasp::load_placed;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
 use tesaki_supervisor::robot::RobotFolder;
@@ -39,11 +41,30 @@ impl Server {
     }
 
     fn start_at(folder: tempfile::TempDir) -> Self {
+        Self::start_with(folder, &PlantOptions::mismatched(1))
+    }
+
+    /// Homed, tared, and with the fingers open around where a box is to be grasped.
+    fn ready_to_grasp(with_box: bool) -> Self {
+        let robot = RobotFolder::load(&hand3()).unwrap();
+        let grasp = load_placed(&hand3().join("grasps/box.toml")).unwrap();
+        let mut options = PlantOptions::mismatched(1);
+        options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
+        if with_box {
+            let text = std::fs::read_to_string(hand3().join("objects/box.toml")).unwrap();
+            options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
+        }
+        let server = Self::start_with(tempfile::tempdir().unwrap(), &options);
+        server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+        server.home();
+        server
+    }
+
+    fn start_with(folder: tempfile::TempDir, options: &PlantOptions) -> Self {
         let robot = RobotFolder::load(&hand3()).unwrap();
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let values = PlantValues::load(&hand3()).unwrap();
-        let options = PlantOptions::mismatched(1);
-        let mut plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+        let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
         let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
         let address = hub.address().clone();
         let terminal = hub.add_pty().unwrap();
@@ -257,6 +278,109 @@ fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_m
     server.fails(&["reach", "--relative", "finger1_tip=0,0.08,0"], 2, &["would turn at", "lower --speed"]);
     server.fails(&["reach", "--speed", "0", "finger1_tip=0,0,0.1"], 2, &["above 0"]);
     server.fails(&["reach", "--speed", "1e-9", "--relative", "finger1_tip=0,0,0.01"], 2, &["600 s"]);
+}
+
+/// The grasp of the box.
+fn box_grasp() -> String {
+    hand3().join("grasps/box.toml").to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
+    let server = Server::ready_to_grasp(true);
+    let file = box_grasp();
+    server.fails(&["grasp", "run", &file], 7, &["finger1_tip was not tared", "tesaki tare"]);
+    server.succeeds(&["tare"]);
+    server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "no number"]);
+    server.fails(&["grasp", "run", &file, "turn=0,1"], 2, &["turn", "three numbers"]);
+    server.fails(&["grasp", "run", &file, "juggle"], 2, &["juggle", "lift=M"]);
+    server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
+    server.fails(&["grasp", "run", &file, "--speed", "1e-9", "lift=0.01"], 2, &["--speed", "600 s"]);
+    assert!(server.succeeds(&["grasp", "status"]).contains("is ready"));
+
+    let run =
+        server.start_command(&["grasp", "run", &file, "lift=0.01", "turn=0,0.1,0", "hold=2", "turn=0,0,0"]);
+    let held = (0..400).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        let status = server.json(&["grasp", "status"]);
+        (status["phase"] == "Hold").then_some(status)
+    });
+    let held = held.expect("never held");
+    assert!(held["failure"].is_null() && held["friction"].as_f64().unwrap() > 0.3, "{held}");
+    let words = server.succeeds(&["grasp", "status"]);
+    assert!(words.contains("finger 3") && words.contains("N wanted"), "{words}");
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    for word in
+        ["approaches", "feels for", "takes hold", "moves", "lowers", "lets go", "disarmed", "done: held for"]
+    {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+
+    // A motion that is refused costs nothing but itself: the box is put down all the same.
+    server.fails(
+        &["grasp", "run", &file, "lift=0.2"],
+        7,
+        &["lowers an object", "is ready", "does not reach so far", "disarmed"],
+    );
+}
+
+#[test]
+fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
+    let server = Server::ready_to_grasp(true);
+    server.succeeds(&["tare"]);
+    let file = box_grasp();
+    let wait_until_held = || {
+        while server.json(&["grasp", "status"])["phase"] != "Hold" {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    };
+    let run = server.start_command(&["grasp", "run", &file]);
+    wait_until_held();
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    assert!(text.contains("lowers an object") && text.contains("interrupted: disarmed"), "{text}");
+
+    let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
+    wait_until_held();
+    server.make_trouble("estop on");
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 5, "{text}");
+    assert!(text.contains("emergency stop") && text.contains("`tesaki disarm` lets go"), "{text}");
+    for line in text.lines() {
+        assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
+    }
+    assert!(text.contains("\"phase\":\"Hold\""), "{text}");
+}
+
+#[test]
+fn a_board_of_one_finger_gets_its_own_model() {
+    let server = Server::start();
+    let robot = hand3();
+    let robot = robot.to_str().unwrap();
+    server.fails(&["model", "push", robot, "--chain", "thumb"], 2, &["no tip \"thumb\"", "finger3_tip"]);
+    let pushed = server.succeeds(&["model", "push", robot, "--chain", "finger2_tip"]);
+    assert!(pushed.contains("hand3.finger2_tip: 3 joints"), "{pushed}");
+    let model = server.json(&["model", "show"]);
+    assert_eq!(model["joints"][0]["name"], "finger2_swing");
+    assert_eq!(model["chains"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn a_hand_that_finds_nothing_says_so_and_opens() {
+    let server = Server::ready_to_grasp(false);
+    server.succeeds(&["tare"]);
+    let file = box_grasp();
+    server.fails(
+        &["grasp", "run", &file, "lift=0.01"],
+        8,
+        &["felt nothing within 0.02 m: the hand opened", "[object] in", "clearance", "is ready", "disarmed"],
+    );
+    server.fails(&["grasp", "run", "/nowhere"], 1, &["/nowhere"]);
+    let status = server.json(&["grasp", "status"]);
+    assert!(!status["failure"]["NothingThere"].is_null(), "{status}");
 }
 
 #[test]

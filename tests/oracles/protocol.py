@@ -95,9 +95,10 @@ CLIENT = 0xC0FFEE
 IMAGE = "1f2e3d4c5b6a7988"
 BOARD = "300021000d51363034333832"
 FIRMWARE = byte(0) + byte(1) + byte(0)
-IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(5)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(13)
 
 DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
+ARMED_GRASP = uint(1) + uint(1)
 
 
 def fault(cause, joint, value, limit, tick):
@@ -158,18 +159,59 @@ def model(reaction):
         + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
         + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
     )
-    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + option(None)
+    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0) + option(None)
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
     return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
 
 
 FINGER = model(2)
 LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
-TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1)}
+TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1)}
 
 
 def goal(positions):
     return uint(7) + uint(0) + sequence(map(real, positions))
+
+
+def guide(points, torques):
+    return uint(7) + uint(4) + sequence(map(reals, points)) + sequence(map(real, torques))
+
+
+def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
+    """`contacts`: positions and normals; the others as encoded or as numbers."""
+    return (b"".join(reals(position) + reals(normal) for position, normal in contacts) + real(clearance)
+            + real(touch_force) + option(None if friction is None else real(friction)) + internal + real(force_limit)
+            + boolean(feedback) + control)
+
+
+def differential(observer):
+    return uint(0) + uint(observer)
+
+
+def by_wrench(position, orientation, damping, compensated):
+    return uint(1) + reals(position) + reals(orientation) + real(damping) + boolean(compensated)
+
+
+PHASES = "ready approach touch squeeze feel hold move lower open".split()
+PLAN_FIELDS = "clearance touch-force friction force-limit margin least strength gain".split()
+BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
+       ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
+FAILURES = {
+    "obstructed": uint(0) + byte(2) + real(0.75),
+    "nothing-there": uint(1) + byte(0) + real(0.02),
+    "no-grip": uint(2) + reals([0.25, 3.0]),
+    "nothing-below": uint(3) + real(0.05),
+    "out-of-reach": uint(4) + byte(1),
+}
+
+
+def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded):
+    """What the supervisor sees of a grasp. `pose`: position and quaternion."""
+    return (uint(tick) + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
+            + real(friction) + uint(slips) + boolean(overloaded))
+
+
+NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]
 
 
 # ---- the session of the page ----------------------------------------------------------------------------------------
@@ -223,6 +265,7 @@ def requests():
         "home-none": uint(4) + sequence([]),
         "arm-pid": uint(5) + TASK["pid"],
         "arm-observer": uint(5) + TASK["observer"],
+        "arm-grasp": uint(5) + TASK["grasp"],
         "disarm": uint(6),
         "set-point-goal": goal([0.5, -0.25, 0.125]),
         "set-point-stream": uint(7) + uint(1) + sequence(map(reals, [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]])),
@@ -230,6 +273,9 @@ def requests():
         "set-point-reach": uint(7) + uint(2)
         + sequence([reals([0.1, -0.04, 0.0625, 0.5, -0.25, 0.125, 2.0, -1.0, 0.0]), reals([0.0] * 9)]),
         "set-point-reach-6": uint(7) + uint(2) + sequence([reals([LOWEST] * 9)] * 6),
+        "set-point-keep": uint(7) + uint(3),
+        "set-point-guide": guide([[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]], [0.125, -0.0625]),
+        "set-point-guide-16": guide([[LOWEST] * 3] * 16, [LOWEST] * 16),
         "stop": uint(8),
         "read-status": uint(9),
         "read-faults": uint(10),
@@ -238,7 +284,21 @@ def requests():
         "set-rate-status": uint(12) + uint(1) + uint(100),
         "set-rate-log": uint(12) + uint(2) + uint(65535),
         "set-rate-tips": uint(12) + uint(3) + uint(2),
+        "set-rate-grasp": uint(12) + uint(4) + uint(5),
         "tare": uint(17),
+        "grasp": uint(18) + uint(0)
+        + plan(BOX, 0.01, 0.1, None, uint(0) + reals([0.2, 0.3, 1.0]), 9.0, True, differential(1)),
+        "grasp-normal": uint(18) + uint(0) + plan(BOX, 0.005, 0.125, 0.5, uint(1) + real(2.0), 4.0, False, differential(0)),
+        "grasp-pairwise": uint(18) + uint(0)
+        + plan(BOX, 0.01, 0.1, 0.75, uint(2) + reals([0.5, 1.0, 1.5]), 9.0, True,
+               by_wrench([150.0, 300.0], [0.5, 1.0], 0.03125, False)),
+        "grasp-longest": uint(18) + uint(0)
+        + plan([([LOWEST] * 3, [LOWEST] * 3)] * 3, LOWEST, LOWEST, LOWEST, uint(2) + reals([LOWEST] * 3), LOWEST, True,
+               by_wrench([LOWEST] * 2, [LOWEST] * 2, LOWEST, True)),
+        "grasp-move": uint(18) + uint(1) + reals([0.0, 0.0, 0.02]) + reals([0.25, -0.125, 0.0]) + real(1.5),
+        "grasp-put-down": uint(18) + uint(2),
+        "grasp-open": uint(18) + uint(3),
+        "read-grasp": uint(19),
         "take-command": uint(13) + boolean(False),
         "take-command-by-force": uint(13) + boolean(True),
         "release-command": uint(14),
@@ -258,7 +318,7 @@ counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque
 filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
 damping supply-min supply-max rest-error
 chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
-tip-center-of-mass""".split()
+tip-center-of-mass tip-radius""".split()
 
 
 def refusals():
@@ -282,6 +342,7 @@ def refusals():
         "wrong-mode-disarmed": uint(6) + DISARMED,
         "wrong-mode-armed-pid": uint(6) + ARMED_PID,
         "wrong-mode-armed-observer": uint(6) + ARMED_OBSERVER,
+        "wrong-mode-armed-grasp": uint(6) + ARMED_GRASP,
         "wrong-mode-fault": uint(6) + FAULT,
         "not-homed": uint(7) + byte(8),
         "faults-unread": uint(8) + uint(3),
@@ -303,7 +364,21 @@ def refusals():
         "too-much-acceleration": uint(24) + byte(3) + reals([9000.0, 2857.0]),
         "tip-not-finite": uint(25) + byte(2),
         "no-force-sensor": uint(26),
+        "not-a-hand": uint(27),
+        "not-tared": uint(28) + byte(1),
+        "unable-plan-contact": uint(29) + uint(1) + uint(1) + byte(2),
+        "unable-plan-no-triangle": uint(29) + uint(1) + uint(2),
+        "unable-plan-cannot-grip": uint(29) + uint(1) + uint(3),
+        "unable-plan-unbalanced": uint(29) + uint(1) + uint(4) + real(0.25),
+        "unable-out-of-reach": uint(29) + uint(2) + byte(1) + reals([0.1, 0.0, -0.25]),
+        "unable-not-finite": uint(29) + uint(3),
+        "unable-too-fast": uint(29) + uint(4) + reals([0.375, 0.2]),
+        "too-much-torque": uint(30) + byte(3) + reals([0.75, 0.6]),
     }
+    for number, name in enumerate(PHASES):
+        each["unable-busy-" + name] = uint(29) + uint(0) + uint(number)
+    for number, name in enumerate(PLAN_FIELDS):
+        each["unable-plan-" + name] = uint(29) + uint(1) + uint(0) + uint(number) + reals([2.0, 0.25, 1.0])
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
     for number, name in enumerate(FIELDS):
@@ -332,8 +407,8 @@ def from_board():
     golden("board-faults-none", reply(9, 1234, uint(4) + uint(0) + sequence([])))
     first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause) for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
-    second = [fault(cause, None, 2.0, 0.0, 0) for cause in (16, 17, 18, 19, 20)]
-    golden("board-faults-16-to-20", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 23)]
+    golden("board-faults-16-to-22", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469)))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
     golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
@@ -344,6 +419,17 @@ def from_board():
     tip = reals([0.1, -0.04, 0.0625, 1.5, 0.0, -0.5, 0.0, 0.015625, 0.0]) + boolean(True)
     golden("board-tips", uint(4) + uint(1234) + sequence([tip, reals([0.0] * 9) + boolean(False)]))
     golden("board-tips-6", uint(4) + uint(4294967295) + sequence([reals([LOWEST] * 9) + boolean(True)] * 6))
+    golden("board-telemetry-grasp", uint(1) + telemetry(1235, ARMED_GRASP, 0, [[0.5, -0.25, 0.5625, 0.03125]]))
+    holding = [[0.09, 0.0, 0.0625, 0.0, 0.375, 0.0, 0.927], [0.5, 0.0, 1.75, 0.0, -0.015625, 0.0],
+               [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]], 0.4375]
+    golden("board-grasp", uint(5) + grasp(1234, 5, None, *holding, 300, False))
+    golden("board-grasp-longest", uint(5) + grasp(
+        4294967295, 8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, [[LOWEST] * 3] * 3, LOWEST, 65535, True))
+    golden("board-read-grasp", reply(9, 1234, uint(7) + grasp(1234, 0, None, *NO_GRASP)))
+    for number, name in enumerate(PHASES):
+        golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1233, number, None, *holding, 0, True)))
+    for name, failure in FAILURES.items():
+        golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1234, 0, failure, *NO_GRASP)))
     golden("board-stream-status", uint(2) + statuses["fault"])
     for number, (name, record) in enumerate(RECORDS.items()):
         golden("board-log-" + name, uint(3) + uint(2468 + number) + record)

@@ -9,19 +9,24 @@
     reason = "tests"
 )]
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::control::{JointPoint, ServoMode};
-use tesaki::kinematics::TipPoint;
+use tesaki::kinematics::{Chain, Finger, TipPoint};
+use tesaki::manipulation::{
+    FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, Phase, WrenchGains,
+};
 use tesaki::model::RobotModel;
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    ActuatorFrame, BoardStatus, FromBoard, Item, LogRecord, MODEL_CHUNK, Mode, Reply, Request, RequestFrame,
-    SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream, Task,
+    ActuatorFrame, BoardStatus, FromBoard, Item, JointTelemetry, LogRecord, MODEL_CHUNK, Mode, Refusal,
+    Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream, Task,
 };
 use tesaki_supervisor::robot::RobotFolder;
 
@@ -72,6 +77,11 @@ fn fuzz(name: &str, body: impl Fn(u64)) {
         seed += 1;
     }
     println!("{name}: {} runs from seed {first}", seed - first);
+}
+
+fn box_plan() -> GraspPlan {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/grasps/box.toml");
+    tesaki_supervisor::grasp::load(&file).unwrap()
 }
 
 fn model() -> RobotModel {
@@ -151,7 +161,7 @@ fn the_codec_takes_any_bytes() {
 fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Request {
     let count = if random.one_in(10) { random.below(17) } else { model.joints.len() };
     let list = |random: &mut Random| (0..count).map(|_| random.value()).collect::<heapless::Vec<f32, 16>>();
-    match random.below(22) {
+    match random.below(25) {
         0 => Request::Hello { schema: if random.one_in(5) { random.next() } else { SCHEMA_KEY } },
         1 => {
             let length = if random.one_in(4) { random.next() as u32 } else { pushed.len() as u32 };
@@ -166,19 +176,16 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
         4 => Request::ModelCommit,
         5 => Request::Home { positions: list(random) },
         6 | 7 => {
-            let servo = if random.one_in(2) { ServoMode::Pid } else { ServoMode::Observer };
-            Request::Arm { task: Task::JointServo(servo) }
+            let task = match random.below(4) {
+                0 | 1 => Task::Grasp,
+                2 => Task::JointServo(ServoMode::Pid),
+                _ => Task::JointServo(ServoMode::Observer),
+            };
+            Request::Arm { task }
         }
         8 => Request::Disarm,
         9..12 => Request::SetPoint(SetPoint::Goal { positions: list(random) }),
-        12 | 13 => {
-            let point = |random: &mut Random| JointPoint {
-                position: random.value() / 20.0,
-                velocity: random.value(),
-                acceleration: random.value(),
-            };
-            Request::SetPoint(SetPoint::Stream { points: (0..count).map(|_| point(random)).collect() })
-        }
+        12 | 13 => Request::SetPoint(SetPoint::Stream { points: points(random, count) }),
         14 if random.one_in(2) => {
             let axes = |random: &mut Random, scale: f32| [0; 3].map(|_| random.value() * scale);
             let tip = |random: &mut Random| TipPoint {
@@ -191,15 +198,80 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
         }
         14 => Request::Stop,
         15 if random.one_in(2) => Request::Tare,
+        21 => Request::SetPoint(SetPoint::Keep),
+        22 => {
+            let torques = list(random).iter().map(|value| value * 0.4).collect();
+            Request::SetPoint(SetPoint::Guide { points: points(random, count), torques })
+        }
+        23 if random.one_in(4) => Request::ReadGrasp,
+        23 => Request::Grasp(any_command(random)),
         15 => Request::ReadStatus,
         16 => Request::ReadFaults,
         17 => Request::ClearFaults { total: random.below(5) as u32 },
-        18 => Request::SetRate { stream: Stream::ALL[random.below(3)], every: random.next() as u16 },
+        18 => Request::SetRate {
+            stream: Stream::ALL[random.below(Stream::ALL.len())],
+            every: random.next() as u16,
+        },
         19 => Request::TakeCommand { by_force: random.one_in(2) },
         20 => Request::Export(if random.one_in(2) { Item::Model } else { Item::State }),
         _ if random.one_in(3) => Request::ReleaseCommand,
         _ => Request::ReadExport { offset: random.below(5000) as u32 },
     }
+}
+
+fn points(random: &mut Random, count: usize) -> heapless::Vec<JointPoint, 16> {
+    let point = |random: &mut Random| JointPoint {
+        position: random.value() / 20.0,
+        velocity: random.value(),
+        acceleration: random.value(),
+    };
+    (0..count).map(|_| point(random)).collect()
+}
+
+fn any_command(random: &mut Random) -> GraspCommand {
+    let wild = random.one_in(4);
+    let axes = |random: &mut Random, scale: f32| {
+        [0; 3].map(|_| if wild { random.value() } else { (random.below(201) as f32 - 100.0) / 100.0 * scale })
+    };
+    match random.below(12) {
+        0..5 => GraspCommand::Grasp(any_plan(random)),
+        5..10 => GraspCommand::Move {
+            translation: axes(random, 0.01),
+            rotation: axes(random, 0.1),
+            duration: if random.one_in(6) { random.value() } else { 1.0 + random.value().abs() },
+        },
+        10 => GraspCommand::PutDown,
+        _ => GraspCommand::Open,
+    }
+}
+
+/// Mostly possible: the grasp of a box in another way.
+fn any_plan(random: &mut Random) -> GraspPlan {
+    let mut plan = box_plan();
+    plan.friction = [None, Some(0.5), Some(random.value().abs())][random.below(3)];
+    plan.feedback = !random.one_in(4);
+    plan.touch_force = if random.one_in(2) { 0.1 } else { random.value().abs() };
+    plan.internal = match random.below(4) {
+        0 => InternalForce::Normal { strength: 2.0 * random.value().abs() },
+        1 => InternalForce::Pairwise { strengths: [0; 3].map(|_| 2.0 * random.value().abs()) },
+        _ => plan.internal,
+    };
+    plan.control = match random.below(3) {
+        0 => ObjectControl::Differential(ServoMode::Pid),
+        1 => ObjectControl::Wrench(WrenchGains {
+            position: [100.0 * random.value().abs(), 500.0 * random.value().abs()],
+            orientation: [random.value().abs(), random.value().abs()],
+            damping: 0.1 * random.value().abs(),
+            compensated: random.one_in(2),
+        }),
+        _ => plan.control,
+    };
+    if random.one_in(8) {
+        let contact = &mut plan.contacts[random.below(FINGERS)];
+        contact.position[random.below(3)] += 0.02 * random.value();
+        contact.normal[random.below(3)] += 0.5 * random.value();
+    }
+    plan
 }
 
 /// A node with a model, commanded by client 1, homed.
@@ -321,4 +393,165 @@ fn the_node_keeps_its_limits_whatever_it_is_asked() {
             replay.feed(record).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
         }
     });
+}
+
+/// Angles with the tips some way in front of the contacts of [`box_plan`].
+fn before_the_box(model: &RobotModel) -> heapless::Vec<f32, 16> {
+    let plan = box_plan();
+    let mut angles = heapless::Vec::new();
+    for ((chain, range), contact) in model.chains.iter().zip(model.chain_ranges()).zip(&plan.contacts) {
+        let joints = &model.joints[range];
+        let limits = [0, 1, 2].map(|joint| (joints[joint].limits.lower, joints[joint].limits.upper));
+        let finger = Finger::try_new(&Chain::new(joints, &chain.tip), limits).unwrap();
+        let place = [0, 1, 2].map(|axis| contact.position[axis] - 0.03 * contact.normal[axis]);
+        angles.extend(finger.nearest(&place.into(), &[0.0, 0.3, 0.7]).unwrap());
+    }
+    angles
+}
+
+/// What the encoders and the force sensors of a hand read whose joints do what they are told, roughly, and whose tips
+/// feel what they want to feel, roughly and not always.
+fn feel(
+    random: &mut Random,
+    node: &Node,
+    (model, home): (&RobotModel, &[f32]),
+    plan: &GraspPlan,
+    sensors: &mut SensorFrame,
+) {
+    let joints = node.telemetry().joints;
+    let mut angles = Vec::new();
+    let all = sensors.encoders.iter_mut().zip(&joints).zip(&model.joints).zip(home);
+    for (((count, joint), config), home) in all {
+        let sign = if config.encoder.reversed { -1.0 } else { 1.0 };
+        let wanted = (joint.reference - home) / std::f32::consts::TAU * config.encoder.counts_per_turn * sign;
+        *count = if random.one_in(2000) {
+            random.next() as i32
+        } else {
+            wanted as i32 + random.below(5) as i32 - 2
+        };
+        angles.push(joint.reference);
+    }
+    let grasp = node.grasp();
+    let faint = random.one_in(100);
+    for (finger, (counts, chain)) in sensors.forces.iter_mut().zip(&model.chains).enumerate() {
+        let range = 3 * finger..3 * finger + 3;
+        let posture = Chain::new(&model.joints[range.clone()], &chain.tip).posture(&angles[range]);
+        let push = match grasp.phase {
+            Phase::Ready | Phase::Approach => [0.0; 3],
+            Phase::Touch if random.one_in(20) => plan.contacts[finger].normal.map(|axis| 3.0 * axis),
+            Phase::Touch if grasp.tick % 100 > 50 => plan.contacts[finger].normal,
+            Phase::Touch => [0.0; 3],
+            _ if faint => [0.0; 3],
+            _ => grasp.wanted[finger].map(|force| force * (1.0 + 0.05 * (random.below(3) as f32 - 1.0))),
+        };
+        // The sensors read what acts on the tip.
+        let force: [f32; 3] = posture.tip().rotation.inverse_transform_vector(&push.into()).into();
+        for (count, force) in counts.iter_mut().zip(force) {
+            *count = (force * -1000.0) as i32 + random.below(21) as i32 - 10;
+        }
+        if random.one_in(500) {
+            counts[random.below(6)] = random.next() as i32;
+        }
+    }
+}
+
+#[test]
+fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
+    let model = model();
+    let home = before_the_box(&model);
+    let phases = RefCell::new(BTreeSet::new());
+    let runs = RefCell::new(0);
+    fuzz("hand", |seed| {
+        *runs.borrow_mut() += 1;
+        let mut random = Random(seed);
+        let (mut node, start) = prepared(&model);
+        let mut twin = prepared(&model).0;
+        let board = BoardStatus::default();
+        let mut records = Vec::new();
+        let mut sequence = start as u16;
+        let mut ask = |node: &mut Node, records: &mut Vec<LogRecord>, request| {
+            sequence = sequence.wrapping_add(1);
+            let frame = RequestFrame { client: 1, sequence, request };
+            let reply = node.handle(&frame, &board).reply;
+            records.push(LogRecord::Request(frame));
+            reply
+        };
+        let mut sensors = SensorFrame {
+            sequence: 0,
+            flags: SensorFlags(0),
+            supply: 24_000,
+            encoders: model.joints.iter().map(|_| 0).collect(),
+            currents: model.joints.iter().map(|_| 0).collect(),
+            forces: model.chains.iter().map(|_| [0; 6]).collect(),
+        };
+        let plan = if random.one_in(4) { any_plan(&mut random) } else { box_plan() };
+        let mut last = vec![0.0_f32; model.joints.len()];
+        for tick in 0..random.below(1500) {
+            feel(&mut random, &node, (&model, &home), &plan, &mut sensors);
+            if tick < 2 {
+                sensors.encoders.iter_mut().for_each(|count| *count = 0);
+                sensors.forces.iter_mut().for_each(|counts| *counts = [0; 6]);
+            }
+            sensors.sequence += 1;
+            let actuators = node.tick(&sensors);
+            for ((torque, joint), last) in actuators.torques.iter().zip(&model.joints).zip(&mut last) {
+                assert!(torque.is_finite() && torque.abs() <= joint.limits.torque, "seed {seed}: {torque}");
+                assert!(actuators.enabled || *torque == 0.0, "seed {seed}");
+                let rate = joint.limits.torque_rate * 0.01 * 1.0001;
+                assert!(
+                    *torque == 0.0 || (torque - *last).abs() <= rate,
+                    "seed {seed}: from {last} to {torque}"
+                );
+                *last = *torque;
+            }
+            records.push(LogRecord::Sensors(sensors.clone()));
+            records.push(LogRecord::Actuators(actuators));
+            if tick == 1 {
+                let home = Request::Home { positions: home.clone() };
+                // Some are one board of several that hold an object together.
+                let guided = random.one_in(4);
+                let task = if guided { Task::JointServo(ServoMode::Observer) } else { Task::Grasp };
+                let arm = Request::Arm { task };
+                for request in [home, Request::Tare, arm, Request::Grasp(GraspCommand::Grasp(plan))] {
+                    let reply = ask(&mut node, &mut records, request);
+                    let begun = matches!(reply, Reply::Done | Reply::Refused(Refusal::Unable(_)));
+                    assert!(begun || guided, "seed {seed}: {reply:?}");
+                }
+            }
+            let grasp = node.grasp();
+            let numbers = [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.wanted.as_flattened()];
+            assert!(numbers.concat().iter().all(|number| number.is_finite()), "seed {seed}: {grasp:?}");
+            phases.borrow_mut().insert(format!("{:?}", grasp.phase));
+            let request = match random.below(400) {
+                0 => any_request(&mut random, &model, &[]),
+                1..8 => Request::Grasp(any_command(&mut random)),
+                8..80 if node.mode() == Mode::Armed(Task::JointServo(ServoMode::Observer)) => {
+                    let small = |random: &mut Random| random.below(201) as f32 / 1000.0 - 0.1;
+                    let near = |joint: &JointTelemetry| JointPoint {
+                        position: joint.reference + 0.05 * small(&mut random),
+                        velocity: small(&mut random),
+                        acceleration: small(&mut random),
+                    };
+                    let points = node.telemetry().joints.iter().map(near).collect();
+                    let mut torques: heapless::Vec<f32, 16> =
+                        home.iter().map(|_| 6.0 * small(&mut random)).collect();
+                    if random.one_in(4) {
+                        torques[random.below(home.len())] = random.value();
+                    }
+                    Request::SetPoint(SetPoint::Guide { points, torques })
+                }
+                8..200 => Request::SetPoint(SetPoint::Keep),
+                _ => continue,
+            };
+            ask(&mut node, &mut records, request);
+        }
+        let mut replay = tesaki::node::Replay::new(&mut twin);
+        for record in &records {
+            replay.feed(record).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        }
+    });
+    let phases = phases.into_inner();
+    println!("hand: {phases:?}");
+    // A single seed, or a slow machine, does not come far.
+    assert!(runs.into_inner() < 400 || phases.len() == 9, "{phases:?}");
 }

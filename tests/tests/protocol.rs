@@ -9,6 +9,10 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::control::{JointPoint, ServoMode};
 use tesaki::kinematics::TipPoint;
+use tesaki::manipulation::{
+    BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
+    PlanField, PlannedContact, Unable, WrenchGains,
+};
 use tesaki::model::{
     ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, ModelError, Motor,
     ObserverGains, PidGains, Pose, Problem, Reaction, RobotModel, Safety, ServoGains,
@@ -31,7 +35,7 @@ const IDENTITY: Identity = Identity {
     firmware: [0, 1, 0],
     image: [0x1f, 0x2e, 0x3d, 0x4c, 0x5b, 0x6a, 0x79, 0x88],
     board: [0x30, 0, 0x21, 0, 0x0d, 0x51, 0x36, 0x30, 0x34, 0x33, 0x38, 0x32],
-    capabilities: 5,
+    capabilities: 13,
 };
 const PID: Task = Task::JointServo(ServoMode::Pid);
 const OBSERVER: Task = Task::JointServo(ServoMode::Observer);
@@ -135,19 +139,28 @@ macro_rules! variants {
 variants! {
     Request {
         Hello, ModelBegin, ModelChunk, ModelCommit, Home, Arm, Disarm, SetPoint, Stop, ReadStatus, ReadFaults,
-        ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport, Tare,
+        ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport, Tare, Grasp, ReadGrasp,
     }
-    Stream { Telemetry, Status, Log, Tips }
+    Stream { Telemetry, Status, Log, Tips, Grasp }
     Item { Model, State }
-    Task { JointServo }
+    Task { JointServo, Grasp }
     ServoMode { Pid, Observer }
-    SetPoint { Goal, Stream, Reach }
-    FromBoard { Reply, Telemetry, Status, Log, Tips }
-    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk }
+    SetPoint { Goal, Stream, Reach, Keep, Guide }
+    GraspCommand { Grasp, Move, PutDown, Open }
+    InternalForce { Least, Normal, Pairwise }
+    ObjectControl { Differential, Wrench }
+    Phase { Ready, Approach, Touch, Squeeze, Feel, Hold, Move, Lower, Open }
+    Failure { Obstructed, NothingThere, NoGrip, NothingBelow, OutOfReach }
+    Unable { Busy, Plan, OutOfReach, NotFinite, TooFast }
+    BadPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
+    PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
+    FromBoard { Reply, Telemetry, Status, Log, Tips, Grasp }
+    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Grasp }
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
         NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
+        NotAHand, NotTared, Unable, TooMuchTorque,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -156,7 +169,7 @@ variants! {
         LimitFollowingError, FilterTime, Proportional, Integral, Derivative, Cutoff, ServoInertia, Bandwidth,
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
-        TipMass, TipCenterOfMass,
+        TipMass, TipCenterOfMass, TipRadius,
     }
     Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique }
     Mode { Disarmed, Armed, Fault }
@@ -164,6 +177,7 @@ variants! {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
+        ObjectLost, ObjectMoved,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }
@@ -186,8 +200,9 @@ impl Seen {
 
     fn task(&mut self, task: Task) {
         self.variant(&task);
-        let Task::JointServo(mode) = task;
-        self.variant(&mode);
+        if let Task::JointServo(mode) = task {
+            self.variant(&mode);
+        }
     }
 
     fn mode(&mut self, mode: Mode) {
@@ -204,7 +219,35 @@ impl Seen {
             Request::SetPoint(set_point) => self.variant(set_point),
             Request::SetRate { stream, .. } => self.variant(stream),
             Request::Export(item) => self.variant(item),
+            Request::Grasp(command) => {
+                self.variant(command);
+                if let GraspCommand::Grasp(plan) = command {
+                    self.variant(&plan.internal);
+                    self.variant(&plan.control);
+                }
+            }
             _ => {}
+        }
+    }
+
+    fn unable(&mut self, unable: &Unable) {
+        self.variant(unable);
+        match unable {
+            Unable::Busy(phase) => self.variant(phase),
+            Unable::Plan(plan) => {
+                self.variant(plan);
+                if let BadPlan::Value { field, .. } = plan {
+                    self.variant(field);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn grasp(&mut self, grasp: &GraspTelemetry) {
+        self.variant(&grasp.phase);
+        if let Some(failure) = &grasp.failure {
+            self.variant(failure);
         }
     }
 
@@ -217,6 +260,7 @@ impl Seen {
             }
             Refusal::WrongMode(mode) => self.mode(*mode),
             Refusal::Unsafe(fault) => self.variant(&fault.cause),
+            Refusal::Unable(unable) => self.unable(unable),
             _ => {}
         }
     }
@@ -243,6 +287,7 @@ impl Seen {
                     Reply::Refused(refusal) => self.refusal(refusal),
                     Reply::Status(status) => self.status(status),
                     Reply::Faults(log) => log.faults.iter().for_each(|fault| self.variant(&fault.cause)),
+                    Reply::Grasp(grasp) => self.grasp(grasp),
                     _ => {}
                 }
             }
@@ -250,6 +295,7 @@ impl Seen {
             FromBoard::Status(status) => self.status(status),
             FromBoard::Log(entry) => self.record(&entry.record),
             FromBoard::Tips(_) => {}
+            FromBoard::Grasp(grasp) => self.grasp(grasp),
         }
     }
 
@@ -308,6 +354,7 @@ fn finger(reaction: Reaction) -> RobotModel {
         name: "finger_tip".try_into().unwrap(),
         joints: 1,
         tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
+        tip_radius: 0.0,
         force_sensor: None,
     };
     RobotModel {
@@ -318,6 +365,97 @@ fn finger(reaction: Reaction) -> RobotModel {
         safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
     }
 }
+
+const CONTACTS: [PlannedContact; 3] = [
+    PlannedContact { position: [0.0625, 0.04, 0.125], normal: [1.0, 0.0, -0.5] },
+    PlannedContact { position: [0.0625, -0.04, 0.125], normal: [1.0, 0.0, -0.5] },
+    PlannedContact { position: [0.125, 0.0, 0.0625], normal: [-2.0, 0.0, 1.0] },
+];
+
+const BOX: GraspPlan = GraspPlan {
+    contacts: CONTACTS,
+    clearance: 0.01,
+    touch_force: 0.1,
+    friction: None,
+    internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+    force_limit: 9.0,
+    feedback: true,
+    control: ObjectControl::Differential(ServoMode::Observer),
+};
+
+/// With the longest encoding.
+const LONGEST: GraspPlan = GraspPlan {
+    contacts: [PlannedContact { position: [f32::MIN; 3], normal: [f32::MIN; 3] }; 3],
+    clearance: f32::MIN,
+    touch_force: f32::MIN,
+    friction: Some(f32::MIN),
+    internal: InternalForce::Pairwise { strengths: [f32::MIN; 3] },
+    force_limit: f32::MIN,
+    feedback: true,
+    control: ObjectControl::Wrench(WrenchGains {
+        position: [f32::MIN; 2],
+        orientation: [f32::MIN; 2],
+        damping: f32::MIN,
+        compensated: true,
+    }),
+};
+
+const HOLDING: GraspTelemetry = GraspTelemetry {
+    tick: 1234,
+    phase: Phase::Hold,
+    failure: None,
+    position: [0.09, 0.0, 0.0625],
+    orientation: [0.0, 0.375, 0.0, 0.927],
+    load: [0.5, 0.0, 1.75, 0.0, -0.015_625, 0.0],
+    wanted: [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]],
+    friction: 0.4375,
+    slips: 300,
+    overloaded: false,
+};
+
+const NO_GRASP: GraspTelemetry = GraspTelemetry {
+    tick: 1234,
+    phase: Phase::Ready,
+    failure: None,
+    position: [0.0; 3],
+    orientation: [0.0, 0.0, 0.0, 1.0],
+    load: [0.0; 6],
+    wanted: [[0.0; 3]; 3],
+    friction: 0.0,
+    slips: 0,
+    overloaded: false,
+};
+
+const PHASES: [(Phase, &str); Phase::VARIANTS.len()] = [
+    (Phase::Ready, "ready"),
+    (Phase::Approach, "approach"),
+    (Phase::Touch, "touch"),
+    (Phase::Squeeze, "squeeze"),
+    (Phase::Feel, "feel"),
+    (Phase::Hold, "hold"),
+    (Phase::Move, "move"),
+    (Phase::Lower, "lower"),
+    (Phase::Open, "open"),
+];
+
+const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
+    (PlanField::Clearance, "clearance"),
+    (PlanField::TouchForce, "touch-force"),
+    (PlanField::Friction, "friction"),
+    (PlanField::ForceLimit, "force-limit"),
+    (PlanField::Margin, "margin"),
+    (PlanField::Least, "least"),
+    (PlanField::Strength, "strength"),
+    (PlanField::Gain, "gain"),
+];
+
+const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
+    (Failure::Obstructed { finger: 2, force: 0.75 }, "obstructed"),
+    (Failure::NothingThere { finger: 0, distance: 0.02 }, "nothing-there"),
+    (Failure::NoGrip { force: 0.25, limit: 3.0 }, "no-grip"),
+    (Failure::NothingBelow { distance: 0.05 }, "nothing-below"),
+    (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
+];
 
 /// The messages of the golden file, by name.
 #[derive(Default)]
@@ -359,6 +497,7 @@ impl Messages {
         self.request("home-none", Request::Home { positions: list([]) });
         self.request("arm-pid", Request::Arm { task: PID });
         self.request("arm-observer", Request::Arm { task: OBSERVER });
+        self.request("arm-grasp", Request::Arm { task: Task::Grasp });
         self.request("disarm", Request::Disarm);
         let goal = SetPoint::Goal { positions: list([0.5, -0.25, 0.125]) };
         self.request("set-point-goal", Request::SetPoint(goal));
@@ -376,6 +515,17 @@ impl Messages {
         let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
         let reach = SetPoint::Reach { tips: list([TipPoint { position, velocity, acceleration }; 6]) };
         self.request("set-point-reach-6", Request::SetPoint(reach));
+        self.request("set-point-keep", Request::SetPoint(SetPoint::Keep));
+        let guide = SetPoint::Guide {
+            points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]),
+            torques: list([0.125, -0.0625]),
+        };
+        self.request("set-point-guide", Request::SetPoint(guide));
+        let guide = SetPoint::Guide {
+            points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]),
+            torques: list([f32::MIN; 16]),
+        };
+        self.request("set-point-guide-16", Request::SetPoint(guide));
         self.request("stop", Request::Stop);
         self.request("read-status", Request::ReadStatus);
         self.request("read-faults", Request::ReadFaults);
@@ -384,7 +534,9 @@ impl Messages {
         self.request("set-rate-status", Request::SetRate { stream: Stream::Status, every: 100 });
         self.request("set-rate-log", Request::SetRate { stream: Stream::Log, every: 65535 });
         self.request("set-rate-tips", Request::SetRate { stream: Stream::Tips, every: 2 });
+        self.request("set-rate-grasp", Request::SetRate { stream: Stream::Grasp, every: 5 });
         self.request("tare", Request::Tare);
+        self.grasps();
         self.request("take-command", Request::TakeCommand { by_force: false });
         self.request("take-command-by-force", Request::TakeCommand { by_force: true });
         self.request("release-command", Request::ReleaseCommand);
@@ -393,6 +545,41 @@ impl Messages {
         self.request("read-export", Request::ReadExport { offset: 192 });
         self.request_by("first-number", 1, 0, Request::ReadStatus);
         self.request_by("last-number", u32::MAX, u16::MAX, Request::ReadStatus);
+    }
+
+    fn grasps(&mut self) {
+        let mut grasp = |name: &str, command| self.request(name, Request::Grasp(command));
+        grasp("grasp", GraspCommand::Grasp(BOX));
+        let normal = GraspPlan {
+            clearance: 0.005,
+            touch_force: 0.125,
+            friction: Some(0.5),
+            internal: InternalForce::Normal { strength: 2.0 },
+            force_limit: 4.0,
+            feedback: false,
+            control: ObjectControl::Differential(ServoMode::Pid),
+            ..BOX
+        };
+        grasp("grasp-normal", GraspCommand::Grasp(normal));
+        let gains = WrenchGains {
+            position: [150.0, 300.0],
+            orientation: [0.5, 1.0],
+            damping: 0.03125,
+            compensated: false,
+        };
+        let pairwise = GraspPlan {
+            friction: Some(0.75),
+            internal: InternalForce::Pairwise { strengths: [0.5, 1.0, 1.5] },
+            control: ObjectControl::Wrench(gains),
+            ..BOX
+        };
+        grasp("grasp-pairwise", GraspCommand::Grasp(pairwise));
+        grasp("grasp-longest", GraspCommand::Grasp(LONGEST));
+        let (translation, rotation) = ([0.0, 0.0, 0.02], [0.25, -0.125, 0.0]);
+        grasp("grasp-move", GraspCommand::Move { translation, rotation, duration: 1.5 });
+        grasp("grasp-put-down", GraspCommand::PutDown);
+        grasp("grasp-open", GraspCommand::Open);
+        self.request("read-grasp", Request::ReadGrasp);
     }
 
     fn refused(&mut self, name: &str, refusal: Refusal) {
@@ -423,6 +610,7 @@ impl Messages {
         self.refused("wrong-mode-disarmed", Refusal::WrongMode(Mode::Disarmed));
         self.refused("wrong-mode-armed-pid", Refusal::WrongMode(Mode::Armed(PID)));
         self.refused("wrong-mode-armed-observer", Refusal::WrongMode(Mode::Armed(OBSERVER)));
+        self.refused("wrong-mode-armed-grasp", Refusal::WrongMode(Mode::Armed(Task::Grasp)));
         self.refused("wrong-mode-fault", Refusal::WrongMode(Mode::Fault));
         self.refused("not-homed", Refusal::NotHomed { joint: 8 });
         self.refused("faults-unread", Refusal::FaultsUnread { total: 3 });
@@ -449,10 +637,33 @@ impl Messages {
         self.refused("too-much-acceleration", acceleration);
         self.refused("tip-not-finite", Refusal::TipNotFinite { chain: 2 });
         self.refused("no-force-sensor", Refusal::NoForceSensor);
+        self.refused("not-a-hand", Refusal::NotAHand);
+        self.refused("not-tared", Refusal::NotTared { chain: 1 });
+        self.refused("too-much-torque", Refusal::TooMuchTorque { joint: 3, value: 0.75, limit: 0.6 });
+        self.unable();
         for (field, name) in FIELDS {
             let error = ModelError { joint: Some(7), field, value: 0.5, problem: Problem::NotFinite };
             self.refused(&format!("field-{name}"), Refusal::Model(error));
         }
+    }
+
+    fn unable(&mut self) {
+        let mut unable =
+            |name: &str, unable| self.refused(&format!("unable-{name}"), Refusal::Unable(unable));
+        for (phase, name) in PHASES {
+            unable(&format!("busy-{name}"), Unable::Busy(phase));
+        }
+        let (value, lower, upper) = (2.0, 0.25, 1.0);
+        for (field, name) in PLAN_FIELDS {
+            unable(&format!("plan-{name}"), Unable::Plan(BadPlan::Value { field, value, lower, upper }));
+        }
+        unable("plan-contact", Unable::Plan(BadPlan::Contact { finger: 2 }));
+        unable("plan-no-triangle", Unable::Plan(BadPlan::NoTriangle));
+        unable("plan-cannot-grip", Unable::Plan(BadPlan::CannotGrip));
+        unable("plan-unbalanced", Unable::Plan(BadPlan::Unbalanced { rest: 0.25 }));
+        unable("out-of-reach", Unable::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
+        unable("not-finite", Unable::NotFinite);
+        unable("too-fast", Unable::TooFast { value: 0.375, limit: 0.2 });
     }
 
     fn board(&mut self) {
@@ -479,7 +690,7 @@ impl Messages {
             limit: 0.0,
             tick: 0,
         });
-        self.reply("faults-16-to-20", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
+        self.reply("faults-16-to-22", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
         self.reply("exported", Reply::Exported { length: 220, checksum: 0xdead_beef, index: 2469 });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });
         self.reply("chunk-long", Reply::Chunk { offset: 0, data: list(0..192) });
@@ -496,6 +707,7 @@ impl Messages {
         let two = [[0.5, -0.25, 0.5625, 0.03125], [-0.5, 0.25, -0.5625, -0.03125]];
         telemetry("telemetry-pid", 1234, Mode::Armed(PID), 0, &two);
         telemetry("telemetry-16", u32::MAX, Mode::Fault, u32::MAX, &[[f32::MIN; 4]; 16]);
+        telemetry("telemetry-grasp", 1235, Mode::Armed(Task::Grasp), 0, &two[..1]);
         telemetry("session-telemetry", 3, Mode::Armed(OBSERVER), 0, &[[0.0; 4]]);
         let tip = TipTelemetry {
             position: [0.1, -0.04, 0.0625],
@@ -509,6 +721,29 @@ impl Messages {
         tips("tips", 1234, list([tip, TipTelemetry::default()]));
         let [position, force, torque] = [[f32::MIN; 3]; 3];
         tips("tips-6", u32::MAX, list([TipTelemetry { position, force, torque, tared: true }; 6]));
+        self.add("board-grasp", Message::Board(FromBoard::Grasp(HOLDING)));
+        let longest = GraspTelemetry {
+            tick: u32::MAX,
+            phase: Phase::Open,
+            failure: Some(Failure::NoGrip { force: 0.25, limit: 3.0 }),
+            position: [f32::MIN; 3],
+            orientation: [f32::MIN; 4],
+            load: [f32::MIN; 6],
+            wanted: [[f32::MIN; 3]; 3],
+            friction: f32::MIN,
+            slips: u16::MAX,
+            overloaded: true,
+        };
+        self.add("board-grasp-longest", Message::Board(FromBoard::Grasp(longest)));
+        self.reply("read-grasp", Reply::Grasp(NO_GRASP));
+        for (phase, name) in PHASES {
+            let grasp = GraspTelemetry { tick: 1233, phase, slips: 0, overloaded: true, ..HOLDING };
+            self.reply(&format!("read-grasp-{name}"), Reply::Grasp(grasp));
+        }
+        for (failure, name) in FAILURES {
+            let grasp = GraspTelemetry { failure: Some(failure), ..NO_GRASP };
+            self.reply(&format!("read-grasp-{name}"), Reply::Grasp(grasp));
+        }
         let status = statuses().remove("fault").unwrap();
         self.add("board-stream-status", Message::Board(FromBoard::Status(status)));
         for (index, (name, record)) in (2468..).zip(records()) {
@@ -642,6 +877,7 @@ const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::ForceLimit, "force-limit"),
     (Field::TipMass, "tip-mass"),
     (Field::TipCenterOfMass, "tip-center-of-mass"),
+    (Field::TipRadius, "tip-radius"),
 ];
 
 const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
@@ -666,6 +902,8 @@ const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ForceSaturated,
     FaultCause::ForceStuck,
     FaultCause::ForceLimit,
+    FaultCause::ObjectLost,
+    FaultCause::ObjectMoved,
 ];
 
 fn quiet_board() -> BoardStatus {
@@ -853,9 +1091,21 @@ fn the_page_is_about_this_version_of_the_messages() {
         "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write the key \
          {key} there"
     );
-    for variants in
-        [Request::VARIANTS, SetPoint::VARIANTS, Reply::VARIANTS, Refusal::VARIANTS, FaultCause::VARIANTS]
-    {
+    for variants in [
+        Request::VARIANTS,
+        SetPoint::VARIANTS,
+        Reply::VARIANTS,
+        Refusal::VARIANTS,
+        FaultCause::VARIANTS,
+        GraspCommand::VARIANTS,
+        InternalForce::VARIANTS,
+        ObjectControl::VARIANTS,
+        Phase::VARIANTS,
+        Failure::VARIANTS,
+        Unable::VARIANTS,
+        BadPlan::VARIANTS,
+        PlanField::VARIANTS,
+    ] {
         for (number, variant) in variants.iter().enumerate() {
             let row = format!("| {number} | `{}` |", variant.rsplit(':').next().unwrap());
             assert!(PAGE.contains(&row), "docs/protocol.md has no row {row:?}");

@@ -63,9 +63,12 @@ pub fn run() -> Result<()> {
     print!("{}", bench::semihosted(&selftest, &[])?);
 
     step("the image in QEMU against the control core on this machine");
-    let mut tests = workspace_tests("image");
-    tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", std::path::absolute(replay)?);
-    tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
+    let replay = std::path::absolute(replay)?;
+    for name in ["image", "boards"] {
+        let mut tests = workspace_tests(name);
+        tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
+        tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
+    }
 
     step("executed instructions on the emulated Cortex-M4F");
     bench::check(compiler)?;

@@ -1,14 +1,18 @@
 //! Repeats a recorded run on the emulated board: reads the file named on the semihosting command line, gives the node
-//! the recorded requests and sensor frames, and compares each actuator frame with the recorded one, bit for bit.
+//! the recorded requests and sensor frames, and compares each actuator frame with the recorded one, bit for bit. Says how
+//! many instructions the longest tick took (with `-icount shift=0`, where one takes a nanosecond of virtual time).
 
 #![no_std]
 #![no_main]
 
 use core::fmt::Write;
 
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hio, syscall};
 use tesaki::node::{Node, Replay, ReplayError};
+use tesaki::protocol::LogRecord;
 use tesaki::protocol::codec::Decoder;
 use tesaki_firmware as _;
 
@@ -22,7 +26,10 @@ fn main() -> ! {
     // SAFETY: the only reference, in the only thread.
     let node = unsafe { &mut *core::ptr::addr_of_mut!(NODE) };
     let passed = match replay(node) {
-        Ok(ticks) => writeln!(out, "replay: {ticks} ticks identical").is_ok() && ticks > 0,
+        Ok(Run { ticks, longest }) => {
+            writeln!(out, "replay: {ticks} ticks identical, the longest {longest} instructions").is_ok()
+                && ticks > 0
+        }
         Err(Failure::File) => {
             let _ = writeln!(out, "replay: cannot read the file");
             false
@@ -46,21 +53,44 @@ enum Failure {
     Replay(ReplayError),
 }
 
-fn replay(node: &mut Node) -> Result<u32, Failure> {
+/// What was replayed.
+struct Run {
+    ticks: u32,
+    /// Instructions of the longest tick.
+    longest: u32,
+}
+
+/// Counts down at 168 MHz, in 24 bits.
+fn start_counter() -> Option<SYST> {
+    let mut counter = cortex_m::Peripherals::take()?.SYST;
+    counter.set_clock_source(SystClkSource::Core);
+    counter.set_reload(0xFF_FFFF);
+    counter.clear_current();
+    counter.enable_counter();
+    Some(counter)
+}
+
+fn replay(node: &mut Node) -> Result<Run, Failure> {
+    let _counter = start_counter();
     let file = open().ok_or(Failure::File)?;
     let mut replay = Replay::new(node);
     let mut decoder = Decoder::new();
-    let mut ticks = 0;
+    let mut run = Run { ticks: 0, longest: 0 };
     let mut buffer = [0_u8; 4096];
     loop {
         let length = read(file, &mut buffer);
         if length == 0 {
-            return Ok(ticks);
+            return Ok(run);
         }
         let mut bytes = &buffer[..length];
         while decoder.take(&mut bytes) {
             let record = decoder.message().map_err(|_| Failure::Damaged)?;
-            ticks += u32::from(replay.feed(&record).map_err(Failure::Replay)?);
+            let before = SYST::get_current();
+            run.ticks += u32::from(replay.feed(&record).map_err(Failure::Replay)?);
+            let counts = before.wrapping_sub(SYST::get_current()) & 0xFF_FFFF;
+            if let LogRecord::Sensors(_) = record {
+                run.longest = run.longest.max(counts * 125 / 21);
+            }
         }
     }
 }

@@ -53,7 +53,7 @@ pub use values::{
 
 use drive::DriveState;
 use force::ForceSensors;
-use random::{Purpose, Random};
+pub(crate) use random::{Purpose, Random};
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tree::Body;

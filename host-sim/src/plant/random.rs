@@ -12,6 +12,7 @@ pub enum Purpose {
     Contact = 4,
     ForceSensors = 5,
     ForceNoise = 6,
+    Placement = 7,
 }
 
 /// Seeded random numbers, the same on every machine.

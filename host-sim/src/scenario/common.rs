@@ -3,7 +3,7 @@
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Task;
-use tesaki_supervisor::Board;
+use tesaki_supervisor::{Board, BoardError};
 
 use super::ScenarioError;
 use crate::controller::{Controller, Watched};
@@ -18,9 +18,7 @@ pub fn prepare(
     mode: ServoMode,
     motion: &mut Motion,
 ) -> Result<Vec<f32>, ScenarioError> {
-    controller.hello()?;
-    controller.take_command(false)?;
-    controller.push_model(model)?;
+    introduce(controller, model)?;
     let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
         let sequence = motion.tick(&plant.truth());
         let actuators = controller.tick(&plant.sensors(sequence))?;
@@ -37,6 +35,13 @@ pub fn prepare(
         ((f64::from(angle) * counts).round() / counts) as f32
     });
     Ok(start.collect())
+}
+
+/// Takes command of the controller and gives it the model.
+pub fn introduce(controller: &mut Watched<'_>, model: &RobotModel) -> Result<(), BoardError> {
+    controller.hello()?;
+    controller.take_command(false)?;
+    controller.push_model(model)
 }
 
 /// The error of a scenario whose controller gave up.

@@ -159,6 +159,16 @@ impl JointServo {
         }
     }
 
+    /// Most torque of the joint, by its limit and that of the current [N·m].
+    pub const fn torque_limit(&self) -> f32 {
+        self.torque_limit
+    }
+
+    /// Torque against friction at a reference `velocity` [rad/s], by the model and what was learnt [N·m].
+    pub const fn friction(&self, state: &JointServoState, velocity: f32) -> f32 {
+        self.friction.torque(&state.friction, velocity)
+    }
+
     /// The torque [N·m] nearest to `wanted` within torque, current and torque-rate limits. Every torque passes here
     /// last.
     #[inline]

@@ -45,8 +45,15 @@ impl ThreeFingers {
     /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact is from the
     /// tip [m], in the axes of the Jacobian.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
-        let block =
-            |(jacobian, arm): &(Jacobian, Vector3<f32>)| contact_map(arm) * jacobian.fixed_view::<6, 3>(0, 0);
+        let block = |(jacobian, arm): &(Jacobian, Vector3<f32>)| {
+            let mut block = Matrix3::zeros();
+            // `contact_map(arm) * jacobian`, without its zeros.
+            for (mut column, joint) in block.column_iter_mut().zip(jacobian.column_iter()) {
+                let (linear, angular) = (joint.fixed_rows::<3>(0), joint.fixed_rows::<3>(3));
+                column.copy_from(&(linear + angular.cross(arm)));
+            }
+            block
+        };
         Self { blocks: fingers.each_ref().map(block) }
     }
 

@@ -46,6 +46,11 @@ pub struct GripState {
     pub(super) begun: Option<Begun>,
 }
 
+impl GripState {
+    /// Nothing is known.
+    pub const START: Self = Self { twist: [0.0; 6], begun: None };
+}
+
 /// Forces that hold the load.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grip {

@@ -12,7 +12,7 @@ mod sqrt;
 
 pub use atan2::atan2;
 pub(crate) use ldlt::Ldlt;
-pub use rotation::rotation_vector;
+pub use rotation::{rotation_matrix, rotation_vector};
 pub use sincos::sin_cos;
 pub use sqrt::sqrt;
 

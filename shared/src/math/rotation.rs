@@ -1,9 +1,29 @@
 use nalgebra::{Matrix3, Vector3};
 
-use super::{atan2, sqrt};
+use super::{atan2, sin_cos, sqrt};
 
 /// Half a turn less this [rad] and the axis is read from the symmetric part of the matrix.
 const NEARLY_HALF_A_TURN: f32 = 0.05;
+
+/// The rotation by a rotation vector (axis · angle) [rad]: Rodrigues' formula.
+///
+/// ```
+/// let quarter = tesaki::math::rotation_matrix(&nalgebra::Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2));
+/// assert!((quarter * nalgebra::Vector3::x() - nalgebra::Vector3::y()).norm() < 1e-6);
+/// ```
+pub fn rotation_matrix(vector: &Vector3<f32>) -> Matrix3<f32> {
+    let square = vector.norm_squared();
+    // sin a / a and (1 − cos a) / a²
+    let (first, second) = if square < 1e-4 {
+        (1.0 - square / 6.0, 0.5 - square / 24.0)
+    } else {
+        let angle = sqrt(square);
+        let (half_sine, _) = sin_cos(0.5 * angle);
+        (sin_cos(angle).0 / angle, 2.0 * half_sine * half_sine / square)
+    };
+    let cross = vector.cross_matrix();
+    Matrix3::identity() + cross * first + cross * cross * second
+}
 
 /// The rotation vector (axis · angle) [rad] of a rotation matrix: the shorter way round, at most π long.
 ///

@@ -71,6 +71,7 @@ pub enum Field {
     ForceLimit,
     TipMass,
     TipCenterOfMass,
+    TipRadius,
 }
 
 impl Field {
@@ -124,6 +125,7 @@ impl Field {
             Self::ForceLimit => "force_sensor.force_limit",
             Self::TipMass => "mass of the tip",
             Self::TipCenterOfMass => "centre of mass of the tip",
+            Self::TipRadius => "radius of the tip",
         }
     }
 }

@@ -53,6 +53,8 @@ pub struct ChainModel {
     pub joints: u8,
     /// The tip's frame in the frame of the last joint.
     pub tip: Pose,
+    /// Radius of a round tip, whose middle is the origin of the tip's frame [m]; 0 for another one.
+    pub tip_radius: f32,
     /// The force sensor that carries the tip, if there is one.
     pub force_sensor: Option<ForceSensor>,
 }

@@ -41,6 +41,7 @@ impl RobotModel {
             let last = Check { joint: Some(end as u8 - 1) };
             last.all_finite(Field::TipTranslation, &chain.tip.translation)?;
             last.unit(Field::TipRotation, &chain.tip.rotation)?;
+            last.at_least(Field::TipRadius, chain.tip_radius, 0.0)?;
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
             }

@@ -1,11 +1,13 @@
 use heapless::Vec;
 
+use super::joint::JointState;
 use super::lease::Admitted;
 use super::tip::TipState;
 use super::transfer::Committed;
 use super::{Node, Robot};
-use crate::control::JointPoint;
+use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
+use crate::manipulation::{Drive, FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
@@ -44,6 +46,7 @@ impl Node {
                 self.state.faults_read = self.state.faults.total;
                 return Ok(Reply::Faults(self.state.faults.clone()));
             }
+            Request::ReadGrasp => return Ok(Reply::Grasp(self.grasp())),
             Request::SetRate { stream, every } => {
                 if let Some(rate) = self.state.rates.get_mut(*stream as usize) {
                     *rate = *every;
@@ -64,7 +67,8 @@ impl Node {
             | Request::SetPoint(_)
             | Request::ClearFaults { .. }
             | Request::ReleaseCommand
-            | Request::Tare => {
+            | Request::Tare
+            | Request::Grasp(_) => {
                 if let Admitted::Repeated(result) = self.state.lease.admit(client, frame.sequence)? {
                     return result.map(|()| Reply::Done);
                 }
@@ -93,6 +97,7 @@ impl Node {
             Request::SetPoint(set_point) => self.set_point(set_point),
             Request::ClearFaults { total } => self.clear_faults(*total),
             Request::Tare => self.tare(),
+            Request::Grasp(command) => self.grasp_command(command),
             Request::ReleaseCommand => {
                 if let Mode::Armed(_) = self.state.mode {
                     return Err(Refusal::WrongMode(self.state.mode));
@@ -198,8 +203,25 @@ impl Node {
         if let Some(fault) = self.state.alarm {
             return Err(Refusal::Unsafe(fault));
         }
-        let Task::JointServo(mode) = task;
-        self.state.servo_mode = mode;
+        match task {
+            Task::JointServo(mode) => self.state.servo_mode = mode,
+            Task::Grasp => {
+                if robot.hand().is_none() {
+                    return Err(Refusal::NotAHand);
+                }
+                if let Some((chain, _)) =
+                    (0..).zip(self.state.tips.iter().take(FINGERS)).find(|(_, tip)| !tip.tared)
+                {
+                    return Err(Refusal::NotTared { chain });
+                }
+                let mut angles = [[0.0; 3]; FINGERS];
+                let joints = angles.iter_mut().flatten().zip(&self.state.joints);
+                joints.for_each(|(angle, joint)| *angle = joint.position);
+                self.state.hand = HandState::at(angles);
+                self.state.servo_mode = ServoMode::Observer;
+            }
+        }
+        self.state.drive = Drive::Servo;
         for state in &mut self.state.joints {
             state.hold_still();
         }
@@ -210,9 +232,10 @@ impl Node {
     }
 
     fn set_point(&mut self, set_point: &SetPoint) -> Result<(), Refusal> {
-        let Mode::Armed(_) = self.state.mode else {
-            return Err(Refusal::WrongMode(self.state.mode));
-        };
+        match (self.state.mode, set_point) {
+            (Mode::Armed(_), SetPoint::Keep) | (Mode::Armed(Task::JointServo(_)), _) => {}
+            (mode, _) => return Err(Refusal::WrongMode(mode)),
+        }
         match set_point {
             SetPoint::Goal { positions } => {
                 let robot = robot_with(&self.robot, positions.len())?;
@@ -220,12 +243,37 @@ impl Node {
                     config.check_position(index, position)?;
                 }
                 for (state, &position) in self.state.joints.iter_mut().zip(positions) {
-                    state.goal = position;
+                    (state.goal, state.feedforward) = (position, 0.0);
                 }
                 self.state.streaming = false;
             }
             SetPoint::Stream { points } => self.stream(points)?,
             SetPoint::Reach { tips } => self.stream(&self.joint_points(tips)?)?,
+            SetPoint::Keep => {}
+            SetPoint::Guide { points, torques } => {
+                let robot = robot_with(&self.robot, torques.len())?;
+                for (index, (config, &torque)) in (0..).zip(robot.joints.iter().zip(torques)) {
+                    JointState::check_torque(config, index, torque)?;
+                }
+                self.stream(points)?;
+                for (state, &torque) in self.state.joints.iter_mut().zip(torques) {
+                    state.feedforward = torque;
+                }
+            }
+        }
+        self.state.silence = 0;
+        Ok(())
+    }
+
+    /// What the hand is to do next.
+    fn grasp_command(&mut self, command: &GraspCommand) -> Result<(), Refusal> {
+        let Mode::Armed(Task::Grasp) = self.state.mode else {
+            return Err(Refusal::WrongMode(self.state.mode));
+        };
+        let hand = self.robot.hand().ok_or(Refusal::NotAHand)?;
+        self.state.hand.command(&hand, command).map_err(Refusal::Unable)?;
+        if let GraspCommand::Grasp(GraspPlan { control: ObjectControl::Differential(mode), .. }) = command {
+            self.state.servo_mode = *mode;
         }
         self.state.silence = 0;
         Ok(())
@@ -238,7 +286,7 @@ impl Node {
             config.check_point(index, point, &state.reference)?;
         }
         for (state, &point) in self.state.joints.iter_mut().zip(points) {
-            state.streamed = point;
+            (state.streamed, state.feedforward) = (point, 0.0);
         }
         self.state.streaming = true;
         Ok(())

@@ -58,6 +58,8 @@ pub(super) struct JointState {
     /// Torque of the last tick [N·m], and the part of it that the feed-forward does not explain.
     pub torque: f32,
     pub effort: f32,
+    /// Torque that the task adds for forces on an object [N·m]. It stays in [`Reaction::Hold`](crate::model::Reaction).
+    pub feedforward: f32,
     /// Ticks since the count changed.
     still: u16,
     pub goal: f32,
@@ -129,6 +131,7 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
+            feedforward: 0.0,
             still: 0,
             goal: 0.0,
             streamed: REST,
@@ -142,7 +145,9 @@ impl JointState {
     pub fn extreme() -> Self {
         let most = JointPoint { position: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
         let (goal, streamed, reference) = (f32::MIN, most, most);
-        Self { zero: i32::MIN, count: i32::MIN, still: u16::MAX, goal, streamed, reference, ..Self::new() }
+        let feedforward = f32::MIN;
+        let still = u16::MAX;
+        Self { zero: i32::MIN, count: i32::MIN, still, goal, streamed, reference, feedforward, ..Self::new() }
     }
 
     /// A joint that was just given its model. It stays homed if it is `the_same` joint with the same encoder.
@@ -231,7 +236,9 @@ impl JointState {
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
-        if self.still >= STUCK_TICKS && abs(self.effort) > config.breakaway {
+        // A joint that presses on an object stands still under torque.
+        let presses = self.feedforward != 0.0;
+        if self.still >= STUCK_TICKS && abs(self.effort) > config.breakaway && !presses {
             return Some((FaultCause::EncoderStuck, self.effort, config.breakaway));
         }
         None
@@ -251,9 +258,34 @@ impl JointState {
 
     /// The torque of this tick, given the model's torque for the reference.
     pub fn control(&mut self, config: &JointConfig, mode: ServoMode, model_torque: f32) {
-        let output = config.servo.update(&mut self.servo, mode, &self.reference, self.position, model_torque);
+        let known = model_torque + self.feedforward;
+        let output = config.servo.update(&mut self.servo, mode, &self.reference, self.position, known);
         self.torque = output.torque;
         self.effort = output.effort;
+    }
+
+    /// The torque of this tick without the servo: the task's own and damping, and for `compensated` fingers the model's.
+    #[inline(never)]
+    pub fn push(&mut self, config: &JointConfig, damping: f32, compensated: bool, model_torque: f32) {
+        let known = if compensated {
+            model_torque + config.servo.friction(&self.servo, self.reference.velocity)
+        } else {
+            0.0
+        };
+        self.torque = config.servo.limit(&mut self.servo, known + self.feedforward - damping * self.velocity);
+        self.effort = 0.0;
+    }
+
+    /// Whether the task may add this torque.
+    pub fn check_torque(config: &JointConfig, joint: u8, value: f32) -> Result<(), Refusal> {
+        let limit = config.servo.torque_limit();
+        if !value.is_finite() {
+            Err(Refusal::NotFinite { joint })
+        } else if abs(value) > limit {
+            Err(Refusal::TooMuchTorque { joint, value, limit })
+        } else {
+            Ok(())
+        }
     }
 
     /// The torque against the motion.
@@ -264,7 +296,7 @@ impl JointState {
 
     /// No torque.
     pub fn release(&mut self) {
-        (self.torque, self.effort) = (0.0, 0.0);
+        (self.torque, self.effort, self.feedforward) = (0.0, 0.0, 0.0);
         self.servo.release();
     }
 
@@ -274,7 +306,7 @@ impl JointState {
         self.reference = JointPoint { position: self.position, ..JointPoint::default() };
         self.streamed = self.reference;
         self.servo.restart(self.position);
-        (self.torque, self.effort, self.still) = (0.0, 0.0, 0);
+        (self.torque, self.effort, self.feedforward, self.still) = (0.0, 0.0, 0.0, 0);
     }
 
     /// Comes to rest: where the joint is, or else along the reference.

@@ -41,6 +41,7 @@ pub use state::State;
 
 use heapless::Vec;
 
+use crate::manipulation::{Drive, GraspTelemetry};
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry, TipTelemetry, Tips};
 use export::Export;
@@ -48,7 +49,7 @@ use joint::JointState;
 use transfer::Transfer;
 
 /// Longest postcard encoding of a [`State`].
-const MAX_STATE: usize = 3072;
+const MAX_STATE: usize = 4096;
 
 /// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
 #[derive(Clone, Debug)]
@@ -174,6 +175,11 @@ impl Node {
         Tips { tick: self.state.tick, tips }
     }
 
+    /// The grasp after the last tick.
+    pub fn grasp(&self) -> GraspTelemetry {
+        self.state.hand.telemetry(self.state.tick)
+    }
+
     /// One value for each joint of the robot.
     fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
         let count = self.robot.joints.len();
@@ -198,7 +204,10 @@ impl Node {
             Mode::Fault => {}
             Mode::Armed(_) => {
                 if reaction == Reaction::Hold {
-                    let at_once = fault.cause.means_motion_is_wrong();
+                    // Where no servo was at work, there is no reference to come to rest along.
+                    let no_servo = !matches!(self.state.drive, Drive::Servo);
+                    let at_once = no_servo || fault.cause.means_motion_is_wrong();
+                    self.state.drive = Drive::Servo;
                     for state in &mut self.state.joints {
                         state.hold(at_once);
                     }

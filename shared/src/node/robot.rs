@@ -3,6 +3,7 @@ use nalgebra::Vector3;
 
 use super::joint::JointConfig;
 use crate::kinematics::{Chain, Finger};
+use crate::manipulation::{FINGERS, Hand, HandFinger};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
 
 /// A validated model, made ready for computing; without joints until there is one.
@@ -75,6 +76,25 @@ impl Robot {
     /// Itself, once it has a model.
     pub(super) fn loaded(&self) -> Option<&Self> {
         if self.joints.is_empty() { None } else { Some(self) }
+    }
+
+    /// The hand that it is, if it has three fingers that feel.
+    pub(super) fn hand(&self) -> Option<Hand<'_>> {
+        let mut fingers = Vec::<HandFinger<'_>, FINGERS>::new();
+        let joints = self.joints.chunks(FINGERS);
+        for (((chain, inverse), model), joints) in self.chains.iter().zip(&self.model.chains).zip(joints) {
+            model.force_sensor?;
+            let [a, b, c] = joints else { return None };
+            let finger = HandFinger {
+                chain,
+                inverse: inverse.as_ref()?,
+                torque_limits: [a, b, c].map(|joint| joint.servo.torque_limit()),
+                radius: model.tip_radius,
+            };
+            fingers.push(finger).ok()?;
+        }
+        let fingers = fingers.into_array().ok()?;
+        Some(Hand { fingers, gravity: &self.gravity })
     }
 
     /// The model.

@@ -5,6 +5,7 @@ use super::joint::JointState;
 use super::lease::Lease;
 use super::tip::TipState;
 use crate::control::ServoMode;
+use crate::manipulation::{Drive, HandState};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, Mode, Stream};
 
@@ -34,8 +35,11 @@ pub struct State {
     pub(super) silence: u32,
     /// Whether references come point by point instead of through the trajectory filter.
     pub(super) streaming: bool,
+    /// Whether the servos or the task alone make the torques.
+    pub(super) drive: Drive,
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) tips: [TipState; MAX_CHAINS],
+    pub(super) hand: HandState,
     pub(super) faults: FaultLog,
     /// The total of the faults when they were read last.
     pub(super) faults_read: u32,
@@ -60,8 +64,10 @@ impl State {
             alarm: None,
             silence: 0,
             streaming: false,
+            drive: Drive::Servo,
             joints: [JointState::new(); MAX_JOINTS],
             tips: [TipState::new(); MAX_CHAINS],
+            hand: HandState::NONE,
             faults: FaultLog::new(),
             faults_read: 0,
             rates: [0; Stream::ALL.len()],

@@ -1,11 +1,17 @@
 //! The node from outside: what is refused, what faults, and what the outputs do then.
 
 use heapless::Vec;
+use postcard_schema::Schema;
+use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType};
 use proptest::prelude::*;
 
-use super::Node;
+use super::{Node, State};
 use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::TipPoint;
+use crate::manipulation::{
+    BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
+    PlanField, PlannedContact, Unable,
+};
 use crate::model::{
     ChainModel, Field, ForceSensor, MAX_JOINTS, Pose, Problem, Reaction, RobotModel, Safety, test_joint,
 };
@@ -29,6 +35,7 @@ fn model() -> RobotModel {
             name: "tip".try_into().unwrap(),
             joints: 3,
             tip: Pose::IDENTITY,
+            tip_radius: 0.0,
             force_sensor: None,
         }])
         .unwrap(),
@@ -509,7 +516,51 @@ fn the_largest_state_can_be_exported() {
         node.record_fault(Fault { cause: FaultCause::Stop, joint, value, limit: value, tick: u32::MAX });
     }
     let length = postcard::to_stdvec(&node.state).unwrap().len();
-    assert!(length + 100 < super::MAX_STATE, "{length}");
+    let longest = longest(State::SCHEMA);
+    assert!(length < longest && longest <= super::MAX_STATE, "{length} {longest}");
+    // Nothing is missing in what the types say.
+    assert_eq!(longest_after(&Some(Reaction::Hold)), 2);
+    assert_eq!(longest_after(&[JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 }; 2]), 24);
+    assert_eq!(longest_after(&Task::Grasp), 2);
+    assert_eq!(longest_after(&(u32::MAX, u16::MAX, i32::MIN, true)), 5 + 3 + 5 + 1);
+}
+
+/// The longest encoding of the value's type, which is no shorter than the value's.
+fn longest_after<T: Schema + serde::Serialize>(value: &T) -> usize {
+    let longest = longest(T::SCHEMA);
+    assert!(postcard::to_stdvec(value).unwrap().len() <= longest);
+    longest
+}
+
+/// Most bytes that a value of a type takes; no list of a state has more than sixteen elements.
+fn longest(of: &NamedType) -> usize {
+    let fields = |fields: &[&postcard_schema::schema::NamedValue]| -> usize {
+        fields.iter().map(|field| longest(field.ty)).sum()
+    };
+    let all = |types: &[&NamedType]| -> usize { types.iter().map(|of| longest(of)).sum() };
+    match of.ty {
+        DataModelType::Bool | DataModelType::U8 | DataModelType::I8 => 1,
+        DataModelType::U16 | DataModelType::I16 => 3,
+        DataModelType::U32 | DataModelType::I32 => 5,
+        DataModelType::U64 | DataModelType::I64 => 10,
+        DataModelType::F32 => 4,
+        DataModelType::Unit | DataModelType::UnitStruct => 0,
+        DataModelType::Option(of) => 1 + longest(of),
+        DataModelType::NewtypeStruct(of) => longest(of),
+        DataModelType::Seq(of) => 1 + 16 * longest(of),
+        DataModelType::Tuple(types) | DataModelType::TupleStruct(types) => all(types),
+        DataModelType::Struct(values) => fields(values),
+        DataModelType::Enum(variants) => {
+            let longest = |variant: &&postcard_schema::schema::NamedVariant| match variant.ty {
+                DataModelVariant::UnitVariant => 0,
+                DataModelVariant::NewtypeVariant(of) => longest(of),
+                DataModelVariant::TupleVariant(types) => all(types),
+                DataModelVariant::StructVariant(values) => fields(values),
+            };
+            1 + variants.iter().map(longest).max().unwrap_or(0)
+        }
+        other => panic!("a state has no {other:?}"),
+    }
 }
 
 /// Two fingers of Hand3, side by side.
@@ -620,19 +671,19 @@ fn fingertips_are_refused_by_name_what_they_cannot_do() {
     assert_eq!(refusal(other.ask(reach(&[still]))), Refusal::NotAFinger { chain: 0 });
 }
 
+const SENSOR: ForceSensor = ForceSensor {
+    force_resolution: 1e-3,
+    torque_resolution: 1e-5,
+    saturation: 20_000,
+    force_limit: 5.0,
+    mass: 0.01,
+    center_of_mass: [0.0, 0.0, 0.02],
+};
+
 /// Two fingers whose tips, 10 g each with their centre 20 mm along z, stand on force sensors; gravity along −z.
 fn feeling_fingers(counts: [[i32; 6]; 2]) -> Bench {
     let mut model = fingers();
-    for chain in &mut model.chains {
-        chain.force_sensor = Some(ForceSensor {
-            force_resolution: 1e-3,
-            torque_resolution: 1e-5,
-            saturation: 20_000,
-            force_limit: 5.0,
-            mass: 0.01,
-            center_of_mass: [0.0, 0.0, 0.02],
-        });
-    }
+    model.chains.iter_mut().for_each(|chain| chain.force_sensor = Some(SENSOR));
     let mut bench = Bench::new();
     bench.sensors.encoders = ANGLES.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
     bench.sensors.currents = [0; 6].into_iter().collect();
@@ -724,6 +775,327 @@ fn force_sensors_that_are_dead_saturated_or_overloaded_are_faults_by_name() {
     assert_eq!(refusal(Bench::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
 }
 
+/// Three such fingers; the third stands opposite the middle between the others.
+fn hand() -> RobotModel {
+    let mut model = fingers();
+    for (index, name) in ["g", "h", "i"].into_iter().enumerate() {
+        let mut joint = model.joints[index].clone();
+        joint.name = name.try_into().unwrap();
+        model.joints.push(joint).unwrap();
+    }
+    model.joints[6].origin.translation = [0.3, 0.05, 0.0];
+    model.chains.push(ChainModel { name: "third".try_into().unwrap(), ..model.chains[0].clone() }).unwrap();
+    for chain in &mut model.chains {
+        (chain.tip_radius, chain.force_sensor) = (0.008, Some(SENSOR));
+    }
+    model
+}
+
+/// The hand, not tared yet, bent so that its tips are at x = ±71.9466 mm from its roots and at z = 93.2199 mm.
+fn untared_hand() -> Bench {
+    let angles = [0.0, 0.5, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8];
+    let mut bench = Bench::new();
+    bench.sensors.encoders = angles.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
+    bench.sensors.currents = [0; 9].into_iter().collect();
+    bench.sensors.forces = [[0; 6]; 3].into_iter().collect();
+    bench.command();
+    assert_eq!(bench.push(&hand()), Reply::Done);
+    bench.tick();
+    bench
+}
+
+/// The hand, ready to arm for a grasp.
+fn tared_hand() -> Bench {
+    let mut bench = untared_hand();
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    bench
+}
+
+const GRASP: Request = Request::Arm { task: Task::Grasp };
+const KEEP: Request = Request::SetPoint(SetPoint::Keep);
+
+/// What is 2 mm in front of the tips of [`untared_hand`].
+fn in_front() -> GraspPlan {
+    let contact = |x: f32, y: f32, normal: f32| PlannedContact {
+        position: [x, y, 0.093_219_9],
+        normal: [normal, 0.0, 0.0],
+    };
+    // 8 mm of the tips and 2 mm from them.
+    let near = 0.071_946_6 + 0.01;
+    GraspPlan {
+        contacts: [contact(near, 0.0, 1.0), contact(near, 0.1, 1.0), contact(0.3 - near, 0.05, -1.0)],
+        clearance: 0.002,
+        touch_force: 0.1,
+        friction: Some(0.5),
+        internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+        force_limit: 4.0,
+        feedback: true,
+        control: ObjectControl::Differential(ServoMode::Pid),
+    }
+}
+
+fn seen(bench: &mut Bench) -> GraspTelemetry {
+    let Reply::Grasp(grasp) = bench.ask(Request::ReadGrasp) else { panic!() };
+    assert_eq!(grasp, bench.node.grasp());
+    grasp
+}
+
+#[test]
+fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
+    assert_eq!(refusal(Bench::ready(&model()).ask(GRASP)), Refusal::NotAHand);
+    assert_eq!(refusal(feeling_fingers([[0; 6]; 2]).ask(GRASP)), Refusal::NotAHand);
+    let mut bench = untared_hand();
+    let mut numb = hand();
+    numb.chains[1].force_sensor = None;
+    assert_eq!(bench.push(&numb), Reply::Done);
+    bench.sensors.forces.truncate(2);
+    bench.tick();
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotAHand);
+
+    let mut bench = untared_hand();
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+    assert_eq!(bench.node.mode().to_string(), "armed (grasp)");
+    // Another model may have other sensors.
+    bench.ask(Request::Disarm);
+    assert_eq!(bench.push(&hand()), Reply::Done);
+    bench.tick();
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+}
+
+#[test]
+fn keep_keeps_an_armed_node_alive_whatever_its_task() {
+    let servo = |mode| Request::Arm { task: Task::JointServo(mode) };
+    for arm in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
+        let mut bench = tared_hand();
+        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disarmed));
+        assert_eq!(bench.ask(arm), Reply::Done);
+        let before = references(&bench);
+        let tick = |bench: &mut Bench| {
+            // Noise keeps the force sensors alive.
+            bench.sensors.forces.iter_mut().for_each(|counts| counts[3] = 1 - counts[3]);
+            bench.tick();
+            matches!(bench.node.mode(), Mode::Armed(_))
+        };
+        for _ in 0..100 {
+            assert!(tick(&mut bench));
+            assert_eq!(bench.ask(KEEP), Reply::Done);
+        }
+        assert_eq!(references(&bench), before);
+        (0..10).for_each(|_| assert!(tick(&mut bench)));
+        assert!(!tick(&mut bench));
+        assert_eq!(bench.node.faults().faults.last().unwrap().cause, FaultCause::CommandTimeout);
+        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Fault));
+    }
+}
+
+#[test]
+fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
+    let mut bench = tared_hand();
+    let command = || Request::Grasp(GraspCommand::Grasp(in_front()));
+    assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disarmed));
+    assert_eq!(bench.arm(), Reply::Done);
+    let mode = bench.node.mode();
+    for command in [command(), Request::Grasp(GraspCommand::Open)] {
+        assert_eq!(refusal(bench.ask(command)), Refusal::WrongMode(mode));
+    }
+    bench.ask(Request::Disarm);
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    bench.tick();
+    let before = bench.node.telemetry();
+    let points: Vec<JointPoint, MAX_JOINTS> = before
+        .joints
+        .iter()
+        .map(|joint| JointPoint { position: joint.position, ..JointPoint::default() })
+        .collect();
+    let tips = [TipPoint::default(); 3].into_iter().collect();
+    for set_point in [
+        SetPoint::Goal { positions: points.iter().map(|point| point.position).collect() },
+        SetPoint::Stream { points: points.clone() },
+        SetPoint::Reach { tips },
+        SetPoint::Guide { torques: [0.0; 9].into_iter().collect(), points },
+    ] {
+        let refused = refusal(bench.ask(Request::SetPoint(set_point)));
+        assert_eq!(refused, Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+    }
+    assert_eq!(bench.node.telemetry(), before);
+}
+
+#[test]
+fn a_grasp_begins_and_ends_as_the_fingers_feel() {
+    let mut bench = tared_hand();
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Ready);
+    for command in [
+        GraspCommand::PutDown,
+        GraspCommand::Open,
+        GraspCommand::Move { translation: [0.0; 3], rotation: [0.0; 3], duration: 1.0 },
+    ] {
+        let busy = Refusal::Unable(Unable::Busy(Phase::Ready));
+        assert_eq!(refusal(bench.ask(Request::Grasp(command))), busy);
+    }
+    let grasp = |plan| Request::Grasp(GraspCommand::Grasp(plan));
+    let deep = GraspPlan { clearance: 0.5, ..in_front() };
+    let Refusal::Unable(Unable::Plan(bad)) = refusal(bench.ask(grasp(deep))) else { panic!() };
+    assert_eq!(bad, BadPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 });
+    let mut far = in_front();
+    far.contacts[2].position[0] = 0.15;
+    let Refusal::Unable(Unable::OutOfReach { finger: 2, .. }) = refusal(bench.ask(grasp(far))) else {
+        panic!()
+    };
+    assert_eq!(seen(&mut bench).phase, Phase::Ready);
+
+    // It begins, and is a sign of life: with the tick before, eleven of them without another.
+    bench.tick();
+    assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Approach);
+    let busy = Refusal::Unable(Unable::Busy(Phase::Approach));
+    assert_eq!(refusal(bench.ask(grasp(in_front()))), busy);
+    for _ in 0..10 {
+        bench.tick();
+        assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
+    }
+    assert_eq!(bench.ask(KEEP), Reply::Done);
+    // Half a newton on the way is more than three times the touch force.
+    bench.sensors.forces[2][1] += 500;
+    bench.tick();
+    let after = seen(&mut bench);
+    let Some(Failure::Obstructed { finger: 2, force }) = after.failure else { panic!("{after:?}") };
+    assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
+    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp), "that does no harm");
+    let open = Request::Grasp(GraspCommand::Open);
+    assert_eq!(refusal(bench.ask(open)), Refusal::Unable(Unable::Busy(Phase::Ready)));
+    assert_eq!(seen(&mut bench).failure, after.failure);
+    assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
+    assert_eq!(seen(&mut bench).failure, None);
+}
+
+fn guide(positions: [f32; 3], torques: &[f32]) -> Request {
+    let points = positions.map(|position| JointPoint { position, ..JointPoint::default() });
+    Request::SetPoint(SetPoint::Guide {
+        points: points.into_iter().collect(),
+        torques: torques.iter().copied().collect(),
+    })
+}
+
+#[test]
+fn a_guided_torque_is_added_and_stays_in_the_reaction_until_the_node_is_disarmed() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        // One of two nodes gets torques; the joints of both stand still.
+        let mut benches = [(); 2].map(|()| {
+            let mut bench = Bench::ready(&model());
+            assert_eq!(bench.ask(Request::Arm { task: Task::JointServo(mode) }), Reply::Done);
+            bench.tick();
+            bench
+        });
+        let added = |benches: &mut [Bench; 2]| {
+            let [pressed, free] = benches.each_mut().map(|bench| bench.tick().torques);
+            [0, 1, 2].map(|joint| pressed[joint] - free[joint])
+        };
+        assert_eq!(benches[0].ask(guide([0.0; 3], &[0.0, 0.25, -0.125])), Reply::Done);
+        assert_eq!(benches[1].ask(guide([0.0; 3], &[0.0; 3])), Reply::Done);
+        for _ in 0..10 {
+            let added = added(&mut benches);
+            assert!(near(added, [0.0, 0.25, -0.125], 1e-4), "{mode:?} {added:?}");
+        }
+        // Nobody commands any more.
+        for _ in 0..50 {
+            let added = added(&mut benches);
+            assert!(near(added, [0.0, 0.25, -0.125], 1e-3), "{mode:?} {added:?}");
+        }
+        assert_eq!(benches[0].node.faults().faults.last().unwrap().cause, FaultCause::CommandTimeout);
+        for bench in &mut benches {
+            bench.ask(Request::Disarm);
+            assert_eq!(bench.tick().torques, [0.0; 3]);
+            let Reply::Faults(log) = bench.ask(Request::ReadFaults) else { panic!() };
+            assert_eq!(bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+            assert_eq!(bench.ask(Request::Arm { task: Task::JointServo(mode) }), Reply::Done);
+        }
+        assert!(near(added(&mut benches), [0.0; 3], 1e-6));
+        // A set-point of another kind takes it off.
+        assert_eq!(benches[0].ask(guide([0.0; 3], &[0.125; 3])), Reply::Done);
+        assert!(near(added(&mut benches), [0.125; 3], 1e-4));
+        let rest = [JointPoint::default(); 3].into_iter().collect();
+        assert_eq!(benches[0].ask(Request::SetPoint(SetPoint::Stream { points: rest })), Reply::Done);
+        assert!(near(added(&mut benches), [0.0; 3], 1e-4));
+    }
+}
+
+#[test]
+fn a_guide_that_is_refused_changes_neither_points_nor_torques() {
+    let mut bench = Bench::armed(&model());
+    assert_eq!(bench.ask(guide([0.0; 3], &[0.125; 3])), Reply::Done);
+    bench.tick();
+    let too_much = Refusal::TooMuchTorque { joint: 1, value: -0.7, limit: 0.6 };
+    let before = format!("{:?}", bench.node.state.joints);
+    assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0, -0.7, 0.0]))), too_much);
+    assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0, 0.0, f32::NAN]))), Refusal::NotFinite { joint: 2 });
+    let jump = Refusal::Jump { joint: 0, value: 0.5, limit: 0.2 };
+    assert_eq!(refusal(bench.ask(guide([0.5; 3], &[0.0; 3]))), jump);
+    let count = Refusal::JointCount { got: 2, expected: 3 };
+    assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0; 2]))), count);
+    let points = [JointPoint::default(); 2].into_iter().collect();
+    let torques = [0.0; 3].into_iter().collect();
+    assert_eq!(refusal(bench.ask(Request::SetPoint(SetPoint::Guide { points, torques }))), count);
+    assert_eq!(format!("{:?}", bench.node.state.joints), before);
+    assert_eq!(bench.ask(guide([0.01; 3], &[0.6, -0.6, 0.0])), Reply::Done, "the limits themselves");
+}
+
+#[test]
+fn a_joint_that_presses_on_an_object_is_not_taken_for_stuck() {
+    for (torque, stuck) in [(0.0, true), (0.01, false)] {
+        let mut bench = Bench::armed(&model());
+        for _ in 0..100 {
+            bench.tick();
+            bench.ask(guide([0.0, 0.0, 0.19], &[0.0, 0.0, torque]));
+        }
+        let cause = bench.node.faults().faults.last().map(|fault| fault.cause);
+        assert_eq!(cause, stuck.then_some(FaultCause::EncoderStuck));
+    }
+}
+
+#[test]
+fn what_is_refused_to_a_hand_says_why() {
+    let texts = [
+        (
+            Refusal::NotAHand,
+            "the robot is not a hand of three fingers, each with three joints and a force sensor",
+        ),
+        (
+            Refusal::NotTared { chain: 1 },
+            "the force sensor of chain 1 was not tared since power-on: tare it while nothing touches the tips",
+        ),
+        (Refusal::Unable(Unable::Busy(Phase::Move)), "not possible while the hand moves an object"),
+        (Refusal::Unable(Unable::Plan(BadPlan::NoTriangle)), "the contacts are at the same place or in line"),
+        (
+            Refusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
+            "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
+        ),
+    ];
+    for (refusal, text) in texts {
+        assert_eq!(refusal.to_string(), text);
+    }
+    assert_eq!(Refusal::TooMuchTorque { joint: 2, value: 1.0, limit: 0.5 }.joint(), Some(2));
+    assert_eq!(Refusal::NotTared { chain: 1 }.chain(), Some(1));
+    let fault = |cause, joint, value, limit| {
+        Fault { cause, joint, value, limit, tick: 12 }.named(&hand()).to_string()
+    };
+    assert_eq!(
+        fault(FaultCause::ObjectLost, Some(5), 0.01, 0.015),
+        "fault 21 in tick 12: f: its finger no longer touches the object in the hand (value 0.01 N, limit 0.015 N)"
+    );
+    assert_eq!(
+        fault(FaultCause::ObjectMoved, None, 0.016, 0.015),
+        "fault 22 in tick 12: the object in the hand was moved, or slid between the fingers (value 0.016 m, limit \
+         0.015 m)"
+    );
+}
+
 #[test]
 fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     let mut bench = Bench::armed(&model());
@@ -795,7 +1167,12 @@ fn any_request() -> impl Strategy<Value = Request> {
     ];
     let list = proptest::collection::vec(value.clone(), 0..5);
     let points = proptest::collection::vec((value.clone(), value.clone(), value), 3);
+    let torques = proptest::collection::vec(prop_oneof![4 => -0.7_f32..0.7, 1 => any::<f32>()], 3);
     prop_oneof![
+        Just(KEEP),
+        Just(Request::ReadGrasp),
+        Just(Request::Grasp(GraspCommand::Grasp(in_front()))),
+        torques.prop_map(|torques| guide([0.0; 3], &torques)),
         Just(Request::Hello { schema: SCHEMA_KEY }),
         Just(Request::Disarm),
         Just(Request::Stop),

@@ -1,8 +1,9 @@
 use super::{Node, Robot, State};
 use crate::TICK;
+use crate::manipulation::{Drive, FINGERS, FingerSense, Loss};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
-use crate::protocol::{ActuatorFrame, Fault, FaultCause, Mode, SensorFrame};
+use crate::protocol::{ActuatorFrame, Fault, FaultCause, Mode, SensorFrame, Task};
 
 impl Node {
     /// One control period: reads `sensors`, looks for faults, computes the torques.
@@ -16,6 +17,11 @@ impl Node {
             self.fail(fault);
         }
         if let Some(fault) = self.watch() {
+            self.fail(fault);
+        }
+        if let Mode::Armed(Task::Grasp) = self.state.mode
+            && let Some(fault) = self.manipulate()
+        {
             self.fail(fault);
         }
         self.act();
@@ -122,6 +128,48 @@ impl Node {
         None
     }
 
+    /// What the joints are to do for an object in the hand; the fault, if it was lost.
+    #[inline(never)]
+    fn manipulate(&mut self) -> Option<Fault> {
+        let hand = self.robot.hand()?;
+        let State { joints, tips, hand: state, drive, .. } = &mut self.state;
+        let mut senses = [FingerSense::REST; FINGERS];
+        for ((sense, joints), tip) in senses.iter_mut().zip(joints.chunks(3)).zip(&*tips) {
+            let values = sense.angles.iter_mut().zip(&mut sense.velocities).zip(joints);
+            values.for_each(|((angle, velocity), joint)| {
+                (*angle, *velocity) = (joint.position, joint.velocity)
+            });
+            sense.force = tip.force.map(|force| -force);
+        }
+        match state.tick(&hand, &senses) {
+            Ok(command) => {
+                let of_fingers = command.points.iter().flatten().zip(command.torques.iter().flatten());
+                for (joint, (point, torque)) in joints.iter_mut().zip(of_fingers) {
+                    (joint.streamed, joint.feedforward) = (*point, *torque);
+                }
+                if command.drive == Drive::Servo && *drive != Drive::Servo {
+                    // The servos were not at work: they begin anew.
+                    joints.iter_mut().for_each(|joint| joint.servo.restart(joint.position));
+                }
+                (*drive, self.state.streaming) = (command.drive, true);
+                None
+            }
+            Err(loss) => {
+                let (cause, finger, value, limit) = match loss {
+                    Loss::Contact { finger, force, limit } => {
+                        (FaultCause::ObjectLost, Some(finger), force, limit)
+                    }
+                    Loss::Deformed { distance, limit } | Loss::Moved { distance, limit } => {
+                        (FaultCause::ObjectMoved, None, distance, limit)
+                    }
+                    Loss::NoFrame => (FaultCause::ObjectMoved, None, 0.0, 0.0),
+                };
+                let joint = finger.map(|finger| 3 * finger + 2);
+                Some(Fault { cause, joint, value, limit, tick: self.state.tick })
+            }
+        }
+    }
+
     /// Computes the torques.
     fn act(&mut self) {
         let reaction = match self.state.mode {
@@ -155,10 +203,15 @@ impl Node {
                     }
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
                     let states = self.state.joints.iter_mut().skip(first);
-                    for ((config, state), torque) in
-                        joints().skip(first).zip(states).zip(torques).take(chain.len())
-                    {
-                        state.control(config, self.state.servo_mode, torque);
+                    let all = joints().skip(first).zip(states).zip(torques).take(chain.len());
+                    if let Drive::Torque { damping, compensated } = self.state.drive {
+                        for ((config, state), torque) in all {
+                            state.push(config, damping, compensated, torque);
+                        }
+                    } else {
+                        for ((config, state), torque) in all {
+                            state.control(config, self.state.servo_mode, torque);
+                        }
                     }
                     first += chain.len();
                 }

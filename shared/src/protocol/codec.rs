@@ -380,9 +380,11 @@ mod tests {
 
     #[test]
     fn the_longest_messages_fit() {
+        use crate::control::JointPoint;
         use crate::model::MAX_JOINTS;
         use crate::protocol::{
-            Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, Mode, Reply, ReplyFrame, Telemetry,
+            Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply,
+            ReplyFrame, SetPoint, Telemetry,
         };
         let value = f32::MIN;
         let joint = JointTelemetry { position: value, velocity: value, reference: value, torque: value };
@@ -392,6 +394,12 @@ mod tests {
         let data = [255; crate::protocol::MODEL_CHUNK].into_iter().collect();
         let (client, sequence) = (u32::MAX, u16::MAX);
         encoded(&RequestFrame { client, sequence, request: Request::ModelChunk { offset: u32::MAX, data } });
+        let point = JointPoint { position: value, velocity: value, acceleration: value };
+        let points = [point; MAX_JOINTS].into_iter().collect();
+        let torques = [value; MAX_JOINTS].into_iter().collect();
+        let request = Request::SetPoint(SetPoint::Guide { points, torques });
+        let record = LogRecord::Request(RequestFrame { client, sequence, request });
+        encoded(&FromBoard::Log(LogEntry { index: u32::MAX, record }));
         let mut log = FaultLog::new();
         for _ in 0..crate::protocol::MAX_FAULTS {
             log.record(Fault {

@@ -57,6 +57,12 @@ pub enum FaultCause {
     ForceStuck,
     /// 20: the force on a tip is beyond its limit. Value and limit in N.
     ForceLimit,
+    /// 21: a finger no longer touches the object that the hand holds; the joint is the last of the finger. Value: its
+    /// normal force; limit: the least that counts as contact [N].
+    ObjectLost,
+    /// 22: the object slid between the fingers, or something moved it. Value: how far; limit: the most that is
+    /// followed [m].
+    ObjectMoved,
 }
 
 impl FaultCause {
@@ -95,7 +101,8 @@ impl FaultCause {
             Self::EncoderStuck | Self::NotFinite => "N·m",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
-            Self::ForceLimit => "N",
+            Self::ForceLimit | Self::ObjectLost => "N",
+            Self::ObjectMoved => "m",
             Self::ForceSaturated => "counts",
             Self::ForceStuck => "ticks",
             _ => "",
@@ -126,6 +133,8 @@ impl FaultCause {
             Self::ForceSaturated => "the force sensor of its tip is at the end of its range",
             Self::ForceStuck => "the force sensor of its tip reads the same all the time: dead or unplugged",
             Self::ForceLimit => "more force on its tip than allowed",
+            Self::ObjectLost => "its finger no longer touches the object in the hand",
+            Self::ObjectMoved => "the object in the hand was moved, or slid between the fingers",
         }
     }
 }

@@ -9,6 +9,7 @@ use super::fault::{Fault, FaultLog};
 use super::frame::LogRecord;
 use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::TipPoint;
+use crate::manipulation::{GraspCommand, GraspTelemetry, Unable};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, MAX_NAME, ModelError};
 
 /// Most bytes of a model in one [`Request::ModelChunk`].
@@ -103,6 +104,10 @@ pub enum Request {
     },
     /// 17: nothing touches the tips: what their force sensors read now is what they read without contact.
     Tare,
+    /// 18: what a hand armed for [`Task::Grasp`] is to do next. Like a set-point it tells that the supervisor lives.
+    Grasp(GraspCommand),
+    /// 19: answered by [`Reply::Grasp`].
+    ReadGrasp,
 }
 
 /// What a board sends unasked.
@@ -118,11 +123,13 @@ pub enum Stream {
     Log,
     /// 3: [`FromBoard::Tips`].
     Tips,
+    /// 4: [`FromBoard::Grasp`].
+    Grasp,
 }
 
 impl Stream {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips];
+    pub const ALL: [Self; 5] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips, Self::Grasp];
 }
 
 /// What can be exported.
@@ -141,6 +148,8 @@ pub enum Item {
 pub enum Task {
     /// 0: every joint follows its own set-point.
     JointServo(ServoMode),
+    /// 1: three fingers grasp and move an object ([`crate::manipulation`]), told by [`Request::Grasp`].
+    Grasp,
 }
 
 /// Where the joints are to go.
@@ -161,6 +170,15 @@ pub enum SetPoint {
         /// A point for the tip of each chain.
         tips: Vec<TipPoint, MAX_CHAINS>,
     },
+    /// 3: as before: only tells that the supervisor lives. For any task.
+    Keep,
+    /// 4: as 1, with a torque for each joint besides: for forces on an object that several boards hold together.
+    Guide {
+        /// A point for each joint.
+        points: Vec<JointPoint, MAX_JOINTS>,
+        /// Torques that the servo does not make up for as long as nothing moves [N·m].
+        torques: Vec<f32, MAX_JOINTS>,
+    },
 }
 
 /// Everything that a board sends to the supervisor.
@@ -176,6 +194,8 @@ pub enum FromBoard {
     Log(LogEntry),
     /// 4: the tips, likewise.
     Tips(Tips),
+    /// 5: the object in the hand, likewise.
+    Grasp(GraspTelemetry),
 }
 
 /// An entry of the log of what goes into the node and comes out of it.
@@ -234,6 +254,8 @@ pub enum Reply {
         /// The bytes; fewer than [`EXPORT_CHUNK`] at the end.
         data: Vec<u8, EXPORT_CHUNK>,
     },
+    /// 7: answers [`Request::ReadGrasp`].
+    Grasp(GraspTelemetry),
 }
 
 /// Who a board is. Its layout never changes.
@@ -247,7 +269,7 @@ pub struct Identity {
     /// The microcontroller's unique number; 0 when it has none.
     pub board: [u8; 12],
     /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. Bit 2: joint
-    /// servo. The others are 0.
+    /// servo. Bit 3: [`Task::Grasp`]. The others are 0.
     pub capabilities: u32,
 }
 
@@ -258,6 +280,8 @@ impl Identity {
     pub const POWER_STAGES: u32 = 2;
     /// See [`Identity::capabilities`].
     pub const JOINT_SERVO: u32 = 4;
+    /// See [`Identity::capabilities`].
+    pub const GRASP: u32 = 8;
 }
 
 /// Why a request was refused, with what it takes to mend it.
@@ -412,6 +436,24 @@ pub enum Refusal {
     },
     /// 26: no chain of the robot has a force sensor.
     NoForceSensor,
+    /// 27: the robot is not a hand of three fingers with three joints and a force sensor each.
+    NotAHand,
+    /// 28: the force sensor of the chain was not tared since power-on, or since the model was committed.
+    NotTared {
+        /// The chain.
+        chain: u8,
+    },
+    /// 29: the hand cannot do this.
+    Unable(Unable),
+    /// 30: a torque beyond the joint's limit [N·m].
+    TooMuchTorque {
+        /// The joint.
+        joint: u8,
+        /// The torque.
+        value: f32,
+        /// The limit.
+        limit: f32,
+    },
 }
 
 impl Refusal {
@@ -424,6 +466,7 @@ impl Refusal {
             | Self::OutsideLimits { joint, .. }
             | Self::TooFast { joint, .. }
             | Self::TooMuchAcceleration { joint, .. }
+            | Self::TooMuchTorque { joint, .. }
             | Self::Jump { joint, .. } => Some(joint),
             _ => None,
         }
@@ -435,6 +478,7 @@ impl Refusal {
             Self::NotAFinger { chain }
             | Self::OutOfReach { chain, .. }
             | Self::Singular { chain }
+            | Self::NotTared { chain }
             | Self::TipNotFinite { chain } => Some(chain),
             _ => None,
         }
@@ -531,6 +575,20 @@ impl fmt::Display for Refusal {
             ),
             Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
             Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite place"),
+            Self::NotAHand => {
+                write!(
+                    f,
+                    "the robot is not a hand of three fingers, each with three joints and a force sensor"
+                )
+            }
+            Self::NotTared { chain } => write!(
+                f,
+                "the force sensor of chain {chain} was not tared since power-on: tare it while nothing touches the tips"
+            ),
+            Self::Unable(unable) => unable.fmt(f),
+            Self::TooMuchTorque { joint, value, limit } => {
+                write!(f, "joint {joint}: {value} N·m is beyond its limit of {limit} N·m")
+            }
         }
     }
 }
@@ -555,6 +613,7 @@ impl fmt::Display for Mode {
             Self::Disarmed => write!(f, "disarmed"),
             Self::Armed(Task::JointServo(ServoMode::Pid)) => write!(f, "armed (joint servo, PID)"),
             Self::Armed(Task::JointServo(ServoMode::Observer)) => write!(f, "armed (joint servo, observer)"),
+            Self::Armed(Task::Grasp) => write!(f, "armed (grasp)"),
             Self::Fault => write!(f, "in fault"),
         }
     }
@@ -618,7 +677,7 @@ impl Default for BoardStatus {
         Self {
             identity: Identity {
                 firmware: crate::VERSION,
-                capabilities: Identity::PLANT_LINK | Identity::JOINT_SERVO,
+                capabilities: Identity::PLANT_LINK | Identity::JOINT_SERVO | Identity::GRASP,
                 ..Identity::default()
             },
             clock: ClockSource::Crystal,

@@ -25,6 +25,7 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
             name: chain.tip.as_str().try_into().ok()?,
             joints: u8::try_from(chain.joints.len()).ok()?,
             tip: chain.pose,
+            tip_radius: chain.radius,
             force_sensor: settings.force_sensor.as_ref().map(|sensor| ForceSensor {
                 force_resolution: sensor.force_resolution,
                 torque_resolution: sensor.torque_resolution,
@@ -98,6 +99,7 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
             "mend the <origin> of the joint"
         }
         Field::Axis => "mend its <axis>",
+        Field::TipRadius => "mend the <sphere> of the tip",
         Field::TipMass | Field::TipCenterOfMass => "mend <inertial> of the tip",
         Field::Mass | Field::CenterOfMass | Field::Inertia => "mend <inertial> of the links behind it",
         Field::Coulomb => "mend <dynamics friction=\"…\"/> (N·m)",

@@ -4,7 +4,7 @@ use nalgebra::Isometry3;
 use tesaki::model::{
     Friction, Inertial, JointLimits, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MAX_NAME, Pose,
 };
-use urdf_rs::{Joint, JointType};
+use urdf_rs::{Geometry, Joint, JointType, Link};
 
 use crate::finding::Report;
 use crate::urdf::{Body, Urdf, axis, collect, isometry, narrow, pose};
@@ -30,6 +30,8 @@ pub struct SerialChain {
     /// Its own mass [kg] and centre of mass in its frame [m]: what a force sensor behind it carries.
     pub mass: f32,
     pub center_of_mass: [f32; 3],
+    /// Radius of the sphere about its origin [m]; 0 without one.
+    pub radius: f32,
 }
 
 /// The chains that leave the base, each from base to tip, in the order of the file. What no controller can drive is
@@ -78,7 +80,18 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
         pose: pose(&place),
         mass: narrow(mass),
         center_of_mass: center.map(narrow),
+        radius: narrow(link.and_then(sphere).unwrap_or(0.0)),
     }
+}
+
+/// Radius of a link's sphere about its origin: of a collision element, else of a visual one.
+fn sphere(link: &Link) -> Option<f64> {
+    let collision = link.collision.iter().map(|element| (&element.origin, &element.geometry));
+    let visual = link.visual.iter().map(|element| (&element.origin, &element.geometry));
+    collision.chain(visual).find_map(|(origin, geometry)| match geometry {
+        Geometry::Sphere { radius } if origin.xyz.0.iter().all(|&part| part == 0.0) => Some(*radius),
+        _ => None,
+    })
 }
 
 /// Reports a joint that has no rotary motor with limits.

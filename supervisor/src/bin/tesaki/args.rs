@@ -1,6 +1,7 @@
 //! What can be said on the command line.
 
 mod eval;
+mod grasp;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -11,6 +12,7 @@ use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
 
 pub use eval::{Eval, Grip, Kinematics};
+pub use grasp::{Grasp, Run, Step};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -22,6 +24,7 @@ Exit codes:
   5  the board is in fault
   6  no answer, or not in time
   7  the board refused, and nothing changed
+  8  the hand did not take hold of the object, or could not go on with it
 
 Without a board: `cargo sim serve` offers a simulated one, which `--port auto` finds.";
 
@@ -82,6 +85,9 @@ pub enum Command {
     Move(Move),
     /// Lead fingertips to places in straight lines, then disarm
     Reach(Reach),
+    /// Grasp an object with three fingers, lift, turn and shift it, and put it down
+    #[command(subcommand)]
+    Grasp(Grasp),
     /// Tell the board at which angles its joints stand
     Home(Home),
     /// Take what the force sensors of the tips read now for nothing: when nothing touches them
@@ -138,6 +144,9 @@ pub enum ModelCommand {
     Push {
         /// The robot's folder
         robot: PathBuf,
+        /// Only the chain with this tip, for a board that has one finger of a hand, such as finger1_tip
+        #[arg(long, value_name = "TIP")]
+        chain: Option<String>,
     },
     /// Print the model that the board uses
     Show,

@@ -40,6 +40,7 @@ fn capabilities(bits: u32) -> String {
         (Identity::PLANT_LINK, "plant link"),
         (Identity::POWER_STAGES, "power stages"),
         (Identity::JOINT_SERVO, "joint servo"),
+        (Identity::GRASP, "grasp"),
     ];
     let names: Vec<&str> = known.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
     names.join(", ")

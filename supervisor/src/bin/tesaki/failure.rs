@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
+use tesaki_supervisor::grasp::GraspFileError;
 use tesaki_supervisor::port::PortError;
 use tesaki_supervisor::robot::RobotError;
 use tesaki_supervisor::urdf::UrdfError;
@@ -40,6 +41,12 @@ pub enum Failure {
     /// A robot folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
+    /// A file that says how to grasp.
+    #[error(transparent)]
+    GraspFile(#[from] GraspFileError),
+    /// The hand did not take hold of the object, or could not go on with it.
+    #[error("{0}")]
+    Grasp(String),
     /// A URDF.
     #[error(transparent)]
     Urdf(#[from] UrdfError),
@@ -66,6 +73,7 @@ fn hint(error: &BoardError) -> &'static str {
         BoardError::Refused { refusal: Refusal::NotHomed { .. }, .. } => {
             " (`tesaki home JOINT=ANGLE … --others 0`)"
         }
+        BoardError::Refused { refusal: Refusal::NotTared { .. }, .. } => " (`tesaki tare`)",
         BoardError::Refused {
             refusal: Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault),
             ..
@@ -78,13 +86,14 @@ impl Failure {
     /// The number for scripts: see the help.
     pub const fn number(&self) -> u8 {
         match self {
-            Self::Robot(_) | Self::Urdf(_) | Self::File { .. } | Self::Other(_) => 1,
+            Self::Robot(_) | Self::Urdf(_) | Self::GraspFile(_) | Self::File { .. } | Self::Other(_) => 1,
             Self::Usage(_) | Self::Board(BoardError::TooManyJoints(_)) => 2,
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,
             Self::Fault(_) => 5,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
+            Self::Grasp(_) => 8,
             Self::Pipe => 0,
         }
     }

@@ -6,6 +6,7 @@ mod check;
 mod doctor;
 mod eval;
 mod failure;
+mod grasp;
 mod model;
 mod motion;
 mod output;
@@ -45,12 +46,13 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Stop => board::stop(options),
         Command::Move(aim) => motion::go(options, aim),
         Command::Reach(aim) => reach::run(options, aim),
+        Command::Grasp(command) => grasp::run(options, command),
         Command::Tare => motion::tare(options),
         Command::Home(home) => motion::home(options, home),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),
         Command::Model { command } => match command {
-            ModelCommand::Push { robot } => model::push(options, robot),
+            ModelCommand::Push { robot, chain } => model::push(options, robot, chain.as_deref()),
             ModelCommand::Show => model::show(options),
             ModelCommand::Check { robot } => return check::run(options, robot),
         },

@@ -5,15 +5,22 @@ use std::path::Path;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_supervisor::robot::{RobotFolder, chain_model};
 
 use crate::args::Options;
 use crate::failure::Failure;
 use crate::output;
 use crate::session::Session;
 
-pub fn push(options: &Options, robot: &Path) -> Result<(), Failure> {
-    let model = RobotFolder::load(robot)?.model;
+pub fn push(options: &Options, robot: &Path, chain: Option<&str>) -> Result<(), Failure> {
+    let mut model = RobotFolder::load(robot)?.model;
+    if let Some(tip) = chain {
+        let index = model.chains.iter().position(|chain| chain.name == tip);
+        model = index.and_then(|index| chain_model(&model, index)).ok_or_else(|| {
+            let names: Vec<&str> = model.chains.iter().map(|chain| chain.name.as_str()).collect();
+            Failure::Usage(format!("{} has no tip {tip:?}; its tips are {}", model.name, names.join(", ")))
+        })?;
+    }
     let mut session = Session::command(options)?;
     let node = session.push(&model)?;
     let checksum = checksum(&model)?;

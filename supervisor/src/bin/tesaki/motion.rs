@@ -4,9 +4,10 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
+use tesaki::manipulation::{GraspCommand, GraspTelemetry};
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{Mode, Request, SetPoint, Telemetry};
+use tesaki::protocol::{Mode, Request, SetPoint, Task, Telemetry};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Arm, Home, Move, Options};
@@ -16,6 +17,8 @@ use crate::session::{Session, interrupted};
 
 /// From one set-point to the next: well inside the command timeout, so that a few may be lost.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// From one question after the object in the hand to the next.
+const ASK: Duration = Duration::from_millis(50);
 /// From one line of JSON to the next.
 const REPORT: Duration = Duration::from_millis(100);
 /// A board that is silent for longer has gone.
@@ -30,7 +33,7 @@ pub fn arm(options: &Options, arm: &Arm) -> Result<(), Failure> {
         options,
         &format!("The joints of {} will be powered and hold. Go on?", motion.model.name),
     )?;
-    motion.arm(arm.servo.into())?;
+    motion.arm(Task::JointServo(arm.servo.into()))?;
     output::notice(options, "armed: the joints hold; Ctrl-C disarms");
     let until = arm.duration.map(|duration| Instant::now() + duration);
     let hold = goal_set_point(&goal)?;
@@ -54,7 +57,7 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
         options,
         &format!("{} of {} will move. Go on?", output::counted(named.len(), "joint"), motion.model.name),
     )?;
-    motion.arm(aim.servo.into())?;
+    motion.arm(Task::JointServo(aim.servo.into()))?;
     let deadline = Instant::now() + aim.within;
     let (mut near, mut farthest) = (0, (0, 0.0_f32));
     let set_point = goal_set_point(&goal)?;
@@ -62,8 +65,8 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
         motion.drive(
             KEEP_ALIVE,
             |_| set_point.clone(),
-            |telemetry, now| {
-                if let Some(telemetry) = telemetry {
+            |news, now| {
+                if let Some(telemetry) = &news.telemetry {
                     let errors =
                         telemetry.joints.iter().zip(&goal).map(|(joint, goal)| abs(goal - joint.position));
                     farthest = errors.enumerate().fold((0, 0.0), |worst, (index, error)| {
@@ -168,12 +171,22 @@ pub enum End {
     Interrupted,
 }
 
+/// What came from the board since the last set-point.
+#[derive(Default)]
+pub struct News {
+    pub telemetry: Option<Telemetry>,
+    /// While armed for [`Task::Grasp`].
+    pub grasp: Option<GraspTelemetry>,
+}
+
 /// A board that this program commands and may have armed.
 pub struct Motion<'a> {
     session: Session,
     options: &'a Options,
     pub model: RobotModel,
     armed: bool,
+    /// Whether it is armed for [`Task::Grasp`].
+    grasps: bool,
 }
 
 impl<'a> Motion<'a> {
@@ -182,7 +195,7 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, armed: false })
+        Ok(Self { session, options, model, armed: false, grasps: false })
     }
 
     /// Where the joints are, within their limits.
@@ -195,24 +208,29 @@ impl<'a> Motion<'a> {
             .collect())
     }
 
-    pub fn arm(&mut self, servo: tesaki::control::ServoMode) -> Result<(), Failure> {
+    pub fn arm(&mut self, task: Task) -> Result<(), Failure> {
         // Caught from here on: whoever presses Ctrl-C wants the outputs off.
         interrupted()?;
-        self.session.arm(servo).map_err(|failure| failure.named(&self.model))?;
-        self.armed = true;
+        self.session.board.arm(task).map_err(|error| Failure::from(error).named(&self.model))?;
+        (self.armed, self.grasps) = (true, task == Task::Grasp);
         Ok(())
     }
 
-    /// Sends what `aim` says for each moment, one set-point `every` so long, until `done` says so; that is passed `None` when
-    /// nothing new is known.
+    /// Tells the hand what to do next; returns what it does then.
+    pub fn grasp(&mut self, command: GraspCommand) -> Result<GraspTelemetry, Failure> {
+        self.session.board.grasp(command)?;
+        Ok(self.session.board.read_grasp()?)
+    }
+
+    /// Sends what `aim` says for each moment, one set-point `every` so long, until `done` says so.
     pub fn drive(
         &mut self,
         every: Duration,
         mut aim: impl FnMut(Instant) -> SetPoint,
-        mut done: impl FnMut(Option<&Telemetry>, Instant) -> bool,
+        mut done: impl FnMut(&News, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
-        let (mut heard, mut reported) = (Instant::now(), None::<Instant>);
+        let (mut heard, mut reported, mut asked) = (Instant::now(), None::<Instant>, None::<Instant>);
         // What was on its way while the board was being armed still says otherwise.
         let mut seen_armed = false;
         let mut next = Instant::now();
@@ -224,16 +242,21 @@ impl<'a> Motion<'a> {
             let now = Instant::now();
             next = if now > next + every { now + every } else { next + every };
             self.session.board.post(Request::SetPoint(aim(now)))?;
-            let mut latest = None;
+            if self.grasps && asked.is_none_or(|last| now - last >= ASK) {
+                asked = Some(now);
+                self.session.board.post(Request::ReadGrasp)?;
+            }
+            let mut news = News::default();
             while Instant::now() < next {
                 match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
-                    Ok(telemetry) => latest = Some(telemetry),
+                    Ok(telemetry) => news.telemetry = Some(telemetry),
                     Err(Failure::Late(_)) => {}
                     Err(failure) => return Err(self.abandon(failure.named(&self.model))),
                 }
             }
             let now = Instant::now();
-            if let Some(telemetry) = &latest {
+            news.grasp = self.session.grasp.take();
+            if let Some(telemetry) = &news.telemetry {
                 heard = now;
                 if telemetry.mode == Mode::Fault {
                     self.armed = false;
@@ -245,7 +268,7 @@ impl<'a> Motion<'a> {
                     self.armed = false;
                     return Err(Failure::Other("another program disarmed the board".to_owned()));
                 }
-                if self.options.json && reported.is_none_or(|last| now - last >= REPORT) {
+                if self.options.json && !self.grasps && reported.is_none_or(|last| now - last >= REPORT) {
                     reported = Some(now);
                     output::line(&serde_json::to_string(telemetry).unwrap_or_default())?;
                 }
@@ -255,7 +278,14 @@ impl<'a> Motion<'a> {
                     GONE.as_secs()
                 ))));
             }
-            if done(latest.as_ref(), now) {
+            if let Some(grasp) = &news.grasp
+                && self.options.json
+                && reported.is_none_or(|last| now - last >= REPORT)
+            {
+                reported = Some(now);
+                output::line(&serde_json::to_string(grasp).unwrap_or_default())?;
+            }
+            if done(&news, now) {
                 return Ok(End::Done);
             }
         }

@@ -7,7 +7,7 @@ use serde_json::json;
 use tesaki::TICK;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
 use tesaki::model::{MAX_CHAINS, RobotModel};
-use tesaki::protocol::{SetPoint, Telemetry};
+use tesaki::protocol::{SetPoint, Task, Telemetry};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
@@ -61,7 +61,7 @@ pub fn run(options: &Options, aim: &Reach) -> Result<(), Failure> {
             motion.model.name
         ),
     )?;
-    motion.arm(aim.servo.into())?;
+    motion.arm(Task::JointServo(aim.servo.into()))?;
     let begun = Instant::now();
     let set_point = |now: Instant| {
         let share = (now - begun).as_secs_f32() / duration;
@@ -69,8 +69,8 @@ pub fn run(options: &Options, aim: &Reach) -> Result<(), Failure> {
     };
     let deadline = begun + Duration::from_secs_f32(duration) + PATIENCE;
     let (mut near, mut farthest) = (0, (String::new(), 0.0_f32));
-    let end = motion.drive(PERIOD, set_point, |telemetry, now| {
-        if let Some(telemetry) = telemetry {
+    let end = motion.drive(PERIOD, set_point, |news, now| {
+        if let Some(telemetry) = &news.telemetry {
             farthest = distance(&ways, telemetry);
             near = if farthest.1 <= aim.tolerance { near + 1 } else { 0 };
         }

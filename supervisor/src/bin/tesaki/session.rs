@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tesaki::control::ServoMode;
+use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, Request, Stream, Task, Telemetry, Tips,
+    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry,
+    Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
@@ -28,6 +29,8 @@ pub struct Session {
     pub identity: Identity,
     /// Where it is.
     pub place: String,
+    /// The latest of what is in the hand, when it was asked for without waiting.
+    pub grasp: Option<GraspTelemetry>,
     /// Whether this program has the command.
     commands: bool,
 }
@@ -49,7 +52,7 @@ impl Session {
         let mut board = dial(options)?;
         let identity = board.hello()?;
         let place = place(&board);
-        Ok(Self { board, identity, place, commands: false })
+        Ok(Self { board, identity, place, grasp: None, commands: false })
     }
 
     /// The same, and takes command.
@@ -126,6 +129,7 @@ impl Session {
         while let Some(event) = self.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => return Ok(telemetry),
+                FromBoard::Reply(ReplyFrame { reply: Reply::Grasp(grasp), .. }) => self.grasp = Some(grasp),
                 FromBoard::Reply(reply) => refused(&reply.reply)?,
                 _ => {}
             }
@@ -155,11 +159,6 @@ impl Session {
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
         self.board.set_rate(Stream::Telemetry, 2)?;
         self.telemetry(Duration::from_secs(1))
-    }
-
-    /// Arms the board.
-    pub fn arm(&mut self, servo: ServoMode) -> Result<(), Failure> {
-        Ok(self.board.arm(Task::JointServo(servo))?)
     }
 }
 

@@ -1,0 +1,30 @@
+//! What scenarios share in which three fingers hold an object: where it stands, the session with the controller, what is
+//! recorded of it, and how firm a grip is against the least that would do.
+
+mod bench;
+mod figures;
+mod firmness;
+mod log;
+mod session;
+
+pub use bench::{Bench, Held};
+pub use figures::{components, moved, xyz};
+pub use firmness::{Firmness, firmness, internal_forces};
+pub use log::{Log, Sample, table};
+pub use session::{MOVE, Session};
+
+use super::{Scenario, ScenarioError, Setting};
+
+/// Control period [s].
+pub const T: f64 = 0.01;
+/// How far an object is lifted off what it stands on [m].
+pub const UP: f64 = 0.010;
+
+/// Refuses a time that is shorter than the scenario's own.
+pub fn require_duration(scenario: &Scenario, setting: &Setting<'_, '_>) -> Result<(), ScenarioError> {
+    let Setting { duration, .. } = *setting;
+    if duration.is_nan() || duration < scenario.duration {
+        return Err(ScenarioError::TooShort { duration, name: scenario.name, least: scenario.duration });
+    }
+    Ok(())
+}

@@ -1,0 +1,45 @@
+//! Lines that several figures have.
+
+use std::ops::Range;
+
+use rapier3d::na::Vector3;
+
+use super::{Log, Sample};
+use crate::report::{Line, Panel};
+
+/// An axis by number and name.
+pub type Axis = (usize, &'static str);
+
+/// The axes of the hand.
+pub const fn xyz() -> [Axis; 3] {
+    [(0, "x"), (1, "y"), (2, "z")]
+}
+
+/// A panel with the three components of a vector, solid, in the hand's frame.
+pub fn components(
+    panel: Panel,
+    log: &Log,
+    span: &Range<f64>,
+    vector: impl Fn(&Sample) -> Vector3<f64>,
+) -> Panel {
+    let samples = log.during(span);
+    let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
+    xyz().into_iter().fold(panel, |panel, (axis, name)| {
+        let values = samples.iter().map(|sample| vector(sample)[axis]).collect();
+        panel.line(Line::solid(name, axis, times.clone(), values))
+    })
+}
+
+/// How far the object moved from where it was at the start of `span`, along an axis of the hand: time from there [s], true
+/// and wanted way [mm].
+pub fn moved(log: &Log, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
+    let samples = log.during(span);
+    let start = samples.first();
+    let place = |sample: &Sample| sample.position()[axis];
+    let aim = |sample: &Sample| sample.aim[0][axis];
+    let from = |value: &dyn Fn(&Sample) -> f64| {
+        let zero = start.map_or(f64::NAN, value);
+        samples.iter().map(|sample| 1e3 * (value(sample) - zero)).collect()
+    };
+    [samples.iter().map(|sample| sample.time - span.start).collect(), from(&place), from(&aim)]
+}

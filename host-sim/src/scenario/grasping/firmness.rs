@@ -1,0 +1,78 @@
+//! How firm a grip is, against the least that would do with the true friction.
+
+use rapier3d::na::{Vector3, Vector6};
+use tesaki::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip, ThreeFingers};
+use tesaki::kinematics::Chain;
+use tesaki::model::RobotModel;
+
+use super::Sample;
+use crate::plant::ContactTruth;
+
+/// A grip against the least one that holds the same load with the true friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Firmness {
+    /// Sum of the normal forces over that of the least grip.
+    pub ratio: f64,
+    /// Largest joint torque that the least grip takes, without the weight of the fingers [N·m].
+    pub torque: f64,
+    /// Whether any forces within the limit hold the load; `ratio` and `torque` are no numbers where not.
+    pub possible: bool,
+}
+
+/// The grip of a sample for the load that it has and `added` [N; N·m about the base frame's origin], with at most `limit`
+/// of normal force at a contact [N]. `None` unless all fingers touch the object.
+pub fn firmness(model: &RobotModel, sample: &Sample, added: &Vector6<f64>, limit: f64) -> Option<Firmness> {
+    let map = grasp_map(sample, limit)?;
+    let load = map.wrench(&forces(sample)) + added.map(|part| part as f32);
+    let grip = LeastGrip::try_new(0.0, 0.0).ok()?;
+    match grip.solve(&map, &load, &mut GripState::default()) {
+        Ok(grip) => {
+            let pushes = grip.forces.iter().zip(map.contacts());
+            let least: f32 = pushes.map(|(force, contact)| force.dot(contact.normal())).sum();
+            let sum: f64 = sample.contacts.iter().map(ContactTruth::normal_force).sum();
+            let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
+            Some(Firmness { ratio: sum / f64::from(least), torque, possible: true })
+        }
+        Err(NoGrip::CannotHold(_)) => Some(Firmness { ratio: f64::NAN, torque: f64::NAN, possible: false }),
+        Err(_) => None,
+    }
+}
+
+/// The part of each finger's force that moves nothing [N].
+pub fn internal_forces(sample: &Sample) -> [Vector3<f64>; 3] {
+    let unknown = [Vector3::repeat(f64::NAN); 3];
+    let Some(map) = grasp_map(sample, f64::from(f32::MAX)) else { return unknown };
+    let mut forces = forces(sample);
+    map.inverse().remove_wrench(&mut forces);
+    forces.try_into().map_or(unknown, |forces: [Vector3<f32>; 3]| forces.map(|force| force.map(f64::from)))
+}
+
+fn forces(sample: &Sample) -> Vec<Vector3<f32>> {
+    sample.contacts.iter().map(|contact| Vector3::from(contact.force).map(|part| part as f32)).collect()
+}
+
+fn grasp_map(sample: &Sample, limit: f64) -> Option<GraspMap> {
+    let mut contacts = Vec::new();
+    for contact in &sample.contacts {
+        let [point, normal] =
+            [contact.point, contact.normal].map(|vector| Vector3::from(vector).map(|part| part as f32));
+        let friction = sample.object.friction as f32;
+        contacts.push(Contact::try_new(point, -normal, friction, limit as f32).ok()?);
+    }
+    GraspMap::try_new(&contacts, Vector3::zeros()).ok()
+}
+
+/// The largest joint torque for these forces of the fingers [N·m].
+fn largest_torque(model: &RobotModel, sample: &Sample, forces: &[Vector3<f32>; 3]) -> f64 {
+    let mut fingers = Vec::new();
+    for ((chain, range), contact) in model.chains.iter().zip(model.chain_ranges()).zip(&sample.contacts) {
+        let angles: Vec<f32> =
+            sample.joints.get(range.clone()).unwrap_or(&[]).iter().map(|&q| q as f32).collect();
+        let posture = Chain::new(&model.joints[range], &chain.tip).posture(&angles);
+        let arm = Vector3::from(contact.point).map(|part| part as f32) - posture.tip().translation.vector;
+        fingers.push((posture.jacobian(), arm));
+    }
+    let Ok(fingers) = fingers.try_into() else { return f64::NAN };
+    let torques = ThreeFingers::new(&fingers).torques(forces);
+    torques.iter().flatten().fold(0.0, |most, torque| f64::max(most, f64::from(torque.abs())))
+}

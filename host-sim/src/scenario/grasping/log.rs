@@ -1,0 +1,147 @@
+//! What is recorded of an object in the hand.
+
+use std::ops::Range;
+
+use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+
+use super::T;
+use crate::plant::{ContactTruth, ObjectTruth};
+use crate::report::{Column, csv};
+
+/// The state at the start of a control period, as the physics has it where nothing else is said.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Since the controller was armed [s].
+    pub time: f64,
+    pub object: ObjectTruth,
+    /// A finger each.
+    pub contacts: Vec<ContactTruth>,
+    /// Joint angles [rad].
+    pub joints: Vec<f64>,
+    /// The controller's wanted force of each finger on the object, when it was last asked [N].
+    pub wanted: [Vector3<f64>; 3],
+    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not a number
+    /// where that is not known.
+    pub aim: [Vector3<f64>; 2],
+}
+
+impl Sample {
+    pub fn position(&self) -> Vector3<f64> {
+        self.object.position.into()
+    }
+
+    pub fn turn(&self) -> UnitQuaternion<f64> {
+        let [x, y, z, w] = self.object.orientation;
+        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+    }
+
+    /// Roll, pitch and yaw of the object [rad].
+    pub fn angles(&self) -> [f64; 3] {
+        let (roll, pitch, yaw) = self.turn().euler_angles();
+        [roll, pitch, yaw]
+    }
+
+    /// Force of a finger on the object [N]; not a number for a finger that is none.
+    pub fn force(&self, finger: usize) -> Vector3<f64> {
+        self.contacts.get(finger).map_or(Vector3::repeat(f64::NAN), |contact| contact.force.into())
+    }
+}
+
+/// A sample a tick, and how it ended.
+#[derive(Clone, Debug, Default)]
+pub struct Log {
+    pub samples: Vec<Sample>,
+    /// When the hand began to hold the object [s]; not a number if it never did.
+    pub held: f64,
+    /// Why and when the object was lost.
+    pub lost: Option<String>,
+    /// Coefficient of friction that the hand counts on, when it was last asked.
+    pub friction: f64,
+}
+
+impl Log {
+    /// Time of the next sample [s].
+    pub fn now(&self) -> f64 {
+        self.samples.len() as f64 * T
+    }
+
+    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a tick before.
+    pub fn at(&self, time: f64) -> Option<&Sample> {
+        let index = (time / T).round() as usize;
+        self.samples.get(index).or_else(|| (index == self.samples.len()).then(|| self.samples.last())?)
+    }
+
+    /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
+    pub fn during(&self, span: &Range<f64>) -> &[Sample] {
+        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
+        self.samples.get(from..to).unwrap_or(&[])
+    }
+
+    /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
+    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Sample) -> f64) -> f64 {
+        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+    }
+
+    /// How far the object came from where it was at the start of a stretch of time [m].
+    pub fn motion(&self, span: &Range<f64>) -> f64 {
+        let start = self.at(span.start).map_or(Vector3::repeat(f64::NAN), Sample::position);
+        self.largest(span, |sample| (sample.position() - start).norm())
+    }
+
+    /// The farthest that a fingertip slid in a stretch of time [m].
+    pub fn sliding(&self, span: &Range<f64>) -> f64 {
+        let all = self.during(span);
+        let (Some(first), Some(last)) = (all.first(), all.last()) else { return f64::NAN };
+        let paths = first.contacts.iter().zip(&last.contacts);
+        paths.map(|(first, last)| last.slip_path - first.slip_path).fold(f64::NAN, f64::max)
+    }
+
+    pub fn times(&self) -> Vec<f64> {
+        self.samples.iter().map(|sample| sample.time).collect()
+    }
+
+    pub fn series(&self, value: impl Fn(&Sample) -> f64) -> Vec<f64> {
+        self.samples.iter().map(value).collect()
+    }
+}
+
+/// The record as CSV: object, weights, contacts.
+pub fn table(log: &Log) -> String {
+    const AXES: [&str; 3] = ["x", "y", "z"];
+    let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", log.times())];
+    for (axis, name) in AXES.into_iter().enumerate() {
+        columns.push((format!("object {name}"), "m", log.series(|sample| sample.object.position[axis])));
+    }
+    for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
+        columns.push((format!("object {name}"), "rad", log.series(|sample| sample.angles()[axis])));
+    }
+    for (part, (quantity, unit)) in [("wanted motion", "m"), ("wanted turn", "rad")].into_iter().enumerate() {
+        for (axis, name) in AXES.into_iter().enumerate() {
+            columns.push((format!("{quantity} {name}"), unit, log.series(|sample| sample.aim[part][axis])));
+        }
+    }
+    columns.push(("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
+    for finger in 0..3 {
+        let name = |what: &str| format!("finger {} {what}", finger + 1);
+        let contact = |value: fn(&ContactTruth) -> f64| {
+            log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, value))
+        };
+        for (axis, letter) in AXES.into_iter().enumerate() {
+            columns.push((name(&format!("force {letter}")), "N", log.series(|s| s.force(finger)[axis])));
+        }
+        for (axis, letter) in AXES.into_iter().enumerate() {
+            columns.push((
+                name(&format!("wanted force {letter}")),
+                "N",
+                log.series(|sample| sample.wanted[finger][axis]),
+            ));
+        }
+        columns.push((name("normal force"), "N", contact(ContactTruth::normal_force)));
+        columns.push((name("tangential force"), "N", contact(ContactTruth::tangential_force)));
+        columns.push((name("sliding"), "m", contact(|contact| contact.slip_path)));
+        columns.push((name("depth"), "m", contact(|contact| contact.depth)));
+    }
+    let columns: Vec<Column<'_>> =
+        columns.iter().map(|(name, unit, values)| Column::new(name.as_str(), *unit, values)).collect();
+    csv(&columns)
+}

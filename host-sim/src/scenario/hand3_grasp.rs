@@ -1,0 +1,147 @@
+//! From the open hand to the open hand: an object is found, grasped, lifted, moved and put down (Hand3, sections 5 to 7).
+
+use std::ops::Range;
+
+use rapier3d::na::Vector3;
+use tesaki::manipulation::{GraspCommand, Phase};
+
+use super::common::capital;
+use super::grasping::{Bench, Held, Log, MOVE, Session, require_duration, table, xyz};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::plant::ContactTruth;
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "hand3-grasp",
+    title: "The three-finger hand takes a box, moves it and puts it down",
+    about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a wedge are turned",
+    robot: "hand3",
+    duration: 67.0,
+    lead: &[
+        "A box stands up to 5 mm off the place where it should be, on a support. The hand homes, tares its force sensors, \
+         approaches, feels for the box, takes hold of it, feels its friction by rubbing two fingers along it, lifts it by \
+         1 cm, turns it by 0.1 rad about the hand's y axis and back, shifts it by 1 cm along x and back, lowers it until \
+         something carries it, and opens.",
+        "The same with a cylinder and with a wedge whose faces lean towards each other by 11.5°, with internal forces \
+         between each two contacts as their grasp files say; these are turned by +0.1 and −0.1 rad.",
+    ],
+    run,
+};
+
+const TURN: f64 = 0.1;
+const SHIFT: f64 = 0.01;
+/// Rest after each motion, and from the end of a turn until its error counts [s].
+const REST: f64 = 2.0;
+/// Most time for putting down and opening [s].
+const DOWN_TIME: f64 = 15.0;
+/// A fingertip goes at most this deep into an object [mm].
+const DEPTH: f64 = 0.1;
+
+struct Trial {
+    object: &'static str,
+    /// Turns about y since the start [rad], and then shifts along x [m].
+    turns: &'static [f64],
+    shifts: &'static [f64],
+}
+
+const TRIALS: [Trial; 3] = [
+    Trial { object: "box", turns: &[TURN, 0.0], shifts: &[SHIFT, 0.0] },
+    Trial { object: "cylinder", turns: &[TURN, 0.0, -TURN, 0.0], shifts: &[] },
+    Trial { object: "wedge", turns: &[TURN, 0.0, -TURN, 0.0], shifts: &[] },
+];
+
+/// What was recorded with an object.
+struct Record {
+    log: Log,
+    /// When each turn began [s].
+    turned: Vec<f64>,
+    force_limit: f64,
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for trial in &TRIALS {
+        let force_limit = f64::from(bench.plan(trial.object)?.force_limit);
+        let held = Held { label: trial.object, object: trial.object, change: &|_| {}, paper_friction: false };
+        let mut session = Session::begin(setting, &mut bench, &held)?;
+        let up = session.lift()?;
+        let mut turned = Vec::new();
+        for &turn in trial.turns {
+            turned.push(session.bring(up, [0.0, turn, 0.0])?);
+            session.wait(MOVE + REST)?;
+        }
+        for &shift in trial.shifts {
+            session.bring([up[0] + shift, up[1], up[2]], [0.0; 3])?;
+            session.wait(MOVE + REST)?;
+        }
+        session.forget_aim();
+        session.send("put down", GraspCommand::PutDown)?;
+        session.until(Phase::Ready, DOWN_TIME)?;
+        let record = Record { log: session.end()?, turned, force_limit };
+        add_metrics(&mut summary, trial, &record);
+        figures.push(figure(trial, &record));
+        tables.push((format!("{}.csv", trial.object), table(&record.log)));
+    }
+    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
+    let Record { log, turned, force_limit } = record;
+    let (name, label) = (trial.object, capital(trial.object));
+    let mut insert = |key: &str, metric: Metric| summary.insert(format!("{name}_{key}"), metric);
+    let dropped = f64::from(u8::from(log.lost.is_some()));
+    let mut metric = Metric::at_most(format!("{label}: dropped"), dropped, 0.0, "");
+    metric.note = log.lost.as_ref().map(|lost| format!("the {name} was lost {lost}"));
+    insert("dropped", metric);
+    let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
+    insert("friction_found", Metric::reported(format!("{label}: friction, as counted on"), log.friction, ""));
+    insert("friction_true", Metric::reported(format!("{label}: friction, true"), friction, ""));
+    let whole: Range<f64> = 0.0..log.now();
+    let of_contacts = |value: fn(&ContactTruth) -> f64| {
+        log.largest(&whole, |sample| sample.contacts.iter().map(value).fold(f64::NAN, f64::max))
+    };
+    let depth = 1e3 * of_contacts(|contact| contact.depth);
+    insert("depth", Metric::at_most(format!("{label}: deepest a fingertip went in"), depth, DEPTH, "mm"));
+    let force = of_contacts(ContactTruth::normal_force);
+    insert("force_peak", Metric::at_most(format!("{label}: largest normal force"), force, *force_limit, "N"));
+    let pitch = |time: f64| log.at(time).map_or(f64::NAN, |sample| sample.angles()[1]);
+    let start = turned.first().map_or(f64::NAN, |&begin| pitch(begin));
+    let errors = turned.iter().zip(trial.turns);
+    let errors = errors.map(|(begin, turn)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - turn).abs());
+    let worst = errors.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
+    insert("turn_error", Metric::reported(format!("{label}: error of the turn at rest"), worst, "mrad"));
+    let way = log.samples.first().zip(log.samples.last());
+    let way = way.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
+    let text = format!("{label}: from where it was taken to where it was put down");
+    insert("put_down", Metric::reported(text, way, "mm"));
+    insert("time", Metric::reported(format!("{label}: time of it all"), log.now(), "s"));
+}
+
+fn figure(trial: &Trial, record: &Record) -> Figure {
+    let log = &record.log;
+    let start = log.samples.first().map_or(Vector3::zeros(), |sample| sample.position());
+    let mut way = Panel::new("Motion of the object", "motion", "mm");
+    for (axis, name) in xyz() {
+        let values = log.series(|sample| 1e3 * (sample.position() - start)[axis]);
+        way = way.line(Line::solid(name, axis, log.times(), values));
+    }
+    let pitch = Panel::new("Pitch", "angle", "rad").line(Line::solid(
+        "pitch",
+        3,
+        log.times(),
+        log.series(|sample| sample.angles()[1]),
+    ));
+    let mut forces = Panel::new("Normal force of each finger", "force", "N");
+    for finger in 0..3 {
+        let values =
+            log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, ContactTruth::normal_force));
+        forces =
+            forces.line(Line::solid(format!("finger {}", finger + 1), 4 + finger % 3, log.times(), values));
+    }
+    let caption = "The true object from the moment when the hand is armed to the open hand, and the normal forces on it.";
+    Figure::stacked(capital(trial.object), caption, "time", "s").panel(way).panel(pitch).panel(forces)
+}

@@ -1,0 +1,109 @@
+//! A held box is turned to and fro (Hand3, section 7 and figure 14).
+
+use rapier3d::na::UnitQuaternion;
+
+use super::common::capital;
+use super::grasping::{Bench, Held, Log, MOVE, Sample, Session, require_duration, table};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "hand3-turn",
+    title: "A box turned by the three-finger hand",
+    about: "a held box is turned by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis",
+    robot: "hand3",
+    duration: 20.0,
+    lead: &[
+        "The hand finds and grasps a box that stands up to 5 mm off the place where it should be, feels its friction, \
+         lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis, each within a second \
+         and with two and a half seconds of rest. The paper's box went from a pitch of 0.769 rad to 0.868, back, to 0.673, \
+         and back.",
+        "An error is that of the true box: its pitch against that before the first turn and the turn asked for since, two \
+         seconds after each turn's end.",
+    ],
+    run,
+};
+
+const TURN: f64 = 0.1;
+/// From the turn before, and since the start [rad].
+const TURNS: [f64; 4] = [TURN, 0.0, -TURN, 0.0];
+/// Rest after each turn [s].
+const REST: f64 = 2.5;
+/// From the end of a turn until the error counts [s].
+const AFTER: f64 = 2.0;
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let held = Held { label: "turn", object: "box", change: &|_| {}, paper_friction: false };
+    let mut session = Session::begin(setting, &mut bench, &held)?;
+    let up = session.lift()?;
+    let mut begins = [f64::NAN; 4];
+    for (begin, turn) in begins.iter_mut().zip(TURNS) {
+        *begin = session.bring(up, [0.0, turn, 0.0])?;
+        session.wait(MOVE + REST)?;
+    }
+    let log = session.end()?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(bench.motion.ticks()));
+    add_metrics(&mut summary, &log, &begins);
+    let figures = vec![figure(&log, begins[0])];
+    Ok(Outcome { summary, figures, tables: vec![("turn.csv".to_owned(), table(&log))], motion: bench.motion })
+}
+
+fn pitch(sample: Option<&Sample>) -> f64 {
+    sample.map_or(f64::NAN, |sample| sample.angles()[1])
+}
+
+fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
+    let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
+    let start = pitch(log.at(begins[0]));
+    let rests = begins.map(|begin| pitch(log.at(begin + MOVE + AFTER)));
+    let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TURNS[index]).abs());
+    let worst = errors.into_iter().fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
+    let mut metric =
+        Metric::at_most("Error of the pitch at rest, worst of four", worst, 2.0, "mrad").paper("1–4 mrad");
+    metric.note = lost;
+    summary.insert("turn_error", metric);
+    for (number, (error, turn)) in (1..).zip(errors.into_iter().zip(["+0.1", "−0.1", "−0.1", "+0.1"])) {
+        let text = format!("Error of the pitch after turn {number} ({turn} rad)");
+        summary.insert(format!("turn{number}_error"), Metric::reported(text, error, "mrad"));
+    }
+    let span = begins[0]..begins[3] + MOVE + AFTER;
+    let text = "Largest sliding of a fingertip on the box";
+    summary.insert("sliding", Metric::reported(text, 1e3 * log.sliding(&span), "mm"));
+    let drift = [0, 2].map(|axis| {
+        let angle = |sample: Option<&Sample>| sample.map_or(f64::NAN, |sample| sample.angles()[axis]);
+        let start = angle(log.at(begins[0]));
+        begins
+            .iter()
+            .map(|begin| 1e3 * (angle(log.at(begin + MOVE + AFTER)) - start).abs())
+            .fold(f64::NAN, f64::max)
+    });
+    let text = "Largest change of roll and yaw at rest";
+    summary.insert("drift", Metric::reported(text, drift[0].max(drift[1]), "mrad"));
+}
+
+fn figure(log: &Log, begin: f64) -> Figure {
+    let caption = "True roll, pitch and yaw of the box from before the first turn. Dashed: what they should be, from where they \
+                   were then. As the paper's figure 14.";
+    let mut figure = Figure::stacked("Roll, pitch and yaw of the box", caption, "time", "s");
+    let samples: Vec<&Sample> = log.samples.iter().filter(|sample| sample.time >= begin - 0.5).collect();
+    let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
+    let start = log.at(begin);
+    for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
+        let wanted = |sample: &&Sample| {
+            let Some(start) = start else { return f64::NAN };
+            let turned = UnitQuaternion::from_scaled_axis(sample.aim[1] - start.aim[1]) * start.turn();
+            let (roll, pitch, yaw) = turned.euler_angles();
+            [roll, pitch, yaw][axis]
+        };
+        let wanted: Vec<f64> = samples.iter().map(wanted).collect();
+        let got: Vec<f64> = samples.iter().map(|sample| sample.angles()[axis]).collect();
+        figure = figure.panel(
+            Panel::new(capital(name), name, "rad")
+                .line(Line::solid("true", axis, time.clone(), got))
+                .line(Line::dashed("reference", Line::INK, time.clone(), wanted)),
+        );
+    }
+    figure
+}

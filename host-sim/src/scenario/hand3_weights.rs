@@ -1,0 +1,240 @@
+//! Weights are put on a held box and taken off, one at a time and one on the other, and it is pushed (Hand3, section 6 and
+//! figures 12 and 13).
+
+use std::ops::Range;
+
+use rapier3d::na::{Vector3, Vector6};
+
+use super::grasping::{
+    Bench, Firmness, Held, Log, Session, components, firmness, internal_forces, require_duration, table,
+};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::plant::{Load, Push};
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "hand3-weights",
+    title: "Weights on a box in the three-finger hand",
+    about: "weights of 50 to 300 g are put on a held box and taken off, then all at once are on it, then it is pushed",
+    robot: "hand3",
+    duration: 35.0,
+    lead: &[
+        "The hand finds and grasps the box of 23 g, feels its friction by rubbing, and lifts it by 1 cm. Weights of 50, \
+         100, 200 and 300 g are put on the middle of its top and taken off, each within 0.3 s and one at a time; then \
+         all of them are put on, one after the other, 650 g in the end, and taken off; then it is pushed from the side \
+         with 0.3 N. The hand does not know of any of this but through its force sensors.",
+        "Motion is that of the true box from where it was at the start of each part, sliding the longest path of a \
+         fingertip along the box while friction was at its limit. How firm the grip is: one second after each weight is \
+         on, the sum of the true normal forces over that of the least grip that holds the true load with the true \
+         friction.",
+    ],
+    run,
+};
+
+/// The weights [kg].
+const WEIGHTS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
+/// Where they are put: the middle of the top, in the box's frame [m].
+const TOP: [f64; 3] = [0.0, 0.0, 0.03];
+/// Time in which a weight is put on or taken off [s].
+const RAMP: f64 = 0.3;
+/// From one to the next [s].
+const STEP: f64 = 2.0;
+/// From when a weight is on until the grip is looked at [s].
+const GRIP_AFTER: f64 = 1.0;
+/// From the side [N], and for how long [s].
+const PUSH: f64 = 0.3;
+const PUSH_TIME: f64 = 1.5;
+/// Wanted of each part: motion [mm], sliding [mm] and firmness.
+const MOTION: f64 = 0.5;
+const SLIDING: f64 = 0.1;
+const FIRMNESS: f64 = 1.5;
+/// The largest torque of a joint [N·m].
+const TORQUE: f64 = 0.6;
+
+/// A stretch of time in which something is done to the box.
+struct Part {
+    name: &'static str,
+    label: &'static str,
+    /// For the figure.
+    short: &'static str,
+    span: Range<f64>,
+}
+
+/// A weight that was put on.
+struct Put {
+    part: &'static str,
+    /// All that is on now [kg].
+    mass: f64,
+    /// The grip one second later, if the box was still held.
+    grip: Option<Firmness>,
+    /// Whether any forces within the limit could hold it.
+    possible: bool,
+}
+
+struct Record {
+    parts: Vec<Part>,
+    puts: Vec<Put>,
+    empty: Option<Firmness>,
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let gravity = Vector3::from(bench.values.gravity);
+    let model = bench.robot.model.clone();
+    let limit = f64::from(bench.plan("box")?.force_limit);
+    let grip = |log: &Log, added: f64| {
+        let sample = log.samples.last()?;
+        let force = gravity * -added;
+        let place = sample.position() + sample.turn() * Vector3::from(TOP);
+        let moment = place.cross(&force);
+        let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        firmness(&model, sample, &load, limit)
+    };
+    let held = Held { label: "weights", object: "box", change: &|_| {}, paper_friction: false };
+    let mut session = Session::begin(setting, &mut bench, &held)?;
+    session.lift()?;
+    let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0) };
+    for (name, label, short, cumulative) in [
+        ("single", "One at a time", "one at a time", false),
+        ("all", "One on the other", "one on the other", true),
+    ] {
+        let begin = session.log.now();
+        let mut on = 0.0;
+        for mass in WEIGHTS {
+            let possible = grip(&session.log, mass).is_some_and(|grip| grip.possible);
+            on = if cumulative { on + mass } else { mass };
+            session.note(&format!("{:.0} g on", 1e3 * on));
+            session.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
+            session.wait(RAMP + GRIP_AFTER)?;
+            let found = if session.log.lost.is_none() { grip(&session.log, 0.0) } else { None };
+            record.puts.push(Put { part: name, mass: on, grip: found, possible });
+            session.wait(STEP - RAMP - GRIP_AFTER)?;
+            if !cumulative {
+                take_off(&mut session)?;
+            }
+        }
+        if cumulative {
+            take_off(&mut session)?;
+        }
+        record.parts.push(Part { name, label, short, span: begin..session.log.now() });
+    }
+    let begin = session.log.now();
+    session.note("push");
+    let force = [0.0, PUSH, 0.0];
+    session.plant.push(Push { force, point: [0.0; 3], ramp: 0.1, hold: PUSH_TIME })?;
+    session.wait(PUSH_TIME + 1.0)?;
+    record.parts.push(Part {
+        name: "push",
+        label: "Push from the side",
+        short: "push",
+        span: begin..session.log.now(),
+    });
+    let log = session.end()?;
+
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(bench.motion.ticks()));
+    add_metrics(&mut summary, &log, &record);
+    let begin = record.parts.first().map_or(0.0, |part| part.span.start);
+    let figures = vec![loads(&log, &record, begin), forces(&log, begin)];
+    let tables = vec![("weights.csv".to_owned(), table(&log))];
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+fn take_off(session: &mut Session<'_, '_>) -> Result<(), ScenarioError> {
+    session.note("off");
+    session.plant.unload(RAMP);
+    session.wait(STEP)
+}
+
+fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
+    let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
+    let impossible = |part: &str| record.puts.iter().find(|put| put.part == part && !put.possible);
+    let metric = |part: &str, text: String, value: f64, most: f64, unit: &str| {
+        let mut metric = Metric::at_most(text, value, most, unit);
+        metric.note.clone_from(&lost);
+        if let Some(put) = impossible(part) {
+            metric.limit = None;
+            metric.note = Some(format!(
+                "not counted: with the true friction of {:.2} no forces within the limit hold {:.0} g",
+                log.samples.last().map_or(f64::NAN, |sample| sample.object.friction),
+                1e3 * put.mass
+            ));
+        }
+        metric
+    };
+    for Part { name, label, span, .. } in &record.parts {
+        let text = format!("{label}: largest motion of the box");
+        summary.insert(format!("{name}_motion"), metric(name, text, 1e3 * log.motion(span), MOTION, "mm"));
+        let text = format!("{label}: largest sliding of a fingertip");
+        summary.insert(format!("{name}_sliding"), metric(name, text, 1e3 * log.sliding(span), SLIDING, "mm"));
+    }
+    for part in record.parts.iter().filter(|part| part.name != "push") {
+        let puts = || record.puts.iter().filter(|put| put.part == part.name);
+        let all = |value: fn(&Firmness) -> f64| {
+            let values = puts().map(|put| put.grip.as_ref().map_or(f64::NAN, value));
+            values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
+        };
+        let text = format!("{}: grip over the least that would do, at most", part.label);
+        let key = format!("{}_firmness", part.name);
+        summary.insert(key, metric(part.name, text, all(|grip| grip.ratio), FIRMNESS, ""));
+        for put in puts() {
+            let text = format!("{}: grip over the least, {:.0} g", part.label, 1e3 * put.mass);
+            let ratio = put.grip.map_or(f64::NAN, |grip| grip.ratio);
+            let key = format!("{}_firmness_{:.0}g", part.name, 1e3 * put.mass);
+            summary.insert(key, Metric::reported(text, ratio, ""));
+        }
+        let text = format!("{}: largest joint torque of the least grip", part.label);
+        let note = format!("without the fingers' own weight; a joint has {TORQUE} N·m");
+        let torque = Metric::reported(text, all(|grip| grip.torque), "N·m").note(note);
+        summary.insert(format!("{}_least_torque", part.name), torque);
+    }
+    let empty = record.empty.map_or(f64::NAN, |grip| grip.ratio);
+    let text = "Empty box: grip over the least that would do";
+    summary.insert("empty_firmness", Metric::reported(text, empty, ""));
+    let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
+    summary.insert(
+        "friction_found",
+        Metric::reported("Coefficient of friction, as counted on", log.friction, ""),
+    );
+    summary.insert("friction_true", Metric::reported("Coefficient of friction, true", friction, ""));
+    let whole = log.held..log.now();
+    let most = log.largest(&whole, |sample| {
+        sample.contacts.iter().map(crate::plant::ContactTruth::normal_force).fold(f64::NAN, f64::max)
+    });
+    summary.insert("force_peak", Metric::reported("Largest normal force", most, "N"));
+}
+
+fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
+    let span = begin..log.now();
+    let samples = log.during(&span);
+    let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
+    let load = samples.iter().map(|sample| 9.81 * sample.object.load).collect();
+    let mut loads =
+        Panel::new("Weights on the box", "weight", "N").line(Line::solid("weights", 0, time.clone(), load));
+    let forces: Vec<_> = samples.iter().map(internal_forces).collect();
+    let mut internal = Panel::new("True internal force of each finger", "force", "N");
+    for finger in 0..3 {
+        let sizes = forces.iter().map(|forces| forces[finger].norm()).collect();
+        internal = internal.line(Line::solid(format!("finger {}", finger + 1), finger, time.clone(), sizes));
+    }
+    let start = log.at(begin).map_or(Vector3::repeat(f64::NAN), |sample| sample.position());
+    let way = samples.iter().map(|sample| 1e3 * (sample.position() - start).norm()).collect();
+    let motion = Panel::new("Motion of the box from where it was held empty", "motion", "mm")
+        .line(Line::solid("motion", 5, time, way));
+    for part in &record.parts {
+        loads = loads.window(part.span.start - begin, part.span.end - begin, part.short);
+    }
+    let caption = "What is put on the box, and the part of the fingertips' true forces that moves nothing. As the paper's figure 12, \
+                   and how far the box moved.";
+    Figure::stacked("Load and internal force", caption, "time", "s")
+        .panel(loads)
+        .panel(internal)
+        .panel(motion)
+}
+
+fn forces(log: &Log, begin: f64) -> Figure {
+    let caption = "True contact force of finger 1 on the box, in the hand's frame. As the paper's figure 13.";
+    let panel = Panel::new("Force of finger 1", "force", "N");
+    let panel = components(panel, log, &(begin..log.now()), |sample| sample.force(0));
+    Figure::stacked("Force of finger 1 on the box", caption, "time", "s").panel(panel)
+}

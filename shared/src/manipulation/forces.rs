@@ -1,0 +1,360 @@
+use nalgebra::{Vector3, Vector6};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::plan::NORMAL_TOLERANCE;
+use super::{Each, InternalForce};
+use crate::TICK;
+use crate::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip, ThreeFingers, WrenchInverse};
+use crate::math::{self, abs};
+
+/// Share of a new reading in the load.
+const LOAD_SHARE: f32 = 0.5;
+/// Share of a new reading in the load as it was: some 80 ms.
+const PAST_SHARE: f32 = 0.12;
+/// Share of the load that is fed forward. All of it would let the object float: what the fingers press with, they feel.
+const LOAD_FEEDFORWARD: f32 = 0.7;
+/// And in that which the object's weight is taken for: some 0.5 s.
+const STEADY_SHARE: f32 = 0.02;
+/// A change of the load beyond this is no noise [N].
+const SURGE_NOISE: f32 = 0.09;
+/// What is held ready for a load that grows, over its growth since a while ago.
+const SURGE_LEAD: f32 = 1.3;
+/// Time in which what was held ready for a growing load is given up [s].
+const SURGE_TIME: f32 = 0.25;
+/// Rate at which measured internal forces correct the commanded ones [1/s].
+const FEEDBACK_RATE: f32 = 15.0;
+/// Most of that correction [N].
+const MOST_FEEDBACK: f32 = 5.0;
+/// A contact whose tangential force is more than this share of what friction gives is about to slide.
+const NEAR_SLIDING: f32 = 0.97;
+/// And by more than this, which may be noise [N].
+const FORCE_NOISE: f32 = 0.05;
+/// A tip farther than this from where the others say has slid [m].
+const SLID: f32 = 6e-5;
+/// Share of a new reading in the ratio of tangential to normal force.
+const RATIO_SHARE: f32 = 0.5;
+/// But only if the tangential force is more than this share of what friction gives.
+const SLID_SHARE: f32 = 0.75;
+/// After sliding, friction counts as this share of what was measured then.
+const AFTER_SLIDING: f32 = 0.92;
+/// And one slip takes no more from it than to this share.
+const MOST_LOSS: f32 = 0.85;
+/// Share of the internal forces that is added in each tick in which a contact slides, and the most of it.
+const SLIP_SHARE: f32 = 0.5;
+const MOST_RESERVE: f32 = 2.0;
+/// Time in which that is given up [s].
+const SLIP_TIME: f32 = 0.4;
+/// Time in which a grip that is firmer than needed fades [s].
+const RELEASE_TIME: f32 = 0.3;
+/// Instructions that a tick may spend on the least grip; one step of the search it takes in any case.
+const GRIP_BUDGET: u32 = 9_000;
+/// Less normal force than this says nothing about friction [N].
+const FAINT: f32 = 0.1;
+
+/// Which forces the fingers are to have, and what they have.
+#[derive(Clone, Debug, Serialize, Deserialize, Schema)]
+pub(super) struct Forces {
+    /// Wrench of the fingers on the object, about the object's origin: a mean of the last readings, and as it was a
+    /// while ago [N, N·m].
+    pub load: [f32; 6],
+    past: [f32; 6],
+    /// And for longer.
+    steady: [f32; 6],
+    /// What is held ready for a load that grows [N, N·m].
+    surge: [f32; 6],
+    /// Share of the internal forces that is added after a slip.
+    reserve: f32,
+    /// The internal forces that were found last [N], and the size of the load for which [N, N·m].
+    base: Each<[f32; 3]>,
+    base_load: f32,
+    /// Size of the internal forces of the last tick [N].
+    firmness: f32,
+    /// The coefficient of friction that is counted on.
+    pub friction: f32,
+    /// Wanted forces, and what the measured ones add to them [N].
+    pub wanted: Each<[f32; 3]>,
+    correction: Each<[f32; 3]>,
+    /// Tangential over normal force of each contact.
+    pub ratios: Each<f32>,
+    /// How far the tips were from where the others say, a tick ago [m].
+    shifts: Each<f32>,
+    grip: GripState,
+    /// No forces hold the load: the last internal ones stay.
+    pub overloaded: bool,
+    /// Ticks in which a contact slid.
+    pub slips: u16,
+}
+
+/// What the forces of a tick are computed from.
+pub(super) struct Grasped<'a> {
+    pub map: &'a GraspMap,
+    /// Forces of the tips on the object [N].
+    pub measured: &'a Each<Vector3<f32>>,
+    /// How far the tips are from where the others say [m].
+    pub shifts: &'a Each<f32>,
+    pub internal: InternalForce,
+    pub feedback: bool,
+    /// Whether the fingers hold the object, and not yet, or no longer, only press on what stands by itself.
+    pub held: bool,
+    /// Whether nothing else carries it. What fingers and a support press against each other looks like a load, and a hand
+    /// that answers it at once presses harder and harder.
+    pub lifted: bool,
+    /// Whether to grip as for a motion.
+    pub firmly: bool,
+    /// What the forces are made with.
+    pub three: &'a ThreeFingers,
+    /// Joint torques that they may take [N·m].
+    pub torque_limits: Each<[f32; 3]>,
+}
+
+impl Forces {
+    /// Friction never counts as less.
+    pub const LEAST_FRICTION: f32 = 0.15;
+
+    /// Nothing is held.
+    pub const NONE: Self = Self {
+        load: [0.0; 6],
+        past: [0.0; 6],
+        steady: [0.0; 6],
+        surge: [0.0; 6],
+        reserve: 0.0,
+        base: [[0.0; 3]; 3],
+        base_load: 0.0,
+        firmness: 0.0,
+        friction: 0.0,
+        wanted: [[0.0; 3]; 3],
+        correction: [[0.0; 3]; 3],
+        ratios: [0.0; 3],
+        shifts: [0.0; 3],
+        grip: GripState::START,
+        overloaded: false,
+        slips: 0,
+    };
+
+    /// Nothing is held yet of what has this coefficient of friction.
+    pub const fn new(friction: f32) -> Self {
+        Self { friction, ..Self::NONE }
+    }
+
+    /// Takes in what the force sensors read: the load, and whether a contact slides.
+    pub fn feel(&mut self, grasped: &Grasped<'_>) {
+        let load = if grasped.held { grasped.map.wrench(grasped.measured) } else { Vector6::zeros() };
+        for (means, share) in
+            [(&mut self.load, LOAD_SHARE), (&mut self.past, PAST_SHARE), (&mut self.steady, STEADY_SHARE)]
+        {
+            means.iter_mut().zip(&load).for_each(|(mean, reading)| *mean += share * (reading - *mean));
+        }
+        let decay = 1.0 - TICK / SURGE_TIME;
+        let (mut change, mut held) = (0.0, 0.0);
+        for ((load, past), surge) in self.load.iter().zip(&self.past).zip(&self.surge).take(3) {
+            change += (load - past) * (load - past);
+            held += surge * surge;
+        }
+        let grows = grasped.lifted
+            && change > SURGE_NOISE * SURGE_NOISE
+            && SURGE_LEAD * SURGE_LEAD * change > held * decay * decay;
+        for (surge, (load, past)) in self.surge.iter_mut().zip(self.load.iter().zip(&self.past)) {
+            *surge = if grows { SURGE_LEAD * (load - past) } else { *surge * decay };
+        }
+        self.reserve *= 1.0 - TICK / SLIP_TIME;
+        let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(grasped.shifts);
+        let mut any = false;
+        for (((contact, force), &shift), (ratio, before)) in
+            contacts.zip(self.ratios.iter_mut().zip(&mut self.shifts))
+        {
+            let normal = contact.normal().dot(force);
+            let tangential = math::sqrt((force - contact.normal() * normal).norm_squared());
+            let faint = normal < FAINT;
+            *ratio += RATIO_SHARE * (if faint { 0.0 } else { tangential / normal } - *ratio);
+            let slid = shift > SLID && shift > *before && *ratio > SLID_SHARE * self.friction;
+            *before = shift;
+            if slid && !faint && grasped.held {
+                let least = MOST_LOSS * self.friction;
+                let least = if least > Self::LEAST_FRICTION { least } else { Self::LEAST_FRICTION };
+                self.friction = math::clamp(*ratio * AFTER_SLIDING, least, self.friction);
+            }
+            any |= slid || tangential > self.friction * NEAR_SLIDING * normal + FORCE_NOISE;
+        }
+        if any && grasped.held {
+            self.slips = self.slips.saturating_add(1);
+            self.reserve = math::clamp(self.reserve + SLIP_SHARE, 0.0, MOST_RESERVE);
+        }
+    }
+
+    /// The forces wanted for the load, with `share` of the internal ones (0 to 1) and `extra` forces besides [N]. Returns
+    /// the internal ones, corrected by what is measured of them: what the joints are to press with so that the grip is as
+    /// wanted.
+    pub fn want(
+        &mut self,
+        grasped: &Grasped<'_>,
+        inverse: &WrenchInverse<'_>,
+        share: f32,
+        extra: &Each<Vector3<f32>>,
+    ) -> Each<Vector3<f32>> {
+        let map = grasped.map;
+        let mut carried = [Vector3::zeros(); 3];
+        if let Ok(found) = inverse.forces(&self.load.into()) {
+            carried.iter_mut().zip(&found).for_each(|(carried, found)| *carried = *found);
+        }
+        let mut internal = self.internal(grasped, share, inverse, &carried);
+        let all = internal.iter_mut().zip(&carried).zip(extra).zip(map.contacts()).zip(&mut self.wanted);
+        for ((((internal, carried), extra), contact), wanted) in all {
+            // Nothing is crushed, whatever the internal force and the load are.
+            let force = *internal + extra + carried;
+            let push = contact.normal().dot(&force);
+            let scale = if push > contact.limit() { contact.limit() / push } else { 1.0 };
+            *wanted = (force * scale).into();
+            *internal = force * scale - carried;
+        }
+        if grasped.feedback {
+            let mut missing: Each<Vector3<f32>> = self.wanted.map(Into::into);
+            missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
+            inverse.remove_wrench(&mut missing);
+            let parts =
+                self.correction.iter_mut().flatten().zip(missing.iter().flat_map(|force| force.iter()));
+            for (correction, missing) in parts {
+                let next = *correction + FEEDBACK_RATE * TICK * missing;
+                *correction = math::clamp(next, -MOST_FEEDBACK, MOST_FEEDBACK);
+            }
+        }
+        internal.iter_mut().zip(&self.correction).for_each(|(force, more)| *force += Vector3::from(*more));
+        internal
+    }
+
+    /// Internal forces as planned, for the load that there is and may come.
+    fn internal(
+        &mut self,
+        grasped: &Grasped<'_>,
+        share: f32,
+        inverse: &WrenchInverse<'_>,
+        carried: &Each<Vector3<f32>>,
+    ) -> Each<Vector3<f32>> {
+        let map = grasped.map;
+        let mut forces = [Vector3::zeros(); 3];
+        self.overloaded = false;
+        match grasped.internal {
+            InternalForce::Least { margin, least, moving } => {
+                let least = share * if grasped.firmly { moving } else { least };
+                let load = if grasped.lifted { self.load } else { self.past };
+                let load = Vector6::from(load) + Vector6::from(self.surge);
+                let size = math::sqrt(load.norm_squared());
+                let mut more = 1.0 + self.reserve;
+                let grip = LeastGrip::try_new(margin, least);
+                match grip.map(|grip| grip.advance(map, &load, &mut self.grip, GRIP_BUDGET)) {
+                    Ok(Ok(grip)) => {
+                        forces.iter_mut().zip(&grip.forces).for_each(|(force, found)| *force = *found);
+                        // Only the load that is there is carried; what is held ready for more is internal.
+                        inverse.remove_wrench(&mut forces);
+                        (self.base, self.base_load) = (forces.map(Into::into), size);
+                    }
+                    Ok(Err(NoGrip::CannotHold(_) | NoGrip::Limit { .. })) => {
+                        // As hard as allowed.
+                        (self.overloaded, more) = (true, f32::MAX);
+                    }
+                    // While a search goes on, or at the very edge of what can be held, the last forces stay.
+                    _ => {}
+                }
+                forces = self.base.map(Vector3::from);
+                let own = math::sqrt(forces.iter().map(Vector3::norm_squared).sum());
+                if size > self.base_load && own > f32::MIN_POSITIVE {
+                    // They are for a smaller load.
+                    let unit = if own > self.base_load { own } else { self.base_load };
+                    more *= 1.0 + (size - self.base_load) / unit;
+                }
+                // A grip that became firm fades slowly: while a load goes, forces are not exact.
+                let floor = self.firmness * (1.0 - TICK / RELEASE_TIME);
+                if own * more < floor && own > f32::MIN_POSITIVE {
+                    more = floor / own;
+                }
+                let most = grasped.most(&forces, carried, more);
+                forces.iter_mut().for_each(|force| *force *= most);
+                self.firmness = own * most;
+            }
+            InternalForce::Normal { strength } => {
+                if let Ok(grip) = map.normal_grip(NORMAL_TOLERANCE) {
+                    let found = grip.forces(strength * share);
+                    forces.iter_mut().zip(&found).for_each(|(force, found)| *force = *found);
+                }
+            }
+            InternalForce::Pairwise { strengths } => {
+                if let Ok(pairs) = map.pairwise() {
+                    let found = pairs * (Vector3::from(strengths) * share);
+                    let parts = found.as_slice().chunks_exact(3);
+                    for (force, part) in forces.iter_mut().zip(parts) {
+                        force.copy_from_slice(part);
+                    }
+                }
+            }
+        }
+        forces
+    }
+
+    /// The share of the load that is fed forward [N, N·m].
+    pub fn carried(&self, grasped: &Grasped<'_>) -> Vector6<f32> {
+        if grasped.lifted { Vector6::from(self.load) * LOAD_FEEDFORWARD } else { Vector6::zeros() }
+    }
+
+    /// What the fingers have carried for a while [N, N·m].
+    pub fn weight(&self) -> Vector6<f32> {
+        self.steady.into()
+    }
+
+    /// Whether the measured normal forces are near the wanted ones.
+    pub fn is_settled(&self, grasped: &Grasped<'_>) -> bool {
+        let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);
+        contacts.into_iter().all(|((contact, measured), wanted)| {
+            let (wanted, measured) =
+                (contact.normal().dot(&Vector3::from(*wanted)), contact.normal().dot(measured));
+            abs(measured - wanted) < 0.1 * wanted + 0.1
+        })
+    }
+}
+
+impl Grasped<'_> {
+    /// How many times these internal `forces`, beside those `carried` [N], the fingers can press with; at most `more`.
+    fn most(&self, forces: &Each<Vector3<f32>>, carried: &Each<Vector3<f32>>, more: f32) -> f32 {
+        let mut most = more;
+        for (contact, force) in self.map.contacts().iter().zip(forces) {
+            let push = contact.normal().dot(force);
+            if push * most > contact.limit() {
+                most = contact.limit() / push;
+            }
+        }
+        let (own, added) = (self.three.torques(carried), self.three.torques(forces));
+        for ((own, added), limits) in own.iter().zip(&added).zip(&self.torque_limits) {
+            for ((&own, &added), &limit) in own.iter().zip(added).zip(limits) {
+                // In the direction in which the added torque goes.
+                let room = limit - if added > 0.0 { own } else { -own };
+                let room = if room > 0.0 { room } else { 0.0 };
+                if abs(added) * most > room {
+                    most = room / abs(added);
+                }
+            }
+        }
+        most
+    }
+
+    /// The finger with the least normal force, and that force [N].
+    pub fn faintest(&self) -> (u8, f32) {
+        let contacts = (0..).zip(self.map.contacts().iter().zip(self.measured));
+        let forces = contacts.map(|(finger, (contact, force))| (finger, contact.normal().dot(force)));
+        forces.fold((0, f32::INFINITY), |least, force| if force.1 < least.1 { force } else { least })
+    }
+}
+
+/// The grasp of contacts at `arms` from `origin` with these `normals`; `None` when they make none.
+pub(super) fn grasp_map(
+    origin: Vector3<f32>,
+    arms: &Each<Vector3<f32>>,
+    normals: &Each<Vector3<f32>>,
+    friction: f32,
+    limits: &Each<f32>,
+) -> Option<GraspMap> {
+    let mut contacts = heapless::Vec::<Contact, 3>::new();
+    for ((arm, normal), limit) in arms.iter().zip(normals).zip(limits) {
+        let contact = Contact::try_new(origin + arm, *normal, friction, *limit).ok()?;
+        contacts.push(contact).ok()?;
+    }
+    GraspMap::try_new(&contacts, origin).ok()
+}

@@ -1,0 +1,170 @@
+//! The course of a grasp: when a phase ends, what comes then, and when the object counts as lost.
+
+use nalgebra::{IsometryMatrix3, Vector3};
+
+use super::forces::{Forces, Grasped};
+use super::plan::{ASSUMED_FRICTION, GraspPlan};
+use super::pose::PoseMotion;
+use super::task::Fingers;
+use super::{Each, Failure, Hand, HandState, Loss, Phase};
+use crate::TICK;
+use crate::math;
+
+/// Time in which the internal forces rise and fall [s].
+const SQUEEZE_TIME: f32 = 0.5;
+const OPEN_TIME: f32 = 0.3;
+/// Ticks with the forces as wanted that end the squeeze.
+const SETTLED_TICKS: u8 = 10;
+/// The squeeze has failed after this time [s].
+const SQUEEZE_TIMEOUT: f32 = 3.0;
+/// Change of the force by which fingers 1 and 2 rub while it rises, and while it falls [N/s]; and the distance that counts
+/// as sliding [m].
+const RUB_RATE: f32 = 0.5;
+const RUB_END_RATE: f32 = 2.0;
+const RUBBED: f32 = 6e-5;
+/// Share of the rubbing force that stays when a finger slides: it stands at once.
+const RUBBED_SHARE: f32 = 0.5;
+/// Most friction that is counted on; more is not tried, nor for longer than this [s].
+const MOST_FRICTION: f32 = 1.0;
+const FEEL_TIMEOUT: f32 = 5.0;
+/// Speed at which an object is lowered [m/s], how far at most [m], and the share of its weight that then must be carried
+/// by something else; not looked at before this time [s], while the fingers start to move.
+const LOWER_SPEED: f32 = 0.01;
+const MOST_LOWERING: f32 = 0.05;
+const CARRIED: f32 = 0.5;
+const LOWER_START: f32 = 0.3;
+/// As far above where it was grasped an object stands on nothing [m].
+const LIFTED: f32 = 0.002;
+/// Less than this share of the touch force is no contact, and so many ticks of that a lost object.
+const NO_CONTACT: f32 = 0.15;
+const LOST_TICKS: u8 = 10;
+/// A change of the triangle of fingertips that no rolling makes, and a distance from where the object should be that means
+/// that somebody took it [m].
+const DEFORMED: f32 = 0.012;
+const TAKEN: f32 = 0.015;
+
+impl HandState {
+    /// Whether the object is still there.
+    pub(super) fn watch(
+        &mut self,
+        plan: &GraspPlan,
+        grasped: &Grasped<'_>,
+        fingers: &Fingers,
+        object: &IsometryMatrix3<f32>,
+    ) -> Result<(), Loss> {
+        if !matches!(self.phase, Phase::Feel | Phase::Hold | Phase::Move | Phase::Lower) {
+            return Ok(());
+        }
+        let limit = NO_CONTACT * plan.touch_force;
+        let (finger, force) = grasped.faintest();
+        self.lost = if force < limit { self.lost.saturating_add(1) } else { 0 };
+        if self.lost >= LOST_TICKS {
+            return Err(Loss::Contact { finger, force, limit });
+        }
+        let distance = self.tracker.deformation(&fingers.tips);
+        if distance > DEFORMED {
+            return Err(Loss::Deformed { distance, limit: DEFORMED });
+        }
+        let away = object.translation.vector - self.motion.point().frame.translation.vector;
+        let distance = math::sqrt(away.norm_squared());
+        if distance > TAKEN {
+            return Err(Loss::Moved { distance, limit: TAKEN });
+        }
+        Ok(())
+    }
+
+    /// Goes from phase to phase; returns forces besides those wanted for grip and load [N].
+    pub(super) fn proceed(
+        &mut self,
+        hand: &Hand<'_>,
+        plan: &GraspPlan,
+        grasped: &Grasped<'_>,
+        fingers: &Fingers,
+    ) -> Each<Vector3<f32>> {
+        match self.phase {
+            Phase::Squeeze => self.squeeze(plan, grasped, fingers),
+            Phase::Feel => return self.rub(fingers),
+            Phase::Move if self.motion.is_done() => self.enter(Phase::Hold),
+            Phase::Lower => self.lower(hand),
+            Phase::Open => self.share = math::clamp(self.share - TICK / OPEN_TIME, 0.0, 1.0),
+            _ => {}
+        }
+        [Vector3::zeros(); 3]
+    }
+
+    fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) {
+        self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
+        let settled = self.share >= 1.0 && (!plan.feedback || self.forces.is_settled(grasped));
+        self.settled = if settled { self.settled.saturating_add(1) } else { 0 };
+        if self.settled >= SETTLED_TICKS {
+            // Without feedback the rubbing force would not be known well enough.
+            let feels = plan.friction.is_none() && plan.feedback;
+            (self.rub, self.distance) = (0.0, fingers.width());
+            self.enter(if feels { Phase::Feel } else { Phase::Hold });
+        } else if self.elapsed() > SQUEEZE_TIMEOUT {
+            let (_, force) = grasped.faintest();
+            self.fail(Failure::NoGrip { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
+        }
+    }
+
+    /// Fingers 1 and 2 press towards each other, harder and harder, an internal force that moves nothing; until one of
+    /// them slides.
+    fn rub(&mut self, fingers: &Fingers) -> Each<Vector3<f32>> {
+        if self.settled == 0 {
+            self.rub += RUB_RATE * TICK;
+            let [first, second, _] = self.forces.ratios;
+            let ratio = if first > second { first } else { second };
+            if self.distance - fingers.width() > RUBBED || ratio > MOST_FRICTION {
+                self.forces.friction = math::clamp(ratio, Forces::LEAST_FRICTION, MOST_FRICTION);
+                self.rub *= RUBBED_SHARE;
+                self.settled = 1;
+            } else if self.elapsed() > FEEL_TIMEOUT {
+                self.forces.friction = ASSUMED_FRICTION;
+                self.settled = 1;
+            }
+        } else {
+            self.rub -= RUB_END_RATE * TICK;
+            if self.rub <= 0.0 {
+                self.rub = 0.0;
+                self.tracker.settle();
+                self.enter(Phase::Hold);
+            }
+        }
+        let [one, two, _] = fingers.tips;
+        let push = (two - one) * (self.rub / fingers.width());
+        [push, -push, Vector3::zeros()]
+    }
+
+    /// The part of the load that is against gravity [N].
+    pub(super) fn weight_on(&self, hand: &Hand<'_>) -> f32 {
+        let [x, y, z, ..] = self.forces.load;
+        -down(hand).dot(&Vector3::new(x, y, z))
+    }
+
+    /// Whether the object is clearly above where it was grasped.
+    pub(super) fn is_lifted(&self, hand: &Hand<'_>) -> bool {
+        let moved = Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);
+        -down(hand).dot(&moved) > LIFTED
+    }
+
+    fn lower(&mut self, hand: &Hand<'_>) {
+        if self.ticks == 1 {
+            let now = self.motion.point().frame;
+            let mut below = now;
+            below.translation.vector += down(hand) * MOST_LOWERING;
+            self.motion = PoseMotion::between(&now, &below, MOST_LOWERING / LOWER_SPEED);
+        }
+        if self.elapsed() > LOWER_START && self.weight_on(hand) < CARRIED * self.weight {
+            self.motion.stop();
+            self.enter(Phase::Open);
+        } else if self.motion.is_done() {
+            self.fail(Failure::NothingBelow { distance: MOST_LOWERING }, Phase::Hold);
+        }
+    }
+}
+
+/// Unit vector along gravity; 0 without.
+fn down(hand: &Hand<'_>) -> Vector3<f32> {
+    let size = math::sqrt(hand.gravity.norm_squared());
+    if size > 0.0 { hand.gravity / size } else { Vector3::zeros() }
+}

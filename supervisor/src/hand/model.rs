@@ -1,0 +1,54 @@
+use nalgebra::Vector3;
+use tesaki::control::JointServo;
+use tesaki::kinematics::{Chain, Finger};
+use tesaki::manipulation::{Each, Hand, HandFinger};
+use tesaki::model::RobotModel;
+
+use super::HandError;
+
+/// A robot made ready for the control of an object.
+#[derive(Clone, Debug)]
+pub struct HandModel {
+    fingers: Each<(Chain, Finger, [f32; 3], f32)>,
+    gravity: Vector3<f32>,
+}
+
+impl HandModel {
+    /// The hand that `robot` is.
+    ///
+    /// # Errors
+    /// What it lacks.
+    pub fn try_new(robot: &RobotModel) -> Result<Self, HandError> {
+        let not = |why: String| HandError::NotAHand { robot: robot.name.to_string(), why };
+        let mut fingers = Vec::new();
+        for (model, range) in robot.chains.iter().zip(robot.chain_ranges()) {
+            let joints = robot.joints.get(range).unwrap_or_default();
+            let [a, b, c] = joints else {
+                return Err(not(format!("{} has {} joints", model.name, joints.len())));
+            };
+            if model.force_sensor.is_none() {
+                return Err(not(format!("{} has none", model.name)));
+            }
+            let chain = Chain::new(joints, &model.tip);
+            let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
+            let inverse =
+                Finger::try_new(&chain, limits).map_err(|error| not(format!("{}: {error}", model.name)))?;
+            let torques = [a, b, c].map(|joint| JointServo::new(joint).torque_limit());
+            fingers.push((chain, inverse, torques, model.tip_radius));
+        }
+        let got = fingers.len();
+        let fingers = fingers.try_into().map_err(|_| not(format!("it has {got}")))?;
+        Ok(Self { fingers, gravity: Vector3::from(robot.gravity) })
+    }
+
+    /// As the control of an object takes it.
+    pub fn hand(&self) -> Hand<'_> {
+        let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| HandFinger {
+            chain,
+            inverse,
+            torque_limits: *torque_limits,
+            radius: *radius,
+        });
+        Hand { fingers, gravity: &self.gravity }
+    }
+}
