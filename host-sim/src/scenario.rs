@@ -18,6 +18,7 @@ use tesaki_supervisor::grasp::GraspFileError;
 use tesaki_supervisor::robot::RobotError;
 
 use crate::controller::Watched;
+use crate::grasp_scene::SceneError;
 use crate::motion::Motion;
 use crate::plant::PlantError;
 use crate::report::{Figure, Summary};
@@ -85,14 +86,9 @@ pub enum ScenarioError {
     /// The grasp.
     #[error(transparent)]
     Grasp(#[from] GraspFileError),
-    /// No finger can stand in front of the object that is to be grasped.
-    #[error("finger {finger} does not reach the place where it is to wait for the object: {error}")]
-    Start {
-        /// From 1.
-        finger: usize,
-        /// Why.
-        error: String,
-    },
+    /// Where a grasp is to begin.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),

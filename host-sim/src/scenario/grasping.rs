@@ -7,7 +7,7 @@ mod firmness;
 mod log;
 mod session;
 
-pub use bench::{Bench, Held};
+pub use bench::{Bench, Held, PAPER_STRENGTH};
 pub use figures::{components, moved, xyz};
 pub use firmness::{Firmness, firmness, internal_forces};
 pub use log::{Log, Sample, table};

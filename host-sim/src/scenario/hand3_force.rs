@@ -4,12 +4,10 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::control::ServoMode;
-use tesaki::manipulation::{GraspPlan, InternalForce, ObjectControl};
+use tesaki::manipulation::{GraspPlan, InternalForce};
 
 use super::common::capital;
-use super::grasping::{Bench, Held, Log, Session, T, components, require_duration, table};
-use super::hand3_shift::PAPER_GAINS;
+use super::grasping::{Bench, Held, Log, PAPER_STRENGTH, Session, T, components, require_duration, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -37,8 +35,7 @@ const HOLD: f64 = 4.0;
 /// The end of it that counts [s].
 const COUNTED: f64 = 2.0;
 /// Commanded: fingers 1 and 2 half of finger 3's [N].
-const STRENGTH: f64 = 4.0;
-const COMMANDED: [f64; 3] = [STRENGTH / 2.0, STRENGTH / 2.0, STRENGTH];
+const COMMANDED: [f64; 3] = [PAPER_STRENGTH / 2.0, PAPER_STRENGTH / 2.0, PAPER_STRENGTH];
 
 struct Trial {
     name: &'static str,
@@ -55,13 +52,8 @@ const TRIALS: [Trial; 3] = [
 
 impl Trial {
     fn change(&self, plan: &mut GraspPlan) {
-        plan.internal = InternalForce::Normal { strength: STRENGTH as f32 };
+        plan.internal = InternalForce::Normal { strength: PAPER_STRENGTH as f32 };
         plan.feedback = self.feedback;
-        plan.control = if self.paper_law {
-            ObjectControl::Wrench(PAPER_GAINS)
-        } else {
-            ObjectControl::Differential(ServoMode::Observer)
-        };
     }
 }
 
@@ -86,11 +78,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             label: trial.label,
             object: "box",
             change: &|plan| trial.change(plan),
-            paper_friction: trial.paper_law,
+            paper: trial.paper_law,
         };
-        let mut session = Session::begin(setting, &mut bench, &held)?;
-        session.note("the support is taken away");
-        session.plant.remove_support();
+        let mut session = Session::without_support(setting, &mut bench, &held)?;
         session.wait(HOLD)?;
         let log = session.end()?;
         add_metrics(&mut summary, trial, &log);

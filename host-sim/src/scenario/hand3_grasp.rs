@@ -64,8 +64,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
-        let force_limit = f64::from(bench.plan(trial.object)?.force_limit);
-        let held = Held { label: trial.object, object: trial.object, change: &|_| {}, paper_friction: false };
+        let force_limit = f64::from(bench.grasp(trial.object)?.plan.force_limit);
+        let held = Held { label: trial.object, object: trial.object, change: &|_| {}, paper: false };
         let mut session = Session::begin(setting, &mut bench, &held)?;
         let up = session.lift()?;
         let mut turned = Vec::new();

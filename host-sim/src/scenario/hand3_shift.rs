@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
 
 use super::common::capital;
 use super::grasping::{Bench, Held, Log, MOVE, Session, moved, require_duration, table, xyz};
@@ -31,10 +30,6 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// Gains of the paper's law. The paper gives none; chosen so that its errors come near those that it reports.
-pub(super) const PAPER_GAINS: WrenchGains =
-    WrenchGains { position: [2000.0, 1000.0], orientation: [20.0, 10.0], damping: 0.1, compensated: false };
-
 const SHIFT: f64 = 0.01;
 /// Rest before the first motion, and after each [s].
 const SETTLE: f64 = 1.5;
@@ -52,16 +47,6 @@ const TRIALS: [Trial; 2] = [
     Trial { name: "paper", label: "the paper's law", paper_law: true },
     Trial { name: "ours", label: "ours", paper_law: false },
 ];
-
-impl Trial {
-    fn change(&self, plan: &mut GraspPlan) {
-        if self.paper_law {
-            plan.control = ObjectControl::Wrench(PAPER_GAINS);
-            plan.feedback = false;
-            plan.internal = InternalForce::Normal { strength: 4.0 };
-        }
-    }
-}
 
 /// A run, and when its two motions began [s].
 struct Record {
@@ -91,15 +76,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut records = Vec::new();
     for trial in &TRIALS {
-        let held = Held {
-            label: trial.label,
-            object: "box",
-            change: &|plan| trial.change(plan),
-            paper_friction: trial.paper_law,
-        };
-        let mut session = Session::begin(setting, &mut bench, &held)?;
-        session.note("the support is taken away");
-        session.plant.remove_support();
+        let held = Held { label: trial.label, object: "box", change: &|_| {}, paper: trial.paper_law };
+        let mut session = Session::without_support(setting, &mut bench, &held)?;
         session.wait(SETTLE)?;
         let mut moves = [f64::NAN; 2];
         for (begin, to) in moves.iter_mut().zip([SHIFT, 0.0]) {

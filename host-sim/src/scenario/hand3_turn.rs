@@ -35,7 +35,7 @@ const AFTER: f64 = 2.0;
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut bench = Bench::load(setting)?;
-    let held = Held { label: "turn", object: "box", change: &|_| {}, paper_friction: false };
+    let held = Held { label: "turn", object: "box", change: &|_| {}, paper: false };
     let mut session = Session::begin(setting, &mut bench, &held)?;
     let up = session.lift()?;
     let mut begins = [f64::NAN; 4];

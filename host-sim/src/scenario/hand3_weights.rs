@@ -82,7 +82,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut bench = Bench::load(setting)?;
     let gravity = Vector3::from(bench.values.gravity);
     let model = bench.robot.model.clone();
-    let limit = f64::from(bench.plan("box")?.force_limit);
+    let limit = f64::from(bench.grasp("box")?.plan.force_limit);
     let grip = |log: &Log, added: f64| {
         let sample = log.samples.last()?;
         let force = gravity * -added;
@@ -91,7 +91,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
         firmness(&model, sample, &load, limit)
     };
-    let held = Held { label: "weights", object: "box", change: &|_| {}, paper_friction: false };
+    let held = Held { label: "weights", object: "box", change: &|_| {}, paper: false };
     let mut session = Session::begin(setting, &mut bench, &held)?;
     session.lift()?;
     let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0) };

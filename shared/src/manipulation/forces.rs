@@ -12,10 +12,10 @@ use crate::math::{self, abs};
 const LOAD_SHARE: f32 = 0.5;
 /// Share of a new reading in the load as it was: some 80 ms.
 const PAST_SHARE: f32 = 0.12;
-/// Share of the load that is fed forward. All of it would let the object float: what the fingers press with, they feel.
-const LOAD_FEEDFORWARD: f32 = 0.7;
 /// And in that which the object's weight is taken for: some 0.5 s.
 const STEADY_SHARE: f32 = 0.02;
+/// Share of the load that is fed forward. All of it would let the object float: what the fingers press with, they feel.
+const LOAD_FEEDFORWARD: f32 = 0.7;
 /// A change of the load beyond this is no noise [N].
 const SURGE_NOISE: f32 = 0.09;
 /// What is held ready for a load that grows, over its growth since a while ago.
@@ -30,11 +30,11 @@ const MOST_FEEDBACK: f32 = 5.0;
 const NEAR_SLIDING: f32 = 0.97;
 /// And by more than this, which may be noise [N].
 const FORCE_NOISE: f32 = 0.05;
-/// A tip farther than this from where the others say has slid [m].
-const SLID: f32 = 6e-5;
 /// Share of a new reading in the ratio of tangential to normal force.
 const RATIO_SHARE: f32 = 0.5;
-/// But only if the tangential force is more than this share of what friction gives.
+/// A tip farther than this from where the others say has slid [m], if its tangential force is more than this share of what
+/// friction gives.
+const SLID: f32 = 6e-5;
 const SLID_SHARE: f32 = 0.75;
 /// After sliding, friction counts as this share of what was measured then.
 const AFTER_SLIDING: f32 = 0.92;
@@ -65,7 +65,7 @@ pub(super) struct Forces {
     surge: [f32; 6],
     /// Share of the internal forces that is added after a slip.
     reserve: f32,
-    /// The internal forces that were found last [N], and the size of the load for which [N, N·m].
+    /// The internal forces that were found last [N], and the size of the load for which, moments counted as forces [N, N·m].
     base: Each<[f32; 3]>,
     base_load: f32,
     /// Size of the internal forces of the last tick [N].
@@ -80,7 +80,7 @@ pub(super) struct Forces {
     /// How far the tips were from where the others say, a tick ago [m].
     shifts: Each<f32>,
     grip: GripState,
-    /// No forces hold the load: the last internal ones stay.
+    /// No forces within the limits hold the load: the grip is as firm as allowed.
     pub overloaded: bool,
     /// Ticks in which a contact slid.
     pub slips: u16,
@@ -271,20 +271,21 @@ impl Forces {
                 forces.iter_mut().for_each(|force| *force *= most);
                 self.firmness = own * most;
             }
+            // Where contacts have moved so far that a form has no answer, the last one stays: nothing is let go.
             InternalForce::Normal { strength } => {
                 if let Ok(grip) = map.normal_grip(NORMAL_TOLERANCE) {
-                    let found = grip.forces(strength * share);
-                    forces.iter_mut().zip(&found).for_each(|(force, found)| *force = *found);
+                    let found = grip.forces(strength);
+                    self.base.iter_mut().zip(&found).for_each(|(base, found)| *base = (*found).into());
                 }
+                forces = self.base.map(|force| Vector3::from(force) * share);
             }
             InternalForce::Pairwise { strengths } => {
                 if let Ok(pairs) = map.pairwise() {
-                    let found = pairs * (Vector3::from(strengths) * share);
+                    let found = pairs * Vector3::from(strengths);
                     let parts = found.as_slice().chunks_exact(3);
-                    for (force, part) in forces.iter_mut().zip(parts) {
-                        force.copy_from_slice(part);
-                    }
+                    self.base.iter_mut().zip(parts).for_each(|(base, part)| base.copy_from_slice(part));
                 }
+                forces = self.base.map(|force| Vector3::from(force) * share);
             }
         }
         forces

@@ -107,7 +107,7 @@ pub enum GraspCommand {
     },
     /// 2: lower the object until something carries it, and let go.
     PutDown,
-    /// 3: let go, here and now.
+    /// 3: let go, here and now; on the way to an object: go back from it.
     Open,
 }
 
@@ -265,7 +265,8 @@ impl fmt::Display for BadPlan {
         match self {
             Self::Value { field, value, lower, upper } => {
                 let (name, unit) = field.name();
-                write!(f, "the {name} is {value} {unit}; possible is {lower} to {upper} {unit}")
+                let space = if unit.is_empty() { "" } else { " " };
+                write!(f, "the {name} is {value}{space}{unit}; possible is {lower} to {upper}{space}{unit}")
             }
             Self::Contact { finger } => {
                 write!(
@@ -492,8 +493,7 @@ mod tests {
             (PlanField::Margin, "margin of friction"),
             (PlanField::Gain, "gain"),
         ] {
-            let text = value(field, 2.0, 0.5, 1.0);
-            assert!(text.starts_with(&format!("the {name} is 2 ")) && text.contains("0.5 to 1"), "{text}");
+            assert_eq!(value(field, 2.0, 0.5, 1.0), format!("the {name} is 2; possible is 0.5 to 1"));
         }
         assert_eq!(
             BadPlan::Contact { finger: 0 }.to_string(),

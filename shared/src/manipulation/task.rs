@@ -123,11 +123,6 @@ impl HandState {
         self.phase
     }
 
-    /// Whether an object is in the hand.
-    pub const fn holds(&self) -> bool {
-        matches!(self.phase, Phase::Squeeze | Phase::Feel | Phase::Hold | Phase::Move | Phase::Lower)
-    }
-
     /// What the supervisor sees.
     pub fn telemetry(&self, tick: u32) -> GraspTelemetry {
         let object = self.tracker.object.isometry();
@@ -163,9 +158,13 @@ impl HandState {
                 Ok(())
             }
             GraspCommand::Open => {
-                self.require(&[Phase::Hold, Phase::Move, Phase::Lower, Phase::Feel, Phase::Squeeze])?;
+                if self.phase == Phase::Ready {
+                    return Err(Unable::Busy(self.phase));
+                }
                 self.failure = None;
-                self.enter(Phase::Open);
+                if self.phase != Phase::Open {
+                    self.enter(Phase::Open);
+                }
                 Ok(())
             }
         }

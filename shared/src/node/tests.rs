@@ -969,10 +969,18 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
     assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
     assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp), "that does no harm");
     let open = Request::Grasp(GraspCommand::Open);
-    assert_eq!(refusal(bench.ask(open)), Refusal::Unable(Unable::Busy(Phase::Ready)));
+    assert_eq!(refusal(bench.ask(open.clone())), Refusal::Unable(Unable::Busy(Phase::Ready)));
     assert_eq!(seen(&mut bench).failure, after.failure);
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).failure, None);
+
+    // On its way, it can be told to go back.
+    bench.sensors.forces[2][1] -= 500;
+    bench.tick();
+    assert_eq!(bench.ask(open), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Open);
+    bench.tick();
+    assert_eq!(seen(&mut bench).phase, Phase::Open);
 }
 
 fn guide(positions: [f32; 3], torques: &[f32]) -> Request {
@@ -1068,7 +1076,7 @@ fn what_is_refused_to_a_hand_says_why() {
         ),
         (
             Refusal::NotTared { chain: 1 },
-            "the force sensor of chain 1 was not tared since power-on: tare it while nothing touches the tips",
+            "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing touches the tips",
         ),
         (Refusal::Unable(Unable::Busy(Phase::Move)), "not possible while the hand moves an object"),
         (Refusal::Unable(Unable::Plan(BadPlan::NoTriangle)), "the contacts are at the same place or in line"),

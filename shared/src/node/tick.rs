@@ -162,7 +162,7 @@ impl Node {
                     Loss::Deformed { distance, limit } | Loss::Moved { distance, limit } => {
                         (FaultCause::ObjectMoved, None, distance, limit)
                     }
-                    Loss::NoFrame => (FaultCause::ObjectMoved, None, 0.0, 0.0),
+                    Loss::NoFrame => (FaultCause::ObjectMoved, None, f32::INFINITY, 0.0),
                 };
                 let joint = finger.map(|finger| 3 * finger + 2);
                 Some(Fault { cause, joint, value, limit, tick: self.state.tick })

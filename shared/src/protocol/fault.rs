@@ -60,8 +60,8 @@ pub enum FaultCause {
     /// 21: a finger no longer touches the object that the hand holds; the joint is the last of the finger. Value: its
     /// normal force; limit: the least that counts as contact [N].
     ObjectLost,
-    /// 22: the object slid between the fingers, or something moved it. Value: how far; limit: the most that is
-    /// followed [m].
+    /// 22: the object slid between the fingers, or something moved it. Value: how far, infinite when the fingertips are in
+    /// line; limit: the most that is followed [m].
     ObjectMoved,
 }
 

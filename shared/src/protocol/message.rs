@@ -583,7 +583,7 @@ impl fmt::Display for Refusal {
             }
             Self::NotTared { chain } => write!(
                 f,
-                "the force sensor of chain {chain} was not tared since power-on: tare it while nothing touches the tips"
+                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while nothing touches the tips"
             ),
             Self::Unable(unable) => unable.fmt(f),
             Self::TooMuchTorque { joint, value, limit } => {

@@ -58,7 +58,7 @@ pub enum HandError {
     },
     /// A force sensor whose offset is not known.
     #[error(
-        "the force sensor of {board} was not tared since power-on: tare it while nothing touches the tips"
+        "the force sensor of {board} was not tared since the model was pushed: tare it while nothing touches the tips"
     )]
     NotTared {
         /// Which.

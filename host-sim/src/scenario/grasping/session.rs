@@ -93,6 +93,18 @@ impl<'a, 'b> Session<'a, 'b> {
         Ok(session)
     }
 
+    /// The same, and then what it stands on is taken away.
+    pub fn without_support(
+        setting: &'a mut Setting<'_, 'b>,
+        bench: &'a mut Bench,
+        held: &Held<'_>,
+    ) -> Result<Self, ScenarioError> {
+        let mut session = Self::begin(setting, bench, held)?;
+        session.note("the support is taken away");
+        session.plant.remove_support();
+        Ok(session)
+    }
+
     /// One control period.
     fn tick(&mut self) -> Result<(), ScenarioError> {
         if self.log.lost.is_some() {
