@@ -48,7 +48,7 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
 
-    let mut identity = identity(&device.RCC, Identity::JOINT_SERVO | Identity::GRASP);
+    let mut identity = identity(&device.RCC, Identity::TASKS);
 
     let mut rcc = device.RCC.constrain();
     let gpio_a = device.GPIOA.split(&mut rcc);

@@ -207,11 +207,12 @@ mod app {
                 rtic::pend(Interrupt::USART1);
             }
         }
-        let (tick, telemetry, tips, grasp, status_due, index) = cx.shared.node.lock(|node| {
+        let (tick, telemetry, tips, grasp, arm, status_due, index) = cx.shared.node.lock(|node| {
             let telemetry = node.is_due(Stream::Telemetry).then(|| node.telemetry());
             let tips = node.is_due(Stream::Tips).then(|| node.tips());
             let grasp = node.is_due(Stream::Grasp).then(|| node.grasp());
-            (node.last_tick(), telemetry, tips, grasp, node.is_due(Stream::Status), node.records())
+            let arm = if node.is_due(Stream::Arm) { node.tool() } else { None };
+            (node.last_tick(), telemetry, tips, grasp, arm, node.is_due(Stream::Status), node.records())
         });
         send_ticks(link, ticks, index);
         if cx.local.told.replace(tick) != Some(tick) {
@@ -223,6 +224,9 @@ mod app {
             }
             if let Some(grasp) = grasp {
                 link.send(&FromBoard::Grasp(grasp));
+            }
+            if let Some(arm) = arm {
+                link.send(&FromBoard::Arm(arm));
             }
             if status_due {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);

@@ -70,6 +70,11 @@ impl VirtualBoard {
         if self.node.is_due(Stream::Grasp) {
             send(&FromBoard::Grasp(self.node.grasp()), out);
         }
+        if self.node.is_due(Stream::Arm)
+            && let Some(arm) = self.node.tool()
+        {
+            send(&FromBoard::Arm(arm), out);
+        }
         if self.node.is_due(Stream::Status) {
             send(&FromBoard::Status(self.node.status(&self.status)), out);
         }

@@ -22,6 +22,7 @@
 //! | [`dynamics`] | Newton–Euler for a chain |
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
+//! | [`arm`] | an arm that yields as told: impedance control, elbow |
 //! | [`manipulation`] | an object in the hand: found, grasped, held, moved, put down |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
@@ -31,6 +32,7 @@
 
 #![cfg_attr(not(test), no_std)]
 
+pub mod arm;
 pub mod control;
 pub mod dynamics;
 pub mod grasp;

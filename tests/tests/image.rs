@@ -153,7 +153,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     assert_eq!(named(&mut board), total);
     let Status { node, board: status } = board.status().unwrap();
     assert_eq!((node.model.as_str(), status.reset), ("", ResetCause::PowerOn));
-    assert_eq!(status.identity.capabilities, Identity::PLANT_LINK | Identity::JOINT_SERVO | Identity::GRASP);
+    assert_eq!(status.identity.capabilities, Identity::PLANT_LINK | Identity::TASKS);
     assert_ne!(status.identity.image, [0; 8], "the image knows its build id");
     board.take_command(false).unwrap();
     let refused = board.arm(Task::JointServo(ServoMode::Pid)).unwrap_err();

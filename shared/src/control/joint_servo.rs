@@ -164,6 +164,11 @@ impl JointServo {
         self.torque_limit
     }
 
+    /// Torque that gives rotor and gear an acceleration [rad/s²], [N·m].
+    pub const fn rotor_torque(&self, acceleration: f32) -> f32 {
+        self.rotor_inertia * acceleration
+    }
+
     /// Torque against friction at a reference `velocity` [rad/s], by the model and what was learnt [N·m].
     pub const fn friction(&self, state: &JointServoState, velocity: f32) -> f32 {
         self.friction.torque(&state.friction, velocity)

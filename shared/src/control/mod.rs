@@ -1,11 +1,13 @@
-//! Control of single joints. Chains and tasks build on it.
+//! Control of single joints, and the impedance of a tool. Chains and tasks build on it.
 
 mod friction;
+mod impedance;
 mod joint_servo;
 mod observer;
 mod pid;
 
 pub use friction::{FrictionFeedforward, FrictionState};
+pub use impedance::{BadImpedance, Impedance, ImpedanceTerm, MatchedImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};
@@ -33,4 +35,23 @@ pub enum ServoMode {
     Pid,
     /// 1: state feedback on an observer of velocity and disturbance.
     Observer,
+}
+
+/// What a joint's torque is made of, besides the command's own.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub enum Drive {
+    /// 0: the joint's servo, with gravity, inertia and friction fed forward.
+    Servo,
+    /// 1: damping of so much torque per speed [N·m·s/rad]; gravity and friction fed forward when `compensated`.
+    Torque {
+        /// Hand3 (20), `K_d`.
+        damping: f32,
+        /// Whether weight and friction of the fingers are fed forward.
+        compensated: bool,
+    },
+    /// 2: the torque that the whole arm's dynamics need for the accelerations that a task asks for.
+    Acceleration {
+        /// Whether friction is fed forward.
+        friction: bool,
+    },
 }

@@ -56,6 +56,11 @@ impl ObserverState {
         self.disturbance -= torque;
     }
 
+    /// The estimated error [rad] and its velocity [rad/s].
+    pub const fn error(&self) -> [f32; 2] {
+        [self.error, self.velocity]
+    }
+
     /// The estimated disturbance torque [N·m].
     pub const fn disturbance(&self) -> f32 {
         self.disturbance
@@ -92,6 +97,13 @@ impl ErrorObserver {
     /// is learnt about the disturbance: a joint held by its own friction shows none.
     #[inline]
     pub const fn effort(&self, state: &mut ObserverState, error: f32, resting: bool) -> f32 {
+        self.correct(state, error, resting);
+        self.feedback(state)
+    }
+
+    /// Takes the measured error [rad]: the first half of [`ErrorObserver::effort`].
+    #[inline]
+    pub const fn correct(&self, state: &mut ObserverState, error: f32, resting: bool) {
         let innovation = error - state.error;
         let [c0, c1, c2] = self.correction;
         state.error += c0 * innovation;
@@ -99,6 +111,11 @@ impl ErrorObserver {
         if !resting {
             state.disturbance += c2 * innovation;
         }
+    }
+
+    /// The effort wanted [N·m], before any limit: the second half.
+    #[inline]
+    pub const fn feedback(&self, state: &ObserverState) -> f32 {
         state.disturbance + self.proportional * state.error + self.derivative * state.velocity
     }
 

@@ -37,6 +37,11 @@ impl Posture {
         &self.tip
     }
 
+    /// Axis (a unit vector) and origin [m] of a joint.
+    pub fn joint(&self, joint: usize) -> Option<&(Vector3<f32>, Vector3<f32>)> {
+        self.joints.get(joint)
+    }
+
     /// The geometric Jacobian of the tip [m/rad; 1].
     pub fn jacobian(&self) -> Jacobian {
         let mut jacobian = Jacobian::zeros();

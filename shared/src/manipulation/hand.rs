@@ -1,9 +1,7 @@
 use nalgebra::Vector3;
-use postcard_schema::Schema;
-use serde::{Deserialize, Serialize};
 
 use super::Each;
-use crate::control::JointPoint;
+use crate::control::{Drive, JointPoint};
 use crate::kinematics::{Chain, Finger};
 
 /// What the control of an object knows of the hand.
@@ -53,18 +51,4 @@ pub struct HandCommand {
     pub torques: Each<[f32; 3]>,
     /// Who brings the joints there.
     pub drive: Drive,
-}
-
-/// What a joint's torque is made of, besides the command's own.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub enum Drive {
-    /// 0: the joint's servo, with gravity, inertia and friction fed forward.
-    Servo,
-    /// 1: damping of so much torque per speed [N·m·s/rad]; gravity and friction fed forward when `compensated`.
-    Torque {
-        /// Hand3 (20), `K_d`.
-        damping: f32,
-        /// Whether weight and friction of the fingers are fed forward.
-        compensated: bool,
-    },
 }

@@ -8,8 +8,8 @@ use super::pose::PosePoint;
 use super::task::{Fingers, pairs};
 use super::tracker::TipMotion;
 use super::wrench::wrench;
-use super::{Drive, Each, Failure, FingerSense, Hand, HandCommand, HandState, Loss, Phase};
-use crate::control::JointPoint;
+use super::{Each, Failure, FingerSense, Hand, HandCommand, HandState, Loss, Phase};
+use crate::control::{Drive, JointPoint};
 use crate::grasp::{ThreeFingers, largest_push};
 
 /// Share of the joints' torques that forces on the object may take. The rest is for weight, friction and motion.

@@ -32,7 +32,7 @@ mod task;
 mod tracker;
 mod wrench;
 
-pub use hand::{Drive, FingerSense, Hand, HandCommand, HandFinger};
+pub use hand::{FingerSense, Hand, HandCommand, HandFinger};
 pub use phase::{Failure, GraspTelemetry, Loss, Phase, Unable};
 pub use plan::{
     BadPlan, GraspCommand, GraspPlan, InternalForce, ObjectControl, PlanField, PlannedContact, WrenchGains,

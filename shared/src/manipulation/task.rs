@@ -8,11 +8,11 @@ use super::plan::ASSUMED_FRICTION;
 use super::pose::PoseMotion;
 use super::tracker::Tracker;
 use super::{
-    Drive, Each, Failure, FingerSense, Frame, GraspCommand, GraspPlan, GraspTelemetry, Hand, HandCommand,
-    Loss, Phase, Unable,
+    Each, Failure, FingerSense, Frame, GraspCommand, GraspPlan, GraspTelemetry, Hand, HandCommand, Loss,
+    Phase, Unable,
 };
 use crate::TICK;
-use crate::control::JointPoint;
+use crate::control::{Drive, JointPoint};
 use crate::kinematics::{FingerError, Posture};
 use crate::math;
 

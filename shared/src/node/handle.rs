@@ -5,10 +5,11 @@ use super::lease::Admitted;
 use super::tip::TipState;
 use super::transfer::Committed;
 use super::{Node, Robot};
-use crate::control::{JointPoint, ServoMode};
+use crate::arm::{ArmSettings, ArmState, ElbowPoint, PosePoint};
+use crate::control::{Drive, JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
-use crate::manipulation::{Drive, FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
-use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
+use crate::manipulation::{FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
     RequestFrame, SCHEMA_KEY, SetPoint, Status, Task,
@@ -47,6 +48,7 @@ impl Node {
                 return Ok(Reply::Faults(self.state.faults.clone()));
             }
             Request::ReadGrasp => return Ok(Reply::Grasp(self.grasp())),
+            Request::ReadArm => return self.tool().map(Reply::Arm).ok_or(Refusal::NotAnArm),
             Request::SetRate { stream, every } => {
                 if let Some(rate) = self.state.rates.get_mut(*stream as usize) {
                     *rate = *every;
@@ -68,7 +70,8 @@ impl Node {
             | Request::ClearFaults { .. }
             | Request::ReleaseCommand
             | Request::Tare
-            | Request::Grasp(_) => {
+            | Request::Grasp(_)
+            | Request::Impedance(_) => {
                 if let Admitted::Repeated(result) = self.state.lease.admit(client, frame.sequence)? {
                     return result.map(|()| Reply::Done);
                 }
@@ -98,6 +101,7 @@ impl Node {
             Request::ClearFaults { total } => self.clear_faults(*total),
             Request::Tare => self.tare(),
             Request::Grasp(command) => self.grasp_command(command),
+            Request::Impedance(settings) => self.behave(settings),
             Request::ReleaseCommand => {
                 if let Mode::Armed(_) = self.state.mode {
                     return Err(Refusal::WrongMode(self.state.mode));
@@ -117,6 +121,7 @@ impl Node {
             *state = state.configured(config, same_encoders >> index & 1 != 0);
         }
         self.state.tips = [TipState::new(); MAX_CHAINS];
+        self.state.arm = ArmState::NONE;
         self.state.alarm = None;
         self.state.sensed = false;
         Ok(())
@@ -209,9 +214,7 @@ impl Node {
                 if robot.hand().is_none() {
                     return Err(Refusal::NotAHand);
                 }
-                if let Some((chain, _)) =
-                    (0..).zip(self.state.tips.iter().take(FINGERS)).find(|(_, tip)| !tip.tared)
-                {
+                if let Some(chain) = robot.untared(&self.state.tips) {
                     return Err(Refusal::NotTared { chain });
                 }
                 let mut angles = [[0.0; 3]; FINGERS];
@@ -219,6 +222,16 @@ impl Node {
                 joints.for_each(|(angle, joint)| *angle = joint.position);
                 self.state.hand = HandState::at(angles);
                 self.state.servo_mode = ServoMode::Observer;
+            }
+            Task::Impedance => {
+                let arm = robot.arm().ok_or(Refusal::NotAnArm)?;
+                if let Some(chain) = robot.untared(&self.state.tips) {
+                    return Err(Refusal::NotTared { chain });
+                }
+                let mut angles = [0.0; MAX_CHAIN_JOINTS];
+                let joints = angles.iter_mut().zip(&self.state.joints).take(arm.chain.len());
+                joints.for_each(|(angle, joint)| *angle = joint.position);
+                self.state.arm.begin(&arm, &angles).map_err(Refusal::Arm)?;
             }
         }
         self.state.drive = Drive::Servo;
@@ -233,7 +246,11 @@ impl Node {
 
     fn set_point(&mut self, set_point: &SetPoint) -> Result<(), Refusal> {
         match (self.state.mode, set_point) {
-            (Mode::Armed(_), SetPoint::Keep) | (Mode::Armed(Task::JointServo(_)), _) => {}
+            (Mode::Armed(_), SetPoint::Keep) | (Mode::Armed(Task::Impedance), SetPoint::Pose { .. }) => {}
+            (mode @ Mode::Armed(Task::JointServo(_)), SetPoint::Pose { .. }) => {
+                return Err(Refusal::WrongMode(mode));
+            }
+            (Mode::Armed(Task::JointServo(_)), _) => {}
             (mode, _) => return Err(Refusal::WrongMode(mode)),
         }
         match set_point {
@@ -250,6 +267,7 @@ impl Node {
             SetPoint::Stream { points } => self.stream(points)?,
             SetPoint::Reach { tips } => self.stream(&self.joint_points(tips)?)?,
             SetPoint::Keep => {}
+            SetPoint::Pose { point, elbow } => self.aim(point, elbow)?,
             SetPoint::Guide { points, torques } => {
                 let robot = robot_with(&self.robot, torques.len())?;
                 for (index, (config, &torque)) in (0..).zip(robot.joints.iter().zip(torques)) {
@@ -277,6 +295,23 @@ impl Node {
         }
         self.state.silence = 0;
         Ok(())
+    }
+
+    /// How the arm is to behave.
+    fn behave(&mut self, settings: &ArmSettings) -> Result<(), Refusal> {
+        let (Mode::Disarmed | Mode::Armed(Task::Impedance)) = self.state.mode else {
+            return Err(Refusal::WrongMode(self.state.mode));
+        };
+        let arm = self.robot.arm().ok_or(Refusal::NotAnArm)?;
+        self.state.arm.configure(&arm, settings).map_err(Refusal::Settings)?;
+        self.state.silence = 0;
+        Ok(())
+    }
+
+    /// Where the arm's tool is to be.
+    fn aim(&mut self, point: &PosePoint, elbow: &ElbowPoint) -> Result<(), Refusal> {
+        let arm = self.robot.arm().ok_or(Refusal::NotAnArm)?;
+        self.state.arm.aim(&arm, point, elbow).map_err(Refusal::Arm)
     }
 
     fn stream(&mut self, points: &[JointPoint]) -> Result<(), Refusal> {

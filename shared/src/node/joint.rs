@@ -4,9 +4,9 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::TICK;
-use crate::control::{JointPoint, JointServo, JointServoState, ServoMode};
+use crate::control::{ErrorObserver, JointPoint, JointServo, JointServoState, ServoMode};
 use crate::math::abs;
-use crate::model::{JointLimits, JointModel};
+use crate::model::{JointLimits, JointModel, ObserverGains};
 use crate::protocol::{FaultCause, Refusal};
 use crate::signal::PseudoDifferentiator;
 
@@ -25,6 +25,8 @@ const STUCK_TICKS: u16 = 10;
 #[derive(Clone, Debug)]
 pub(super) struct JointConfig {
     pub servo: JointServo,
+    /// For the joint of an arm whose dynamics are taken as a whole: it works on accelerations.
+    pub tracking: ErrorObserver,
     limits: JointLimits,
     /// Signed.
     radians_per_count: f32,
@@ -73,6 +75,10 @@ impl JointConfig {
         let turn = TAU / joint.encoder.counts_per_turn;
         Self {
             servo: JointServo::new(joint),
+            tracking: ErrorObserver::new(
+                &ObserverGains { inertia: 1.0, ..joint.servo.observer },
+                &joint.motor,
+            ),
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -turn } else { turn },
             current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
@@ -274,6 +280,18 @@ impl JointState {
         };
         self.torque = config.servo.limit(&mut self.servo, known + self.feedforward - damping * self.velocity);
         self.effort = 0.0;
+    }
+
+    /// The torque of this tick from the torque of the arm's links for the reference. Returns the acceleration that the
+    /// limits leave undone [rad/s²].
+    pub fn accelerate(&mut self, config: &JointConfig, friction: bool, links: f32) -> f32 {
+        let of_friction =
+            if friction { config.servo.friction(&self.servo, self.reference.velocity) } else { 0.0 };
+        let wanted =
+            links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
+        self.torque = config.servo.limit(&mut self.servo, wanted);
+        self.effort = 0.0;
+        config.servo.acceleration(self.torque - wanted)
     }
 
     /// Whether the task may add this torque.

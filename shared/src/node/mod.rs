@@ -41,7 +41,9 @@ pub use state::State;
 
 use heapless::Vec;
 
-use crate::manipulation::{Drive, GraspTelemetry};
+use crate::arm::ArmTelemetry;
+use crate::control::Drive;
+use crate::manipulation::GraspTelemetry;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry, TipTelemetry, Tips};
 use export::Export;
@@ -49,7 +51,7 @@ use joint::JointState;
 use transfer::Transfer;
 
 /// Longest postcard encoding of a [`State`].
-const MAX_STATE: usize = 4096;
+const MAX_STATE: usize = 5120;
 
 /// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
 #[derive(Clone, Debug)]
@@ -178,6 +180,11 @@ impl Node {
     /// The grasp after the last tick.
     pub fn grasp(&self) -> GraspTelemetry {
         self.state.hand.telemetry(self.state.tick)
+    }
+
+    /// The arm and its tool after the last tick, if the robot is one.
+    pub fn tool(&self) -> Option<ArmTelemetry> {
+        Some(self.state.arm.telemetry(&self.robot.arm()?, self.state.tick))
     }
 
     /// One value for each joint of the robot.

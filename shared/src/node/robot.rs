@@ -2,6 +2,8 @@ use heapless::{String, Vec};
 use nalgebra::Vector3;
 
 use super::joint::JointConfig;
+use super::tip::TipState;
+use crate::arm::Arm;
 use crate::kinematics::{Chain, Finger};
 use crate::manipulation::{FINGERS, Hand, HandFinger};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
@@ -95,6 +97,26 @@ impl Robot {
         }
         let fingers = fingers.into_array().ok()?;
         Some(Hand { fingers, gravity: &self.gravity })
+    }
+
+    /// The arm that it is: a single chain of six or seven joints.
+    pub(super) fn arm(&self) -> Option<Arm<'_>> {
+        let [(chain, _)] = self.chains.as_slice() else { return None };
+        if chain.len() < 6 {
+            return None;
+        }
+        let mut observers = Vec::new();
+        for joint in &self.joints {
+            observers.push(&joint.tracking).ok()?;
+        }
+        Some(Arm { chain, gravity: &self.gravity, observers })
+    }
+
+    /// The first chain whose force sensor was not tared.
+    pub(super) fn untared(&self, tips: &[TipState]) -> Option<u8> {
+        let of_chains = (0..).zip(self.model.chains.iter().zip(tips));
+        let mut untared = of_chains.filter(|(_, (chain, tip))| chain.force_sensor.is_some() && !tip.tared);
+        untared.next().map(|(chain, _)| chain)
     }
 
     /// The model.

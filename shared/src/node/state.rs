@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 use super::joint::JointState;
 use super::lease::Lease;
 use super::tip::TipState;
-use crate::control::ServoMode;
-use crate::manipulation::{Drive, HandState};
+use crate::arm::ArmState;
+use crate::control::{Drive, ServoMode};
+use crate::manipulation::HandState;
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, Mode, Stream};
 
@@ -40,6 +41,7 @@ pub struct State {
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) tips: [TipState; MAX_CHAINS],
     pub(super) hand: HandState,
+    pub(super) arm: ArmState,
     pub(super) faults: FaultLog,
     /// The total of the faults when they were read last.
     pub(super) faults_read: u32,
@@ -68,6 +70,7 @@ impl State {
             joints: [JointState::new(); MAX_JOINTS],
             tips: [TipState::new(); MAX_CHAINS],
             hand: HandState::NONE,
+            arm: ArmState::NONE,
             faults: FaultLog::new(),
             faults_read: 0,
             rates: [0; Stream::ALL.len()],

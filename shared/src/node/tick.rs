@@ -1,6 +1,8 @@
 use super::{Node, Robot, State};
 use crate::TICK;
-use crate::manipulation::{Drive, FINGERS, FingerSense, Loss};
+use crate::arm::{ArmError, ArmSense};
+use crate::control::{Drive, JointPoint};
+use crate::manipulation::{FINGERS, FingerSense, Loss};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Fault, FaultCause, Mode, SensorFrame, Task};
@@ -21,6 +23,11 @@ impl Node {
         }
         if let Mode::Armed(Task::Grasp) = self.state.mode
             && let Some(fault) = self.manipulate()
+        {
+            self.fail(fault);
+        }
+        if let Mode::Armed(Task::Impedance) = self.state.mode
+            && let Some(fault) = self.comply()
         {
             self.fail(fault);
         }
@@ -170,6 +177,41 @@ impl Node {
         }
     }
 
+    /// What the joints are to do for the tool of an arm; the fault, if that is too far from where it should be.
+    #[inline(never)]
+    fn comply(&mut self) -> Option<Fault> {
+        let arm = self.robot.arm()?;
+        let State { joints, tips, arm: state, drive, tick, .. } = &mut self.state;
+        let mut sense = ArmSense::default();
+        let values = sense.angles.iter_mut().zip(&mut sense.velocities).zip(joints.iter());
+        for ((angle, velocity), joint) in values.take(arm.chain.len()) {
+            (*angle, *velocity) = (joint.position, joint.velocity);
+        }
+        if let Some(tip) = tips.first() {
+            let wrench = tip.force.iter().chain(&tip.torque);
+            sense.wrench.iter_mut().zip(wrench).for_each(|(value, sensed)| *value = *sensed);
+        }
+        match state.tick(&arm, &sense) {
+            Ok(command) => {
+                let of_joints = command.points.iter().zip(&command.feedback).zip(&command.torques);
+                for (joint, ((point, feedback), torque)) in joints.iter_mut().zip(of_joints) {
+                    joint.reference = JointPoint { acceleration: point.acceleration + feedback, ..*point };
+                    joint.feedforward = *torque;
+                }
+                *drive = Drive::Acceleration { friction: command.friction };
+                None
+            }
+            Err(error) => {
+                let (cause, value, limit) = match error {
+                    ArmError::Distance { value, limit } => (FaultCause::ToolAway, value, limit),
+                    ArmError::Turn { value, limit } => (FaultCause::ToolTurned, value, limit),
+                    _ => (FaultCause::NotFinite, f32::NAN, 0.0),
+                };
+                Some(Fault { cause, joint: None, value, limit, tick: *tick })
+            }
+        }
+    }
+
     /// Computes the torques.
     fn act(&mut self) {
         let reaction = match self.state.mode {
@@ -187,8 +229,10 @@ impl Node {
             }
             (Reaction::Hold, Some(robot)) => {
                 let joints = || robot.joints.iter();
-                for (config, state) in joints().zip(&mut self.state.joints) {
-                    state.advance(config, self.state.streaming);
+                if !matches!(self.state.drive, Drive::Acceleration { .. }) {
+                    for (config, state) in joints().zip(&mut self.state.joints) {
+                        state.advance(config, self.state.streaming);
+                    }
                 }
                 let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
                 let mut first = 0;
@@ -204,13 +248,25 @@ impl Node {
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
                     let states = self.state.joints.iter_mut().skip(first);
                     let all = joints().skip(first).zip(states).zip(torques).take(chain.len());
-                    if let Drive::Torque { damping, compensated } = self.state.drive {
-                        for ((config, state), torque) in all {
-                            state.push(config, damping, compensated, torque);
+                    match self.state.drive {
+                        Drive::Servo => {
+                            for ((config, state), torque) in all {
+                                state.control(config, self.state.servo_mode, torque);
+                            }
                         }
-                    } else {
-                        for ((config, state), torque) in all {
-                            state.control(config, self.state.servo_mode, torque);
+                        Drive::Torque { damping, compensated } => {
+                            for ((config, state), torque) in all {
+                                state.push(config, damping, compensated, torque);
+                            }
+                        }
+                        Drive::Acceleration { friction } => {
+                            let mut undone = [0.0; MAX_CHAIN_JOINTS];
+                            for (undone, ((config, state), torque)) in undone.iter_mut().zip(all) {
+                                *undone = state.accelerate(config, friction, torque);
+                            }
+                            if let Some(arm) = robot.arm() {
+                                self.state.arm.settle(&arm, &undone);
+                            }
                         }
                     }
                     first += chain.len();
@@ -243,6 +299,11 @@ impl Node {
 #[inline(never)]
 fn feel(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Option<(u8, (FaultCause, f32, f32))> {
     let mut found = None;
+    // What the sensor of an arm carries is also accelerated.
+    let gravity = match state.mode {
+        Mode::Armed(Task::Impedance) => robot.gravity - state.arm.acceleration(),
+        _ => robot.gravity,
+    };
     let (mut first, mut forces) = (0, sensors.forces.iter());
     let chains = robot.chains.iter().zip(&robot.model().chains).zip(&mut state.tips);
     for (((chain, _), model), tip) in chains {
@@ -253,7 +314,7 @@ fn feel(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Option<(u8, 
         let mut angles = [0.0; MAX_CHAIN_JOINTS];
         let joints = state.joints.iter().skip(start).take(chain.len());
         angles.iter_mut().zip(joints).for_each(|(angle, joint)| *angle = joint.position);
-        let wrong = tip.read(sensor, counts, &chain.posture(&angles), &robot.gravity);
+        let wrong = tip.read(sensor, counts, &chain.posture(&angles), &gravity);
         if found.is_none() {
             #[expect(clippy::cast_possible_truncation, reason = "at most 16 joints")]
             let last = first as u8 - 1;

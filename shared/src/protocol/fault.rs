@@ -63,6 +63,10 @@ pub enum FaultCause {
     /// 22: the object slid between the fingers, or something moved it. Value: how far, infinite when the fingertips are in
     /// line; limit: the most that is followed [m].
     ObjectMoved,
+    /// 23: the tool of an arm is too far from its set-point. Value and limit in m.
+    ToolAway,
+    /// 24: the tool of an arm is turned too far from its set-point. Value and limit in rad.
+    ToolTurned,
 }
 
 impl FaultCause {
@@ -96,13 +100,13 @@ impl FaultCause {
     pub const fn unit(self) -> &'static str {
         match self {
             Self::CommandTimeout => "s",
-            Self::PositionLimit | Self::FollowingError | Self::EncoderJump => "rad",
+            Self::PositionLimit | Self::FollowingError | Self::EncoderJump | Self::ToolTurned => "rad",
             Self::VelocityLimit => "rad/s",
             Self::EncoderStuck | Self::NotFinite => "N·m",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
             Self::ForceLimit | Self::ObjectLost => "N",
-            Self::ObjectMoved => "m",
+            Self::ObjectMoved | Self::ToolAway => "m",
             Self::ForceSaturated => "counts",
             Self::ForceStuck => "ticks",
             _ => "",
@@ -135,6 +139,8 @@ impl FaultCause {
             Self::ForceLimit => "more force on its tip than allowed",
             Self::ObjectLost => "its finger no longer touches the object in the hand",
             Self::ObjectMoved => "the object in the hand was moved, or slid between the fingers",
+            Self::ToolAway => "the tool is too far from its set-point",
+            Self::ToolTurned => "the tool is turned too far from its set-point",
         }
     }
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::codec::FrameCounts;
 use super::fault::{Fault, FaultLog};
 use super::frame::LogRecord;
+use crate::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, PosePoint};
 use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::TipPoint;
 use crate::manipulation::{GraspCommand, GraspTelemetry, Unable};
@@ -108,6 +109,10 @@ pub enum Request {
     Grasp(GraspCommand),
     /// 19: answered by [`Reply::Grasp`].
     ReadGrasp,
+    /// 20: how an arm is to behave under [`Task::Impedance`]; also while it does.
+    Impedance(ArmSettings),
+    /// 21: answered by [`Reply::Arm`].
+    ReadArm,
 }
 
 /// What a board sends unasked.
@@ -125,11 +130,13 @@ pub enum Stream {
     Tips,
     /// 4: [`FromBoard::Grasp`].
     Grasp,
+    /// 5: [`FromBoard::Arm`].
+    Arm,
 }
 
 impl Stream {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips, Self::Grasp];
+    pub const ALL: [Self; 6] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips, Self::Grasp, Self::Arm];
 }
 
 /// What can be exported.
@@ -150,6 +157,8 @@ pub enum Task {
     JointServo(ServoMode),
     /// 1: three fingers grasp and move an object ([`crate::manipulation`]), told by [`Request::Grasp`].
     Grasp,
+    /// 2: an arm yields at its tool ([`crate::arm`]) as [`Request::Impedance`] said.
+    Impedance,
 }
 
 /// Where the joints are to go.
@@ -179,6 +188,13 @@ pub enum SetPoint {
         /// Torques that the servo does not make up for as long as nothing moves [N·m].
         torques: Vec<f32, MAX_JOINTS>,
     },
+    /// 5: where the tool of an arm under [`Task::Impedance`] should be, and its elbow. At rest there until another comes.
+    Pose {
+        /// The tool.
+        point: PosePoint,
+        /// The elbow.
+        elbow: ElbowPoint,
+    },
 }
 
 /// Everything that a board sends to the supervisor.
@@ -196,6 +212,8 @@ pub enum FromBoard {
     Tips(Tips),
     /// 5: the object in the hand, likewise.
     Grasp(GraspTelemetry),
+    /// 6: the arm, likewise.
+    Arm(ArmTelemetry),
 }
 
 /// An entry of the log of what goes into the node and comes out of it.
@@ -256,6 +274,8 @@ pub enum Reply {
     },
     /// 7: answers [`Request::ReadGrasp`].
     Grasp(GraspTelemetry),
+    /// 8: answers [`Request::ReadArm`].
+    Arm(ArmTelemetry),
 }
 
 /// Who a board is. Its layout never changes.
@@ -269,7 +289,7 @@ pub struct Identity {
     /// The microcontroller's unique number; 0 when it has none.
     pub board: [u8; 12],
     /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. Bit 2: joint
-    /// servo. Bit 3: [`Task::Grasp`]. The others are 0.
+    /// servo. Bit 3: [`Task::Grasp`]. Bit 4: [`Task::Impedance`]. The others are 0.
     pub capabilities: u32,
 }
 
@@ -282,6 +302,10 @@ impl Identity {
     pub const JOINT_SERVO: u32 = 4;
     /// See [`Identity::capabilities`].
     pub const GRASP: u32 = 8;
+    /// See [`Identity::capabilities`].
+    pub const IMPEDANCE: u32 = 16;
+    /// The tasks that every node can do.
+    pub const TASKS: u32 = Self::JOINT_SERVO | Self::GRASP | Self::IMPEDANCE;
 }
 
 /// Why a request was refused, with what it takes to mend it.
@@ -454,6 +478,12 @@ pub enum Refusal {
         /// The limit.
         limit: f32,
     },
+    /// 31: the robot is not a single chain of six or seven joints.
+    NotAnArm,
+    /// 32: an arm cannot behave like that.
+    Settings(BadSettings),
+    /// 33: the arm cannot do this.
+    Arm(ArmError),
 }
 
 impl Refusal {
@@ -589,6 +619,9 @@ impl fmt::Display for Refusal {
             Self::TooMuchTorque { joint, value, limit } => {
                 write!(f, "joint {joint}: {value} N·m is beyond its limit of {limit} N·m")
             }
+            Self::NotAnArm => write!(f, "the robot is not an arm: a single chain of six or seven joints"),
+            Self::Settings(bad) => bad.fmt(f),
+            Self::Arm(error) => error.fmt(f),
         }
     }
 }
@@ -614,6 +647,7 @@ impl fmt::Display for Mode {
             Self::Armed(Task::JointServo(ServoMode::Pid)) => write!(f, "armed (joint servo, PID)"),
             Self::Armed(Task::JointServo(ServoMode::Observer)) => write!(f, "armed (joint servo, observer)"),
             Self::Armed(Task::Grasp) => write!(f, "armed (grasp)"),
+            Self::Armed(Task::Impedance) => write!(f, "armed (impedance)"),
             Self::Fault => write!(f, "in fault"),
         }
     }
@@ -677,7 +711,7 @@ impl Default for BoardStatus {
         Self {
             identity: Identity {
                 firmware: crate::VERSION,
-                capabilities: Identity::PLANT_LINK | Identity::JOINT_SERVO | Identity::GRASP,
+                capabilities: Identity::PLANT_LINK | Identity::TASKS,
                 ..Identity::default()
             },
             clock: ClockSource::Crystal,

@@ -1,0 +1,491 @@
+use core::f32::consts::{PI, TAU};
+use core::fmt;
+
+use heapless::Vec;
+use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::ArmAngle;
+use super::resolve::{Joints, Resolver};
+use super::settings::{ArmSettings, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use crate::TICK;
+use crate::control::{ErrorObserver, Impedance, JointPoint, ObserverState};
+use crate::kinematics::{Chain, Jacobian, Posture};
+use crate::math::{self, abs};
+use crate::model::MAX_CHAIN_JOINTS;
+
+/// Share of the way to a new impedance that is gone in a tick: no torque jumps.
+const BLEND: f32 = 0.05;
+/// A contact ends below this share of the contact force.
+const CONTACT_ENDS: f32 = 2.0 / 3.0;
+/// At rest, an error smaller than this is left to the joints' own friction [rad].
+const REST_ERROR: f32 = 1e-4;
+/// At less than this speed the ideal arm is at rest [rad/s].
+const REST_SPEED: f32 = 2e-3;
+/// The norm of a unit quaternion is this near to 1.
+const UNIT: f32 = 1e-3;
+/// Against nothing where the arm angle cannot be moved, as a square.
+const STIFF_ANGLE: f32 = 1e-4;
+/// Iterations that find the weakest direction at the start.
+const START_ITERATIONS: usize = 16;
+
+/// What the control knows of the arm.
+#[derive(Clone, Debug)]
+pub struct Arm<'a> {
+    /// Its joints.
+    pub chain: &'a Chain,
+    /// Acceleration of gravity in the base frame [m/s²].
+    pub gravity: &'a Vector3<f32>,
+    /// For each joint, with an inertia of 1: they work on accelerations.
+    pub observers: Vec<&'a ErrorObserver, MAX_CHAIN_JOINTS>,
+}
+
+/// What the arm senses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ArmSense {
+    /// Joint angles [rad].
+    pub angles: [f32; MAX_CHAIN_JOINTS],
+    /// Joint velocities [rad/s].
+    pub velocities: [f32; MAX_CHAIN_JOINTS],
+    /// Force and torque of the world on the tool at the tip's origin, in base axes [N, N·m].
+    pub wrench: [f32; 6],
+}
+
+/// What the joints are to do until the next tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ArmCommand {
+    /// Where each joint should be now.
+    pub points: [JointPoint; MAX_CHAIN_JOINTS],
+    /// Acceleration beyond that of the point, to bring the joint there [rad/s²].
+    pub feedback: [f32; MAX_CHAIN_JOINTS],
+    /// Torques against what pushes the tool [N·m].
+    pub torques: [f32; MAX_CHAIN_JOINTS],
+    /// Whether friction is to be compensated.
+    pub friction: bool,
+}
+
+/// Why the arm stops, or does not take a set-point.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ArmError {
+    /// 0: the tool's place is too far from its set-point [m].
+    Distance {
+        /// How far.
+        value: f32,
+        /// The most.
+        limit: f32,
+    },
+    /// 1: the tool is turned too far from its set-point [rad].
+    Turn {
+        /// How far.
+        value: f32,
+        /// The most.
+        limit: f32,
+    },
+    /// 2: a number is not finite.
+    NotFinite,
+    /// 3: the orientation is no unit quaternion.
+    NotAUnit {
+        /// Its norm.
+        norm: f32,
+    },
+    /// 4: the arm was not told how to behave.
+    NoSettings,
+}
+
+impl fmt::Display for ArmError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Distance { value, limit } => {
+                write!(f, "the set-point is {value} m from the tool; at most {limit} m is allowed")
+            }
+            Self::Turn { value, limit } => {
+                write!(
+                    f,
+                    "the set-point is turned by {value} rad from the tool; at most {limit} rad is allowed"
+                )
+            }
+            Self::NotFinite => f.write_str("a number of the set-point is not finite"),
+            Self::NotAUnit { norm } => {
+                write!(f, "the orientation of the set-point is a quaternion of norm {norm}; it must be 1")
+            }
+            Self::NoSettings => f.write_str("the arm has no impedance yet: send its settings first"),
+        }
+    }
+}
+
+/// What a supervisor sees of an arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct ArmTelemetry {
+    /// The tick.
+    pub tick: u32,
+    /// Position of the tool [m].
+    pub position: [f32; 3],
+    /// Its orientation as a unit quaternion, `[x, y, z, w]`.
+    pub rotation: [f32; 4],
+    /// The tool's place less its set-point: translation and rotation vector [m, rad].
+    pub error: [f32; 6],
+    /// Force and torque of the world on the tool, in base axes [N, N·m].
+    pub wrench: [f32; 6],
+    /// Whether that counts as a contact.
+    pub contact: bool,
+    /// Smallest singular value of the Jacobian that takes the tool: less than 0.06 is nearly singular.
+    pub weakest: f32,
+    /// Angle of the elbow: of the driven joint or of the arm [rad].
+    pub elbow: f32,
+}
+
+/// State of an arm's impedance control.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
+pub struct ArmState {
+    settings: Option<ArmSettings>,
+    /// As it is now, on the way to that of the settings.
+    impedance: Impedance,
+    set_point: PosePoint,
+    elbow: ElbowPoint,
+    /// The ideal arm: angles and velocities at the next tick.
+    angles: [f32; MAX_CHAIN_JOINTS],
+    velocities: [f32; MAX_CHAIN_JOINTS],
+    observers: [ObserverState; MAX_CHAIN_JOINTS],
+    contact: bool,
+    /// The wrench of the last tick, as it was sensed.
+    wrench: [f32; 6],
+    /// Acceleration of the tool's point that was last asked for [m/s²].
+    acceleration: [f32; 3],
+    /// Weakest direction of the tool and its singular value.
+    direction: [f32; 6],
+    weakest: f32,
+    /// For telemetry.
+    error: [f32; 6],
+    elbow_angle: f32,
+}
+
+impl ArmState {
+    /// Without settings.
+    pub const NONE: Self = Self {
+        settings: None,
+        impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
+        set_point: NOWHERE,
+        elbow: ElbowPoint { angle: 0.0, velocity: 0.0, acceleration: 0.0 },
+        angles: [0.0; MAX_CHAIN_JOINTS],
+        velocities: [0.0; MAX_CHAIN_JOINTS],
+        observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
+        contact: false,
+        wrench: [0.0; 6],
+        acceleration: [0.0; 3],
+        direction: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        weakest: 0.0,
+        error: [0.0; 6],
+        elbow_angle: 0.0,
+    };
+
+    /// Whether it was told how to behave.
+    pub const fn is_configured(&self) -> bool {
+        self.settings.is_some()
+    }
+
+    /// How the arm is to behave from now on; a new impedance is approached within a second.
+    ///
+    /// # Errors
+    /// The first thing that is wrong; nothing has changed then.
+    pub fn configure(&mut self, arm: &Arm<'_>, settings: &ArmSettings) -> Result<(), BadSettings> {
+        settings.validate(arm.chain.len())?;
+        let before = self.settings.replace(*settings);
+        if before.is_none() {
+            self.impedance = settings.impedance;
+        }
+        if before.is_none_or(|before| before.redundancy != settings.redundancy) {
+            // The elbow stays where it is.
+            let posture = arm.chain.posture(&self.angles);
+            self.elbow = ElbowPoint { angle: self.elbow_angle(arm, &posture), ..ElbowPoint::default() };
+            self.find_weakest(&posture);
+        }
+        Ok(())
+    }
+
+    /// At rest at these angles, which are the aim, too.
+    ///
+    /// # Errors
+    /// Without settings.
+    pub fn begin(&mut self, arm: &Arm<'_>, angles: &[f32; MAX_CHAIN_JOINTS]) -> Result<(), ArmError> {
+        let settings = self.settings.ok_or(ArmError::NoSettings)?;
+        *self =
+            Self { settings: Some(settings), impedance: settings.impedance, angles: *angles, ..Self::NONE };
+        let posture = arm.chain.posture(angles);
+        let tip = posture.tip();
+        let rotation = UnitQuaternion::from_rotation_matrix(&tip.rotation);
+        let position = tip.translation.vector.into();
+        self.set_point = PosePoint { position, rotation: rotation.coords.into(), ..NOWHERE };
+        self.elbow_angle = self.elbow_angle(arm, &posture);
+        self.elbow.angle = self.elbow_angle;
+        self.find_weakest(&posture);
+        Ok(())
+    }
+
+    /// Where the tool should be, and the elbow.
+    ///
+    /// # Errors
+    /// What is wrong with it; the aim stays what it was.
+    pub fn aim(&mut self, arm: &Arm<'_>, point: &PosePoint, elbow: &ElbowPoint) -> Result<(), ArmError> {
+        let settings = self.settings.ok_or(ArmError::NoSettings)?;
+        let numbers =
+            point.position.iter().chain(&point.rotation).chain(&point.velocity).chain(&point.acceleration);
+        let of_elbow = [elbow.angle, elbow.velocity, elbow.acceleration];
+        if !numbers.chain(&of_elbow).all(|number| number.is_finite()) {
+            return Err(ArmError::NotFinite);
+        }
+        let norm = math::sqrt(point.rotation.iter().map(|part| part * part).sum());
+        if norm.is_nan() || abs(norm - 1.0) > UNIT {
+            return Err(ArmError::NotAUnit { norm });
+        }
+        displacement(arm.chain.posture(&self.angles).tip(), point, &settings)?;
+        (self.set_point, self.elbow) = (*point, *elbow);
+        Ok(())
+    }
+
+    /// Acceleration of the tool's point that was asked for in the last tick [m/s²]: what the tool's own mass feels.
+    pub fn acceleration(&self) -> Vector3<f32> {
+        self.acceleration.into()
+    }
+
+    /// What a supervisor sees.
+    pub fn telemetry(&self, arm: &Arm<'_>, tick: u32) -> ArmTelemetry {
+        let posture = arm.chain.posture(&self.angles);
+        let tip = posture.tip();
+        ArmTelemetry {
+            tick,
+            position: tip.translation.vector.into(),
+            rotation: UnitQuaternion::from_rotation_matrix(&tip.rotation).coords.into(),
+            error: self.error,
+            wrench: self.wrench,
+            contact: self.contact,
+            weakest: self.weakest,
+            elbow: self.elbow_angle,
+        }
+    }
+
+    /// One control period.
+    ///
+    /// # Errors
+    /// Why the arm has to stop.
+    pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmCommand, ArmError> {
+        let settings = self.settings.ok_or(ArmError::NoSettings)?;
+        self.impedance.approach(&settings.impedance, BLEND);
+        let wrench = Vector6::from(sense.wrench);
+        let before = core::mem::replace(&mut self.wrench, sense.wrench);
+        if !wrench.iter().all(|value| value.is_finite()) {
+            return Err(ArmError::NotFinite);
+        }
+        let ended = self.feel_contact(&settings, &wrench);
+        self.observe(arm, &settings, sense);
+
+        let posture = arm.chain.posture(&self.angles);
+        let jacobian = posture.jacobian();
+        let driven = driven(settings.redundancy);
+        let mut direction = self.direction.into();
+        let resolver = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
+        self.direction = direction.into();
+
+        let tip = posture.tip();
+        let mut error = displacement(tip, &self.set_point, &settings)?;
+        let matched = self.impedance.matched();
+        if ended {
+            // The wrench counted for the last period, but it had gone: the ideal arm felt none.
+            let change = resolver.solve(&matched.of_force(&-Vector6::from(before)));
+            error += jacobian * change * (0.5 * TICK * TICK);
+            add(&mut self.angles, &change, 0.5 * TICK * TICK);
+            add(&mut self.velocities, &change, TICK);
+        }
+        self.error = error.into();
+        let velocities = Joints::from(self.velocities);
+        let velocity = jacobian * velocities - Vector6::from(self.set_point.velocity);
+        let pushed = self.contact || settings.law == Law::Printed;
+        let force = if pushed { wrench } else { Vector6::zeros() };
+        let wanted = Vector6::from(self.set_point.acceleration)
+            + match settings.law {
+                Law::Printed => self.impedance.acceleration(&error, &velocity, &force),
+                Law::Following => matched.acceleration(&error, &velocity, &force),
+            };
+        self.acceleration = wanted.fixed_rows::<3>(0).into_owned().into();
+        let bias = posture.bias_acceleration(velocities.as_slice());
+        let accelerations = self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(wanted - bias));
+
+        let against = jacobian.tr_mul(&-force);
+        let mut command = ArmCommand { friction: settings.law == Law::Following, ..ArmCommand::default() };
+        command.torques = against.into();
+        let states = self.angles.iter().zip(&self.velocities).zip(accelerations.iter());
+        for (point, ((&position, &velocity), &acceleration)) in command.points.iter_mut().zip(states) {
+            *point = JointPoint { position, velocity, acceleration };
+        }
+        if settings.law == Law::Following {
+            let observers = arm.observers.iter().zip(&self.observers);
+            for (feedback, (observer, state)) in command.feedback.iter_mut().zip(observers) {
+                *feedback = observer.feedback(state);
+            }
+        }
+        self.advance(&accelerations);
+        Ok(command)
+    }
+
+    /// Closes the tick: what the limits added to the acceleration of each joint [rad/s²].
+    pub fn settle(&mut self, arm: &Arm<'_>, added: &[f32; MAX_CHAIN_JOINTS]) {
+        for ((observer, state), &added) in arm.observers.iter().zip(&mut self.observers).zip(added) {
+            let wanted = observer.feedback(state);
+            observer.settle(state, wanted + added);
+        }
+    }
+
+    /// Whether something pushes the tool; returns whether that has just ended.
+    fn feel_contact(&mut self, settings: &ArmSettings, wrench: &Vector6<f32>) -> bool {
+        let share = if self.contact { CONTACT_ENDS } else { 1.0 };
+        let limit = share * settings.contact_force;
+        let contact = wrench.fixed_rows::<3>(0).norm_squared() > limit * limit;
+        core::mem::replace(&mut self.contact, contact) && !contact
+    }
+
+    /// Compares the ideal arm with the real one. Where the measured state counts, the ideal arm is brought there.
+    fn observe(&mut self, arm: &Arm<'_>, settings: &ArmSettings, sense: &ArmSense) {
+        if settings.law == Law::Printed {
+            (self.angles, self.velocities) = (sense.angles, sense.velocities);
+            return;
+        }
+        let ideal = self.angles.iter_mut().zip(&mut self.velocities);
+        let observers = arm.observers.iter().zip(&mut self.observers);
+        for (((angle, velocity), (observer, state)), measured) in ideal.zip(observers).zip(&sense.angles) {
+            let error = *angle - measured;
+            let resting = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
+            observer.correct(state, error, resting || self.contact);
+            if self.contact {
+                let [error, rate] = state.error();
+                *angle -= error;
+                *velocity -= rate;
+                state.forget_motion();
+            }
+        }
+    }
+
+    /// Joint accelerations for the tool's, and for the elbow.
+    fn resolve(
+        &mut self,
+        arm: &Arm<'_>,
+        settings: &ArmSettings,
+        posture: &Posture,
+        resolver: &Resolver,
+        jacobian: &Jacobian,
+        tool: &Vector6<f32>,
+    ) -> Joints {
+        let bandwidth = settings.elbow_bandwidth;
+        let velocities = Joints::from(self.velocities);
+        let elbow = self.elbow;
+        let toward = |angle: f32, velocity: f32| {
+            elbow.acceleration
+                + 2.0 * bandwidth * (elbow.velocity - velocity)
+                + bandwidth * bandwidth * shorter(elbow.angle - angle)
+        };
+        if let Some(joint) = driven(settings.redundancy) {
+            let of_joint = self.angles.get(joint).zip(self.velocities.get(joint));
+            let (&angle, &velocity) = of_joint.unwrap_or((&0.0, &0.0));
+            self.elbow_angle = angle;
+            let own = toward(angle, velocity);
+            let mut all = jacobian.column_iter();
+            let Some(column) = all.nth(joint) else { return resolver.solve(tool) };
+            let mut accelerations = resolver.solve(&(tool - column * own));
+            accelerations.iter_mut().skip(joint).take(1).for_each(|value| *value = own);
+            return accelerations;
+        }
+        let mut accelerations = resolver.solve(tool);
+        let angle = match settings.redundancy {
+            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
+            _ => None,
+        };
+        if let Some(ArmAngle { angle, jacobian: row }) = angle {
+            self.elbow_angle = angle;
+            let missing = toward(angle, row.dot(&velocities)) - row.dot(&accelerations);
+            let motion = resolver.null(&row);
+            let size = row.dot(&motion);
+            accelerations += motion * (missing * size / (size * size + STIFF_ANGLE));
+        } else if arm.chain.len() == MAX_CHAIN_JOINTS {
+            // Nothing tells the elbow where to be: what moves it calms down.
+            accelerations -= resolver.null(&velocities) * (2.0 * bandwidth);
+        }
+        accelerations
+    }
+
+    /// The ideal arm a period later. A set-point that no other follows is one to stand at.
+    fn advance(&mut self, accelerations: &Joints) {
+        let velocities = Joints::from(self.velocities);
+        add(&mut self.angles, &velocities, TICK);
+        add(&mut self.angles, accelerations, 0.5 * TICK * TICK);
+        add(&mut self.velocities, accelerations, TICK);
+        (self.set_point.velocity, self.set_point.acceleration) = ([0.0; 6], [0.0; 6]);
+        (self.elbow.velocity, self.elbow.acceleration) = (0.0, 0.0);
+    }
+
+    fn elbow_angle(&self, arm: &Arm<'_>, posture: &Posture) -> f32 {
+        match self.settings.map(|settings| settings.redundancy) {
+            Some(Redundancy::Driven { joint }) => self.angles.get(usize::from(joint)).copied().unwrap_or(0.0),
+            Some(Redundancy::ArmAngle) => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
+            _ => 0.0,
+        }
+    }
+
+    fn find_weakest(&mut self, posture: &Posture) {
+        let jacobian = posture.jacobian();
+        let driven = self.settings.and_then(|settings| driven(settings.redundancy));
+        let mut direction = Vector6::repeat(math::sqrt(1.0 / 6.0));
+        for _ in 0..START_ITERATIONS {
+            let _ = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
+        }
+        self.direction = direction.into();
+    }
+}
+
+const NOWHERE: PosePoint = PosePoint {
+    position: [0.0; 3],
+    rotation: [0.0, 0.0, 0.0, 1.0],
+    velocity: [0.0; 6],
+    acceleration: [0.0; 6],
+};
+
+fn driven(redundancy: Redundancy) -> Option<usize> {
+    match redundancy {
+        Redundancy::Driven { joint } => Some(joint.into()),
+        _ => None,
+    }
+}
+
+fn add(values: &mut [f32; MAX_CHAIN_JOINTS], change: &Joints, factor: f32) {
+    values.iter_mut().zip(change.iter()).for_each(|(value, change)| *value += factor * change);
+}
+
+/// The same angle within half a turn [rad].
+fn shorter(angle: f32) -> f32 {
+    if abs(angle) <= PI { angle } else { angle - TAU * math::round(angle / TAU) }
+}
+
+fn matrix(&[x, y, z, w]: &[f32; 4]) -> Matrix3<f32> {
+    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner()
+}
+
+/// The tool's place less the set-point: translation and the shorter rotation.
+///
+/// # Errors
+/// It is beyond the reach.
+fn displacement(
+    tool: &IsometryMatrix3<f32>,
+    point: &PosePoint,
+    settings: &ArmSettings,
+) -> Result<Vector6<f32>, ArmError> {
+    let [far, twisted] = settings.reach;
+    let way = tool.translation.vector - Vector3::from(point.position);
+    let turn = math::rotation_vector(&(tool.rotation.matrix() * matrix(&point.rotation).transpose()));
+    let (distance, angle) = (math::sqrt(way.norm_squared()), math::sqrt(turn.norm_squared()));
+    if distance.is_nan() || distance > far {
+        return Err(ArmError::Distance { value: distance, limit: far });
+    }
+    if angle.is_nan() || angle > twisted {
+        return Err(ArmError::Turn { value: angle, limit: twisted });
+    }
+    Ok(Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z))
+}

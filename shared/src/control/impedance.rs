@@ -1,0 +1,267 @@
+use core::fmt;
+
+use nalgebra::Vector6;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::{TICK, math};
+
+/// Largest `K/M` [1/s²]: a natural frequency of 50 rad/s, half a radian in a control period.
+const MOST_STIFFNESS: f32 = 2500.0;
+/// Largest `B/M` [1/s]: one control period takes `1/e` of a velocity.
+const MOST_DAMPING: f32 = 100.0;
+/// Below this `|z|` the functions of `√z` come from their series.
+const SMALL: f32 = 0.05;
+
+/// How a tool is to yield: `M ë + B ė + K e = F` on each axis, `e` its displacement from where it should be and `F` what
+/// pushes it (Arm7, equation 2). Axes: x, y, z of the base; translations first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Impedance {
+    /// `M` [kg, kg·m²]; positive.
+    pub mass: [f32; 6],
+    /// `B` [N·s/m, N·m·s/rad]; not negative.
+    pub damping: [f32; 6],
+    /// `K` [N/m, N·m/rad]; not negative.
+    pub stiffness: [f32; 6],
+}
+
+/// What is wrong with an [`Impedance`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BadImpedance {
+    /// Which of its numbers.
+    pub term: ImpedanceTerm,
+    /// The axis: 0 to 2 along x, y, z; 3 to 5 about them.
+    pub axis: u8,
+    /// As given.
+    pub value: f32,
+    /// Largest possible; infinite when it must only be more.
+    pub limit: f32,
+}
+
+/// A number of an [`Impedance`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ImpedanceTerm {
+    /// 0: `M`.
+    Mass,
+    /// 1: `B`.
+    Damping,
+    /// 2: `K`.
+    Stiffness,
+}
+
+impl fmt::Display for BadImpedance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { term, axis, value, limit } = *self;
+        let (name, units) = match term {
+            ImpedanceTerm::Mass => ("mass", ["kg", "kg·m²"]),
+            ImpedanceTerm::Damping => ("damping", ["N·s/m", "N·m·s/rad"]),
+            ImpedanceTerm::Stiffness => ("stiffness", ["N/m", "N·m/rad"]),
+        };
+        let [unit, turn] = units;
+        let (unit, relation) = if axis < 3 { (unit, "along") } else { (turn, "about") };
+        let axis = match axis % 3 {
+            0 => "x",
+            1 => "y",
+            _ => "z",
+        };
+        write!(f, "the {name} {relation} {axis} is {value} {unit}; ")?;
+        match term {
+            ImpedanceTerm::Mass => f.write_str("it must be positive and finite"),
+            _ if limit.is_finite() => write!(f, "possible with this mass is 0 to {limit} {unit}"),
+            _ => f.write_str("it must not be negative"),
+        }
+    }
+}
+
+impl Impedance {
+    /// Whether a control period is short enough for it.
+    ///
+    /// # Errors
+    /// The first number that is wrong.
+    pub fn validate(&self) -> Result<(), BadImpedance> {
+        let axes = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
+        for (axis, ((&mass, &damping), &stiffness)) in (0..).zip(axes) {
+            if !(mass.is_finite() && mass > 0.0) {
+                return Err(BadImpedance {
+                    term: ImpedanceTerm::Mass,
+                    axis,
+                    value: mass,
+                    limit: f32::INFINITY,
+                });
+            }
+            for (term, value, most) in [
+                (ImpedanceTerm::Damping, damping, MOST_DAMPING),
+                (ImpedanceTerm::Stiffness, stiffness, MOST_STIFFNESS),
+            ] {
+                let limit = mass * most;
+                if !(value >= 0.0 && value <= limit) {
+                    return Err(BadImpedance { term, axis, value, limit });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The acceleration that the impedance asks for, as printed (Arm7, step 3): `M⁻¹ (F − B ė − K e)`. Held for a control
+    /// period, it loses damping.
+    pub fn acceleration(
+        &self,
+        error: &Vector6<f32>,
+        velocity: &Vector6<f32>,
+        force: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        let mut result = *force;
+        let state = error.iter().zip(velocity.iter());
+        let terms = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
+        for ((result, (e, v)), ((mass, damping), stiffness)) in result.iter_mut().zip(state).zip(terms) {
+            *result = (*result - damping * v - stiffness * e) / mass;
+        }
+        result
+    }
+
+    /// The acceleration which, held for a control period, gives the velocity that the impedance has at its end under a
+    /// constant force.
+    pub fn matched(&self) -> MatchedImpedance {
+        let mut matched =
+            MatchedImpedance { error: Vector6::zeros(), velocity: Vector6::zeros(), force: Vector6::zeros() };
+        let gains = matched.error.iter_mut().zip(matched.velocity.iter_mut()).zip(matched.force.iter_mut());
+        let terms = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
+        for (((error, velocity), force), ((mass, damping), stiffness)) in gains.zip(terms) {
+            let inverse = 1.0 / mass;
+            let half = 0.5 * TICK * damping * inverse;
+            // e(t) = exp(−half) (… cos √z …), z positive when it oscillates.
+            let z = TICK * TICK * stiffness * inverse - half * half;
+            let (cosine, sine) = cosine_and_sinc(z);
+            let fade = math::exp(-half);
+            let s = fade * sine;
+            *force = s * inverse;
+            *error = -stiffness * inverse * s;
+            *velocity = (fade * cosine - half * s - 1.0) / TICK;
+        }
+        matched
+    }
+
+    /// A step of `share`, 0 to 1, of the way to `goal`.
+    pub fn approach(&mut self, goal: &Self, share: f32) {
+        let own = self.mass.iter_mut().chain(&mut self.damping).chain(&mut self.stiffness);
+        let goal = goal.mass.iter().chain(&goal.damping).chain(&goal.stiffness);
+        own.zip(goal).for_each(|(own, goal)| *own += share * (goal - *own));
+    }
+}
+
+/// An [`Impedance`] for a control period: a gain for each axis.
+#[derive(Clone, Copy, Debug)]
+pub struct MatchedImpedance {
+    error: Vector6<f32>,
+    velocity: Vector6<f32>,
+    force: Vector6<f32>,
+}
+
+impl MatchedImpedance {
+    /// The acceleration for a displacement, its velocity, and a force.
+    pub fn acceleration(
+        &self,
+        error: &Vector6<f32>,
+        velocity: &Vector6<f32>,
+        force: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        self.error.component_mul(error) + self.velocity.component_mul(velocity) + self.of_force(force)
+    }
+
+    /// The part of it that a force has.
+    pub fn of_force(&self, force: &Vector6<f32>) -> Vector6<f32> {
+        self.force.component_mul(force)
+    }
+}
+
+/// `cos √z` and `sin √z / √z`, also for negative `z`, where they are those of the hyperbolic functions.
+fn cosine_and_sinc(z: f32) -> (f32, f32) {
+    if math::abs(z) < SMALL {
+        let cosine = 1.0 - z * (0.5 - z * (1.0 / 24.0 - z * (1.0 / 720.0)));
+        return (cosine, 1.0 - z * (1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0))));
+    }
+    if z > 0.0 {
+        let root = math::sqrt(z);
+        let (sine, cosine) = math::sin_cos(root);
+        return (cosine, sine / root);
+    }
+    let root = math::sqrt(-z);
+    let (up, down) = (math::exp(root), math::exp(-root));
+    (0.5 * (up + down), 0.5 * (up - down) / root)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOFT: Impedance = Impedance { mass: [1.5; 6], damping: [7.5; 6], stiffness: [300.0; 6] };
+
+    /// Positions [m] every 10 ms of a mass that is released 30 mm off, from scipy's matrix exponential
+    /// (`tests/oracles/impedance.py`): M 1.5, K 300; B 7.5, 30, 90 (overdamped).
+    const RELEASES: &[(f32, &[f64])] = include!("../../../tests/oracles/data/impedance.in");
+
+    #[test]
+    #[allow(clippy::cast_possible_truncation, reason = "single precision")]
+    fn matched_it_stays_on_the_exact_curve_where_the_printed_law_does_not() {
+        for &(damping, exact) in RELEASES {
+            let impedance = Impedance { damping: [damping; 6], ..SOFT };
+            let matched = impedance.matched();
+            let run = |law: &dyn Fn(&Vector6<f32>, &Vector6<f32>) -> Vector6<f32>| {
+                let (mut e, mut v) = (Vector6::repeat(0.03), Vector6::zeros());
+                let mut worst = 0.0_f64;
+                for exact in exact {
+                    worst = worst.max((f64::from(e.x) - exact).abs());
+                    let a = law(&e, &v);
+                    e += v * TICK + a * (0.5 * TICK * TICK);
+                    v += a * TICK;
+                }
+                worst
+            };
+            let zero = Vector6::zeros();
+            let (ours, printed) = (
+                run(&|e, v| matched.acceleration(e, v, &zero)),
+                run(&|e, v| impedance.acceleration(e, v, &zero)),
+            );
+            assert!(ours < 7e-5, "B {damping}: {ours}");
+            assert!(printed > 1e-3, "B {damping}: {printed}");
+        }
+    }
+
+    #[test]
+    fn a_constant_force_is_yielded_to_by_its_size_over_the_stiffness() {
+        let matched = SOFT.matched();
+        let (mut e, mut v) = (Vector6::zeros(), Vector6::zeros());
+        let force = Vector6::repeat(3.0);
+        for _ in 0..1000 {
+            let a = matched.acceleration(&e, &v, &force);
+            e += v * TICK + a * (0.5 * TICK * TICK);
+            v += a * TICK;
+        }
+        assert!((e.x - 0.01).abs() < 1e-6 && v.norm() < 1e-5, "{e} {v}");
+    }
+
+    #[test]
+    fn bad_numbers_are_named_with_axis_and_limit() {
+        let with = |change: fn(&mut Impedance)| {
+            let mut impedance = SOFT;
+            change(&mut impedance);
+            impedance.validate().unwrap_err().to_string()
+        };
+        assert_eq!(with(|i| i.mass[4] = 0.0), "the mass about y is 0 kg·m²; it must be positive and finite");
+        assert_eq!(
+            with(|i| i.mass[0] = f32::NAN),
+            "the mass along x is NaN kg; it must be positive and finite"
+        );
+        assert_eq!(
+            with(|i| i.damping[1] = -1.0),
+            "the damping along y is -1 N·s/m; possible with this mass is 0 to 150 N·s/m"
+        );
+        assert_eq!(
+            with(|i| i.stiffness[5] = 4000.0),
+            "the stiffness about z is 4000 N·m/rad; possible with this mass is 0 to 3750 N·m/rad"
+        );
+        assert!(SOFT.validate().is_ok());
+    }
+}

@@ -1,0 +1,20 @@
+"""Writes data/impedance.in: positions of a mass on a spring and a damper that is released 30 mm off its place, every
+10 ms, by scipy's matrix exponential. M 1.5 kg, K 300 N/m; B 7.5, 30 and 90 N·s/m."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import expm
+
+M, K, PERIOD, START = 1.5, 300.0, 0.01, 0.03
+
+rows = []
+for damping in (7.5, 30.0, 90.0):
+    step = expm(np.array([[0.0, 1.0], [-K / M, -damping / M]]) * PERIOD)
+    state, positions = np.array([START, 0.0]), []
+    for _ in range(200):
+        positions.append(state[0])
+        state = step @ state
+    rows.append(f"({damping}, &[{', '.join(f'{position:.12e}' for position in positions)}]),\n")
+path = Path(__file__).parent / "data" / "impedance.in"
+path.write_text("&[\n" + "".join(rows) + "]\n")
