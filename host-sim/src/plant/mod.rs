@@ -138,6 +138,11 @@ impl Plant {
             tip.mass *= of_body(tip.body).mass;
             tip.inertia *= of_body(tip.body).inertia;
         }
+        if object.is_some()
+            && let Some(tip) = tips.iter().find(|tip| tip.radius <= 0.0)
+        {
+            return Err(PlantError::NoSphere(tip.link.clone()));
+        }
         world.insert_object(tips, object);
         let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
         let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
