@@ -125,3 +125,16 @@ pub enum PlantError {
         torque: f32,
     },
 }
+
+/// Refuses the first of `values` that is not `good`.
+pub(super) fn check(
+    field: &str,
+    values: &[f64],
+    good: impl Fn(f64) -> bool,
+    expected: &'static str,
+) -> Result<(), PlantError> {
+    match values.iter().find(|&&value| !good(value)) {
+        Some(&value) => Err(PlantError::Value { field: field.to_owned(), value, expected }),
+        None => Ok(()),
+    }
+}
