@@ -92,6 +92,17 @@ pub enum PlantError {
         /// The joints that are there.
         known: String,
     },
+    /// A tip that is to touch an object without a shape that can.
+    #[error("link {0:?} is to touch an object but draws no <sphere>: give it one, or take the object away")]
+    NoSphere(String),
+    /// A tip that the robot does not have.
+    #[error("there is no tip number {tip}: the robot has {tips}, counted from 0")]
+    NoTip {
+        /// What was asked for.
+        tip: usize,
+        /// How many there are.
+        tips: usize,
+    },
     /// Two drives for one joint.
     #[error("joint {0:?} has two drives: give it one")]
     TwoDrives(String),
@@ -113,4 +124,17 @@ pub enum PlantError {
         /// The torque [N·m].
         torque: f32,
     },
+}
+
+/// Refuses the first of `values` that is not `good`.
+pub(super) fn check(
+    field: &str,
+    values: &[f64],
+    good: impl Fn(f64) -> bool,
+    expected: &'static str,
+) -> Result<(), PlantError> {
+    match values.iter().find(|&&value| !good(value)) {
+        Some(&value) => Err(PlantError::Value { field: field.to_owned(), value, expected }),
+        None => Ok(()),
+    }
 }

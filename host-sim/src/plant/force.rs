@@ -1,4 +1,4 @@
-//! Six-axis force sensors between the fingertips and their links.
+//! Six-axis force sensors between the tips and their links.
 
 use rapier3d::na::{Vector3, Vector6};
 use serde::Deserialize;
@@ -121,9 +121,14 @@ impl ForceSensors {
         sensors
     }
 
-    /// Takes in what the contacts did in the last sub-step.
+    /// Takes in what contacts, walls, holds and pushes did in the last sub-step.
     pub fn add(&mut self, world: &World) {
         self.steps += 1.0;
+        for (index, gauge) in self.gauges.iter_mut().enumerate() {
+            if let Some(around) = world.environment().of_tip(index) {
+                gauge.contacts += stack(&around.felt.force, &around.felt.torque);
+            }
+        }
         let Some(grasp) = world.grasp() else { return };
         for (index, (gauge, touch)) in self.gauges.iter_mut().zip(grasp.touches()).enumerate() {
             let Some(frame) = world.tip_frame(index) else { continue };

@@ -31,6 +31,14 @@ pub struct Motion {
     pub angular: Vector3<f64>,
 }
 
+impl Motion {
+    /// Half a sub-step later: what it will be if it goes on changing as since a sub-step `before`.
+    pub fn half_a_step_on(&self, before: &Self) -> Self {
+        let on = |now: Vector3<f64>, before: Vector3<f64>| now + (now - before) * 0.5;
+        Self { linear: on(self.linear, before.linear), angular: on(self.angular, before.angular) }
+    }
+}
+
 /// An object among the fingertips.
 pub struct Grasp {
     object: RigidBodyHandle,

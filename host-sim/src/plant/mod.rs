@@ -23,8 +23,13 @@
 //! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction again as a
 //! constraint. Only the object touches anything: links and tips pass through each other and through the support.
+//!
+//! # Walls, holds, pushes
+//! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a force sensor
+//! behind the tip feels them. They begin and end between control periods.
 
 mod drive;
+mod environment;
 mod error;
 mod factors;
 mod force;
@@ -41,12 +46,13 @@ mod truth;
 mod values;
 mod world;
 
+pub use environment::{Hold, Wall};
 pub use error::PlantError;
 pub use factors::JointFactors;
 pub use force::ForceSensorValues;
 pub use object::{ObjectValues, Shape, Support};
 pub use push::{Load, Push};
-pub use truth::{ContactTruth, ObjectTruth, Truth};
+pub use truth::{ContactTruth, ObjectTruth, TipTruth, Truth};
 pub use values::{
     Drive, FrictionSizes, InnerLoop, Integration, Mismatch, Noise, PlantOptions, PlantValues, Supply,
 };
@@ -54,6 +60,7 @@ pub use values::{
 use drive::DriveState;
 use force::ForceSensors;
 pub(crate) use random::{Purpose, Random};
+use rapier3d::na::Isometry3;
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tree::Body;
@@ -138,6 +145,11 @@ impl Plant {
             tip.mass *= of_body(tip.body).mass;
             tip.inertia *= of_body(tip.body).inertia;
         }
+        if object.is_some()
+            && let Some(tip) = tips.iter().find(|tip| tip.radius <= 0.0)
+        {
+            return Err(PlantError::NoSphere(tip.link.clone()));
+        }
         world.insert_object(tips, object);
         let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
         let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
@@ -177,11 +189,11 @@ impl Plant {
         frame
     }
 
-    /// What the force sensors read now, a fingertip each: forces and torques along x, y and z of the frame of its link, in
+    /// What the force sensors read now, a tip each: forces and torques along x, y and z of the frame of its link, in
     /// the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws noise twice.
     ///
-    /// They feel what acts on the fingertip, at the origin of that frame, as a mean over the last control period:
-    /// contact, and the weight and inertia of the fingertip itself.
+    /// They feel what acts on the tip, at the origin of that frame, as a mean over the last control period: contact, and
+    /// the weight and inertia of the tip itself.
     pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
         self.forces.counts()
     }
@@ -260,6 +272,59 @@ impl Plant {
         if let Some(disturbances) = self.world.disturbances() {
             disturbances.unload(ramp, time);
         }
+    }
+
+    /// Puts up a wall that every tip runs against.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn insert_wall(&mut self, wall: Wall) -> Result<(), PlantError> {
+        wall.validate()?;
+        self.world.environment_mut().insert_wall(wall);
+        Ok(())
+    }
+
+    /// Takes all walls away.
+    pub fn remove_walls(&mut self) {
+        self.world.environment_mut().remove_walls();
+    }
+
+    /// Lets somebody take a tip, from now on, in place of whoever held it.
+    ///
+    /// # Errors
+    /// No such tip, or a value that makes no sense.
+    pub fn hold_tip(&mut self, tip: usize, hold: Hold) -> Result<(), PlantError> {
+        hold.validate()?;
+        let frame = self.tip_frame(tip)?;
+        let time = self.world.time();
+        self.world.environment_mut().hold(tip, hold, frame, time);
+        Ok(())
+    }
+
+    /// Lets a tip go.
+    ///
+    /// # Errors
+    /// No such tip.
+    pub fn release_tip(&mut self, tip: usize) -> Result<(), PlantError> {
+        self.tip_frame(tip)?;
+        self.world.environment_mut().release(tip);
+        Ok(())
+    }
+
+    /// Pushes a tip, from now on.
+    ///
+    /// # Errors
+    /// No such tip, or a value that makes no sense.
+    pub fn push_tip(&mut self, tip: usize, push: Push) -> Result<(), PlantError> {
+        push.validate()?;
+        self.tip_frame(tip)?;
+        let time = self.world.time();
+        self.world.environment_mut().push(tip, push, time);
+        Ok(())
+    }
+
+    fn tip_frame(&self, tip: usize) -> Result<Isometry3<f64>, PlantError> {
+        self.world.tip_frame(tip).ok_or(PlantError::NoTip { tip, tips: self.world.tips().len() })
     }
 
     /// Takes away what the object stands on.

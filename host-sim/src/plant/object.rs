@@ -3,7 +3,7 @@
 use rapier3d::na::{Matrix3, Vector3};
 use serde::Deserialize;
 
-use super::PlantError;
+use super::error::{PlantError, check};
 
 /// A free rigid body, the friction on it, and what it stands on.
 ///
@@ -144,16 +144,4 @@ fn check_pose(item: &str, position: &[f64; 3], orientation: &[f64; 4]) -> Result
     let norm = orientation.iter().map(|part| part * part).sum::<f64>();
     let unit = |norm: f64| (norm - 1.0).abs() < 1e-3;
     check(&format!("the square of {item}.orientation"), &[norm], unit, "1, as of a unit quaternion")
-}
-
-fn check(
-    field: &str,
-    values: &[f64],
-    good: impl Fn(f64) -> bool,
-    expected: &'static str,
-) -> Result<(), PlantError> {
-    match values.iter().find(|&&value| !good(value)) {
-        Some(&value) => Err(PlantError::Value { field: field.to_owned(), value, expected }),
-        None => Ok(()),
-    }
 }

@@ -1,4 +1,4 @@
-//! What disturbs a grasped object: pushes and weights.
+//! What disturbs a grasped object, or a tip: pushes; and weights on an object.
 
 use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::geometry::ColliderSet;
@@ -8,12 +8,12 @@ use super::tree::point_inertia;
 use super::world::{mass_properties, vector, wide};
 use super::{ObjectValues, PlantError};
 
-/// A force on the object that rises, stays and falls.
+/// A force on an object or a tip that rises, stays and falls.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Push {
     /// The force at its largest, in the frame of the base [N].
     pub force: [f64; 3],
-    /// Where it acts: a point of the object, in its frame [m].
+    /// Where it acts: a point of the object or the tip, in its frame [m].
     pub point: [f64; 3],
     /// Time to rise, and to fall [s].
     pub ramp: f64,
@@ -41,7 +41,7 @@ impl Push {
     }
 
     /// Share of the force, `time` after it began.
-    fn share(&self, time: f64) -> f64 {
+    pub(super) fn share(&self, time: f64) -> f64 {
         let left = 2.0 * self.ramp + self.hold - time;
         if time < 0.0 || left <= 0.0 {
             0.0
@@ -50,6 +50,11 @@ impl Push {
         } else {
             1.0
         }
+    }
+
+    /// Whether it will not act any more, `time` after it began.
+    pub(super) fn is_over(&self, time: f64) -> bool {
+        time >= 2.0 * self.ramp + self.hold
     }
 }
 

@@ -1,11 +1,11 @@
-//! Fingertips: spheres on the last links, as the URDF draws them.
+//! Tips: what the chains end in. A fingertip is the sphere that the URDF draws on its last links, a hand the link itself.
 
 use rapier3d::na::{Isometry3, Matrix3, Vector3};
 use urdf_rs::{Geometry, JointType, Link, Robot};
 
 use super::tree::{Body, isometry};
 
-/// A spherical fingertip.
+/// The end of a chain.
 #[derive(Clone, Debug)]
 pub struct Tip {
     /// Its link in the URDF.
@@ -14,8 +14,9 @@ pub struct Tip {
     pub body: usize,
     /// Frame of its link in that of the body: also the frame of its force sensor.
     pub frame: Isometry3<f64>,
-    /// Middle of the sphere in the frame of the link [m].
+    /// Middle of the sphere in the frame of the link [m]; without a sphere its origin touches.
     pub center: Vector3<f64>,
+    /// 0 without a sphere [m].
     pub radius: f64,
     /// What is behind the force sensor: the link alone.
     pub mass: f64,
@@ -25,28 +26,39 @@ pub struct Tip {
     pub inertia: Matrix3<f64>,
 }
 
-/// The first sphere of each body that carries no other: of its link, or of one fixed to it.
+/// Of each body that carries no other, its own link or one fixed to it: the first with a sphere; else of the links that
+/// carry nothing the one farthest from the joint, the last of several that are as far (the controller's rule).
 pub fn tips(robot: &Robot, bodies: &[Body]) -> Vec<Tip> {
     let is_last = |body: usize| !bodies.iter().any(|other| other.parent == Some(body));
     let last = bodies.iter().enumerate().filter(|(index, _)| is_last(*index));
     last.filter_map(|(index, body)| {
         let joint = robot.joints.iter().find(|joint| joint.name == body.joint)?;
-        find(robot, &joint.child.link, index, &Isometry3::identity())
+        let mut links = Vec::new();
+        collect(robot, &joint.child.link, Isometry3::identity(), &mut links);
+        let round = links.iter().find_map(|&(link, frame)| Some((link, frame, sphere(link)?)));
+        let carries = |link: &Link| robot.joints.iter().any(|joint| joint.parent.link == link.name);
+        let far = |frame: &Isometry3<f64>| frame.translation.vector.norm();
+        let leaves = links.iter().filter(|(link, _)| !carries(link));
+        let end = || leaves.max_by(|(_, a), (_, b)| far(a).total_cmp(&far(b)));
+        let (link, frame, (center, radius)) =
+            round.or_else(|| end().map(|&(link, frame)| (link, frame, (Vector3::zeros(), 0.0))))?;
+        Some(tip(link, index, &frame, center, radius))
     })
     .collect()
 }
 
-fn find(robot: &Robot, link: &str, body: usize, frame: &Isometry3<f64>) -> Option<Tip> {
-    let found = robot.links.iter().find(|known| known.name == link)?;
-    if let Some((center, radius)) = sphere(found) {
-        return Some(tip(found, body, frame, center, radius));
+/// A link and all that is fixed to it, each before what it carries, with their frames.
+fn collect<'a>(
+    robot: &'a Robot,
+    name: &str,
+    frame: Isometry3<f64>,
+    links: &mut Vec<(&'a Link, Isometry3<f64>)>,
+) {
+    links.extend(robot.links.iter().find(|link| link.name == name).map(|link| (link, frame)));
+    let behind = robot.joints.iter().filter(|joint| joint.parent.link == name);
+    for joint in behind.filter(|joint| joint.joint_type == JointType::Fixed) {
+        collect(robot, &joint.child.link, frame * isometry(&joint.origin), links);
     }
-    let fixed = |joint: &&urdf_rs::Joint| joint.parent.link == link && joint.joint_type == JointType::Fixed;
-    robot
-        .joints
-        .iter()
-        .filter(fixed)
-        .find_map(|joint| find(robot, &joint.child.link, body, &(frame * isometry(&joint.origin))))
 }
 
 /// Middle and radius of a link's sphere: a collision element, else a visual one.

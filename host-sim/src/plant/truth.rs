@@ -17,6 +17,29 @@ pub struct Truth {
     pub homing_errors: Vec<f64>,
 }
 
+/// A tip's own state, in the frame of the base. Velocities are half a sub-step old.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TipTruth {
+    /// Its link.
+    pub link: String,
+    /// Where the frame of its link is [m].
+    pub position: [f64; 3],
+    /// Unit quaternion `[x, y, z, w]`.
+    pub orientation: [f64; 4],
+    /// Velocity of the origin of its frame [m/s].
+    pub velocity: [f64; 3],
+    /// Angular velocity [rad/s].
+    pub angular_velocity: [f64; 3],
+    /// What walls, holds and pushes do to it, mean over the last control period [N].
+    pub force: [f64; 3],
+    /// The same about the origin of its frame [N·m].
+    pub torque: [f64; 3],
+    /// Share of the walls in `force` [N].
+    pub wall_force: [f64; 3],
+    /// How deep it is in a wall [m].
+    pub wall_depth: f64,
+}
+
 /// The object's own state, in the frame of the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectTruth {
@@ -113,6 +136,27 @@ impl Plant {
             slip_path: touch.slip_path,
         };
         self.world.tips().iter().zip(touches).map(truth).collect()
+    }
+
+    /// The tips, in the order of the URDF.
+    pub fn tips(&self) -> Vec<TipTruth> {
+        let truth = |(index, tip): (usize, &super::tips::Tip)| {
+            let (frame, around) = (self.world.tip_frame(index)?, self.world.environment().of_tip(index)?);
+            let motion = self.world.motion_at(tip.body, &frame.translation.vector);
+            let (wrench, walls) = around.means();
+            Some(TipTruth {
+                link: tip.link.clone(),
+                position: frame.translation.vector.into(),
+                orientation: frame.rotation.coords.into(),
+                velocity: motion.linear.into(),
+                angular_velocity: motion.angular.into(),
+                force: wrench.force.into(),
+                torque: wrench.torque.into(),
+                wall_force: walls.into(),
+                wall_depth: around.depth,
+            })
+        };
+        self.world.tips().iter().enumerate().filter_map(truth).collect()
     }
 
     /// What the force sensors would read without any error, a fingertip each: forces [N] and torques [N·m].

@@ -10,6 +10,7 @@ use rapier3d::na::{
 };
 use rapier3d::pipeline::PhysicsWorld;
 
+use super::environment::Environment;
 use super::factors::JointFactors;
 use super::grasp::{self, Grasp, Motion};
 use super::object::ObjectValues;
@@ -37,6 +38,7 @@ pub struct World {
     joints: Vec<Joint>,
     tips: Vec<Tip>,
     grasp: Option<Grasp>,
+    environment: Environment,
     gravity: Vector,
     step: f64,
     /// Sub-steps since the start.
@@ -97,8 +99,8 @@ impl World {
             }
         }
         let gravity = vector(&Vector3::from(gravity));
-        let (tips, grasp) = (Vec::new(), None);
-        let mut world = Self { physics, joints, tips, grasp, gravity, step, steps: 0 };
+        let (tips, grasp, environment) = (Vec::new(), None, Environment::default());
+        let mut world = Self { physics, joints, tips, grasp, environment, gravity, step, steps: 0 };
         world.set_posture(posture);
         world.set_values(values, step);
         world
@@ -106,6 +108,7 @@ impl World {
 
     /// Says which bodies have tips, and puts an object among them, if there is one.
     pub fn insert_object(&mut self, tips: Vec<Tip>, object: Option<(&ObjectValues, f64)>) {
+        self.environment = Environment::new(tips.len());
         self.tips = tips;
         let Some((values, friction)) = object else { return };
         grasp::set_parameters(&mut self.physics.integration_parameters);
@@ -150,6 +153,7 @@ impl World {
         for joint in &self.joints {
             if let Some(body) = bodies.get_mut(joint.body) {
                 body.reset_torques(false);
+                body.reset_forces(false);
             }
         }
         for (joint, torque) in self.joints.iter().zip(torques) {
@@ -167,12 +171,31 @@ impl World {
         if let Some(grasp) = &mut self.grasp {
             grasp.disturb(&mut self.physics, time, share);
         }
+        self.act_on_tips(time, share);
         self.steps += 1;
         match self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step)) {
             Some(creep) => self.physics.step_with_events(&creep, &()),
             None => self.physics.step(),
         }
         self.read_contacts();
+    }
+
+    fn act_on_tips(&mut self, time: f64, share: f64) {
+        if !std::mem::take(&mut self.environment.active) {
+            return;
+        }
+        for index in 0..self.tips.len() {
+            let (Some(frame), Some(tip)) = (self.tip_frame(index), self.tips.get(index)) else { continue };
+            let origin = frame.translation.vector;
+            let motion = self.motion_at(tip.body, &origin);
+            let wrench = self.environment.act(index, tip, (&frame, motion), time, share);
+            let body = self.joints.get(tip.body).and_then(|joint| self.physics.bodies.get_mut(joint.body));
+            self.environment.active |= wrench.is_some();
+            if let (Some(wrench), Some(body)) = (wrench, body) {
+                body.add_force_at_point(vector(&wrench.force), vector(&origin), true);
+                body.add_torque(vector(&wrench.torque), true);
+            }
+        }
     }
 
     fn read_contacts(&mut self) {
@@ -230,8 +253,19 @@ impl World {
         &self.tips
     }
 
+    /// What acts on the tips besides the object.
+    pub const fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    /// What acts on the tips besides the object.
+    pub const fn environment_mut(&mut self) -> &mut Environment {
+        &mut self.environment
+    }
+
     /// Begins a control period: new means of the contacts' forces.
     pub fn begin_period(&mut self) {
+        self.environment.begin_means();
         if let Some(grasp) = &mut self.grasp {
             grasp.begin_means();
         }

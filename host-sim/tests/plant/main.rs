@@ -1,4 +1,4 @@
-//! The simulated three-finger hand: against MuJoCo, by hand numbers, and what it says about bad input.
+//! The simulated three-finger hand and the arm: against MuJoCo, by hand numbers, and what it says about bad input.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -7,8 +7,11 @@
 )]
 #![allow(clippy::manual_range_contains, reason = "reads as on paper")]
 
+mod arm;
+mod arm_motion;
 mod contact;
 mod contact_motion;
+mod environment;
 mod errors;
 mod force;
 mod friction;
