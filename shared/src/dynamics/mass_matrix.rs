@@ -1,3 +1,5 @@
+use core::ops::{Add, Mul};
+
 use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -16,7 +18,18 @@ struct Body {
     /// First moment of mass about the joint's origin [kg·m].
     moment: Vector3<f32>,
     /// Inertia about the joint's origin [kg·m²].
-    inertia: Matrix3<f32>,
+    inertia: Symmetric,
+}
+
+/// A symmetric matrix.
+#[derive(Clone, Copy)]
+struct Symmetric {
+    xx: f32,
+    yy: f32,
+    zz: f32,
+    xy: f32,
+    xz: f32,
+    yz: f32,
 }
 
 impl Chain {
@@ -69,7 +82,8 @@ impl Body {
             origin,
             mass: link.mass,
             moment,
-            inertia: rotation * link.inertia * rotation.transpose() + parallel_axis(&center, &(moment * 0.5)),
+            inertia: Symmetric::turned(&link.inertia, rotation)
+                + Symmetric::parallel_axis(&center, &(moment * 0.5)),
         }
     }
 
@@ -81,16 +95,71 @@ impl Body {
         Self {
             mass: self.mass + other.mass,
             moment: self.moment + other.moment + shift,
-            inertia: self.inertia + other.inertia + parallel_axis(&arm, &(other.moment + shift * 0.5)),
+            inertia: self.inertia
+                + other.inertia
+                + Symmetric::parallel_axis(&arm, &(other.moment + shift * 0.5)),
             ..*self
         }
     }
 }
 
-/// What moving the point of reference by `−arm` adds to an inertia: `2 (a·h) 1 − a hᵀ − h aᵀ` with the mean `h` of the
-/// first moments about both points.
-#[inline]
-fn parallel_axis(arm: &Vector3<f32>, mean: &Vector3<f32>) -> Matrix3<f32> {
-    let product = arm * mean.transpose();
-    Matrix3::from_diagonal_element(2.0 * arm.dot(mean)) - product - product.transpose()
+impl Symmetric {
+    /// `R I Rᵀ`.
+    #[inline]
+    fn turned(inertia: &Matrix3<f32>, rotation: &Matrix3<f32>) -> Self {
+        let half = rotation * inertia;
+        let element = |row, column| half.row(row).dot(&rotation.row(column));
+        Self {
+            xx: element(0, 0),
+            yy: element(1, 1),
+            zz: element(2, 2),
+            xy: element(0, 1),
+            xz: element(0, 2),
+            yz: element(1, 2),
+        }
+    }
+
+    /// What moving the point of reference by `−arm` adds to an inertia: `2 (a·h) 1 − a hᵀ − h aᵀ` with the mean `h` of
+    /// the first moments about both points.
+    #[inline]
+    fn parallel_axis(a: &Vector3<f32>, h: &Vector3<f32>) -> Self {
+        let (x, y, z) = (a.x * h.x, a.y * h.y, a.z * h.z);
+        Self {
+            xx: 2.0 * (y + z),
+            yy: 2.0 * (x + z),
+            zz: 2.0 * (x + y),
+            xy: -(a.x * h.y + a.y * h.x),
+            xz: -(a.x * h.z + a.z * h.x),
+            yz: -(a.y * h.z + a.z * h.y),
+        }
+    }
+}
+
+impl Add for Symmetric {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        Self {
+            xx: self.xx + other.xx,
+            yy: self.yy + other.yy,
+            zz: self.zz + other.zz,
+            xy: self.xy + other.xy,
+            xz: self.xz + other.xz,
+            yz: self.yz + other.yz,
+        }
+    }
+}
+
+impl Mul<Vector3<f32>> for Symmetric {
+    type Output = Vector3<f32>;
+
+    #[inline]
+    fn mul(self, v: Vector3<f32>) -> Vector3<f32> {
+        Vector3::new(
+            self.xx * v.x + self.xy * v.y + self.xz * v.z,
+            self.xy * v.x + self.yy * v.y + self.yz * v.z,
+            self.xz * v.x + self.yz * v.y + self.zz * v.z,
+        )
+    }
 }

@@ -11,6 +11,10 @@
 mod mass_matrix;
 mod newton_euler;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests;
+
 pub use mass_matrix::MassMatrix;
 
 #[cfg(doc)]
