@@ -170,7 +170,18 @@ fn main() -> ! {
     }
 
     let joints: Vec<_, 7> = (0..7).map(support::joint).collect();
-    let arm = Chain::new(&joints, &Pose { translation: [0.0, 0.0, 0.1], ..Pose::IDENTITY });
+    let arm = Chain::new(&joints, &Pose { translation: [0.0, 0.0, 0.1], ..Pose::IDENTITY })
+        .with_rotor_inertia(joints.iter().map(|joint| joint.motor.rotor_inertia));
+    watch.measure("inverse_dynamics_7_wrench", |x| {
+        let (q, qd, qdd) = ([x + 0.1; 7], [x - 0.2; 7], [3.0 * x; 7]);
+        let wrench = Vector6::new(1.0, x, 2.0, x, 0.1, 0.2);
+        let (gravity, mut torques) = (Vector3::new(-6.9, 0.0, -6.9), [0.0; 7]);
+        arm.inverse_dynamics_with_wrench(&gravity, black_box(&wrench), black_box(&q), &qd, &qdd, &mut torques);
+        black_box(&torques);
+    });
+    watch.measure("mass_matrix_7", |x| {
+        black_box(arm.mass_matrix(black_box(&[x + 0.1; 7])));
+    });
     watch.measure("forward_and_jacobian_7", |x| {
         let posture = arm.posture(black_box(&[x + 0.1; 7]));
         black_box((posture.tip(), &posture.jacobian()));

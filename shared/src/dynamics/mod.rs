@@ -1,3 +1,21 @@
-//! Rigid-body dynamics of serial chains.
+//! Rigid-body dynamics of serial chains: `τ = M(q) q̈ + h(q, q̇) − Jᵀ F`.
+//!
+//! - [`Chain::inverse_dynamics`] gives `τ` by the recursive Newton–Euler algorithm, also
+//!   [with a wrench](Chain::inverse_dynamics_with_wrench) `F` of the world on the tip;
+//! - [`Chain::nonlinear_effects`] gives `h`, [`Chain::mass_matrix`] `M`;
+//! - [`Posture::bias_acceleration`] gives `J̇ q̇` of `ẍ = J q̈ + J̇ q̇`.
+//!
+//! `M` and `τ` have the reflected inertia of the rotors if the chain has it. Friction is no rigid body's matter:
+//! [`FrictionFeedforward`](crate::control::FrictionFeedforward).
 
+mod mass_matrix;
 mod newton_euler;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests;
+
+pub use mass_matrix::MassMatrix;
+
+#[cfg(doc)]
+use crate::kinematics::{Chain, Posture};

@@ -1,5 +1,5 @@
 use heapless::Vec;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 use crate::kinematics::{Chain, Link};
 use crate::math;
@@ -20,10 +20,60 @@ impl Chain {
     /// [m/s², base frame].
     ///
     /// The slices hold one value a joint, base to tip; what is missing counts as 0 in none of them: the shortest
-    /// decides how many joints are computed. Rotor inertia and friction are not included.
+    /// decides how many joints are computed. A tilted base is a `gravity` that is tilted in its frame. The inertias of
+    /// rotors are included if the chain has them ([`Chain::with_rotor_inertia`]); friction is what
+    /// [`FrictionFeedforward`](crate::control::FrictionFeedforward) adds, with its rule for joints at rest.
     pub fn inverse_dynamics(
         &self,
         gravity: &Vector3<f32>,
+        q: &[f32],
+        qd: &[f32],
+        qdd: &[f32],
+        torques: &mut [f32],
+    ) {
+        self.newton_euler(gravity, None, q, qd, qdd, torques);
+    }
+
+    /// [`Chain::inverse_dynamics`] while the world acts on the tip with `wrench`: force [N] and moment [N·m] about the
+    /// tip's origin, both in axes of the base. A wrench that the *tip* exerts has the opposite sign.
+    ///
+    /// It counts only when all joints of the chain are computed.
+    ///
+    /// ```
+    /// # use nalgebra::{Vector3, Vector6};
+    /// # use tesaki::{kinematics::Chain, model::{Inertial, Pose}};
+    /// // A massless link that reaches 0.5 m along x from a vertical axis, pushed along y with 10 N.
+    /// let link = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };
+    /// let tip = Pose { translation: [0.5, 0.0, 0.0], ..Pose::IDENTITY };
+    /// let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 0.0, 1.0], &link)], &tip);
+    /// let (push, mut torque) = (Vector6::new(0.0, 10.0, 0.0, 0.0, 0.0, 0.0), [0.0]);
+    /// chain.inverse_dynamics_with_wrench(&Vector3::zeros(), &push, &[0.0], &[0.0], &[0.0], &mut torque);
+    /// assert_eq!(torque, [-5.0]); // the joint pushes back
+    /// ```
+    pub fn inverse_dynamics_with_wrench(
+        &self,
+        gravity: &Vector3<f32>,
+        wrench: &Vector6<f32>,
+        q: &[f32],
+        qd: &[f32],
+        qdd: &[f32],
+        torques: &mut [f32],
+    ) {
+        self.newton_euler(gravity, Some(wrench), q, qd, qdd, torques);
+    }
+
+    /// The nonlinear terms `h(q, q̇)` of `τ = M(q) q̈ + h(q, q̇)` [N·m]: centrifugal, Coriolis and gravity torques. This is
+    /// [`Chain::inverse_dynamics`] without accelerations.
+    pub fn nonlinear_effects(&self, gravity: &Vector3<f32>, q: &[f32], qd: &[f32], torques: &mut [f32]) {
+        self.newton_euler(gravity, None, q, qd, &[0.0; MAX_CHAIN_JOINTS], torques);
+    }
+
+    /// Inlined, so that nothing of the wrench is left where there is none.
+    #[inline(always)]
+    fn newton_euler(
+        &self,
+        gravity: &Vector3<f32>,
+        wrench: Option<&Vector6<f32>>,
         q: &[f32],
         qd: &[f32],
         qdd: &[f32],
@@ -35,10 +85,16 @@ impl Chain {
         // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its own
         // frame. Gravity enters as an upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
+        // The wrench on the tip is turned along.
+        let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
         let mut turning = false; // whether the link before turns; the base does not
         for (((link, &q), &qd), &qdd) in self.links.iter().zip(q).zip(qd).zip(qdd) {
             let (sine, cosine) = math::sin_cos(q);
             let mut pass = Pass { sine, cosine, force: zero, moment: zero };
+            wrench = wrench.map(|(force, moment)| {
+                let into_link = |v| pass.link_from_parent(&link.rotation, v);
+                (into_link(&force), into_link(&moment))
+            });
             if !turning {
                 // The first link turns about its own z alone, which leaves little to compute.
                 acceleration = pass.link_from_parent(&link.rotation, &acceleration);
@@ -75,18 +131,32 @@ impl Chain {
         }
 
         // Inwards: force and moment at each joint; the torque is the moment's part along the axis.
-        let count = self.links.len().min(q.len()).min(qd.len()).min(qdd.len()).min(torques.len());
+        let count = passes.len().min(torques.len());
+        let complete = count == self.links.len();
+        if let (Some((force, moment)), Some(last), true) = (wrench, passes.last_mut(), complete) {
+            last.force -= force;
+            last.moment -= moment + self.tip.translation.vector.cross(&force);
+        }
+        let mut joints = self.links.iter().zip(&passes).zip(&mut *torques).take(count);
+        let first = joints.next();
         let mut child: Option<(&Link, &Pass, Vector3<f32>, Vector3<f32>)> = None;
-        for ((link, pass), torque) in self.links.iter().zip(&passes).zip(torques).take(count).rev() {
+        for ((link, pass), torque) in joints.rev() {
             let (mut force, mut moment) = (pass.force, pass.moment);
             if let Some((link, pass, child_force, child_moment)) = child {
-                let transmitted = pass.parent_from_link(&link.rotation, &child_force);
+                let (transmitted, turned) = pass.transmit(link, &child_force, &child_moment);
                 force += transmitted;
-                moment += pass.parent_from_link(&link.rotation, &child_moment)
-                    + link.translation.cross(&transmitted);
+                moment += turned;
             }
             *torque = moment.z;
             child = Some((link, pass, force, moment));
+        }
+        // The base takes all the rest: here the moment about the axis is enough, and the compiler leaves the rest out.
+        if let Some(((_, pass), torque)) = first {
+            let transmitted = |(link, pass, force, moment): (&Link, &Pass, _, _)| pass.transmit(link, &force, &moment);
+            *torque = pass.moment.z + child.map_or(0.0, |child| transmitted(child).1.z);
+        }
+        for ((torque, inertia), qdd) in torques.iter_mut().zip(&self.rotor_inertia).zip(qdd).take(count) {
+            *torque += inertia * qdd;
         }
     }
 }
@@ -110,65 +180,16 @@ impl Pass {
     fn parent_from_link(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
         rotation * Vector3::new(self.cosine * v.x - self.sine * v.y, self.sine * v.x + self.cosine * v.y, v.z)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use nalgebra::Vector3;
-
-    use crate::kinematics::Chain;
-    use crate::model::{Inertial, JointModel, Pose, test_joint};
-
-    type Link = ([f32; 3], [f32; 4], [f32; 3], f32, [f32; 3], [f32; 6]);
-    type Motion = (&'static [f32], &'static [f32], &'static [f32], &'static [f32]);
-
-    /// Gravity; the links; motions as angles, velocities, accelerations and the torques that Pinocchio computes for
-    /// them (`tests/oracles/inverse_dynamics.py`).
-    const CASES: &[([f32; 3], &[Link], &[Motion])] =
-        include!("../../../tests/oracles/data/inverse_dynamics.in");
-
-    fn joint(&(translation, rotation, axis, mass, center_of_mass, inertia): &Link) -> JointModel {
-        JointModel {
-            origin: Pose { translation, rotation },
-            axis,
-            link: Inertial { mass, center_of_mass, inertia },
-            ..test_joint("joint")
-        }
-    }
-
-    #[test]
-    fn agrees_with_pinocchio() {
-        for &(gravity, links, motions) in CASES {
-            let joints: Vec<_> = links.iter().map(joint).collect();
-            let chain = Chain::new(&joints, &Pose::IDENTITY);
-            for &(q, qd, qdd, expected) in motions {
-                let mut torques = vec![0.0; links.len()];
-                chain.inverse_dynamics(&Vector3::from(gravity), q, qd, qdd, &mut torques);
-                let scale = expected.iter().fold(0.0_f32, |scale, torque| scale.max(torque.abs()));
-                for (torque, expected) in torques.iter().zip(expected) {
-                    assert!((torque - expected).abs() <= 1e-5 * scale, "{torques:?} {expected:?} of {scale}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn holds_a_pendulum_against_gravity() {
-        // 2 kg, 0.5 m from a horizontal axis, hanging at 30° from the vertical: 2 · 9.81 · 0.5 · sin 30° = 4.905 N·m.
-        let pendulum = JointModel {
-            axis: [0.0, 1.0, 0.0],
-            link: Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] },
-            ..test_joint("pendulum")
-        };
-        let mut torque = [0.0];
-        let angle = [core::f32::consts::FRAC_PI_6];
-        Chain::new(&[pendulum], &Pose::IDENTITY).inverse_dynamics(
-            &Vector3::new(0.0, 0.0, -9.81),
-            &angle,
-            &[0.0],
-            &[0.0],
-            &mut torque,
-        );
-        assert!((torque[0] - 4.905).abs() < 1e-5, "{torque:?}");
+    /// Force and moment at this link's joint as the parent link feels them, about its own joint.
+    #[inline]
+    fn transmit(
+        &self,
+        link: &Link,
+        force: &Vector3<f32>,
+        moment: &Vector3<f32>,
+    ) -> (Vector3<f32>, Vector3<f32>) {
+        let force = self.parent_from_link(&link.rotation, force);
+        (force, self.parent_from_link(&link.rotation, moment) + link.translation.cross(&force))
     }
 }

@@ -13,7 +13,9 @@ use crate::model::{Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
 pub struct Chain {
     pub(crate) links: Vec<Link, MAX_CHAIN_JOINTS>,
     /// The tip's frame in that of the last link.
-    tip: IsometryMatrix3<f32>,
+    pub(crate) tip: IsometryMatrix3<f32>,
+    /// Reflected inertia of each joint's rotor and gear [kg·m²]; none where they do not count.
+    pub(crate) rotor_inertia: Vec<f32, MAX_CHAIN_JOINTS>,
 }
 
 /// One joint and its link; all in the link's own frame (joint axis z) unless stated.
@@ -31,9 +33,23 @@ pub(crate) struct Link {
     pub inertia: Matrix3<f32>,
 }
 
+impl Link {
+    /// Takes `rotation`, the orientation of the link before, to that of this link at `angle` [rad].
+    #[inline(always)]
+    pub fn turn(&self, rotation: &mut Matrix3<f32>, angle: f32) {
+        let (sine, cosine) = math::sin_cos(angle);
+        let at_zero = *rotation * self.rotation;
+        let (x, y) = (at_zero.column(0), at_zero.column(1));
+        rotation.set_column(0, &(x * cosine + y * sine));
+        rotation.set_column(1, &(y * cosine - x * sine));
+        rotation.set_column(2, &at_zero.column(2));
+    }
+}
+
 impl Chain {
     /// The chain of `joints`, base to tip, of a validated model; at most [`MAX_CHAIN_JOINTS`]. `tip`: the tip's frame
-    /// in that of the last link.
+    /// in that of the last link. Without the rotors, which [`JointServo`](crate::control::JointServo) knows itself:
+    /// [`Chain::with_rotor_inertia`] adds them.
     pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
@@ -66,7 +82,16 @@ impl Chain {
         }
         let translation = Translation3::from(previous * Vector3::from(tip.translation));
         let rotation = Rotation3::from_matrix_unchecked(previous) * rotation(tip);
-        Self { links: own, tip: IsometryMatrix3::from_parts(translation, rotation) }
+        Self { links: own, tip: IsometryMatrix3::from_parts(translation, rotation), rotor_inertia: Vec::new() }
+    }
+
+    /// The same chain with reflected inertias of rotor and gear [kg·m²], one a joint, as
+    /// [`Motor::rotor_inertia`](crate::model::Motor::rotor_inertia) has them. Each adds its inertia times the joint's
+    /// acceleration to the joint's torque; that the links before it carry a spinning rotor around is left out, as is
+    /// usual: behind a large gear ratio it matters little.
+    #[must_use]
+    pub fn with_rotor_inertia(self, inertias: impl IntoIterator<Item = f32>) -> Self {
+        Self { rotor_inertia: inertias.into_iter().take(self.links.len()).collect(), ..self }
     }
 
     /// Where the joints and the tip are at angles `q` [rad]: the chain's forward kinematics. Angles that are missing
@@ -75,15 +100,10 @@ impl Chain {
         let mut joints = Vec::new();
         let (mut rotation, mut origin) = (Matrix3::identity(), Vector3::zeros());
         for (index, link) in self.links.iter().enumerate() {
-            let (sine, cosine) = math::sin_cos(q.get(index).copied().unwrap_or(0.0));
             origin += rotation * link.translation;
-            let at_zero = rotation * link.rotation;
-            let (x, y) = (at_zero.column(0), at_zero.column(1));
-            rotation.set_column(0, &(x * cosine + y * sine));
-            rotation.set_column(1, &(y * cosine - x * sine));
-            rotation.set_column(2, &at_zero.column(2));
+            link.turn(&mut rotation, q.get(index).copied().unwrap_or(0.0));
             // Cannot fail: there are no more links than places.
-            let _ = joints.push((at_zero.column(2).into_owned(), origin));
+            let _ = joints.push((rotation.column(2).into_owned(), origin));
         }
         let translation = Translation3::from(origin + rotation * self.tip.translation.vector);
         let rotation = Rotation3::from_matrix_unchecked(rotation * self.tip.rotation.matrix());

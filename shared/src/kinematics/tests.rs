@@ -1,5 +1,7 @@
 //! Forward kinematics, Jacobian and bias acceleration against Pinocchio, for arms and hands of different make.
 
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, UnitVector3, Vector3, Vector6};
+
 use super::Chain;
 use crate::model::{Inertial, Pose};
 
@@ -65,6 +67,57 @@ fn agrees_with_pinocchio_on_arms_and_hands_of_different_make() {
     }
 }
 
+/// Velocity of the tip by `J q̇` in double precision, straight from the joints' frames.
+fn tip_velocity(joints: &[Joint], tip: &Tip, q: &[f64], qd: &[f32]) -> Vector6<f64> {
+    let place = |&(xyz, [x, y, z, w]): &Tip| {
+        let rotation = Quaternion::new(w, x, y, z).cast::<f64>();
+        Isometry3::from_parts(Vector3::from(xyz).cast().into(), UnitQuaternion::from_quaternion(rotation))
+    };
+    let (mut here, mut axes) = (Isometry3::identity(), Vec::new());
+    for (&(xyz, rotation, axis), &q) in joints.iter().zip(q) {
+        here *= place(&(xyz, rotation));
+        let axis = UnitVector3::new_normalize(Vector3::from(axis).cast());
+        axes.push((here * axis, here.translation.vector));
+        here *= UnitQuaternion::from_axis_angle(&axis, q);
+    }
+    let tip = (here * place(tip)).translation.vector;
+    axes.iter().zip(qd).fold(Vector6::zeros(), |sum, ((axis, origin), &qd)| {
+        let (linear, angular) = (axis.cross(&(tip - origin)), axis.into_inner());
+        let column = Vector6::from_iterator(linear.iter().chain(&angular).copied());
+        sum + column * f64::from(qd)
+    })
+}
+
+#[test]
+fn the_bias_acceleration_is_the_change_of_the_jacobian_also_far_from_the_base() {
+    const STEP: f64 = 1e-4;
+    for (name, joints, tip, states) in CASES {
+        // Half a micrometre is the last digit of a single-precision number at 10 m.
+        for (distance, limit) in [(0.0, 1e-5), (10.0, 5e-5)] {
+            let mut joints = joints.to_vec();
+            let [x, y, z] = joints[0].0;
+            joints[0].0 = [x + distance, y - distance, z + distance];
+            let chain = chain(&joints, tip);
+            for (number, (q, qd, ..)) in states.iter().enumerate() {
+                let velocity = |time: f64| {
+                    let q: Vec<f64> = q.iter().zip(*qd).map(|(&q, &qd)| f64::from(q) + f64::from(qd) * time).collect();
+                    tip_velocity(&joints, tip, &q, qd)
+                };
+                let expected = (velocity(STEP) - velocity(-STEP)) / (2.0 * STEP);
+                let got = chain.posture(q).bias_acceleration(qd);
+                for (rows, what) in [(0, "linear"), (3, "angular")] {
+                    let got = got.iter().copied().skip(rows).take(3);
+                    let difference = difference(got, &expected.as_slice()[rows..rows + 3], 0.1);
+                    assert!(
+                        difference < limit,
+                        "{name} at {distance} m, state {number}: {what} bias off by {difference:e}"
+                    );
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn an_axis_that_is_hardly_tilted_is_tilted_all_the_same() {
     // About k = (3e-4, 0, 1) half a turn takes x to −x + 2 k (k·x) = (−1 + 1.8e-7, 0, 6e-4); about (3e-4, 0, −1) to
@@ -73,7 +126,7 @@ fn an_axis_that_is_hardly_tilted_is_tilted_all_the_same() {
         let joint = ([0.0; 3], [0.0, 0.0, 0.0, 1.0], [3e-4, 0.0, up]);
         let chain = chain(&[joint], &([1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]));
         let tip = chain.posture(&[core::f32::consts::PI]).tip().translation.vector;
-        let expected = nalgebra::Vector3::new(-1.0, 0.0, height);
+        let expected = Vector3::new(-1.0, 0.0, height);
         assert!((tip - expected).norm() < 4e-7, "{tip}");
     }
 }
