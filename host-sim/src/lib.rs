@@ -11,6 +11,7 @@ pub mod boards;
 pub mod controller;
 pub mod grasp_scene;
 pub mod motion;
+pub mod operator;
 pub mod plant;
 pub mod qemu;
 pub mod report;

@@ -9,7 +9,7 @@ control period of 10 ms the torque is
 
 with matrices that make the hand a spring of 300 N/m and 30 N s/m about the basic posture. Each row of the result has
 feedforward, reference and position at the start of the period, the hand's end, and the force of the wall on it, a mean
-over the period before. The motions: a release 3 cm off the reference; the hand following 0.1 m at 0.5 Hz; the shoulder's
+over the period before. The motions: a release 3 cm off the reference; the hand following 0.1 m to and fro at 0.5 Hz; the shoulder's
 yaw, and with it the elbow, swinging 30 degrees in 1 s about a hand that stays; the hand pressed against walls.
 """
 
@@ -84,7 +84,7 @@ def wanted(name, t):
     """Where the hand is off its start along x, and the yaw."""
     if name == "follow":
         # Begins softly.
-        return 0.05 * np.sin(np.pi * t) * minimum_jerk(t), 0.0
+        return 0.1 * np.sin(np.pi * t) * minimum_jerk(t), 0.0
     if name == "elbow":
         return 0.0, np.radians(30) * minimum_jerk(t)
     if name.endswith("wall"):

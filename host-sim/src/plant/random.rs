@@ -13,6 +13,11 @@ pub enum Purpose {
     ForceSensors = 5,
     ForceNoise = 6,
     Placement = 7,
+    HandMotion = 8,
+    Tremor = 9,
+    MasterArm = 10,
+    ElbowSensor = 11,
+    Link = 12,
 }
 
 /// Seeded random numbers, the same on every machine.

@@ -118,7 +118,7 @@ fn inertias_are_those_of_the_solids() {
     for link in Arm::exact().robot.urdf.links.iter().filter(|link| link.inertial.mass.value > 0.0) {
         let (mass, inertia, visual) = (link.inertial.mass.value, &link.inertial.inertia, &link.visual[0]);
         total += mass;
-        assert!((0..3).all(|i| visual.origin.xyz.0[i] == link.inertial.origin.xyz.0[i]), "{}", link.name);
+        assert_eq!(visual.origin.xyz, link.inertial.origin.xyz, "{}", link.name);
         let mut expected = match visual.geometry {
             urdf_rs::Geometry::Cylinder { radius, length } => {
                 let across = (3.0 * radius * radius + length * length) / 12.0;

@@ -6,6 +6,7 @@ use crate::arm::{Arm, BENT, JOINTS, hand};
 use crate::hand::{Hand, frame_of, largest};
 use tesaki_sim::plant::{Hold, ObjectValues, Plant, PlantError, Push, TipTruth, Wall};
 
+#[allow(clippy::cast_sign_loss, reason = "a duration")]
 fn relax(plant: &mut Plant, seconds: f64) {
     for _ in 0..(seconds * 100.0).round() as u32 {
         plant.apply(&frame_of(&[0.0; JOINTS])).unwrap();

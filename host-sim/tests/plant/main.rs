@@ -8,6 +8,7 @@
 #![allow(clippy::manual_range_contains, reason = "reads as on paper")]
 
 mod arm;
+#[allow(clippy::approx_constant, reason = "numbers that a program wrote")]
 mod arm_motion;
 mod contact;
 mod contact_motion;

@@ -1,0 +1,109 @@
+//! A link that delays, shuffles and loses.
+
+use crate::plant::{Purpose, Random};
+
+/// How good a link is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinkValues {
+    /// Least time from sending to arrival [s].
+    pub delay: f64,
+    /// Each message takes longer by its own time, uniform from 0 to this [s]. Later ones may overtake.
+    pub jitter: f64,
+    /// Share of the messages that never arrive, each by its own chance.
+    pub loss: f64,
+}
+
+/// A message on its way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Packet<T> {
+    /// Counts what was sent, from 0.
+    pub sequence: u32,
+    /// When it was sent [s].
+    pub time: f64,
+    /// What it says.
+    pub message: T,
+}
+
+/// A link in one direction.
+#[derive(Clone, Debug)]
+pub struct Link<T> {
+    values: LinkValues,
+    random: Random,
+    sequence: u32,
+    /// With the time of arrival, in the order of that.
+    under_way: Vec<(f64, Packet<T>)>,
+}
+
+impl<T> Link<T> {
+    /// An idle link. Give each of several a seed of its own.
+    pub fn new(values: LinkValues, seed: u64) -> Self {
+        Self { values, random: Random::new(seed, Purpose::Link), sequence: 0, under_way: Vec::new() }
+    }
+
+    /// Sends a message at a time [s].
+    pub fn send(&mut self, time: f64, message: T) {
+        let packet = Packet { sequence: self.sequence, time, message };
+        self.sequence = self.sequence.wrapping_add(1);
+        let LinkValues { delay, jitter, loss } = self.values;
+        // Both numbers are drawn for each message, so that the one never changes the other's.
+        let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.random.symmetric());
+        if lost >= loss {
+            let arrival = time + delay + jitter * late;
+            let place = self.under_way.partition_point(|(other, _)| *other <= arrival);
+            self.under_way.insert(place, (arrival, packet));
+        }
+    }
+
+    /// What has arrived by a time [s] and was not taken yet, in the order of arrival.
+    pub fn receive(&mut self, time: f64) -> impl Iterator<Item = Packet<T>> {
+        let arrived = self.under_way.partition_point(|(arrival, _)| *arrival <= time);
+        self.under_way.drain(..arrived).map(|(_, packet)| packet)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(values: LinkValues, seed: u64) -> Vec<(f64, Packet<u32>)> {
+        let mut link = Link::new(values, seed);
+        let mut got = Vec::new();
+        // Sent every 4 ms, looked at every 0.1 ms.
+        for now in 0..400_000_u32 {
+            let time = f64::from(now) * 1e-4;
+            if now % 40 == 0 && now < 390_000 {
+                link.send(time, now / 40);
+            }
+            got.extend(link.receive(time).map(|packet| (time, packet)));
+        }
+        got
+    }
+
+    #[test]
+    fn delay_jitter_and_loss_have_their_sizes() {
+        let got = run(LinkValues { delay: 0.02, jitter: 0.01, loss: 0.1 }, 3);
+        assert!((got.len() as f64 / 9750.0 - 0.9).abs() < 0.01, "{}", got.len());
+        let late: Vec<f64> = got.iter().map(|(time, packet)| time - packet.time - 0.02).collect();
+        let mean = late.iter().sum::<f64>() / late.len() as f64;
+        let deviation = (late.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / late.len() as f64).sqrt();
+        assert!(late.iter().all(|&late| (-1e-9..0.0102).contains(&late)));
+        // Uniform over 10 ms, up to the 0.1 ms of the receiver.
+        assert!(
+            (mean - 0.00505).abs() < 1e-4 && (deviation - 0.01 / 12_f64.sqrt()).abs() < 1e-4,
+            "{mean} {deviation}"
+        );
+        assert!(got.iter().all(|(_, packet)| packet.sequence == packet.message));
+        let overtaken = got.windows(2).filter(|two| two[1].1.sequence < two[0].1.sequence).count();
+        assert!(overtaken > 1000, "{overtaken}");
+        assert_eq!(got, run(LinkValues { delay: 0.02, jitter: 0.01, loss: 0.1 }, 3));
+    }
+
+    #[test]
+    fn a_good_link_is_in_order_and_complete() {
+        let got = run(LinkValues { delay: 0.05, ..LinkValues::default() }, 0);
+        assert!(
+            got.len() == 9750 && got.iter().zip(0..).all(|((_, packet), number)| packet.sequence == number)
+        );
+        assert!(got.iter().all(|(time, packet)| (time - packet.time - 0.05).abs() < 1.01e-4));
+    }
+}

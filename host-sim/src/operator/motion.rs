@@ -1,0 +1,310 @@
+//! How a person moves the hand.
+
+use core::f64::consts::{PI, TAU};
+
+use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use tesaki_supervisor::trajectory::minimum_jerk;
+
+use super::Recorded;
+use crate::plant::{Purpose, Random};
+
+/// Physiological tremor of a hand that is held freely [Hz].
+pub const TREMOR_BAND: [f64; 2] = [8.0, 12.0];
+/// Sinusoids that make the tremor of an axis.
+const TREMOR_PARTS: usize = 12;
+
+/// Where a hand is and how it moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandState {
+    /// Position and orientation.
+    pub pose: Isometry3<f64>,
+    /// Of the position [m/s].
+    pub velocity: Vector3<f64>,
+    /// [rad/s].
+    pub angular_velocity: Vector3<f64>,
+}
+
+/// From rest to rest with minimum jerk.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// When it begins [s].
+    pub begin: f64,
+    /// How long it takes [s].
+    pub duration: f64,
+    /// By how much the hand shifts [m].
+    pub shift: Vector3<f64>,
+    /// By how much it turns, as a rotation vector in the frame of the base [rad].
+    pub turn: Vector3<f64>,
+}
+
+/// What seeded strokes are like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StrokeValues {
+    /// The hand stays within this of its start along each axis [m].
+    pub reach: f64,
+    /// It stays within this of its orientation at the start about each axis [rad].
+    pub tilt: f64,
+    /// Peak speed of a stroke, least and largest [m/s].
+    pub speed: [f64; 2],
+    /// Share of the strokes that go straight back to where the one before began.
+    pub reversals: f64,
+    /// Share of the strokes that are followed by a pause.
+    pub pauses: f64,
+    /// Length of a pause, least and largest [s].
+    pub pause: [f64; 2],
+}
+
+impl Default for StrokeValues {
+    /// Unhurried reaching: 0.1 to 0.5 m/s within 10 cm and 0.3 rad.
+    fn default() -> Self {
+        Self { reach: 0.1, tilt: 0.3, speed: [0.1, 0.5], reversals: 0.3, pauses: 0.3, pause: [0.2, 0.8] }
+    }
+}
+
+#[derive(Clone, Debug)]
+enum Course {
+    Sine { amplitude: Vector3<f64>, frequency: f64, begin: f64, end: f64 },
+    Strokes(Vec<Stroke>),
+    Recorded(Recorded),
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Tremor {
+    amplitude: Vector3<f64>,
+    /// [rad/s]
+    frequency: f64,
+    phase: f64,
+}
+
+/// A motion of a person's hand, as a function of time.
+#[derive(Clone, Debug)]
+pub struct HandMotion {
+    start: Isometry3<f64>,
+    course: Course,
+    tremor: Vec<Tremor>,
+}
+
+impl HandMotion {
+    /// To and fro in a sine from `start`: the motion of the paper's master-slave experiment is (0.1, 0, 0) m at 0.5 Hz. It
+    /// swells within the first half period and dies away within the last; before and after the hand rests.
+    pub const fn sine(
+        start: Isometry3<f64>,
+        amplitude: Vector3<f64>,
+        frequency: f64,
+        [begin, end]: [f64; 2],
+    ) -> Self {
+        Self { start, course: Course::Sine { amplitude, frequency, begin, end }, tremor: Vec::new() }
+    }
+
+    /// One stroke after another, in the order of time.
+    pub const fn strokes(start: Isometry3<f64>, strokes: Vec<Stroke>) -> Self {
+        Self { start, course: Course::Strokes(strokes), tremor: Vec::new() }
+    }
+
+    /// Seeded strokes with pauses and reversals, from 0 to about `duration` [s].
+    pub fn reaching(start: Isometry3<f64>, values: &StrokeValues, seed: u64, duration: f64) -> Self {
+        let mut random = Random::new(seed, Purpose::HandMotion);
+        let mut within = move |[low, high]: [f64; 2]| low + (high - low) * (0.5 + 0.5 * random.symmetric());
+        let (mut strokes, mut time): (Vec<Stroke>, f64) = (Vec::new(), 0.0);
+        let (mut place, mut tilt) = (Vector3::zeros(), Vector3::zeros());
+        while time < duration {
+            let back = strokes.last().filter(|_| within([0.0, 1.0]) < values.reversals);
+            let (shift, turn) = match back {
+                Some(last) => (-last.shift, -last.turn),
+                None => (
+                    Vector3::from_fn(|_, _| within([-values.reach, values.reach])) - place,
+                    Vector3::from_fn(|_, _| within([-values.tilt, values.tilt])) - tilt,
+                ),
+            };
+            // Of minimum jerk the peak is 15/8 of the mean.
+            let stroke_time = (1.875 * shift.norm() / within(values.speed)).max(0.2);
+            strokes.push(Stroke { begin: time, duration: stroke_time, shift, turn });
+            (place, tilt, time) = (place + shift, tilt + turn, time + stroke_time);
+            if within([0.0, 1.0]) < values.pauses {
+                time += within(values.pause);
+            }
+        }
+        Self::strokes(start, strokes)
+    }
+
+    /// As it was recorded; before and after it rests.
+    pub fn recorded(recorded: Recorded) -> Self {
+        Self { start: recorded.start(), course: Course::Recorded(recorded), tremor: Vec::new() }
+    }
+
+    /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1 mm.
+    #[must_use]
+    pub fn with_tremor(mut self, rms: f64, seed: u64) -> Self {
+        let mut random = Random::new(seed, Purpose::Tremor);
+        let [low, high] = TREMOR_BAND;
+        let size = rms * libm::sqrt(2.0 / TREMOR_PARTS as f64);
+        for axis in 0..3 {
+            for part in 0..TREMOR_PARTS {
+                // One in each slice of the band: their sum beats, but has the size that it should.
+                let place = (part as f64 + 0.5 + 0.5 * random.symmetric()) / TREMOR_PARTS as f64;
+                let mut amplitude = Vector3::zeros();
+                amplitude[axis] = size;
+                let frequency = TAU * (low + (high - low) * place);
+                self.tremor.push(Tremor { amplitude, frequency, phase: PI * random.symmetric() });
+            }
+        }
+        self
+    }
+
+    /// Where the hand is meant to be at a time [s].
+    pub fn at(&self, time: f64) -> HandState {
+        let mut state = match &self.course {
+            Course::Recorded(recorded) => recorded.at(time),
+            Course::Strokes(strokes) => self.in_strokes(strokes, time),
+            Course::Sine { amplitude, frequency, begin, end } => {
+                let [way, speed] = sine(*frequency, time - begin, end - begin);
+                self.moved(amplitude * way, amplitude * speed, Vector3::zeros(), Vector3::zeros())
+            }
+        };
+        for Tremor { amplitude, frequency, phase } in &self.tremor {
+            let angle = frequency * time + phase;
+            state.pose.translation.vector += amplitude * libm::sin(angle);
+            state.velocity += amplitude * (frequency * libm::cos(angle));
+        }
+        state
+    }
+
+    fn in_strokes(&self, strokes: &[Stroke], time: f64) -> HandState {
+        let zero = Vector3::zeros();
+        let (mut shift, mut velocity, mut turn, mut spin) = (zero, zero, zero, zero);
+        for stroke in strokes.iter().take_while(|stroke| stroke.begin <= time) {
+            let [share, rate, _] = minimum_jerk((time - stroke.begin) / stroke.duration);
+            shift += stroke.shift * share;
+            velocity += stroke.shift * (rate / stroke.duration);
+            turn += stroke.turn * share;
+            spin += stroke.turn * (rate / stroke.duration);
+        }
+        self.moved(shift, velocity, turn, spin)
+    }
+
+    /// Off the start by a shift and a rotation vector, with their rates.
+    fn moved(
+        &self,
+        shift: Vector3<f64>,
+        velocity: Vector3<f64>,
+        turn: Vector3<f64>,
+        rate: Vector3<f64>,
+    ) -> HandState {
+        let rotation = UnitQuaternion::new(turn) * self.start.rotation;
+        let pose = Isometry3::from_parts(Translation3::from(self.start.translation.vector + shift), rotation);
+        HandState { pose, velocity, angular_velocity: angular_velocity(&turn, &rate) }
+    }
+}
+
+/// Of a rotation vector that changes at a rate.
+fn angular_velocity(turn: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
+    let angle = turn.norm();
+    let (first, second) = if angle < 1e-4 {
+        (0.5, 1.0 / 6.0)
+    } else {
+        let square = angle * angle;
+        ((1.0 - libm::cos(angle)) / square, (angle - libm::sin(angle)) / (square * angle))
+    };
+    let across = turn.cross(rate);
+    rate + across * first + turn.cross(&across) * second
+}
+
+/// A sine of amplitude 1 that swells and dies away within half a period each, and its rate.
+fn sine(frequency: f64, time: f64, duration: f64) -> [f64; 2] {
+    let ramp = 0.5 / frequency;
+    let [up, up_rate, _] = minimum_jerk(time / ramp);
+    let [down, down_rate, _] = minimum_jerk((duration - time) / ramp);
+    let (size, rate) = (up * down, (up_rate * down - up * down_rate) / ramp);
+    let (sine, cosine) = libm::sincos(TAU * frequency * time);
+    [size * sine, rate * sine + size * TAU * frequency * cosine]
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests {
+    use super::*;
+
+    fn start() -> Isometry3<f64> {
+        Isometry3::new(Vector3::new(0.36, 0.0, -0.3), Vector3::new(0.0, -1.5, 0.2))
+    }
+
+    /// Velocities are the derivatives of the poses.
+    fn check_velocities(motion: &HandMotion, duration: f64) {
+        let step = 1e-5;
+        for tick in 1..(duration * 50.0) as u32 {
+            let time = f64::from(tick) * 0.02 + 0.0003;
+            let (a, b, state) = (motion.at(time - step), motion.at(time + step), motion.at(time));
+            let velocity = (b.pose.translation.vector - a.pose.translation.vector) / (2.0 * step);
+            let spin = (b.pose.rotation * a.pose.rotation.inverse()).scaled_axis() / (2.0 * step);
+            assert!((velocity - state.velocity).norm() < 1e-5, "{time}: {velocity} {state:?}");
+            assert!((spin - state.angular_velocity).norm() < 1e-5, "{time}: {spin} {state:?}");
+        }
+    }
+
+    #[test]
+    fn the_papers_motion_goes_01_m_each_way_at_half_a_hertz_and_rests() {
+        let motion = HandMotion::sine(start(), Vector3::new(0.1, 0.0, 0.0), 0.5, [1.0, 9.0]);
+        let x = |time: f64| motion.at(time).pose.translation.x - 0.36;
+        assert!(x(0.9).abs() < 1e-12 && x(9.1).abs() < 1e-12 && motion.at(9.5).velocity.norm() < 1e-12);
+        // Peaks every second at the quarter and three quarters of the 2 s period.
+        assert!((x(3.5) - 0.1).abs() < 1e-9 && (x(4.5) + 0.1).abs() < 1e-9 && (x(5.5) - 0.1).abs() < 1e-9);
+        assert!((motion.at(5.0).velocity.x.abs() - 0.1 * PI).abs() < 1e-9);
+        check_velocities(&motion, 10.0);
+    }
+
+    #[test]
+    fn reaching_keeps_to_its_values() {
+        let values = StrokeValues::default();
+        let (mut reversed, mut all, mut paused) = (0, 0, 0);
+        for seed in 0..20 {
+            let motion = HandMotion::reaching(start(), &values, seed, 20.0);
+            let Course::Strokes(strokes) = &motion.course else { panic!("strokes") };
+            for pair in strokes.windows(2) {
+                all += 1;
+                reversed += i32::from((pair[0].shift + pair[1].shift).norm() < 1e-12);
+                let pause = pair[1].begin - pair[0].begin - pair[0].duration;
+                assert!(pause < 1e-9 || (0.2..=0.8).contains(&pause), "{pause}");
+                paused += i32::from(pause > 1e-9);
+            }
+            for tick in 0..2000 {
+                let state = motion.at(f64::from(tick) * 0.01);
+                let off = state.pose.translation.vector - start().translation.vector;
+                assert!(off.amax() <= 0.1 + 1e-9 && state.velocity.norm() <= 0.5 + 1e-9, "{state:?}");
+            }
+        }
+        let share = |count: i32| f64::from(count) / f64::from(all);
+        assert!(
+            (share(reversed) - 0.3).abs() < 0.06 && (share(paused) - 0.3).abs() < 0.06,
+            "{reversed} {paused} {all}"
+        );
+        check_velocities(&HandMotion::reaching(start(), &values, 1, 10.0), 10.0);
+    }
+
+    #[test]
+    fn tremor_has_its_size_and_its_band() {
+        let rest = HandMotion::strokes(start(), Vec::new());
+        let motion = rest.with_tremor(1e-4, 7);
+        let samples: Vec<f64> = (0..4000)
+            .map(|n| motion.at(f64::from(n) * 0.005).pose.translation.y - start().translation.y)
+            .collect();
+        let total = samples.iter().map(|y| y * y).sum::<f64>();
+        assert!(((total / 4000.0).sqrt() / 1e-4 - 1.0).abs() < 0.05, "{}", (total / 4000.0).sqrt());
+        // A discrete Fourier transform, 20 s long: lines every 0.05 Hz.
+        let power = |line: usize| {
+            let (mut re, mut im) = (0.0, 0.0);
+            for (n, y) in samples.iter().enumerate() {
+                let window = 1.0 - libm::cos(TAU * n as f64 / 4000.0);
+                let (s, c) = libm::sincos(TAU * (line * n) as f64 / 4000.0);
+                (re, im) = (re + window * y * c, im + window * y * s);
+            }
+            re * re + im * im
+        };
+        let (inside, outside) = (1..600).fold((0.0, 0.0), |(inside, outside), line| {
+            let frequency = line as f64 * 0.05;
+            let p = power(line);
+            if (7.9..=12.1).contains(&frequency) { (inside + p, outside) } else { (inside, outside + p) }
+        });
+        assert!(outside < 1e-3 * inside, "{outside:e} {inside:e}");
+        check_velocities(&motion, 1.0);
+    }
+}

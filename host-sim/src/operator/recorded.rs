@@ -1,0 +1,198 @@
+//! A hand's motion from a file.
+
+use std::path::{Path, PathBuf};
+
+use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use super::HandState;
+
+/// The columns, in this order, named in the first line.
+const HEADER: &str = "time,x,y,z,qx,qy,qz,qw";
+
+/// A recorded motion: a CSV file with the header `time,x,y,z,qx,qy,qz,qw` and a line for each sample: time [s], rising;
+/// position [m]; orientation, a quaternion that is made a unit one. Positions in between follow cubic Hermite splines
+/// whose velocities are those of the parabolas through three samples; orientations turn steadily from one to the next.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    samples: Vec<Sample>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sample {
+    time: f64,
+    pose: Isometry3<f64>,
+    velocity: Vector3<f64>,
+}
+
+/// Why a recorded motion is none.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecordedError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The first line.
+    #[error("line 1 is {0:?}: it must be {HEADER}")]
+    Header(String),
+    /// A line that is no sample.
+    #[error("line {line}: {problem}")]
+    Line {
+        /// From 1.
+        line: usize,
+        /// What is wrong, and what would do.
+        problem: &'static str,
+    },
+    /// Too few samples.
+    #[error("{0} samples: a motion has at least 2")]
+    Short(usize),
+}
+
+impl Recorded {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It cannot be read, or the first thing that is wrong in it, by line.
+    pub fn load(path: &Path) -> Result<Self, RecordedError> {
+        let error =
+            |error: std::io::Error| RecordedError::Read { path: path.to_owned(), reason: error.to_string() };
+        Self::from_csv(&std::fs::read_to_string(path).map_err(error)?)
+    }
+
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, by line.
+    pub fn from_csv(text: &str) -> Result<Self, RecordedError> {
+        let mut lines = text.lines().map(str::trim).zip(1..);
+        let header = lines.next().map_or("", |(line, _)| line);
+        if header != HEADER {
+            return Err(RecordedError::Header(header.to_owned()));
+        }
+        let mut samples: Vec<Sample> = Vec::new();
+        for (text, line) in lines.filter(|(line, _)| !line.is_empty()) {
+            let sample = sample(text).map_err(|problem| RecordedError::Line { line, problem })?;
+            if samples.last().is_some_and(|last| last.time >= sample.time) {
+                return Err(RecordedError::Line {
+                    line,
+                    problem: "its time is not after that of the line before",
+                });
+            }
+            samples.push(sample);
+        }
+        if samples.len() < 2 {
+            return Err(RecordedError::Short(samples.len()));
+        }
+        for index in 1..samples.len() - 1 {
+            let [a, b, c] = [index - 1, index, index + 1].map(|index| samples[index]);
+            let slope = |a: &Sample, b: &Sample| {
+                (b.pose.translation.vector - a.pose.translation.vector) / (b.time - a.time)
+            };
+            let weight = (b.time - a.time) / (c.time - a.time);
+            samples[index].velocity = slope(&a, &b) * (1.0 - weight) + slope(&b, &c) * weight;
+        }
+        Ok(Self { samples })
+    }
+
+    /// How long it takes, from the first sample to the last [s].
+    pub fn duration(&self) -> f64 {
+        self.samples.last().map_or(0.0, |last| last.time) - self.samples[0].time
+    }
+
+    pub(super) fn start(&self) -> Isometry3<f64> {
+        self.samples[0].pose
+    }
+
+    /// At a time from the first sample on [s].
+    pub(super) fn at(&self, time: f64) -> HandState {
+        let time = self.samples[0].time + time.clamp(0.0, self.duration());
+        let after =
+            self.samples.partition_point(|sample| sample.time <= time).clamp(1, self.samples.len() - 1);
+        let (a, b) = (&self.samples[after - 1], &self.samples[after]);
+        let span = b.time - a.time;
+        let s = (time - a.time) / span;
+        let way = b.pose.translation.vector - a.pose.translation.vector;
+        let place = a.pose.translation.vector
+            + way * (s * s * (3.0 - 2.0 * s))
+            + (a.velocity * (1.0 - s) - b.velocity * s) * (span * s * (1.0 - s));
+        let velocity = way * (6.0 * s * (1.0 - s) / span)
+            + a.velocity * ((1.0 - s) * (1.0 - 3.0 * s))
+            + b.velocity * (s * (3.0 * s - 2.0));
+        let turn = (b.pose.rotation * a.pose.rotation.inverse()).scaled_axis();
+        let rotation = UnitQuaternion::new(turn * s) * a.pose.rotation;
+        HandState {
+            pose: Isometry3::from_parts(Translation3::from(place), rotation),
+            velocity,
+            angular_velocity: if s < 1.0 { turn / span } else { Vector3::zeros() },
+        }
+    }
+}
+
+/// A line, without a velocity.
+fn sample(text: &str) -> Result<Sample, &'static str> {
+    let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
+    let Ok([time, x, y, z, i, j, k, w]) = <[f64; 8]>::try_from(numbers) else {
+        return Err("it does not have eight numbers");
+    };
+    if ![time, x, y, z, i, j, k, w].iter().all(|value| value.is_finite()) {
+        return Err("a number is not finite");
+    }
+    let turn = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6).ok_or("its quaternion is 0")?;
+    let pose = Isometry3::from_parts(Translation3::new(x, y, z), turn);
+    Ok(Sample { time, pose, velocity: Vector3::zeros() })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sampled_motion_comes_back() {
+        let motion = |t: f64| (0.1 * libm::sin(3.0 * t), 0.3 * libm::cos(3.0 * t), 0.2 * t);
+        let mut text = String::from("time,x,y,z,qx,qy,qz,qw\n");
+        for n in 0..=100 {
+            let t = f64::from(n) * 0.02;
+            let (x, _, turn) = motion(t);
+            text += &format!("{},{x},0,1,0,0,{},{}\n", 5.0 + t, libm::sin(turn / 2.0), libm::cos(turn / 2.0));
+        }
+        let recorded = Recorded::from_csv(&text).unwrap();
+        assert!((recorded.duration() - 2.0).abs() < 1e-12);
+        for n in 10..190 {
+            let t = f64::from(n) * 0.01;
+            let (state, (x, velocity, turn)) = (recorded.at(t), motion(t));
+            assert!(
+                (state.pose.translation.x - x).abs() < 1e-6 && (state.velocity.x - velocity).abs() < 2e-4,
+                "{state:?}"
+            );
+            assert!(
+                (state.pose.rotation.angle() - turn).abs() < 1e-9
+                    && (state.angular_velocity.z - 0.2).abs() < 1e-9
+            );
+        }
+        assert_eq!(recorded.at(-1.0).pose, recorded.start());
+        let end = recorded.at(9.0);
+        assert!(
+            (end.pose.translation.x - motion(2.0).0).abs() < 1e-12
+                && end.velocity.norm() + end.angular_velocity.norm() < 1e-12
+        );
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        let error = |text: &str| Recorded::from_csv(text).unwrap_err().to_string();
+        let head = "time,x,y,z,qx,qy,qz,qw\n";
+        assert_eq!(error("t,x\n1,2"), "line 1 is \"t,x\": it must be time,x,y,z,qx,qy,qz,qw");
+        assert_eq!(error(&format!("{head}0,0,0,0,0,0,0,1\n")), "1 samples: a motion has at least 2");
+        assert_eq!(
+            error(&format!("{head}0,0,0,0,0,0,0,1\n0,0,0,0,0,0,1")),
+            "line 3: it does not have eight numbers"
+        );
+        assert_eq!(error(&format!("{head}0,0,0,0,0,0,0,0")), "line 2: its quaternion is 0");
+        let twice = "0,0,0,0,0,0,0,1\n".repeat(2);
+        assert_eq!(error(&format!("{head}{twice}")), "line 3: its time is not after that of the line before");
+    }
+}
