@@ -1,5 +1,7 @@
 //! Scenarios: a robot, a task, a plant, and what is measured.
 
+mod arm;
+mod arm7_release;
 mod common;
 mod grasping;
 mod hand3_force;
@@ -49,6 +51,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_turn::SCENARIO,
     hand3_shift::SCENARIO,
     hand3_grasp::SCENARIO,
+    arm7_release::SCENARIO,
 ];
 
 /// What a run is given.

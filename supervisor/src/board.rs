@@ -1,3 +1,4 @@
+use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, PosePoint};
 use tesaki::kinematics::TipPoint;
 use tesaki::manipulation::{GraspCommand, GraspTelemetry};
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS, RobotModel};
@@ -226,6 +227,34 @@ pub trait Board {
             Reply::Grasp(grasp) => Ok(grasp),
             Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell what it holds", refusal }),
             reply => Err(wrong("tell what it holds", &reply)),
+        }
+    }
+
+    /// Tells an arm how to behave.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn behave(&mut self, settings: ArmSettings) -> Result<(), BoardError> {
+        self.ask("behave like that", Request::Impedance(settings))
+    }
+
+    /// Tells an arm where its tool should be, and its elbow.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn aim(&mut self, point: PosePoint, elbow: ElbowPoint) -> Result<(), BoardError> {
+        self.ask("move its tool", Request::SetPoint(SetPoint::Pose { point, elbow }))
+    }
+
+    /// The arm and its tool.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn read_arm(&mut self) -> Result<ArmTelemetry, BoardError> {
+        match self.request(Request::ReadArm)? {
+            Reply::Arm(arm) => Ok(arm),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell of its tool", refusal }),
+            reply => Err(wrong("tell of its tool", &reply)),
         }
     }
 

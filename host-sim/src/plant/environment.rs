@@ -137,6 +137,8 @@ struct Held {
     /// Where the tip was then, and when.
     from: Isometry3<f64>,
     begin: f64,
+    /// When it ends.
+    end: f64,
 }
 
 impl Held {
@@ -230,13 +232,14 @@ impl Environment {
     pub fn hold(&mut self, tip: usize, hold: Hold, from: Isometry3<f64>, begin: f64) {
         self.active = true;
         if let Some(tip) = self.tips.get_mut(tip) {
-            tip.hold = Some(Held { hold, from, begin });
+            tip.hold = Some(Held { hold, from, begin, end: f64::INFINITY });
         }
     }
 
-    pub fn release(&mut self, tip: usize) {
-        if let Some(tip) = self.tips.get_mut(tip) {
-            tip.hold = None;
+    /// The tip is let go at `time`.
+    pub fn release(&mut self, tip: usize, time: f64) {
+        if let Some(held) = self.tips.get_mut(tip).and_then(|tip| tip.hold.as_mut()) {
+            held.end = time;
         }
     }
 
@@ -267,6 +270,9 @@ impl Environment {
     ) -> Option<Wrench> {
         let around = self.tips.get_mut(number)?;
         let before = around.before.take();
+        if around.hold.as_ref().is_some_and(|held| time >= held.end) {
+            around.hold = None;
+        }
         around.pushes.retain(|(begin, push)| !push.is_over(time - begin));
         (around.felt, around.wall_force, around.depth) = (Wrench::default(), Vector3::zeros(), 0.0);
         around.sum.2 += 1.0;

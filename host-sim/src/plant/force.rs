@@ -1,14 +1,14 @@
 //! Six-axis force sensors between the tips and their links.
 
-use rapier3d::na::{Vector3, Vector6};
+use rapier3d::na::{Point3, UnitQuaternion, Vector3, Vector6};
 use serde::Deserialize;
 
-use super::PlantError;
+use super::{CONTROL_PERIOD, PlantError};
 use super::random::{Purpose, Random};
 use super::tips::Tip;
 use super::world::World;
 
-/// The force sensors, all alike. They read the mean over the control period before.
+/// The force sensors, all alike. They are read once in a control period.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSensorValues {
@@ -30,6 +30,9 @@ pub struct ForceSensorValues {
     pub force_noise: f64,
     /// Standard deviation [N·m].
     pub torque_noise: f64,
+    /// They read the mean over so much time before the reading [s]; over the whole control period if it is not given.
+    #[serde(default)]
+    pub window: Option<f64>,
 }
 
 impl ForceSensorValues {
@@ -47,6 +50,12 @@ impl ForceSensorValues {
             ("force_noise", self.force_noise),
             ("torque_noise", self.torque_noise),
         ];
+        if let Some(window) = self.window
+            && !(window > 0.0 && window <= CONTROL_PERIOD)
+        {
+            let (field, expected) = ("force_sensor.window".to_owned(), "above 0 s, at most a control period");
+            return Err(PlantError::Value { field, value: window, expected });
+        }
         let bad = |(_, value): &(&str, f64)| !(value.is_finite() && *value >= 0.0);
         let zero = |(_, value): &(&str, f64)| *value <= 0.0;
         match positive.into_iter().find(|item| bad(item) || zero(item)).or(others.into_iter().find(bad)) {
@@ -76,9 +85,9 @@ struct Gauge {
     gain: [f64; 6],
     offset: [f64; 6],
     wrench: Vector6<f64>,
-    /// Sum over the sub-steps of the period of what contacts do.
+    /// Sum over the sub-steps of the window of what contacts do.
     contacts: Vector6<f64>,
-    /// Velocity of the tip's centre of mass and its angular velocity, a period ago.
+    /// Velocity of the tip's centre of mass and its angular velocity, when the window began.
     before: (Vector3<f64>, Vector3<f64>),
 }
 
@@ -117,8 +126,25 @@ impl ForceSensors {
             let (wrench, contacts) = (Vector6::zeros(), Vector6::zeros());
             sensors.gauges.push(Gauge { gain, offset, wrench, contacts, before });
         }
+        sensors.begin_window(world);
         sensors.finish(world, f64::INFINITY);
         sensors
+    }
+
+    /// How much of a control period they look at [s].
+    pub fn window(&self) -> f64 {
+        self.values.and_then(|values| values.window).unwrap_or(CONTROL_PERIOD)
+    }
+
+    /// Forgets what was before.
+    pub fn begin_window(&mut self, world: &World) {
+        self.steps = 0.0;
+        for (index, (gauge, tip)) in self.gauges.iter_mut().zip(world.tips()).enumerate() {
+            gauge.contacts = Vector6::zeros();
+            if let Some((_, linear, angular)) = motion(world, index, tip) {
+                gauge.before = (linear, angular);
+            }
+        }
     }
 
     /// Takes in what contacts, walls, holds and pushes did in the last sub-step.
@@ -139,26 +165,20 @@ impl ForceSensors {
         }
     }
 
-    /// Ends a period [s] of sub-steps.
-    pub fn finish(&mut self, world: &World, period: f64) {
+    /// Ends the window [s].
+    pub fn finish(&mut self, world: &World, window: f64) {
         let steps = self.steps.max(1.0);
-        self.steps = 0.0;
         for (index, (gauge, tip)) in self.gauges.iter_mut().zip(world.tips()).enumerate() {
-            let Some(frame) = world.tip_frame(index) else { continue };
-            let center = (frame * rapier3d::na::Point3::from(tip.center_of_mass)).coords;
-            let motion = world.motion_at(tip.body, &center);
-            let acceleration = (motion.linear - gauge.before.0) / period;
-            let turning = (motion.angular - gauge.before.1) / period;
-            let turn = frame.rotation.inverse();
+            let Some((turn, linear, angular)) = motion(world, index, tip) else { continue };
+            let acceleration = (linear - gauge.before.0) / window;
+            let turning = (angular - gauge.before.1) / window;
             let own = own_weight(
                 tip,
                 &(turn * (world.gravity() - acceleration)),
-                &(turn * motion.angular),
+                &(turn * angular),
                 &(turn * turning),
             );
-            gauge.before = (motion.linear, motion.angular);
             gauge.wrench = gauge.contacts / steps + own;
-            gauge.contacts = Vector6::zeros();
         }
     }
 
@@ -183,6 +203,13 @@ impl ForceSensors {
         };
         self.gauges.iter().map(&mut read).collect()
     }
+}
+
+/// What turns vectors of the base's frame into a tip's, the velocity of its centre of mass, and its angular velocity.
+fn motion(world: &World, index: usize, tip: &Tip) -> Option<(UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>)> {
+    let frame = world.tip_frame(index)?;
+    let motion = world.motion_at(tip.body, &(frame * Point3::from(tip.center_of_mass)).coords);
+    Some((frame.rotation.inverse(), motion.linear, motion.angular))
 }
 
 /// What a tip's own mass does to its sensor, `fall` being gravity less the acceleration of the centre of mass. All in the

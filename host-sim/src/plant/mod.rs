@@ -223,7 +223,13 @@ impl Plant {
         }
         let mut torques = vec![0.0; expected];
         self.world.begin_period();
-        for _ in 0..self.values.steps() {
+        let steps = self.values.steps();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to steps")]
+        let looked_at = (self.forces.window() / step).round().max(1.0) as usize;
+        for number in 0..steps {
+            if number + looked_at == steps {
+                self.forces.begin_window(&self.world);
+            }
             for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
                 *torque = drive.advance(step);
             }
@@ -231,7 +237,7 @@ impl Plant {
             self.world.step(self.drive_of.iter().map(torque_of));
             self.forces.add(&self.world);
         }
-        self.forces.finish(&self.world, CONTROL_PERIOD);
+        self.forces.finish(&self.world, looked_at as f64 * step);
         Ok(())
     }
 
@@ -301,13 +307,14 @@ impl Plant {
         Ok(())
     }
 
-    /// Lets a tip go.
+    /// Lets a tip go after a while [s].
     ///
     /// # Errors
     /// No such tip.
-    pub fn release_tip(&mut self, tip: usize) -> Result<(), PlantError> {
+    pub fn release_tip(&mut self, tip: usize, after: f64) -> Result<(), PlantError> {
         self.tip_frame(tip)?;
-        self.world.environment_mut().release(tip);
+        let time = self.world.time();
+        self.world.environment_mut().release(tip, time + after);
         Ok(())
     }
 

@@ -55,7 +55,7 @@ fn a_hold_gives_way_as_its_springs_say_until_it_lets_go() {
     // The hand's z is the base's −x, so the push turns about −z.
     assert!((turned - Vector3::new(0.0, 0.0, -5e-3)).norm() < 1e-4, "{turned}");
     assert!(largest(tip.force) < 0.02 && largest(tip.torque) < 0.01, "in balance: {tip:?}");
-    plant.release_tip(0).unwrap();
+    plant.release_tip(0, 0.0).unwrap();
     relax(&mut plant, 0.01);
     let tip = hand(&plant);
     assert!((tip.force[1] - 10.0).abs() < 1e-4 && (tip.torque[2] + 0.5).abs() < 1e-3, "{tip:?}");
@@ -78,7 +78,7 @@ fn a_hold_leads_the_hand_softly() {
     // The hold carries the arm: at most its weight of 4.5 kg.
     assert!(largest((0..3).map(|i| end.position[i] - place.position[i])) < 45.0 / 20_000.0, "{end:?}");
     assert!(largest(end.velocity) < 1e-4, "{end:?}");
-    plant.release_tip(0).unwrap();
+    plant.release_tip(0, 0.0).unwrap();
     let (before, at) = (plant.truth().velocities, hand(&plant).position);
     relax(&mut plant, 0.01);
     assert!(largest(hand(&plant).force) == 0.0 && largest(before) < 1e-3 && hand(&plant).position[2] < at[2]);
@@ -191,7 +191,7 @@ fn a_push_gives_the_hand_its_impulse() {
 fn errors_say_what_is_wrong() {
     let mut plant = Arm::exact().build();
     let good = held(&plant);
-    assert_eq!(plant.release_tip(1), Err(PlantError::NoTip { tip: 1, tips: 1 }));
+    assert_eq!(plant.release_tip(1, 0.0), Err(PlantError::NoTip { tip: 1, tips: 1 }));
     assert_eq!(plant.hold_tip(2, good), Err(PlantError::NoTip { tip: 2, tips: 1 }));
     let field = |error: Result<(), PlantError>| match error.unwrap_err() {
         PlantError::Value { field, .. } => field,

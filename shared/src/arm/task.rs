@@ -151,7 +151,8 @@ pub struct ArmState {
     contact: bool,
     /// The wrench of the last tick, as it was sensed.
     wrench: [f32; 6],
-    /// Acceleration of the tool's point that was last asked for [m/s²].
+    /// Velocity of the tool's point [m/s] and its acceleration [m/s²].
+    velocity: [f32; 3],
     acceleration: [f32; 3],
     /// Weakest direction of the tool and its singular value.
     direction: [f32; 6],
@@ -173,6 +174,7 @@ impl ArmState {
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
         contact: false,
         wrench: [0.0; 6],
+        velocity: [0.0; 3],
         acceleration: [0.0; 3],
         direction: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         weakest: 0.0,
@@ -244,7 +246,7 @@ impl ArmState {
         Ok(())
     }
 
-    /// Acceleration of the tool's point that was asked for in the last tick [m/s²]: what the tool's own mass feels.
+    /// Acceleration of the tool's point since the last tick, as far as it is known [m/s²]: what the tool's own mass feels.
     pub fn acceleration(&self) -> Vector3<f32> {
         self.acceleration.into()
     }
@@ -299,7 +301,8 @@ impl ArmState {
         }
         self.error = error.into();
         let velocities = Joints::from(self.velocities);
-        let velocity = jacobian * velocities - Vector6::from(self.set_point.velocity);
+        let speed = jacobian * velocities;
+        let velocity = speed - Vector6::from(self.set_point.velocity);
         let pushed = self.contact || settings.law == Law::Printed;
         let force = if pushed { wrench } else { Vector6::zeros() };
         let wanted = Vector6::from(self.set_point.acceleration)
@@ -307,7 +310,13 @@ impl ArmState {
                 Law::Printed => self.impedance.acceleration(&error, &velocity, &force),
                 Law::Following => matched.acceleration(&error, &velocity, &force),
             };
-        self.acceleration = wanted.fixed_rows::<3>(0).into_owned().into();
+        let speed = speed.fixed_rows::<3>(0).into_owned();
+        let linear = if pushed {
+            (speed - Vector3::from(self.velocity)) * (1.0 / TICK)
+        } else {
+            wanted.fixed_rows::<3>(0).into_owned()
+        };
+        (self.velocity, self.acceleration) = (speed.into(), linear.into());
         let bias = posture.bias_acceleration(velocities.as_slice());
         let accelerations = self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(wanted - bias));
 
@@ -355,7 +364,7 @@ impl ArmState {
         for (((angle, velocity), (observer, state)), measured) in ideal.zip(observers).zip(&sense.angles) {
             let error = *angle - measured;
             let resting = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
-            observer.correct(state, error, resting || self.contact);
+            observer.correct(state, error, resting);
             if self.contact {
                 let [error, rate] = state.error();
                 *angle -= error;

@@ -100,7 +100,8 @@ fn the_bias_acceleration_is_the_change_of_the_jacobian_also_far_from_the_base() 
             let chain = chain(&joints, tip);
             for (number, (q, qd, ..)) in states.iter().enumerate() {
                 let velocity = |time: f64| {
-                    let q: Vec<f64> = q.iter().zip(*qd).map(|(&q, &qd)| f64::from(q) + f64::from(qd) * time).collect();
+                    let q: Vec<f64> =
+                        q.iter().zip(*qd).map(|(&q, &qd)| f64::from(q) + f64::from(qd) * time).collect();
                     tip_velocity(&joints, tip, &q, qd)
                 };
                 let expected = (velocity(STEP) - velocity(-STEP)) / (2.0 * STEP);

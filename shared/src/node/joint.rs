@@ -18,6 +18,10 @@ const COUNT_NOISE: f32 = 2.0;
 const JUMP_FACTOR: f32 = 2.0;
 /// A sensor may read a little beyond what the current loop was asked for.
 const CURRENT_MARGIN: f32 = 1.25;
+/// Where the dynamics of an arm are taken as a whole, this is how fast its joints are brought to where they should be, and how
+/// fast that is seen [rad/s].
+const TRACKING_BANDWIDTH: f32 = 40.0;
+const TRACKING_OBSERVER: f32 = 120.0;
 /// Ticks without a change of the count under a torque that should move the joint.
 const STUCK_TICKS: u16 = 10;
 
@@ -76,7 +80,11 @@ impl JointConfig {
         Self {
             servo: JointServo::new(joint),
             tracking: ErrorObserver::new(
-                &ObserverGains { inertia: 1.0, ..joint.servo.observer },
+                &ObserverGains {
+                    inertia: 1.0,
+                    bandwidth: TRACKING_BANDWIDTH,
+                    observer_bandwidth: TRACKING_OBSERVER,
+                },
                 &joint.motor,
             ),
             limits: joint.limits,

@@ -1,0 +1,277 @@
+//! What scenarios share in which an arm yields at its tool: the session with the controller, and what is recorded of it.
+
+use std::ops::Range;
+
+use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::control::Impedance;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Request, Task};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::robot::RobotFolder;
+
+use super::common::{introduce, stopped};
+use super::grasping::T;
+use super::{ScenarioError, Setting};
+use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
+use crate::report::{Column, csv};
+
+/// From the first reading to the tare [s].
+const REST: f64 = 0.5;
+/// Joint whose angle is the operator's elbow: the shoulder's yaw.
+pub const YAW: u8 = 2;
+/// Coulomb friction of runs without mismatch [N·m]: not a tenth of a newton at the tool.
+const LITTLE_FRICTION: f64 = 0.02;
+
+/// The impedance of the paper, section 3.1, on each translation; rotations as firm as suits the wrist.
+pub const fn settings(damping: f32) -> ArmSettings {
+    ArmSettings {
+        impedance: impedance(1.5, damping, 300.0),
+        law: Law::Following,
+        redundancy: Redundancy::Driven { joint: YAW },
+        elbow_bandwidth: 12.0,
+        contact_force: 1.5,
+        reach: [0.3, 1.5],
+    }
+}
+
+/// The same impedance along x, y and z.
+pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
+    const TURN: [f32; 3] = [0.008, 0.5, 16.0];
+    let [m, b, k] = TURN;
+    Impedance {
+        mass: [mass, mass, mass, m, m, m],
+        damping: [damping, damping, damping, b, b, b],
+        stiffness: [stiffness, stiffness, stiffness, k, k, k],
+    }
+}
+
+/// How the machine differs from what the controller knows of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Machine {
+    /// Not at all, but for its friction, which is little.
+    True,
+    /// By seeded factors.
+    Mismatched,
+    /// The same, with the friction that the paper's errors imply.
+    Paper,
+}
+
+/// What all parts of a scenario share.
+pub struct Bench {
+    pub robot: RobotFolder,
+    pub values: PlantValues,
+    pub motion: Motion,
+    seed: u64,
+}
+
+impl Bench {
+    /// Reads the robot's folder.
+    pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
+        let robot = RobotFolder::load(setting.robot)?;
+        let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+        Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed: setting.seed })
+    }
+
+    /// A machine, and what the controller takes it to be.
+    fn build(&self, machine: Machine) -> Result<(RobotModel, Plant), ScenarioError> {
+        let mut model = self.robot.model.clone();
+        let mut options = PlantOptions::mismatched(self.seed);
+        match machine {
+            Machine::True => {
+                (options.mismatch, options.coulomb) = (false, Some(LITTLE_FRICTION));
+                model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = LITTLE_FRICTION as f32);
+            }
+            Machine::Mismatched => {}
+            Machine::Paper => options.coulomb = Some(self.values.friction.paper),
+        }
+        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
+        let plant = Plant::new(&self.robot.urdf, &drives, &self.values, &options)?;
+        Ok((model, plant))
+    }
+}
+
+/// The state at the start of a control period, as the physics has it where nothing else is said.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Since the controller was armed [s].
+    pub time: f64,
+    pub tool: TipTruth,
+    /// Joint angles [rad].
+    pub joints: Vec<f64>,
+    /// Motor torques [N·m].
+    pub torques: Vec<f64>,
+    /// Where the tool should be [m].
+    pub aim: Vector3<f64>,
+    /// Where the elbow should be [rad].
+    pub elbow: f64,
+}
+
+impl Sample {
+    pub fn position(&self) -> Vector3<f64> {
+        self.tool.position.into()
+    }
+
+    pub fn turn(&self) -> UnitQuaternion<f64> {
+        let [x, y, z, w] = self.tool.orientation;
+        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+    }
+}
+
+/// A sample a tick.
+#[derive(Clone, Debug, Default)]
+pub struct Log(pub Vec<Sample>);
+
+impl Log {
+    /// Time of the next sample [s].
+    pub fn now(&self) -> f64 {
+        self.0.len() as f64 * T
+    }
+
+    /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
+    pub fn during(&self, span: &Range<f64>) -> &[Sample] {
+        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
+        self.0.get(from..to).unwrap_or(&[])
+    }
+
+    /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
+    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Sample) -> f64) -> f64 {
+        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+    }
+
+    /// As CSV.
+    pub fn table(&self) -> String {
+        let series = |value: &dyn Fn(&Sample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
+        let mut columns: Vec<(String, &str, Vec<f64>)> =
+            vec![("time".to_owned(), "s", series(&|sample| sample.time))];
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
+            columns.push((format!("wanted {name}"), "m", series(&|sample| sample.aim[axis])));
+            columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
+        }
+        let joints = self.0.first().map_or(0, |sample| sample.joints.len());
+        for joint in 0..joints {
+            columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
+            columns.push((format!("torque {}", joint + 1), "N·m", series(&|sample| sample.torques[joint])));
+        }
+        let columns: Vec<Column<'_>> =
+            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
+        csv(&columns)
+    }
+}
+
+/// One arm, from power-on to the end of what is done with it.
+pub struct Session<'a, 'b> {
+    pub controller: &'a mut Watched<'b>,
+    bench: &'a mut Bench,
+    model: RobotModel,
+    label: String,
+    progress: &'a dyn Fn(f64),
+    duration: f64,
+    pub plant: Plant,
+    pub log: Log,
+    aim: PosePoint,
+    elbow: ElbowPoint,
+    armed: bool,
+}
+
+impl<'a, 'b> Session<'a, 'b> {
+    /// Tares and arms; the tool is to be where it is.
+    pub fn begin(
+        setting: &'a mut Setting<'_, 'b>,
+        bench: &'a mut Bench,
+        label: &str,
+        machine: Machine,
+        settings: ArmSettings,
+    ) -> Result<Self, ScenarioError> {
+        let (model, plant) = bench.build(machine)?;
+        bench.motion.note(label);
+        let aim = PosePoint {
+            position: [0.0; 3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            velocity: [0.0; 6],
+            acceleration: [0.0; 6],
+        };
+        let mut session = Self {
+            controller: &mut *setting.controller,
+            bench,
+            model,
+            label: label.to_owned(),
+            progress: setting.progress,
+            duration: setting.duration,
+            plant,
+            log: Log::default(),
+            aim,
+            elbow: ElbowPoint::default(),
+            armed: false,
+        };
+        introduce(session.controller, &session.model)?;
+        session.wait(REST)?;
+        session.controller.tare()?;
+        session.controller.behave(settings)?;
+        session.controller.arm(Task::Impedance)?;
+        let tool = session.controller.read_arm()?;
+        (session.aim.position, session.aim.rotation) = (tool.position, tool.rotation);
+        session.elbow.angle = tool.elbow;
+        (session.armed, session.log) = (true, Log::default());
+        session.tick()?;
+        Ok(session)
+    }
+
+    /// Where the tool is to be at first.
+    pub fn start(&self) -> (PosePoint, ElbowPoint) {
+        (self.aim, self.elbow)
+    }
+
+    /// What the controller sees of the arm.
+    pub fn telemetry(&mut self) -> Result<ArmTelemetry, ScenarioError> {
+        Ok(self.controller.read_arm()?)
+    }
+
+    /// One control period in which the tool is to be at `point`, and the elbow at `elbow`.
+    pub fn follow(&mut self, point: PosePoint, elbow: ElbowPoint) -> Result<(), ScenarioError> {
+        self.controller.aim(point, elbow)?;
+        (self.aim, self.elbow) = (point, elbow);
+        self.tick()
+    }
+
+    /// One control period.
+    pub fn tick(&mut self) -> Result<(), ScenarioError> {
+        let truth = self.plant.truth();
+        let sequence = self.bench.motion.tick(&truth);
+        if let (true, Some(tool)) = (self.armed, self.plant.tips().into_iter().next()) {
+            self.log.0.push(Sample {
+                time: self.log.now(),
+                tool,
+                joints: truth.positions,
+                torques: truth.torques,
+                aim: Vector3::from(self.aim.position).map(f64::from),
+                elbow: f64::from(self.elbow.angle),
+            });
+        }
+        let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
+        self.plant.apply(&actuators)?;
+        if self.armed && self.controller.keep().is_err() {
+            let time = self.log.now();
+            return Err(stopped(self.controller, &self.model, &self.label, time));
+        }
+        (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
+        Ok(())
+    }
+
+    /// Lets time pass [s].
+    pub fn wait(&mut self, time: f64) -> Result<(), ScenarioError> {
+        for _ in 0..(time / T).round() as usize {
+            self.tick()?;
+        }
+        Ok(())
+    }
+
+    /// Switches the arm off; what was recorded.
+    pub fn end(self) -> Result<Log, ScenarioError> {
+        self.controller.ask("disarm", Request::Disarm)?;
+        Ok(self.log)
+    }
+}

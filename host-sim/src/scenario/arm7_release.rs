@@ -1,0 +1,202 @@
+//! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance says?
+
+use rapier3d::na::Vector3;
+use tesaki::arm::{ArmSettings, Law};
+
+use super::arm::{Bench, Log, Machine, Session, settings};
+use super::common::capital;
+use super::grasping::require_duration;
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::plant::Hold;
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "arm7-release",
+    title: "An arm let go",
+    about: "the tool is held 3 cm off its place, along each axis, and let go, under the paper's law and under ours",
+    robot: "arm7",
+    duration: 72.0,
+    lead: &[
+        "The tool of the seven-joint arm, elbow at 90°, has the impedance M 1.5 kg, K 300 N/m, and B 7.5 or 30 N·s/m. Somebody \
+         takes it, leads it 3 cm along an axis, holds it there and lets it go at the start of a control period. What follows is \
+         compared with the exact motion of a mass on a spring and a damper.",
+        "Three machines: one that is as the controller's model says, but for sensors with noise and a friction of a \
+         tenth of a newton at the tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and \
+         the same under the paper's law as printed, which reckons with the measured state, holds its acceleration for a period, and \
+         does not compensate friction. The paper found it difficult to come near the theory.",
+    ],
+    run,
+};
+
+/// How far the tool is led [m].
+const OFF: f64 = 0.03;
+/// Time of the way there, of the rest before the tool is let go, and after [s].
+const WAY: f64 = 0.8;
+const HELD: f64 = 0.7;
+const AFTER: f64 = 2.0;
+const MASS: f64 = 1.5;
+const STIFFNESS: f64 = 300.0;
+
+struct Trial {
+    name: &'static str,
+    label: &'static str,
+    machine: Machine,
+    law: Law,
+    /// [mm]
+    limit: Option<f64>,
+}
+
+const TRIALS: [Trial; 3] = [
+    Trial {
+        name: "true",
+        label: "true model",
+        machine: Machine::True,
+        law: Law::Following,
+        limit: Some(0.3),
+    },
+    Trial {
+        name: "ours",
+        label: "mismatched",
+        machine: Machine::Mismatched,
+        law: Law::Following,
+        limit: Some(1.5),
+    },
+    Trial {
+        name: "paper",
+        label: "the paper's law",
+        machine: Machine::Mismatched,
+        law: Law::Printed,
+        limit: None,
+    },
+];
+const DAMPINGS: [f32; 2] = [7.5, 30.0];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// One release.
+struct Release {
+    axis: usize,
+    damping: f64,
+    log: Log,
+    /// When the tool was let go [s].
+    time: f64,
+}
+
+impl Release {
+    /// Since the tool was let go [s]; how far it is off along its axis, and how far it should be [m].
+    fn curves(&self) -> [Vec<f64>; 3] {
+        let samples = self.log.during(&(self.time..self.time + AFTER));
+        let place = |index: usize| samples[index].position()[self.axis] - samples[index].aim[self.axis];
+        let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time).collect();
+        let real: Vec<f64> = (0..samples.len()).map(place).collect();
+        let first = samples.first();
+        let (from, speed) =
+            first.map_or((f64::NAN, f64::NAN), |first| (place(0), first.tool.velocity[self.axis]));
+        let ideal = time.iter().map(|&time| swing(self.damping, from, speed, time)).collect();
+        [time, real, ideal]
+    }
+
+    /// The largest distance from the ideal curve [mm].
+    fn error(&self) -> f64 {
+        let [_, real, ideal] = self.curves();
+        1e3 * real.iter().zip(&ideal).map(|(real, ideal)| (real - ideal).abs()).fold(f64::NAN, f64::max)
+    }
+
+    /// How far the tool left the axis [mm].
+    fn sideways(&self) -> f64 {
+        let samples = self.log.during(&(self.time..self.time + AFTER));
+        let off = |sample: &super::arm::Sample| {
+            let mut off = sample.position() - sample.aim;
+            off[self.axis] = 0.0;
+            off.norm()
+        };
+        1e3 * samples.iter().map(off).fold(f64::NAN, f64::max)
+    }
+}
+
+/// Displacement of the underdamped mass after `time` [s], from displacement and velocity at the start.
+fn swing(damping: f64, from: f64, speed: f64, time: f64) -> f64 {
+    let decay = damping / (2.0 * MASS);
+    let frequency = (STIFFNESS / MASS - decay * decay).sqrt();
+    let (sine, cosine) = (frequency * time).sin_cos();
+    (-decay * time).exp() * (from * cosine + (speed + decay * from) / frequency * sine)
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for trial in &TRIALS {
+        let mut releases = Vec::new();
+        for damping in DAMPINGS {
+            for axis in 0..3 {
+                let release = release(setting, &mut bench, trial, damping, axis)?;
+                tables.push((format!("{}_{}_{damping}.csv", trial.name, AXES[axis]), release.log.table()));
+                releases.push(release);
+            }
+        }
+        add_metrics(&mut summary, trial, &releases);
+        figures.push(figure(trial, &releases));
+    }
+    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+fn release(
+    setting: &mut Setting<'_, '_>,
+    bench: &mut Bench,
+    trial: &Trial,
+    damping: f32,
+    axis: usize,
+) -> Result<Release, ScenarioError> {
+    let settings = ArmSettings { law: trial.law, ..settings(damping) };
+    let label = format!("{}, B {damping} N·s/m, {}", trial.label, AXES[axis]);
+    let mut session = Session::begin(setting, bench, &label, trial.machine, settings)?;
+    session.wait(0.5)?;
+    let (aim, _) = session.start();
+    let mut place = Vector3::from(aim.position).map(f64::from);
+    place[axis] += OFF;
+    session.plant.hold_tip(0, Hold::firm(place.into(), aim.rotation.map(f64::from), WAY))?;
+    session.wait(WAY + HELD)?;
+    session.plant.release_tip(0, 0.0)?;
+    let time = session.log.now();
+    session.wait(AFTER)?;
+    Ok(Release { axis, damping: damping.into(), log: session.end()?, time })
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
+    let label = capital(trial.label);
+    for damping in DAMPINGS {
+        let of_damping = || releases.iter().filter(move |release| release.damping == f64::from(damping));
+        let worst = of_damping().map(Release::error).fold(f64::NAN, f64::max);
+        let text = format!("{label}, B {damping}: largest distance from the exact curve");
+        let metric = match trial.limit {
+            Some(limit) => Metric::at_most(text, worst, limit, "mm"),
+            None => Metric::reported(text, worst, "mm"),
+        };
+        summary.insert(format!("{}_{}", trial.name, damping.round()), metric);
+        let worst = of_damping().map(Release::sideways).fold(f64::NAN, f64::max);
+        let text = format!("{label}, B {damping}: largest distance from the axis");
+        summary.insert(
+            format!("{}_{}_sideways", trial.name, damping.round()),
+            Metric::reported(text, worst, "mm"),
+        );
+    }
+}
+
+fn figure(trial: &Trial, releases: &[Release]) -> Figure {
+    let caption = "How far the tool is off its place, along the axis of each release. Dashed: the exact motion of the mass.";
+    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
+    for damping in DAMPINGS {
+        let mut panel = Panel::new(format!("B {damping} N·s/m"), "off its place", "mm");
+        for release in releases.iter().filter(|release| release.damping == f64::from(damping)) {
+            let [time, real, ideal] = release.curves();
+            let millimetres = |values: Vec<f64>| values.into_iter().map(|value| 1e3 * value).collect();
+            panel = panel
+                .line(Line::solid(AXES[release.axis], release.axis, time.clone(), millimetres(real)))
+                .line(Line::dashed("exact", Line::INK, time, millimetres(ideal)));
+        }
+        figure = figure.panel(panel);
+    }
+    figure
+}
