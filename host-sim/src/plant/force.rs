@@ -3,10 +3,10 @@
 use rapier3d::na::{Point3, UnitQuaternion, Vector3, Vector6};
 use serde::Deserialize;
 
-use super::{CONTROL_PERIOD, PlantError};
 use super::random::{Purpose, Random};
 use super::tips::Tip;
 use super::world::World;
+use super::{CONTROL_PERIOD, PlantError};
 
 /// The force sensors, all alike. They are read once in a control period.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -206,7 +206,11 @@ impl ForceSensors {
 }
 
 /// What turns vectors of the base's frame into a tip's, the velocity of its centre of mass, and its angular velocity.
-fn motion(world: &World, index: usize, tip: &Tip) -> Option<(UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>)> {
+fn motion(
+    world: &World,
+    index: usize,
+    tip: &Tip,
+) -> Option<(UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>)> {
     let frame = world.tip_frame(index)?;
     let motion = world.motion_at(tip.body, &(frame * Point3::from(tip.center_of_mass)).coords);
     Some((frame.rotation.inverse(), motion.linear, motion.angular))

@@ -241,6 +241,11 @@ impl Plant {
         Ok(())
     }
 
+    /// Over how much time before a reading the force sensors take their mean [s].
+    pub fn force_window(&self) -> f64 {
+        self.forces.window()
+    }
+
     /// The emergency stop, as the sensors report it. It does not act on the drives by itself.
     pub const fn press_emergency_stop(&mut self, pressed: bool) {
         self.emergency_stop = pressed;

@@ -78,9 +78,11 @@ impl Bench {
     /// A machine, and what the controller takes it to be.
     fn build(&self, machine: Machine) -> Result<(RobotModel, Plant), ScenarioError> {
         let mut model = self.robot.model.clone();
+        let mut values = self.values.clone();
         let mut options = PlantOptions::mismatched(self.seed);
         match machine {
             Machine::True => {
+                values.mismatch.homing_error = 0.0;
                 (options.mismatch, options.coulomb) = (false, Some(LITTLE_FRICTION));
                 model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = LITTLE_FRICTION as f32);
             }
@@ -88,7 +90,7 @@ impl Bench {
             Machine::Paper => options.coulomb = Some(self.values.friction.paper),
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let plant = Plant::new(&self.robot.urdf, &drives, &self.values, &options)?;
+        let plant = Plant::new(&self.robot.urdf, &drives, &values, &options)?;
         Ok((model, plant))
     }
 }

@@ -5,7 +5,7 @@ use tesaki::arm::{ArmSettings, Law};
 
 use super::arm::{Bench, Log, Machine, Session, settings};
 use super::common::capital;
-use super::grasping::require_duration;
+use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Hold;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -18,8 +18,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     duration: 72.0,
     lead: &[
         "The tool of the seven-joint arm, elbow at 90°, has the impedance M 1.5 kg, K 300 N/m, and B 7.5 or 30 N·s/m. Somebody \
-         takes it, leads it 3 cm along an axis, holds it there and lets it go at the start of a control period. What follows is \
-         compared with the exact motion of a mass on a spring and a damper.",
+         takes it, leads it 3 cm along an axis, holds it there and lets it go just before the force sensor is read. What follows is \
+         compared with the exact motion of a mass on a spring and a damper from then on.",
         "Three machines: one that is as the controller's model says, but for sensors with noise and a friction of a \
          tenth of a newton at the tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and \
          the same under the paper's law as printed, which reckons with the measured state, holds its acceleration for a period, and \
@@ -28,6 +28,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
+/// The tool is let go before a reading of the force sensor by this many times its window: the reading shows it.
+const LEAD: f64 = 1.25;
 /// How far the tool is led [m].
 const OFF: f64 = 0.03;
 /// Time of the way there, of the rest before the tool is let go, and after [s].
@@ -77,21 +79,20 @@ struct Release {
     axis: usize,
     damping: f64,
     log: Log,
-    /// When the tool was let go [s].
+    /// The first reading of the force sensor without the hand, and by how much before it the tool was let go [s].
     time: f64,
+    before: f64,
 }
 
 impl Release {
     /// Since the tool was let go [s]; how far it is off along its axis, and how far it should be [m].
     fn curves(&self) -> [Vec<f64>; 3] {
-        let samples = self.log.during(&(self.time..self.time + AFTER));
+        let samples = self.log.during(&(self.time - T..self.time + AFTER));
         let place = |index: usize| samples[index].position()[self.axis] - samples[index].aim[self.axis];
-        let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time).collect();
+        let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time + self.before).collect();
         let real: Vec<f64> = (0..samples.len()).map(place).collect();
-        let first = samples.first();
-        let (from, speed) =
-            first.map_or((f64::NAN, f64::NAN), |first| (place(0), first.tool.velocity[self.axis]));
-        let ideal = time.iter().map(|&time| swing(self.damping, from, speed, time)).collect();
+        let from = real.first().copied().unwrap_or(f64::NAN);
+        let ideal = time.iter().map(|&time| swing(self.damping, from, time.max(0.0))).collect();
         [time, real, ideal]
     }
 
@@ -113,12 +114,12 @@ impl Release {
     }
 }
 
-/// Displacement of the underdamped mass after `time` [s], from displacement and velocity at the start.
-fn swing(damping: f64, from: f64, speed: f64, time: f64) -> f64 {
+/// Displacement of the underdamped mass `time` [s] after it was let go at rest.
+fn swing(damping: f64, from: f64, time: f64) -> f64 {
     let decay = damping / (2.0 * MASS);
     let frequency = (STIFFNESS / MASS - decay * decay).sqrt();
     let (sine, cosine) = (frequency * time).sin_cos();
-    (-decay * time).exp() * (from * cosine + (speed + decay * from) / frequency * sine)
+    (-decay * time).exp() * from * (cosine + decay / frequency * sine)
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
@@ -158,10 +159,12 @@ fn release(
     place[axis] += OFF;
     session.plant.hold_tip(0, Hold::firm(place.into(), aim.rotation.map(f64::from), WAY))?;
     session.wait(WAY + HELD)?;
-    session.plant.release_tip(0, 0.0)?;
+    let window = session.plant.force_window();
+    session.plant.release_tip(0, T - LEAD * window)?;
+    session.tick()?;
     let time = session.log.now();
     session.wait(AFTER)?;
-    Ok(Release { axis, damping: damping.into(), log: session.end()?, time })
+    Ok(Release { axis, damping: damping.into(), log: session.end()?, time, before: LEAD * window })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {

@@ -17,8 +17,9 @@ use crate::model::MAX_CHAIN_JOINTS;
 
 /// Share of the way to a new impedance that is gone in a tick: no torque jumps.
 const BLEND: f32 = 0.05;
-/// A contact ends below this share of the contact force.
-const CONTACT_ENDS: f32 = 2.0 / 3.0;
+/// A contact ends below this share of the contact force, or when so little is left of the force of the last tick: squares.
+const CONTACT_ENDS: f32 = 4.0 / 9.0;
+const LET_GO: f32 = 0.1;
 /// At rest, an error smaller than this is left to the joints' own friction [rad].
 const REST_ERROR: f32 = 1e-4;
 /// At less than this speed the ideal arm is at rest [rad/s].
@@ -149,7 +150,8 @@ pub struct ArmState {
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
     contact: bool,
-    /// The wrench of the last tick, as it was sensed.
+    /// Square of the force of the last tick [N²], and the wrench as it was sensed.
+    force: f32,
     wrench: [f32; 6],
     /// Velocity of the tool's point [m/s] and its acceleration [m/s²].
     velocity: [f32; 3],
@@ -173,6 +175,7 @@ impl ArmState {
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
         contact: false,
+        force: 0.0,
         wrench: [0.0; 6],
         velocity: [0.0; 3],
         acceleration: [0.0; 3],
@@ -275,12 +278,12 @@ impl ArmState {
         let settings = self.settings.ok_or(ArmError::NoSettings)?;
         self.impedance.approach(&settings.impedance, BLEND);
         let wrench = Vector6::from(sense.wrench);
-        let before = core::mem::replace(&mut self.wrench, sense.wrench);
+        self.wrench = sense.wrench;
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(ArmError::NotFinite);
         }
-        let ended = self.feel_contact(&settings, &wrench);
-        self.observe(arm, &settings, sense);
+        let measured = self.feel_contact(&settings, &wrench);
+        self.observe(arm, &settings, sense, measured);
 
         let posture = arm.chain.posture(&self.angles);
         let jacobian = posture.jacobian();
@@ -290,15 +293,8 @@ impl ArmState {
         self.direction = direction.into();
 
         let tip = posture.tip();
-        let mut error = displacement(tip, &self.set_point, &settings)?;
+        let error = displacement(tip, &self.set_point, &settings)?;
         let matched = self.impedance.matched();
-        if ended {
-            // The wrench counted for the last period, but it had gone: the ideal arm felt none.
-            let change = resolver.solve(&matched.of_force(&-Vector6::from(before)));
-            error += jacobian * change * (0.5 * TICK * TICK);
-            add(&mut self.angles, &change, 0.5 * TICK * TICK);
-            add(&mut self.velocities, &change, TICK);
-        }
         self.error = error.into();
         let velocities = Joints::from(self.velocities);
         let speed = jacobian * velocities;
@@ -345,16 +341,22 @@ impl ArmState {
         }
     }
 
-    /// Whether something pushes the tool; returns whether that has just ended.
+    /// Whether something pushes the tool; returns whether the measured state counts: as long as something does, and once
+    /// more when it ends.
     fn feel_contact(&mut self, settings: &ArmSettings, wrench: &Vector6<f32>) -> bool {
-        let share = if self.contact { CONTACT_ENDS } else { 1.0 };
-        let limit = share * settings.contact_force;
-        let contact = wrench.fixed_rows::<3>(0).norm_squared() > limit * limit;
-        core::mem::replace(&mut self.contact, contact) && !contact
+        let force = wrench.fixed_rows::<3>(0).norm_squared();
+        let before = core::mem::replace(&mut self.force, force);
+        let limit = settings.contact_force * settings.contact_force;
+        let contact = if self.contact {
+            force > CONTACT_ENDS * limit && force > LET_GO * before
+        } else {
+            force > limit
+        };
+        core::mem::replace(&mut self.contact, contact) || contact
     }
 
     /// Compares the ideal arm with the real one. Where the measured state counts, the ideal arm is brought there.
-    fn observe(&mut self, arm: &Arm<'_>, settings: &ArmSettings, sense: &ArmSense) {
+    fn observe(&mut self, arm: &Arm<'_>, settings: &ArmSettings, sense: &ArmSense, counts: bool) {
         if settings.law == Law::Printed {
             (self.angles, self.velocities) = (sense.angles, sense.velocities);
             return;
@@ -365,7 +367,7 @@ impl ArmState {
             let error = *angle - measured;
             let resting = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
             observer.correct(state, error, resting);
-            if self.contact {
+            if counts {
                 let [error, rate] = state.error();
                 *angle -= error;
                 *velocity -= rate;

@@ -79,7 +79,6 @@ impl ErrorObserver {
         let beta = math::exp(-gains.observer_bandwidth * TICK);
         let gamma = math::exp(-gains.bandwidth * TICK);
         let (b, g) = (1.0 - beta, 1.0 - gamma);
-        let lag = motor.delay + 1.0 / (core::f32::consts::TAU * motor.bandwidth);
         Self {
             velocity_per_effort: TICK / inertia,
             correction: [
@@ -89,8 +88,14 @@ impl ErrorObserver {
             ],
             proportional: inertia * g * g / (TICK * TICK),
             derivative: inertia * g * (3.0 + gamma) / (2.0 * TICK),
-            carry: math::clamp(lag / TICK, 0.0, 1.0),
+            carry: motor.carry(),
         }
+    }
+
+    /// The same for torques that make up for the inner loop's lag themselves.
+    #[must_use]
+    pub const fn without_lag(self) -> Self {
+        Self { carry: 0.0, ..self }
     }
 
     /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit. While `resting` nothing

@@ -18,10 +18,10 @@ const COUNT_NOISE: f32 = 2.0;
 const JUMP_FACTOR: f32 = 2.0;
 /// A sensor may read a little beyond what the current loop was asked for.
 const CURRENT_MARGIN: f32 = 1.25;
-/// Where the dynamics of an arm are taken as a whole, this is how fast its joints are brought to where they should be, and how
-/// fast that is seen [rad/s].
-const TRACKING_BANDWIDTH: f32 = 40.0;
-const TRACKING_OBSERVER: f32 = 120.0;
+/// Where the dynamics of an arm are taken as a whole: how fast its joints are brought to where they should be.
+const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 120.0 };
+/// Most of a lag that is made up for.
+const MOST_CARRY: f32 = 0.3;
 /// Ticks without a change of the count under a torque that should move the joint.
 const STUCK_TICKS: u16 = 10;
 
@@ -31,6 +31,8 @@ pub(super) struct JointConfig {
     pub servo: JointServo,
     /// For the joint of an arm whose dynamics are taken as a whole: it works on accelerations.
     pub tracking: ErrorObserver,
+    /// Share of the last torque that still acts in this period.
+    carry: f32,
     limits: JointLimits,
     /// Signed.
     radians_per_count: f32,
@@ -79,14 +81,8 @@ impl JointConfig {
         let turn = TAU / joint.encoder.counts_per_turn;
         Self {
             servo: JointServo::new(joint),
-            tracking: ErrorObserver::new(
-                &ObserverGains {
-                    inertia: 1.0,
-                    bandwidth: TRACKING_BANDWIDTH,
-                    observer_bandwidth: TRACKING_OBSERVER,
-                },
-                &joint.motor,
-            ),
+            tracking: ErrorObserver::new(&TRACKING, &joint.motor).without_lag(),
+            carry: joint.motor.carry().min(MOST_CARRY),
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -turn } else { turn },
             current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
@@ -297,9 +293,12 @@ impl JointState {
             if friction { config.servo.friction(&self.servo, self.reference.velocity) } else { 0.0 };
         let wanted =
             links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
-        self.torque = config.servo.limit(&mut self.servo, wanted);
+        // What is left of the last torque is made up for, so that the mean over the period is what is wanted.
+        let (before, carry) = (self.torque, config.carry);
+        let ahead = wanted + (wanted - before) * (carry / (1.0 - carry));
+        self.torque = config.servo.limit(&mut self.servo, ahead);
         self.effort = 0.0;
-        config.servo.acceleration(self.torque - wanted)
+        config.servo.acceleration(self.torque + carry * (before - self.torque) - wanted)
     }
 
     /// Whether the task may add this torque.
