@@ -176,7 +176,14 @@ fn main() -> ! {
         let (q, qd, qdd) = ([x + 0.1; 7], [x - 0.2; 7], [3.0 * x; 7]);
         let wrench = Vector6::new(1.0, x, 2.0, x, 0.1, 0.2);
         let (gravity, mut torques) = (Vector3::new(-6.9, 0.0, -6.9), [0.0; 7]);
-        arm.inverse_dynamics_with_wrench(&gravity, black_box(&wrench), black_box(&q), &qd, &qdd, &mut torques);
+        arm.inverse_dynamics_with_wrench(
+            &gravity,
+            black_box(&wrench),
+            black_box(&q),
+            &qd,
+            &qdd,
+            &mut torques,
+        );
         black_box(&torques);
     });
     watch.measure("mass_matrix_7", |x| {

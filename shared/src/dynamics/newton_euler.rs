@@ -152,7 +152,8 @@ impl Chain {
         }
         // The base takes all the rest: here the moment about the axis is enough, and the compiler leaves the rest out.
         if let Some(((_, pass), torque)) = first {
-            let transmitted = |(link, pass, force, moment): (&Link, &Pass, _, _)| pass.transmit(link, &force, &moment);
+            let transmitted =
+                |(link, pass, force, moment): (&Link, &Pass, _, _)| pass.transmit(link, &force, &moment);
             *torque = pass.moment.z + child.map_or(0.0, |child| transmitted(child).1.z);
         }
         for ((torque, inertia), qdd) in torques.iter_mut().zip(&self.rotor_inertia).zip(qdd).take(count) {

@@ -68,7 +68,10 @@ fn agrees_with_pinocchio_on_random_chains_and_real_arms() {
             check(3, "mass matrix", &rows, mass);
             assert_eq!(matrix, matrix.transpose());
             let padding = MassMatrix::from_fn(|row, column| f32::from(u8::from(row == column && row >= n)));
-            assert!((matrix + padding).cholesky().is_some(), "{name}, motion {number}: not positive definite");
+            assert!(
+                (matrix + padding).cholesky().is_some(),
+                "{name}, motion {number}: not positive definite"
+            );
             assert!(matrix.view_range(n.., ..).iter().all(|&value| value == 0.0));
         }
     }
@@ -101,7 +104,9 @@ fn rotors_count_only_where_they_are_given() {
     let [[a, b], [geared_a, geared_b]] = [torques(&bare), torques(&geared)];
     assert_eq!([geared_a, geared_b], [a + 0.5, b - 1.0]);
     let difference = geared.mass_matrix(&[0.1, 0.2]) - bare.mass_matrix(&[0.1, 0.2]);
-    assert!((difference.diagonal() - nalgebra::SVector::from([0.25, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])).norm() < 1e-6);
+    assert!(
+        (difference.diagonal() - nalgebra::SVector::from([0.25, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])).norm() < 1e-6
+    );
     assert_eq!(difference.sum(), difference.trace());
 }
 

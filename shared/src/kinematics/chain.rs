@@ -82,7 +82,11 @@ impl Chain {
         }
         let translation = Translation3::from(previous * Vector3::from(tip.translation));
         let rotation = Rotation3::from_matrix_unchecked(previous) * rotation(tip);
-        Self { links: own, tip: IsometryMatrix3::from_parts(translation, rotation), rotor_inertia: Vec::new() }
+        Self {
+            links: own,
+            tip: IsometryMatrix3::from_parts(translation, rotation),
+            rotor_inertia: Vec::new(),
+        }
     }
 
     /// The same chain with reflected inertias of rotor and gear [kg·m²], one a joint, as
