@@ -36,7 +36,7 @@ using namespace pinocchio;
 
 template <class F> void measure(const char * scalar, const char * name, F body) {
   double best = 1e9;
-  for (int round = 0; round < 20; round++) {
+  for (int round = 0; round < 10; round++) {
     auto start = std::chrono::steady_clock::now();
     for (int i = 0; i < 20000; i++) {
       body();
