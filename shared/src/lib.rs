@@ -19,7 +19,7 @@
 //! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter |
 //! | [`model`] | what a robot is, as data |
 //! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
-//! | [`dynamics`] | Newton–Euler for a chain |
+//! | [`dynamics`] | Newton–Euler, mass matrix |
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`arm`] | an arm that yields as told: impedance control, elbow |

@@ -75,6 +75,102 @@ fn jacobians_are_those_of_pinocchio_mimic_joints_included() {
     println!("largest difference {worst:.2e}");
 }
 
+/// The largest difference in any row, as a share of the row's largest value for the tip.
+fn compare_dynamics(what: &str) -> f64 {
+    let mut worst = 0.0_f64;
+    for name in ["kinova_gen3", "ur5e", "ufactory_xarm7", "kinova_j2s6s200", "abb_irb140", "inspire_right"] {
+        let motions = std::fs::read_to_string(data(name, "motions")).unwrap();
+        let expected = columns(&std::fs::read_to_string(data(name, what)).unwrap());
+        let got = columns(&eval(what, &robot(name), &[], &motions).0);
+        assert_eq!(got.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>(), "{name}");
+        for tip in robot_tips(expected.keys()) {
+            let of_tip = |column: &&String| column.starts_with(&format!("{tip}."));
+            for row in 0..10 {
+                let value = |table: &std::collections::BTreeMap<String, Vec<String>>, column| {
+                    numbers(&table[column])[row]
+                };
+                let columns = || expected.keys().filter(of_tip);
+                let scale = columns().map(|column| value(&expected, column).abs()).fold(0.0, f64::max);
+                for column in columns() {
+                    let (got, expected) = (value(&got, column), value(&expected, column));
+                    let difference = (got - expected).abs() / scale.max(1e-9);
+                    assert!(difference < 1e-5, "{name}: {column}, row {row}: {got} instead of {expected}");
+                    worst = worst.max(difference);
+                }
+            }
+        }
+    }
+    worst
+}
+
+/// What is before the first dot: no link of these robots has one in its name.
+fn robot_tips<'a>(columns: impl Iterator<Item = &'a String>) -> std::collections::BTreeSet<&'a str> {
+    columns.filter_map(|column| column.split('.').next()).collect()
+}
+
+#[test]
+fn torques_under_a_wrench_with_rotors_on_tilted_bases_are_those_of_pinocchio() {
+    println!("largest share {:.2e}", compare_dynamics("rnea"));
+}
+
+#[test]
+fn mass_matrices_with_rotors_are_those_of_pinocchio() {
+    println!("largest share {:.2e}", compare_dynamics("mass"));
+}
+
+#[test]
+fn bias_accelerations_are_those_of_pinocchio() {
+    println!("largest share {:.2e}", compare_dynamics("bias"));
+}
+
+#[test]
+fn torques_need_angles_alone() {
+    let (ur5e, joints) = (
+        robot("ur5e"),
+        "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint",
+    );
+    let (still, _) = eval("rnea", &ur5e, &[], &format!("{joints}\n0,-1,1,0,0,0\n"));
+    let (also, _) = eval("rnea", &ur5e, &[], &format!("{joints},gz,gx,gy\n0,-1,1,0,0,0,-9.81,0,0\n"));
+    assert_eq!(still, also);
+    let torques = columns(&still);
+    assert!(numbers(&torques["tool0.tau.shoulder_lift_joint"])[0].abs() > 20.0, "{still}");
+    let (weightless, _) = eval("rnea", &ur5e, &[], &format!("{joints},gx,gy,gz\n0,-1,1,0,0,0,0,0,0\n"));
+    assert!(columns(&weightless).values().all(|torque| numbers(torque) == [0.0]), "{weightless}");
+}
+
+#[test]
+fn what_has_no_mass_or_is_not_carried_is_told() {
+    let states = |name| std::fs::read_to_string(data(name, "motions")).unwrap();
+    let (_, err) = eval("mass", &robot("abb_irb140"), &[], &states("abb_irb140"));
+    assert!(err.contains("tool0: no link on the way to it has a mass"), "{err}");
+    let panda = std::fs::read_to_string(data("franka_panda", "states")).unwrap();
+    let (_, err) = eval("rnea", &robot("franka_panda"), &["panda_hand_tcp"], &panda);
+    let words = "panda_hand_tcp: without what is behind panda_finger_joint1, panda_finger_joint2";
+    assert!(err.contains(words), "{err}");
+}
+
+#[test]
+fn masses_that_no_body_has_are_refused_by_name_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = folder.path().join("robot.urdf");
+    let text = std::fs::read_to_string(robot("ur5e")).unwrap();
+    let states = std::fs::read_to_string(data("ur5e", "motions")).unwrap();
+    for (from, to, words) in [
+        ("<mass value=\"3.7\"", "<mass value=\"-3.7\"", ["link shoulder_link", "mass = -3.7 kg is below 0"]),
+        ("ixx=\"0.010267", "ixx=\"-0.010267", ["link shoulder_link", "one is negative"]),
+        ("ixx=\"0.010267", "ixx=\"0.90267", ["link shoulder_link", "exceeds the sum of the others"]),
+    ] {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&urdf, text.replacen(from, to, 1)).unwrap();
+        for what in ["rnea", "mass"] {
+            let arguments = ["eval", what, "--robot", folder.path().to_str().unwrap(), "--in", "-"];
+            let (code, _, err) = tesaki(&arguments, &states);
+            assert_eq!(code, 1, "{err}");
+            assert!(err.contains("robot.urdf:") && words.iter().all(|word| err.contains(word)), "{err}");
+        }
+    }
+}
+
 #[test]
 fn the_inverse_brings_the_tips_back_to_where_they_were() {
     let (mut targets, mut reached) = (0, 0);
@@ -310,6 +406,54 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             "a\n0\n",
             2,
             &["left_inner_finger_pad and right_inner_finger_pad share the joint finger_joint", "--tip"],
+        ),
+        (
+            "rnea",
+            &gripper,
+            pads,
+            "finger_joint,gx,gy\n0,0,0\n",
+            1,
+            &["standard input:1", "no column gz (gravity [m/s²]: all three, or none)"],
+        ),
+        (
+            "rnea",
+            &gripper,
+            pads,
+            "finger_joint,left_inner_finger_pad.fx\n0,1\n",
+            1,
+            &["no column left_inner_finger_pad.fy (wrench on the tip [N, N·m]: all six, or none)"],
+        ),
+        (
+            "rnea",
+            &gripper,
+            pads,
+            "finger_joint,finger_joint.velocity\n0,fast\n",
+            1,
+            &["standard input:2", "column finger_joint.velocity", "\"fast\" is no number"],
+        ),
+        (
+            "rnea",
+            &gripper,
+            pads,
+            "finger_joint,finger_joint.velocity\n0,1\n0,1e30\n",
+            1,
+            &["standard input:3", "left_inner_finger_pad", "beyond single precision"],
+        ),
+        (
+            "mass",
+            &gripper,
+            &["--tip", "left_outer_finger"],
+            "finger_joint,finger_joint.rotor_inertia\n0,-0.1\n",
+            1,
+            &["standard input:2", "finger_joint.rotor_inertia", "-0.1 kg·m² is below 0"],
+        ),
+        (
+            "bias",
+            &gripper,
+            pads,
+            "finger_joint\n0\n",
+            1,
+            &["standard input:1", "no column finger_joint.velocity (velocity [rad/s])"],
         ),
         ("fk", "/nowhere.urdf", &[], "a\n0\n", 1, &["/nowhere.urdf", "a folder with robot.urdf"]),
         ("dance", &gripper, &[], "a\n0\n", 2, &["dance", "jacobian"]),

@@ -29,6 +29,7 @@ fn folder() -> tempfile::TempDir {
         "my_finger/plant.toml",
         "states.csv",
         "targets.csv",
+        "motions.csv",
         "grasps.csv",
     ];
     for name in files {

@@ -25,6 +25,8 @@ const LIMITS: &[(&str, f64)] = &[
     // 1497 with rustc 1.95, 1554 with Debian's 1.96.
     ("forward_and_jacobian_7", 1600.0),
     ("bias_acceleration_7", 1500.0),
+    ("inverse_dynamics_7_wrench", 3500.0),
+    ("mass_matrix_7", 4000.0),
     ("finger_nearest", 450.0),
     ("least_grip_3_warm", 25_000.0),
     ("least_grip_3_infeasible", 60_000.0),

@@ -12,7 +12,7 @@ mod mass_matrix;
 mod newton_euler;
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+#[allow(clippy::indexing_slicing, clippy::float_cmp, reason = "tests, some of the very bits")]
 mod tests;
 
 pub use mass_matrix::MassMatrix;

@@ -216,3 +216,49 @@ impl Check {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::test_joint;
+
+    fn refused(mass: f32, inertia: [f32; 6]) -> Option<ModelError> {
+        let joint =
+            JointModel { link: Inertial { mass, center_of_mass: [0.0; 3], inertia }, ..test_joint("elbow") };
+        joint.validate(Check { joint: Some(4) }).err()
+    }
+
+    #[test]
+    fn masses_that_no_body_has_are_refused_with_joint_field_and_margin() {
+        let expect = |error: Option<ModelError>, field: Field, problem: Problem, value: f32| {
+            let error = error.unwrap_or_else(|| panic!("{field:?} {problem:?}: accepted"));
+            assert_eq!((error.joint, error.field, error.problem), (Some(4), field, problem));
+            assert!((error.value - value).abs() < 1e-6, "{error}");
+        };
+        let rod = [1e-4, 2e-3, 2e-3, 0.0, 0.0, 0.0];
+        expect(refused(-0.5, rod), Field::Mass, Problem::Below(0.0), -0.5);
+        // A negative principal moment: on the diagonal, and only off it.
+        let negative = [-1e-3, 2e-3, 2e-3, 0.0, 0.0, 0.0];
+        expect(refused(0.5, negative), Field::Inertia, Problem::NotPhysical, -1e-3);
+        // xy = 3e-3: principal moments 2e-3 and 2e-3 ± 3e-3; half the trace less the largest is −2e-3.
+        let indefinite = [2e-3, 2e-3, 2e-3, 3e-3, 0.0, 0.0];
+        expect(refused(0.5, indefinite), Field::Inertia, Problem::NotPhysical, -2e-3);
+        // The triangle inequality: 9e-3 is more than 2e-3 + 2e-3, by 5e-3; the margin is half of that.
+        let triangle = [9e-3, 2e-3, 2e-3, 0.0, 0.0, 0.0];
+        expect(refused(0.5, triangle), Field::Inertia, Problem::NotPhysical, -2.5e-3);
+        for value in [f32::NAN, f32::INFINITY] {
+            let error =
+                refused(0.5, [value, 2e-3, 2e-3, 0.0, 0.0, 0.0]).map(|error| (error.field, error.problem));
+            assert_eq!(error, Some((Field::Inertia, Problem::NotFinite)));
+        }
+    }
+
+    #[test]
+    fn rods_plates_points_and_cut_digits_are_bodies() {
+        let plate = [1e-3, 1e-3, 2e-3, 0.0, 0.0, 0.0];
+        let cut = [1e-3, 1e-3, 2.001e-3, 0.0, 0.0, 0.0];
+        for inertia in [plate, cut, [0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0], [0.0; 6]] {
+            assert_eq!(refused(0.5, inertia), None, "{inertia:?}");
+        }
+    }
+}

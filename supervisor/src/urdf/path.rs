@@ -21,6 +21,8 @@ pub struct SerialPath {
     pub pose: Pose,
     /// What moves them: fewer than joints where joints mimic others.
     pub drives: Vec<Drive>,
+    /// Joints that move and lead elsewhere from the links on the way: the mass behind them is not that of the path.
+    pub branches: Vec<String>,
 }
 
 /// One joint of a path: at angle `multiplier` · angle of its drive + `offset`.
@@ -136,16 +138,27 @@ impl Urdf {
             advice: Some("leave --base out, or name a link on the way to the tip".to_owned()),
         })?;
         self.check_way(&way, base, tip)?;
-        let (mut joints, mut drives) = (Vec::new(), Vec::new());
+        let (mut joints, mut drives, mut branches) = (Vec::new(), Vec::new(), Vec::new());
         let mut place = Isometry3::identity();
-        for joint in way {
+        for joint in &way {
             place *= isometry(&joint.origin);
             if joint.joint_type != JointType::Fixed {
                 joints.push(self.path_joint(joint, &place, &mut drives)?);
+                let behind = collect(&self.robot, &joint.child.link, &mut Body::default());
+                let away =
+                    behind.into_iter().filter(|(next, _)| way.iter().all(|on_way| on_way.name != next.name));
+                branches.extend(away.map(|(next, _)| next.name.clone()));
                 place = Isometry3::identity();
             }
         }
-        Ok(SerialPath { base: base.to_owned(), tip: tip.to_owned(), joints, pose: pose(&place), drives })
+        Ok(SerialPath {
+            base: base.to_owned(),
+            tip: tip.to_owned(),
+            joints,
+            pose: pose(&place),
+            drives,
+            branches,
+        })
     }
 
     /// The joints from `base` to `tip`; `None` when there is no way.

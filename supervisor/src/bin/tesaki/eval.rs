@@ -1,6 +1,7 @@
-//! `eval`: the control core's kinematics of any robot, and its least grip, for every row of a table.
+//! `eval`: the control core's kinematics and dynamics of any robot, and its least grip, for every row of a table.
 
 mod contacts;
+mod dynamics;
 mod forward;
 mod grip;
 mod inverse;
@@ -34,6 +35,9 @@ enum Quantity {
     Fk,
     Jacobian,
     Ik,
+    Rnea,
+    Mass,
+    Bias,
 }
 
 pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
@@ -41,14 +45,18 @@ pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
         Eval::Fk(asked) => kinematics(options, asked, Quantity::Fk),
         Eval::Jacobian(asked) => kinematics(options, asked, Quantity::Jacobian),
         Eval::Ik(asked) => kinematics(options, asked, Quantity::Ik),
+        Eval::Rnea(asked) => kinematics(options, asked, Quantity::Rnea),
+        Eval::Mass(asked) => kinematics(options, asked, Quantity::Mass),
+        Eval::Bias(asked) => kinematics(options, asked, Quantity::Bias),
         Eval::Grip(asked) => grip::run(options, asked),
     }
 }
 
 fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(), Failure> {
     let matters: &[Matter] = match what {
-        Quantity::Fk | Quantity::Jacobian => &[],
+        Quantity::Fk | Quantity::Jacobian | Quantity::Bias => &[],
         Quantity::Ik => &[Matter::Limits],
+        Quantity::Rnea | Quantity::Mass => &[Matter::Dynamics],
     };
     let (urdf, others) = Urdf::load(&asked.robot, matters)?;
     let table = Table::read(&asked.input)?;
@@ -59,6 +67,9 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
         Quantity::Fk => forward::poses(&table, &paths)?,
         Quantity::Jacobian => forward::jacobians(&table, &paths)?,
         Quantity::Ik => inverse::angles(&table, &paths)?,
+        Quantity::Rnea => dynamics::torques(&table, &paths)?,
+        Quantity::Mass => dynamics::mass_matrices(&table, &paths)?,
+        Quantity::Bias => dynamics::biases(&table, &paths)?,
     };
     results.notes.extend(unused(&table, &results.used));
     if others > 0 {
@@ -81,12 +92,12 @@ fn tips(urdf: &Urdf, asked: &Kinematics, what: Quantity, table: &Table) -> Resul
     let base = asked.base.as_deref();
     let all = || urdf.tips(base).into_iter().map(str::to_owned).collect::<Vec<_>>();
     let tips: Vec<String> = match what {
-        Quantity::Fk | Quantity::Jacobian => all(),
         Quantity::Ik => {
             let is_link = |name: &&str| urdf.robot.links.iter().any(|link| link.name == *name);
             let names = table.headers().iter().filter_map(|header| header.strip_suffix(".x"));
             names.filter(is_link).map(str::to_owned).collect()
         }
+        _ => all(),
     };
     match what {
         _ if !tips.is_empty() => Ok(tips),

@@ -26,6 +26,36 @@ Results, a row each:
                  power than any forces of the contacts
   proof          cannot-hold: whether that is so in double precision, too: checked or failed";
 
+const RNEA_COLUMNS: &str = "\
+Columns of the table, in any order; the angles are needed, the rest counts as 0 unless stated:
+  JOINT                 angle [rad]
+  JOINT.velocity        [rad/s], for each joint or for none
+  JOINT.acceleration    [rad/s²], for each joint or for none
+  JOINT.rotor_inertia   reflected inertia of rotor and gear [kg·m²]
+  TIP.fx, .fy, .fz      force of the world on the tip [N], in axes of the base
+  TIP.mx, .my, .mz      its moment about the tip's origin [N·m], in axes of the base
+  gx, gy, gz            gravity [m/s²] in axes of the base; without these columns 0, 0, -9.81
+
+Results, a row each: TIP.tau.JOINT, the torque that the joint must give [N·m]; friction is not in it.
+The tip carries what is fixed to the links on the way to it, and nothing behind other joints.";
+
+const MASS_COLUMNS: &str = "\
+Columns of the table, in any order:
+  JOINT                 angle [rad]
+  JOINT.rotor_inertia   reflected inertia of rotor and gear [kg·m²]; without this column 0
+
+Results, a row each: TIP.JOINT.JOINT, the elements of the mass matrix [kg·m²] row by row.
+The tip carries what is fixed to the links on the way to it, and nothing behind other joints.";
+
+const BIAS_COLUMNS: &str = "\
+Columns of the table, in any order:
+  JOINT                 angle [rad]
+  JOINT.velocity        [rad/s]
+
+Results, a row each, in axes of the base:
+  TIP.ax, .ay, .az              acceleration of the tip's origin [m/s²] without joint acceleration
+  TIP.alphax, .alphay, .alphaz  angular acceleration likewise [rad/s²]";
+
 /// What `eval` computes.
 #[derive(Subcommand)]
 pub enum Eval {
@@ -35,6 +65,15 @@ pub enum Eval {
     Jacobian(Kinematics),
     /// Inverse kinematics: joint angles that bring each tip to a position or a pose
     Ik(Kinematics),
+    /// Inverse dynamics (recursive Newton-Euler): torques for a motion, under gravity and a wrench on the tip
+    #[command(after_help = RNEA_COLUMNS)]
+    Rnea(Kinematics),
+    /// Mass matrix of the joints on the way to each tip
+    #[command(after_help = MASS_COLUMNS)]
+    Mass(Kinematics),
+    /// Bias acceleration of each tip: change of the Jacobian times joint velocities
+    #[command(after_help = BIAS_COLUMNS)]
+    Bias(Kinematics),
     /// Least grip: the smallest contact forces that hold a load, or the proof that none do; needs no robot
     Grip(Grip),
 }
@@ -50,7 +89,7 @@ pub struct Kinematics {
     /// The link where the chains start and whose frame is used; without it the robot's base
     #[arg(long, value_name = "LINK")]
     pub base: Option<String>,
-    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw; - reads stdin
+    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw; more below for some; - reads stdin
     #[arg(long = "in", value_name = "CSV")]
     pub input: PathBuf,
     /// Where the results go; - writes to stdout

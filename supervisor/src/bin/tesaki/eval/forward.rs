@@ -13,7 +13,11 @@ const ROWS: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
 pub fn poses(table: &Table, paths: &[SerialPath]) -> Result<Results, Failure> {
     let parts = ["x", "y", "z", "qx", "qy", "qz", "qw"];
     let header = paths.iter().flat_map(|path| parts.map(|part| format!("{}.{part}", path.tip))).collect();
-    compute(table, paths, header, |_, posture, values| values.extend(pose(posture).map(exact)))
+    let chains: Vec<Chain> = paths.iter().map(SerialPath::chain).collect();
+    compute(table, paths, header, |path, angles, _, values| {
+        values.extend(pose(&chains[path].posture(angles)).map(exact));
+        Ok(())
+    })
 }
 
 /// `x, y, z, qx, qy, qz, qw` with qw ≥ 0.
@@ -36,8 +40,9 @@ pub fn jacobians(table: &Table, paths: &[SerialPath]) -> Result<Results, Failure
             header.extend(path.drives.iter().map(|drive| format!("{}.{row}.{}", path.tip, drive.name)));
         }
     }
-    compute(table, paths, header, |path, posture, values| {
-        let jacobian = posture.jacobian();
+    let chains: Vec<Chain> = paths.iter().map(SerialPath::chain).collect();
+    compute(table, paths, header, |index, angles, _, values| {
+        let (path, jacobian) = (&paths[index], chains[index].posture(angles).jacobian());
         for row in 0..ROWS.len() {
             for drive in 0..path.drives.len() {
                 // A mimic joint moves with its drive: the chain rule.
@@ -46,17 +51,18 @@ pub fn jacobians(table: &Table, paths: &[SerialPath]) -> Result<Results, Failure
                 values.push(exact(sum));
             }
         }
+        Ok(())
     })
 }
 
-fn compute(
+/// `one` adds the values of a path, given by its index, at the angles of its joints in a row.
+pub fn compute(
     table: &Table,
     paths: &[SerialPath],
     header: Vec<String>,
-    mut one: impl FnMut(&SerialPath, &Posture, &mut Vec<String>),
+    mut one: impl FnMut(usize, &[f32], &Row, &mut Vec<String>) -> Result<(), Failure>,
 ) -> Result<Results, Failure> {
     let used: Vec<String> = drives(paths).iter().map(|drive| drive.name.clone()).collect();
-    let chains: Vec<Chain> = paths.iter().map(SerialPath::chain).collect();
     let columns = paths.iter().map(|path| {
         path.drives
             .iter()
@@ -68,11 +74,11 @@ fn compute(
     let mut rows = Vec::new();
     for row in &table.rows {
         let mut values = Vec::new();
-        for (index, ((path, chain), columns)) in paths.iter().zip(&chains).zip(&columns).enumerate() {
+        for (index, (path, columns)) in paths.iter().zip(&columns).enumerate() {
             let angles = columns.iter().map(|&column| table.number(row, column));
             let angles = path.angles(&angles.collect::<Result<Vec<_>, _>>()?);
             watch.look(index, &angles, row);
-            one(path, &chain.posture(&angles), &mut values);
+            one(index, &angles, row, &mut values)?;
         }
         rows.push(values);
     }

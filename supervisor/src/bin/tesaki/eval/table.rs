@@ -101,6 +101,26 @@ impl Table {
         })
     }
 
+    /// The columns `names` when there is any of them; then all must be there.
+    pub fn all_or_none(&self, names: &[String], what: &str) -> Result<Option<Vec<usize>>, Failure> {
+        let any = names.iter().any(|name| self.column(name).is_some());
+        let all = || names.iter().map(|name| self.needed(name, what)).collect();
+        any.then(all).transpose()
+    }
+
+    /// The numbers in `columns`; as many zeros where there are none.
+    pub fn numbers<const N: usize>(
+        &self,
+        row: &Row,
+        columns: Option<&Vec<usize>>,
+    ) -> Result<[f32; N], Failure> {
+        let mut numbers = [0.0; N];
+        for (number, &column) in numbers.iter_mut().zip(columns.into_iter().flatten()) {
+            *number = self.number(row, column)?;
+        }
+        Ok(numbers)
+    }
+
     /// Whether the row has nothing in the column.
     pub fn is_empty(&self, row: &Row, column: usize) -> bool {
         row.record.get(column).is_none_or(str::is_empty)
