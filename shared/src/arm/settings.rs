@@ -1,10 +1,12 @@
 use core::fmt;
 
+use nalgebra::Quaternion;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::control::{BadImpedance, Impedance};
 use crate::model::MAX_CHAIN_JOINTS;
+use crate::{TICK, math};
 
 /// How an arm is to behave.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -73,6 +75,37 @@ pub struct ElbowPoint {
     pub velocity: f32,
     /// [rad/s²]
     pub acceleration: f32,
+}
+
+/// Share of its velocity that a set-point keeps in a period without a new one: it comes to rest within some 0.2 s.
+const COAST: f32 = 0.8;
+
+impl PosePoint {
+    /// A control period later without a new one.
+    #[must_use]
+    pub(super) fn coasted(&self) -> Self {
+        let mut next = Self { acceleration: [0.0; 6], ..*self };
+        let [vx, vy, vz, wx, wy, wz] = self.velocity;
+        next.position.iter_mut().zip([vx, vy, vz]).for_each(|(place, speed)| *place += speed * TICK);
+        if [wx, wy, wz] != [0.0; 3] {
+            // Half the way as a quaternion; a period's turn is small, and what the norm loses is given back.
+            let [x, y, z, w] = self.rotation;
+            let turn = Quaternion::new(0.0, wx, wy, wz) * Quaternion::new(w, x, y, z) * (0.5 * TICK);
+            let turned = Quaternion::new(w, x, y, z) + turn;
+            let scale = 1.0 / math::sqrt(turned.norm_squared());
+            next.rotation = (turned * scale).coords.into();
+        }
+        next.velocity.iter_mut().for_each(|speed| *speed *= COAST);
+        next
+    }
+}
+
+impl ElbowPoint {
+    /// A control period later without a new one.
+    #[must_use]
+    pub(super) const fn coasted(&self) -> Self {
+        Self { angle: self.angle + self.velocity * TICK, velocity: COAST * self.velocity, acceleration: 0.0 }
+    }
 }
 
 /// What is wrong with [`ArmSettings`].

@@ -423,14 +423,14 @@ impl ArmState {
         accelerations
     }
 
-    /// The ideal arm a period later. A set-point that no other follows is one to stand at.
+    /// The ideal arm a period later, and the set-point, should no other come: it coasts to rest.
     fn advance(&mut self, accelerations: &Joints) {
         let velocities = Joints::from(self.velocities);
         add(&mut self.angles, &velocities, TICK);
         add(&mut self.angles, accelerations, 0.5 * TICK * TICK);
         add(&mut self.velocities, accelerations, TICK);
-        (self.set_point.velocity, self.set_point.acceleration) = ([0.0; 6], [0.0; 6]);
-        (self.elbow.velocity, self.elbow.acceleration) = (0.0, 0.0);
+        self.set_point = self.set_point.coasted();
+        self.elbow = self.elbow.coasted();
     }
 
     fn elbow_angle(&self, arm: &Arm<'_>, posture: &Posture) -> f32 {

@@ -19,7 +19,7 @@ const JUMP_FACTOR: f32 = 2.0;
 /// A sensor may read a little beyond what the current loop was asked for.
 const CURRENT_MARGIN: f32 = 1.25;
 /// Where the dynamics of an arm are taken as a whole: how fast its joints are brought to where they should be.
-const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 120.0 };
+const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 /// Most of a lag that is made up for.
 const MOST_CARRY: f32 = 0.3;
 /// Ticks without a change of the count under a torque that should move the joint.

@@ -188,7 +188,7 @@ pub enum SetPoint {
         /// Torques that the servo does not make up for as long as nothing moves [N·m].
         torques: Vec<f32, MAX_JOINTS>,
     },
-    /// 5: where the tool of an arm under [`Task::Impedance`] should be, and its elbow. At rest there until another comes.
+    /// 5: where the tool of an arm under [`Task::Impedance`] should be, and its elbow. Coasts to rest until another comes.
     Pose {
         /// The tool.
         point: PosePoint,
