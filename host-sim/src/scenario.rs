@@ -1,6 +1,7 @@
 //! Scenarios: a robot, a task, a plant, and what is measured.
 
 mod arm;
+mod arm7_bilateral;
 mod arm7_elbow;
 mod arm7_release;
 mod arm7_wall;
@@ -56,6 +57,7 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
     arm7_wall::SCENARIO,
+    arm7_bilateral::SCENARIO,
 ];
 
 /// What a run is given.

@@ -1,0 +1,317 @@
+//! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the link make energy?
+
+use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use tesaki::arm::{ArmSettings, ElbowPoint, PosePoint};
+use tesaki::teleop::{Port, PortLimits};
+
+use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
+use super::grasping::{T, require_duration};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::operator::{HandMotion, Link, LinkValues, MasterArm, MasterArmValues, Stroke};
+use crate::plant::Wall;
+use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "arm7-bilateral",
+    title: "Touching from afar",
+    about: "an operator presses the arm against walls of 200 to 50 000 N/m and feels them, with delays of 0, 20 and 50 ms",
+    robot: "arm7",
+    duration: 62.0,
+    lead: &[
+        "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and means to stay there. The seven-joint arm \
+         follows, meets a wall of 200, 2000 or 50 000 N/m after 2 cm, and the force of its impedance's spring, K 300 N/m, \
+         comes back to the handle. The operator's arm yields: 1.5 kg, 15 N·s/m, 300 N/m. The link takes 0, 20 or 50 ms each \
+         way. The arm differs from the controller's model by up to 20 %.",
+        "At each end the energy that goes into the link and comes out of it is counted; what comes out is kept to what went in at the \
+         other end, by damping at the handle and by waiting at the arm. What is owed is the energy of the first contact, before \
+         either end knew of it. It has settled when the handle stays within 2 mm of where \
+         it is at the end. The last run is without that guard.",
+    ],
+    run,
+};
+
+const CLEARANCE: f64 = 0.02;
+const WAY: f64 = 0.05;
+const BEGIN: f64 = 0.5;
+const TIME: f64 = 0.8;
+const STAY: f64 = 4.0;
+const STIFFNESS: f64 = 300.0;
+const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
+const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
+/// Of the wall [N·s/m].
+const DAMPING: f64 = 20.0;
+/// The handle has settled within this [m].
+const BAND: f64 = 0.002;
+/// The master's damping stays below what a hand of 1.5 kg with 10 ms of hold allows, 150 N·s/m.
+const LIMITS: PortLimits = PortLimits { damping: 100.0, reserve: 0.0 };
+
+/// What was recorded in a tick, besides what the arm's log has.
+#[derive(Clone, Copy)]
+struct Tick {
+    /// Of the handle along x, from the start [m].
+    handle: f64,
+    /// On the handle along x [N].
+    force: f64,
+    /// Energy in the link [J].
+    energy: f64,
+}
+
+struct Run {
+    wall: f64,
+    delay: f64,
+    guarded: bool,
+    ticks: Vec<Tick>,
+    samples: Vec<Sample>,
+}
+
+impl Run {
+    /// How long after the stroke's end the handle was last off what it is at the end [s].
+    fn settled(&self) -> f64 {
+        let last = self.ticks.len().saturating_sub(20);
+        let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
+        let off = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > BAND);
+        off.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - TIME).max(0.0))
+    }
+
+    /// Least energy that was in the link [J].
+    fn least(&self) -> f64 {
+        self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
+    }
+
+    fn name(&self) -> String {
+        let guard = if self.guarded { "" } else { "_unguarded" };
+        format!("wall_{}_delay_{}{guard}", self.wall, (1e3 * self.delay).round())
+    }
+
+    fn label(&self) -> String {
+        let guard = if self.guarded { "" } else { ", unguarded" };
+        format!("{} N/m, {} ms{guard}", self.wall, (1e3 * self.delay).round())
+    }
+
+    fn table(&self) -> String {
+        let series = |value: &dyn Fn(&Tick) -> f64| self.ticks.iter().map(value).collect::<Vec<f64>>();
+        let time: Vec<f64> = (0..self.ticks.len()).map(|tick| tick as f64 * T).collect();
+        let tool: Vec<f64> = self.samples.iter().map(|sample| sample.tool.position[0]).collect();
+        let wall: Vec<f64> = self.samples.iter().map(|sample| -sample.tool.wall_force[0]).collect();
+        csv(&[
+            Column::new("time", "s", &time),
+            Column::new("handle x", "m", &series(&|tick| tick.handle)),
+            Column::new("force on handle x", "N", &series(&|tick| tick.force)),
+            Column::new("energy in the link", "J", &series(&|tick| tick.energy)),
+            Column::new("tool x", "m", &tool),
+            Column::new("force into wall", "N", &wall),
+        ])
+    }
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut runs = Vec::new();
+    for delay in DELAYS {
+        for wall in WALLS {
+            runs.push(touch(setting, &mut bench, wall, delay, true)?);
+        }
+    }
+    runs.push(touch(setting, &mut bench, WALLS[1], DELAYS[2], false)?);
+    for run in &runs {
+        add_metrics(&mut summary, run);
+    }
+    let tables = runs.iter().map(|run| (format!("{}.csv", run.name()), run.table())).collect();
+    let figures = vec![
+        figure("Handle", "handle", "mm", &runs, |run, index| 1e3 * run.ticks[index].handle),
+        figure("Force into the wall", "force", "N", &runs, |run, index| {
+            run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
+        }),
+        figure("Energy in the link", "energy", "mJ", &runs, |run, index| 1e3 * run.ticks[index].energy),
+    ];
+    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+/// What travels to the arm: where the handle is [m], and the energy that the operator has put in [J].
+type Forth = (Vector3<f64>, f32);
+/// What travels back: the force on the handle [N], and the energy that the arm has put in [J].
+type Back = (Vector3<f32>, f32);
+
+fn touch(
+    setting: &mut Setting<'_, '_>,
+    bench: &mut Bench,
+    wall: f64,
+    delay: f64,
+    guarded: bool,
+) -> Result<Run, ScenarioError> {
+    let seed = setting.seed;
+    let mut made = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
+    let heavy = ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
+    let mut session = Session::begin(setting, bench, &made.label(), Machine::Mismatched, heavy)?;
+    let (point, elbow) = session.start();
+    let start = Vector3::from(point.position).map(f64::from);
+    let place = [start.x + CLEARANCE, 0.0, 0.0];
+    let surface =
+        Wall { point: place, normal: [-1.0, 0.0, 0.0], stiffness: wall, damping: DAMPING, friction: 0.0 };
+    session.plant.insert_wall(surface)?;
+
+    let [x, y, z, w] = point.rotation.map(f64::from);
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let middle = Isometry3::from_parts(Translation3::from(start), turn);
+    let stroke =
+        Stroke { begin: BEGIN, duration: TIME, shift: Vector3::new(WAY, 0.0, 0.0), turn: Vector3::zeros() };
+    let motion = HandMotion::strokes(middle, vec![stroke]);
+    let mut master = MasterArm::new(MasterArmValues::default(), &middle, seed);
+    let link = LinkValues { delay, ..LinkValues::default() };
+    let (mut forth, mut back) = (Link::<Forth>::new(link, seed), Link::<Back>::new(link, seed + 1000));
+    let mut ends = Ends::new(start, elbow, point, guarded);
+    for tick in 1..=((BEGIN + TIME + STAY) / T).round() as usize {
+        let time = tick as f64 * T;
+        let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
+        ends.handle_moved(measured);
+        forth.send(time, (ends.handle, ends.master.given()));
+        for packet in forth.receive(time) {
+            (ends.target, ends.master_gave) = packet.message;
+        }
+        let arm = session.telemetry()?;
+        let (at, pushed) = ends.lead(&arm.error, arm.contact);
+        session.follow(at, ends.elbow)?;
+        back.send(time, (pushed, ends.slave.given()));
+        for packet in back.receive(time) {
+            (ends.force, ends.slave_gave) = packet.message;
+        }
+        let felt = ends.felt();
+        master.reflect(felt.map(f64::from).into());
+        made.ticks.push(Tick {
+            handle: master.handle(&motion).pose.translation.vector.x - start.x,
+            force: f64::from(felt.x),
+            energy: f64::from(ends.master.balance() + ends.slave.balance()),
+        });
+    }
+    made.samples = session.end()?.0;
+    Ok(made)
+}
+
+/// Both ends of the link.
+struct Ends {
+    master: Port,
+    slave: Port,
+    guarded: bool,
+    elbow: ElbowPoint,
+    point: PosePoint,
+    /// Where the handle is, and its velocity.
+    handle: Vector3<f64>,
+    velocity: Vector3<f32>,
+    /// On the handle: what came back, and the damping.
+    force: Vector3<f32>,
+    damping: Vector3<f32>,
+    slave_gave: f32,
+    /// Where the arm is to go, and where it was told to be.
+    target: Vector3<f64>,
+    reference: Vector3<f64>,
+    /// The last way, and with what the link pushed the arm.
+    way: Vector3<f32>,
+    push: Vector3<f32>,
+    master_gave: f32,
+}
+
+impl Ends {
+    fn new(start: Vector3<f64>, elbow: ElbowPoint, point: PosePoint, guarded: bool) -> Self {
+        let zero = Vector3::zeros();
+        Self {
+            master: Port::new(),
+            slave: Port::new(),
+            guarded,
+            elbow,
+            point,
+            handle: start,
+            velocity: zero,
+            force: zero,
+            damping: zero,
+            slave_gave: 0.0,
+            target: start,
+            reference: start,
+            way: zero,
+            push: zero,
+            master_gave: 0.0,
+        }
+    }
+
+    /// The handle was measured again.
+    fn handle_moved(&mut self, measured: Option<Vector3<f64>>) {
+        let Some(measured) = measured else { return };
+        let way = (measured - self.handle).map(|way| way as f32);
+        self.master.count(&self.force, &self.damping, &way);
+        (self.handle, self.velocity) = (measured, way / T as f32);
+    }
+
+    /// Where the arm is to be now, and the force that goes back.
+    fn lead(&mut self, error: &[f32; 6], contact: bool) -> (PosePoint, Vector3<f32>) {
+        let stiffness = STIFFNESS as f32;
+        let [x, y, z, ..] = *error;
+        // The link pulls the arm by the spring of its impedance, once that is pressed.
+        let push = if contact { Vector3::new(x, y, z) * -stiffness } else { Vector3::zeros() };
+        self.slave.count(&((push + self.push) * 0.5), &Vector3::zeros(), &self.way);
+        let way = (self.target - self.reference).map(|way| way as f32);
+        let after = if contact { push + way * stiffness } else { Vector3::zeros() };
+        let way = if self.guarded { self.slave.way(&LIMITS, self.master_gave, &after, &way) } else { way };
+        (self.way, self.push) = (way, push);
+        self.reference += way.map(f64::from);
+        let mut at = self.point;
+        at.position = self.reference.map(|place| place as f32).into();
+        let velocity = way / T as f32;
+        at.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];
+        (at, -push)
+    }
+
+    /// What the handle feels.
+    fn felt(&mut self) -> Vector3<f32> {
+        self.damping = if self.guarded {
+            self.master.force(&LIMITS, self.slave_gave, &self.force, &self.velocity)
+        } else {
+            Vector3::zeros()
+        };
+        self.force + self.damping
+    }
+}
+
+fn add_metrics(summary: &mut Summary, run: &Run) {
+    let (name, label) = (run.name(), run.label());
+    let text = format!("{label}: until the handle has settled");
+    let settled = run.settled();
+    let metric = if run.guarded {
+        Metric::at_most(text, settled, 2.0, "s")
+    } else {
+        Metric::reported(text, settled, "s")
+    };
+    summary.insert(format!("{name}_settled"), metric);
+    let text = format!("{label}: least energy in the link");
+    summary.insert(format!("{name}_least"), Metric::reported(text, 1e3 * run.least(), "mJ"));
+    let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
+    summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
+}
+
+fn figure(
+    title: &str,
+    quantity: &str,
+    unit: &str,
+    runs: &[Run],
+    value: impl Fn(&Run, usize) -> f64,
+) -> Figure {
+    let caption = "A panel for each delay, and one without the guard.";
+    let mut figure = Figure::stacked(title, caption, "time", "s");
+    let mut panel_of = |name: String, chosen: Vec<&Run>| {
+        let mut panel = Panel::new(name, quantity, unit);
+        for (colour, run) in chosen.into_iter().enumerate() {
+            let time: Vec<f64> = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
+            let values = (0..run.ticks.len()).map(|index| value(run, index)).collect();
+            panel = panel.line(Line::solid(format!("{} N/m", run.wall), colour, time, values));
+        }
+        figure = std::mem::replace(&mut figure, Figure::stacked("", "", "", "")).panel(panel);
+    };
+    for delay in DELAYS {
+        let chosen = runs.iter().filter(|run| run.delay == delay && run.guarded).collect();
+        panel_of(format!("{} ms", (1e3 * delay).round()), chosen);
+    }
+    let unguarded = runs.iter().filter(|run| !run.guarded).collect();
+    panel_of(format!("{} ms, unguarded", (1e3 * DELAYS[2]).round()), unguarded);
+    figure
+}
