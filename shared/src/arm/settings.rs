@@ -98,6 +98,15 @@ impl PosePoint {
         next.velocity.iter_mut().for_each(|speed| *speed *= COAST);
         next
     }
+
+    /// Where it is a control period later, its acceleration included.
+    #[must_use]
+    pub(super) fn ahead(&self) -> Self {
+        let mut faster = *self;
+        let speeds = faster.velocity.iter_mut().zip(&self.acceleration);
+        speeds.for_each(|(speed, acceleration)| *speed += acceleration * TICK);
+        faster.coasted()
+    }
 }
 
 impl ElbowPoint {

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{TICK, math};
 
+/// What a mass may be [kg, kg·m²]: less is lost in the arm's own, and neither end overflows.
+const LEAST_MASS: f32 = 1e-3;
+const MOST_MASS: f32 = 1e4;
 /// Largest `K/M` [1/s²]: a natural frequency of 50 rad/s, half a radian in a control period.
 const MOST_STIFFNESS: f32 = 2500.0;
 /// Largest `B/M` [1/s]: one control period takes `1/e` of a velocity.
@@ -17,7 +20,7 @@ const SMALL: f32 = 0.05;
 /// pushes it (Arm7, equation 2). Axes: x, y, z of the base; translations first.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Impedance {
-    /// `M` [kg, kg·m²]; positive.
+    /// `M` [kg, kg·m²]; at least 0.001.
     pub mass: [f32; 6],
     /// `B` [N·s/m, N·m·s/rad]; not negative.
     pub damping: [f32; 6],
@@ -35,7 +38,7 @@ pub struct BadImpedance {
     pub axis: u8,
     /// As given.
     pub value: f32,
-    /// Largest possible; infinite when it must only be more.
+    /// Largest possible.
     pub limit: f32,
 }
 
@@ -68,9 +71,8 @@ impl fmt::Display for BadImpedance {
         };
         write!(f, "the {name} {relation} {axis} is {value} {unit}; ")?;
         match term {
-            ImpedanceTerm::Mass => f.write_str("it must be positive and finite"),
-            _ if limit.is_finite() => write!(f, "possible with this mass is 0 to {limit} {unit}"),
-            _ => f.write_str("it must not be negative"),
+            ImpedanceTerm::Mass => write!(f, "possible is {LEAST_MASS} to {limit} {unit}"),
+            _ => write!(f, "possible with this mass is 0 to {limit} {unit}"),
         }
     }
 }
@@ -83,13 +85,9 @@ impl Impedance {
     pub fn validate(&self) -> Result<(), BadImpedance> {
         let axes = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
         for (axis, ((&mass, &damping), &stiffness)) in (0..).zip(axes) {
-            if !(mass.is_finite() && mass > 0.0) {
-                return Err(BadImpedance {
-                    term: ImpedanceTerm::Mass,
-                    axis,
-                    value: mass,
-                    limit: f32::INFINITY,
-                });
+            if !(mass >= LEAST_MASS && mass <= MOST_MASS) {
+                let (term, limit) = (ImpedanceTerm::Mass, MOST_MASS);
+                return Err(BadImpedance { term, axis, value: mass, limit });
             }
             for (term, value, most) in [
                 (ImpedanceTerm::Damping, damping, MOST_DAMPING),
@@ -249,10 +247,10 @@ mod tests {
             change(&mut impedance);
             impedance.validate().unwrap_err().to_string()
         };
-        assert_eq!(with(|i| i.mass[4] = 0.0), "the mass about y is 0 kg·m²; it must be positive and finite");
+        assert_eq!(with(|i| i.mass[4] = 0.0), "the mass about y is 0 kg·m²; possible is 0.001 to 10000 kg·m²");
         assert_eq!(
             with(|i| i.mass[0] = f32::NAN),
-            "the mass along x is NaN kg; it must be positive and finite"
+            "the mass along x is NaN kg; possible is 0.001 to 10000 kg"
         );
         assert_eq!(
             with(|i| i.damping[1] = -1.0),

@@ -184,7 +184,7 @@ impl Node {
 
     /// The arm and its tool after the last tick, if the robot is one.
     pub fn tool(&self) -> Option<ArmTelemetry> {
-        Some(self.state.arm.telemetry(&self.robot.arm()?, self.state.tick))
+        Some(self.state.arm.telemetry(&self.robot.arm()?, &self.state.arm_sense(), self.state.tick))
     }
 
     /// One value for each joint of the robot.
