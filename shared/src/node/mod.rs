@@ -35,6 +35,17 @@ mod transfer;
 )]
 mod tests;
 
+#[cfg(test)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::float_cmp,
+    clippy::indexing_slicing,
+    reason = "tests"
+)]
+mod arm_tests;
+
 pub use replay::{Difference, Replay, ReplayError};
 pub use robot::Robot;
 pub use state::State;
