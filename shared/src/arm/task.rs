@@ -1,7 +1,6 @@
 use core::f32::consts::{PI, TAU};
 use core::fmt;
 
-use heapless::Vec;
 use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -32,14 +31,14 @@ const STIFF_ANGLE: f32 = 1e-4;
 const START_ITERATIONS: usize = 16;
 
 /// What the control knows of the arm.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Arm<'a> {
     /// Its joints.
     pub chain: &'a Chain,
     /// Acceleration of gravity in the base frame [m/s²].
     pub gravity: &'a Vector3<f32>,
-    /// For each joint, with an inertia of 1: they work on accelerations.
-    pub observers: Vec<&'a ErrorObserver, MAX_CHAIN_JOINTS>,
+    /// Of each joint; with an inertia of 1, so that it works on accelerations, and for torques without a lag.
+    pub observer: &'a ErrorObserver,
 }
 
 /// What the arm senses.
@@ -353,9 +352,8 @@ impl ArmState {
             *point = JointPoint { position, velocity, acceleration };
         }
         if settings.law == Law::Following {
-            let observers = arm.observers.iter().zip(&self.observers);
-            for (feedback, (observer, state)) in command.feedback.iter_mut().zip(observers) {
-                *feedback = observer.feedback(state);
+            for (feedback, state) in command.feedback.iter_mut().zip(&self.observers) {
+                *feedback = arm.observer.feedback(state);
             }
         }
         self.advance(&accelerations);
@@ -364,9 +362,9 @@ impl ArmState {
 
     /// Closes the tick: what the limits added to the acceleration of each joint [rad/s²].
     pub fn settle(&mut self, arm: &Arm<'_>, added: &[f32; MAX_CHAIN_JOINTS]) {
-        for ((observer, state), &added) in arm.observers.iter().zip(&mut self.observers).zip(added) {
-            let wanted = observer.feedback(state);
-            observer.settle(state, wanted + added);
+        for (state, added) in self.observers.iter_mut().zip(added) {
+            let wanted = arm.observer.feedback(state);
+            arm.observer.settle(state, wanted + added);
         }
     }
 
@@ -391,11 +389,11 @@ impl ArmState {
             return;
         }
         let ideal = self.angles.iter_mut().zip(&mut self.velocities);
-        let observers = arm.observers.iter().zip(&mut self.observers);
-        for (((angle, velocity), (observer, state)), measured) in ideal.zip(observers).zip(&sense.angles) {
+        let joints = ideal.zip(&mut self.observers).zip(&sense.angles).take(arm.chain.len());
+        for (((angle, velocity), state), measured) in joints {
             let error = *angle - measured;
             let resting = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
-            observer.correct(state, error, resting);
+            arm.observer.correct(state, error, resting);
             if counts {
                 let [error, rate] = state.error();
                 *angle -= error;

@@ -164,6 +164,11 @@ impl JointServo {
         self.torque_limit
     }
 
+    /// Share of the last period's torque that still acts in this one: the inner loop's delay and lag.
+    pub const fn carry(&self) -> f32 {
+        self.observer.carry()
+    }
+
     /// Torque that gives rotor and gear an acceleration [rad/s²], [N·m].
     pub const fn rotor_torque(&self, acceleration: f32) -> f32 {
         self.rotor_inertia * acceleration

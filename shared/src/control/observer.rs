@@ -75,6 +75,12 @@ impl ErrorObserver {
 
     /// With the gains and the motor of a validated model.
     pub fn new(gains: &ObserverGains, motor: &Motor) -> Self {
+        let lag = motor.delay + 1.0 / (core::f32::consts::TAU * motor.bandwidth);
+        Self::with_lag(gains, lag)
+    }
+
+    /// With the gains, for efforts that act after a `lag` [s].
+    pub fn with_lag(gains: &ObserverGains, lag: f32) -> Self {
         let inertia = gains.inertia;
         let beta = math::exp(-gains.observer_bandwidth * TICK);
         let gamma = math::exp(-gains.bandwidth * TICK);
@@ -88,14 +94,13 @@ impl ErrorObserver {
             ],
             proportional: inertia * g * g / (TICK * TICK),
             derivative: inertia * g * (3.0 + gamma) / (2.0 * TICK),
-            carry: motor.carry(),
+            carry: math::clamp(lag / TICK, 0.0, 1.0),
         }
     }
 
-    /// The same for torques that make up for the inner loop's lag themselves.
-    #[must_use]
-    pub const fn without_lag(self) -> Self {
-        Self { carry: 0.0, ..self }
+    /// Share of the last period's effort that still acts in this one.
+    pub(super) const fn carry(&self) -> f32 {
+        self.carry
     }
 
     /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit. While `resting` nothing

@@ -17,7 +17,6 @@ pub use error::{Field, ModelError, Problem};
 
 use heapless::{String, Vec};
 
-use crate::{TICK, math};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -142,14 +141,6 @@ pub struct Motor {
     pub bandwidth: f32,
     /// From the sensors' sampling to the moment when a new torque starts to act [s].
     pub delay: f32,
-}
-
-impl Motor {
-    /// How much of the torque of the control period before acts in this one, as a share: the inner loop's delay and lag.
-    pub(crate) const fn carry(&self) -> f32 {
-        let lag = self.delay + 1.0 / (core::f32::consts::TAU * self.bandwidth);
-        math::clamp(lag / TICK, 0.0, 1.0)
-    }
 }
 
 /// Friction of a joint.

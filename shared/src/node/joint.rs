@@ -4,9 +4,9 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::TICK;
-use crate::control::{ErrorObserver, JointPoint, JointServo, JointServoState, ServoMode};
-use crate::math::abs;
-use crate::model::{JointLimits, JointModel, ObserverGains};
+use crate::control::{JointPoint, JointServo, JointServoState, ServoMode};
+use crate::math::{self, abs};
+use crate::model::{JointLimits, JointModel};
 use crate::protocol::{FaultCause, Refusal};
 use crate::signal::PseudoDifferentiator;
 
@@ -18,9 +18,7 @@ const COUNT_NOISE: f32 = 2.0;
 const JUMP_FACTOR: f32 = 2.0;
 /// A sensor may read a little beyond what the current loop was asked for.
 const CURRENT_MARGIN: f32 = 1.25;
-/// Where the dynamics of an arm are taken as a whole: how fast its joints are brought to where they should be.
-const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
-/// Most of a lag that is made up for.
+/// Most of a drive's lag that is made up for, as a share of the period.
 const MOST_CARRY: f32 = 0.3;
 /// Ticks without a change of the count under a torque that should move the joint.
 const STUCK_TICKS: u16 = 10;
@@ -29,10 +27,6 @@ const STUCK_TICKS: u16 = 10;
 #[derive(Clone, Debug)]
 pub(super) struct JointConfig {
     pub servo: JointServo,
-    /// For the joint of an arm whose dynamics are taken as a whole: it works on accelerations.
-    pub tracking: ErrorObserver,
-    /// Share of the last torque that still acts in this period.
-    carry: f32,
     limits: JointLimits,
     /// Signed.
     radians_per_count: f32,
@@ -81,8 +75,6 @@ impl JointConfig {
         let turn = TAU / joint.encoder.counts_per_turn;
         Self {
             servo: JointServo::new(joint),
-            tracking: ErrorObserver::new(&TRACKING, &joint.motor).without_lag(),
-            carry: joint.motor.carry().min(MOST_CARRY),
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -turn } else { turn },
             current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
@@ -288,13 +280,14 @@ impl JointState {
 
     /// The torque of this tick from the torque of the arm's links for the reference. Returns the acceleration that the
     /// limits leave undone [rad/s²].
+    #[inline(never)]
     pub fn accelerate(&mut self, config: &JointConfig, friction: bool, links: f32) -> f32 {
         let of_friction =
             if friction { config.servo.friction(&self.servo, self.reference.velocity) } else { 0.0 };
         let wanted =
             links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
         // What is left of the last torque is made up for, so that the mean over the period is what is wanted.
-        let (before, carry) = (self.torque, config.carry);
+        let (before, carry) = (self.torque, math::clamp(config.servo.carry(), 0.0, MOST_CARRY));
         let ahead = wanted + (wanted - before) * (carry / (1.0 - carry));
         self.torque = config.servo.limit(&mut self.servo, ahead);
         self.effort = 0.0;

@@ -4,9 +4,13 @@ use nalgebra::Vector3;
 use super::joint::JointConfig;
 use super::tip::TipState;
 use crate::arm::Arm;
+use crate::control::ErrorObserver;
 use crate::kinematics::{Chain, Finger};
 use crate::manipulation::{FINGERS, Hand, HandFinger};
-use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, Reaction, RobotModel, Safety};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, RobotModel, Safety};
+
+/// How fast the joints of an arm are brought to where they should be, in accelerations: an inertia of 1.
+const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 
 /// A validated model, made ready for computing; without joints until there is one.
 ///
@@ -20,6 +24,8 @@ pub struct Robot {
     pub(super) joints: Vec<JointConfig, MAX_JOINTS>,
     /// How many chains have one.
     pub(super) force_sensors: usize,
+    /// Of the joints of an arm whose dynamics are taken as a whole: it works on accelerations.
+    tracking: Option<ErrorObserver>,
 }
 
 impl Robot {
@@ -42,6 +48,7 @@ impl Robot {
         chains: Vec::new(),
         joints: Vec::new(),
         force_sensors: 0,
+        tracking: None,
     };
 
     /// Becomes the robot of `model`, or stays what it was.
@@ -69,6 +76,7 @@ impl Robot {
         for joint in &model.joints {
             let _ = self.joints.push(JointConfig::new(joint));
         }
+        self.tracking = Some(ErrorObserver::with_lag(&TRACKING, 0.0));
         self.gravity = Vector3::from(model.gravity);
         self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
         self.model.clone_from(model);
@@ -105,11 +113,7 @@ impl Robot {
         if chain.len() < 6 {
             return None;
         }
-        let mut observers = Vec::new();
-        for joint in &self.joints {
-            observers.push(&joint.tracking).ok()?;
-        }
-        Some(Arm { chain, gravity: &self.gravity, observers })
+        Some(Arm { chain, gravity: &self.gravity, observer: self.tracking.as_ref()? })
     }
 
     /// The first chain whose force sensor was not tared.

@@ -41,7 +41,6 @@ pub struct State {
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) tips: [TipState; MAX_CHAINS],
     pub(super) hand: HandState,
-    pub(super) arm: ArmState,
     pub(super) faults: FaultLog,
     /// The total of the faults when they were read last.
     pub(super) faults_read: u32,
@@ -49,6 +48,7 @@ pub struct State {
     pub(super) rates: [u16; Stream::ALL.len()],
     /// Requests and frames so far: numbers the entries of the log.
     pub(super) records: u32,
+    pub(super) arm: ArmState,
 }
 
 impl State {
@@ -70,11 +70,11 @@ impl State {
             joints: [JointState::new(); MAX_JOINTS],
             tips: [TipState::new(); MAX_CHAINS],
             hand: HandState::NONE,
-            arm: ArmState::NONE,
             faults: FaultLog::new(),
             faults_read: 0,
             rates: [0; Stream::ALL.len()],
             records: 0,
+            arm: ArmState::NONE,
         }
     }
 

@@ -21,13 +21,8 @@ impl Node {
         if let Some(fault) = self.watch() {
             self.fail(fault);
         }
-        if let Mode::Armed(Task::Grasp) = self.state.mode
-            && let Some(fault) = self.manipulate()
-        {
-            self.fail(fault);
-        }
-        if let Mode::Armed(Task::Impedance) = self.state.mode
-            && let Some(fault) = self.comply()
+        if let Mode::Armed(task @ (Task::Grasp | Task::Impedance)) = self.state.mode
+            && let Some(fault) = self.perform(task)
         {
             self.fail(fault);
         }
@@ -135,6 +130,16 @@ impl Node {
         None
     }
 
+    /// What the joints are to do for a task beyond their own; the fault, if it cannot go on.
+    #[inline(never)]
+    fn perform(&mut self, task: Task) -> Option<Fault> {
+        match task {
+            Task::JointServo(_) => None,
+            Task::Grasp => self.manipulate(),
+            Task::Impedance => self.comply(),
+        }
+    }
+
     /// What the joints are to do for an object in the hand; the fault, if it was lost.
     #[inline(never)]
     fn manipulate(&mut self) -> Option<Fault> {
@@ -220,11 +225,12 @@ impl Node {
                 }
             }
             (Reaction::Hold, Some(robot)) => {
+                if let Drive::Acceleration { friction } = self.state.drive {
+                    return accelerate(robot, &mut self.state, friction);
+                }
                 let joints = || robot.joints.iter();
-                if !matches!(self.state.drive, Drive::Acceleration { .. }) {
-                    for (config, state) in joints().zip(&mut self.state.joints) {
-                        state.advance(config, self.state.streaming);
-                    }
+                for (config, state) in joints().zip(&mut self.state.joints) {
+                    state.advance(config, self.state.streaming);
                 }
                 let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
                 let mut first = 0;
@@ -240,25 +246,13 @@ impl Node {
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
                     let states = self.state.joints.iter_mut().skip(first);
                     let all = joints().skip(first).zip(states).zip(torques).take(chain.len());
-                    match self.state.drive {
-                        Drive::Servo => {
-                            for ((config, state), torque) in all {
-                                state.control(config, self.state.servo_mode, torque);
-                            }
+                    if let Drive::Torque { damping, compensated } = self.state.drive {
+                        for ((config, state), torque) in all {
+                            state.push(config, damping, compensated, torque);
                         }
-                        Drive::Torque { damping, compensated } => {
-                            for ((config, state), torque) in all {
-                                state.push(config, damping, compensated, torque);
-                            }
-                        }
-                        Drive::Acceleration { friction } => {
-                            let mut undone = [0.0; MAX_CHAIN_JOINTS];
-                            for (undone, ((config, state), torque)) in undone.iter_mut().zip(all) {
-                                *undone = state.accelerate(config, friction, torque);
-                            }
-                            if let Some(arm) = robot.arm() {
-                                self.state.arm.settle(&arm, &undone);
-                            }
+                    } else {
+                        for ((config, state), torque) in all {
+                            state.control(config, self.state.servo_mode, torque);
                         }
                     }
                     first += chain.len();
@@ -284,6 +278,23 @@ impl Node {
             tick,
         })
     }
+}
+
+/// The torques that give the joints of an arm the accelerations of their references.
+#[inline(never)]
+fn accelerate(robot: &Robot, state: &mut State, friction: bool) {
+    let Some(arm) = robot.arm() else { return };
+    let [mut q, mut qd, mut qdd, mut torques, mut undone] = [[0.0; MAX_CHAIN_JOINTS]; 5];
+    for (((q, qd), qdd), joint) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(&state.joints) {
+        let JointPoint { position, velocity, acceleration } = joint.reference;
+        (*q, *qd, *qdd) = (position, velocity, acceleration);
+    }
+    arm.chain.inverse_dynamics(arm.gravity, &q, &qd, &qdd, &mut torques);
+    let joints = robot.joints.iter().zip(&mut state.joints);
+    for (undone, ((config, joint), torque)) in undone.iter_mut().zip(joints.zip(torques)) {
+        *undone = joint.accelerate(config, friction, torque);
+    }
+    state.arm.settle(&arm, &undone);
 }
 
 /// Reads the force sensors of the tips; says what is wrong with the first that is wrong: last joint of its chain, cause,
