@@ -222,10 +222,8 @@ mod tests {
                 run(&|e, v| matched.acceleration(e, v, &zero)),
                 run(&|e, v| impedance.acceleration(e, v, &zero)),
             );
-            // An overdamped mass starts too suddenly for one acceleration a period.
-            let allowed = if damping < 60.0 { 7e-5 } else { 5e-4 };
-            assert!(ours < allowed, "B {damping}: {ours}");
-            assert!(printed > 1e-3, "B {damping}: {printed}");
+            assert!(ours < 7e-5, "B {damping}: {ours}");
+            assert!(printed > 4e-4, "B {damping}: {printed}");
         }
     }
 
