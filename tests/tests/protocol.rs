@@ -7,9 +7,7 @@ use std::fmt::Debug;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::arm::{
-    ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, Law, PosePoint, Redundancy,
-};
+use tesaki::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
 use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, JointPoint, ServoMode};
 use tesaki::kinematics::TipPoint;
 use tesaki::manipulation::{
@@ -656,7 +654,10 @@ impl Messages {
     fn impedances(&mut self) {
         let mut impedance = |name: &str, settings| self.request(name, Request::Impedance(settings));
         impedance("impedance", YIELDING);
-        impedance("impedance-driven", ArmSettings { redundancy: Redundancy::Driven { joint: 2 }, ..YIELDING });
+        impedance(
+            "impedance-driven",
+            ArmSettings { redundancy: Redundancy::Driven { joint: 2 }, ..YIELDING },
+        );
         let (law, redundancy) = (Law::Printed, Redundancy::None);
         impedance("impedance-printed", ArmSettings { law, redundancy, ..YIELDING });
         let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
