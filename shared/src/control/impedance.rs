@@ -85,7 +85,7 @@ impl Impedance {
     pub fn validate(&self) -> Result<(), BadImpedance> {
         let axes = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
         for (axis, ((&mass, &damping), &stiffness)) in (0..).zip(axes) {
-            if !(mass >= LEAST_MASS && mass <= MOST_MASS) {
+            if !(LEAST_MASS..=MOST_MASS).contains(&mass) {
                 let (term, limit) = (ImpedanceTerm::Mass, MOST_MASS);
                 return Err(BadImpedance { term, axis, value: mass, limit });
             }
@@ -191,10 +191,14 @@ fn cosine_and_sinc(z: f32) -> (f32, f32) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
 
     const SOFT: Impedance = Impedance { mass: [1.5; 6], damping: [7.5; 6], stiffness: [300.0; 6] };
+
+    /// The acceleration for a displacement and its velocity.
+    type Law<'a> = dyn Fn(&Vector6<f32>, &Vector6<f32>) -> Vector6<f32> + 'a;
 
     /// Positions [m] every 10 ms of a mass that is released 30 mm off, from scipy's matrix exponential
     /// (`tests/oracles/impedance.py`): M 1.5, K 300; B 7.5, 30, 90 (overdamped).
@@ -206,7 +210,7 @@ mod tests {
         for &(damping, exact) in RELEASES {
             let impedance = Impedance { damping: [damping; 6], ..SOFT };
             let matched = impedance.matched();
-            let run = |law: &dyn Fn(&Vector6<f32>, &Vector6<f32>) -> Vector6<f32>| {
+            let run = |law: &Law<'_>| {
                 let (mut e, mut v) = (Vector6::repeat(0.03), Vector6::zeros());
                 let mut worst = 0.0_f64;
                 for exact in exact {

@@ -87,10 +87,7 @@ fn size(six: &[f32; 6]) -> f32 {
 }
 
 fn list(values: &[f32], digits: usize) -> String {
-    // No minus before a number that is shown as 0.
-    let least = 0.5 * 0.1_f32.powi(i32::try_from(digits).unwrap_or(0));
-    let shown = |value: &f32| format!("{:.digits$}", if value.abs() < least { 0.0 } else { *value });
-    values.iter().map(shown).collect::<Vec<_>>().join(", ")
+    values.iter().map(|value| format!("{value:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
 fn in_a_line(arm: &ArmTelemetry) -> String {
