@@ -15,6 +15,8 @@ const CLIENTS: usize = 4;
 
 /// Everything that a [`Node`](super::Node) knows beside the robot's model. Together with the model, whose configuration
 /// is fixed, it decides what the node does from here on.
+// In this order in memory: what every tick needs is within reach of a load's immediate offset.
+#[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {
     /// The clients that said hello with our schema key, the latest first.

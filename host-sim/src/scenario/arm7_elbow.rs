@@ -1,0 +1,143 @@
+//! The elbow swings while the hand stays where it is (Arm7, section 2.2): by the shoulder's yaw with the other six joints
+//! holding the hand, and by the arm angle with all seven.
+
+use rapier3d::na::Vector3;
+use tesaki::arm::{ArmSettings, ElbowPoint, Redundancy};
+use tesaki_supervisor::trajectory::minimum_jerk;
+
+use super::arm::{Bench, Log, Machine, Sample, Session, YAW, impedance, settings};
+use super::common::capital;
+use super::grasping::{T, require_duration};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "arm7-elbow",
+    title: "The elbow swings, the hand stays",
+    about: "the elbow swings by 30° in a second and back while the hand holds its place, by shoulder yaw and by arm angle",
+    robot: "arm7",
+    duration: 15.0,
+    lead: &[
+        "The tool of the seven-joint arm has an impedance (M 1.5 kg, B 30 N·s/m, K 300 N/m) and nothing touches it. The elbow is \
+         swung by 30° within a second, and back after a rest, along a minimum-jerk course. How far does the hand move?",
+        "Two ways to lead the elbow: as in the paper, the shoulder's yaw follows by itself and six joints take the hand, whose \
+         accelerations make up for what the yaw does; and the angle of the plane through shoulder, elbow and wrist, brought about by \
+         a motion of all seven joints that leaves the hand in peace. The machine differs from the controller's model by up to 20 %.",
+    ],
+    run,
+};
+
+const SWING: f64 = std::f64::consts::PI / 6.0;
+const TIME: f64 = 1.0;
+const REST: f64 = 1.5;
+
+struct Trial {
+    name: &'static str,
+    label: &'static str,
+    redundancy: Redundancy,
+}
+
+const TRIALS: [Trial; 2] = [
+    Trial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
+    Trial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
+];
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for trial in &TRIALS {
+        let log = swing(setting, &mut bench, trial)?;
+        add_metrics(&mut summary, trial, &log);
+        figures.push(figure(trial, &log));
+        tables.push((format!("{}.csv", trial.name), log.table()));
+    }
+    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Log, ScenarioError> {
+    let firm = ArmSettings {
+        impedance: impedance(1.5, 30.0, 300.0),
+        redundancy: trial.redundancy,
+        ..settings(30.0)
+    };
+    let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, firm)?;
+    session.wait(1.0)?;
+    let (point, elbow) = session.start();
+    for (from, to) in [(0.0, SWING), (SWING, 0.0)] {
+        for tick in 1..=(TIME / T).round() as usize {
+            let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
+            let way = to - from;
+            let at = ElbowPoint {
+                angle: elbow.angle + (from + way * share) as f32,
+                velocity: (way * rate / TIME) as f32,
+                acceleration: (way * change / (TIME * TIME)) as f32,
+            };
+            session.follow(point, at)?;
+        }
+        session.wait(REST)?;
+    }
+    session.end()
+}
+
+/// From the first swing on.
+fn swings(log: &Log) -> &[Sample] {
+    log.0.get(100..).unwrap_or(&[])
+}
+
+/// How far the hand is from where it was before the first swing [mm], and by how much it is turned [mrad].
+fn away(samples: &[Sample]) -> Vec<(f64, f64)> {
+    let Some(first) = samples.first() else { return Vec::new() };
+    let (place, turn) = (first.position(), first.turn());
+    let off =
+        |sample: &Sample| ((sample.position() - place).norm() * 1e3, turn.angle_to(&sample.turn()) * 1e3);
+    samples.iter().map(off).collect()
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
+    let label = capital(trial.label);
+    let off = away(swings(log));
+    let largest = |value: fn(&(f64, f64)) -> f64| off.iter().map(value).fold(f64::NAN, f64::max);
+    let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
+    insert(
+        "hand",
+        Metric::at_most(format!("{label}: largest motion of the hand"), largest(|off| off.0), 1.0, "mm"),
+    );
+    insert(
+        "turn",
+        Metric::reported(format!("{label}: largest turn of the hand"), largest(|off| off.1), "mrad"),
+    );
+    let elbow = |sample: &Sample| Vector3::from(elbow(sample));
+    let all = swings(log);
+    let far = all.first().map_or(f64::NAN, |first| {
+        all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
+    });
+    insert("elbow", Metric::at_least(format!("{label}: largest motion of the elbow"), 1e3 * far, 30.0, "mm"));
+}
+
+/// Where the elbow is [m].
+fn elbow(sample: &Sample) -> [f64; 3] {
+    const UPPER_ARM: f64 = 0.30;
+    let (pitch, roll) = (sample.joints[0], sample.joints[1]);
+    // Pitch turns about −y, roll about −x.
+    let down = Vector3::new(0.0, -UPPER_ARM * roll.sin(), -UPPER_ARM * roll.cos());
+    [-down.z * pitch.sin(), down.y, down.z * pitch.cos()]
+}
+
+fn figure(trial: &Trial, log: &Log) -> Figure {
+    let caption =
+        "How far the hand is from where it was before the first swing, and the joint angles since then.";
+    let samples = swings(log);
+    let time: Vec<f64> = (0..samples.len()).map(|index| index as f64 * T).collect();
+    let off = away(samples).into_iter().map(|off| off.0).collect();
+    let hand = Panel::new("Hand", "off its place", "mm").line(Line::solid("hand", 0, time.clone(), off));
+    let mut joints = Panel::new("Joints", "turned", "rad");
+    let first = samples.first().map_or(Vec::new(), |first| first.joints.clone());
+    for (joint, start) in first.iter().enumerate() {
+        let turned = samples.iter().map(|sample| sample.joints[joint] - start).collect();
+        joints = joints.line(Line::solid(format!("{}", joint + 1), joint, time.clone(), turned));
+    }
+    Figure::stacked(capital(trial.label), caption, "time", "s").panel(hand).panel(joints)
+}
