@@ -668,7 +668,7 @@ fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
                 *count = if tick > 1 && random.one_in(5000) {
                     random.next() as i32
                 } else {
-                    counts as i32 + random.below(3) as i32
+                    (counts as i32).wrapping_add(random.below(3) as i32)
                 };
             }
             if tick > 1 && random.one_in(50) {
