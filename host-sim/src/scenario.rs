@@ -3,6 +3,7 @@
 mod arm;
 mod arm7_elbow;
 mod arm7_release;
+mod arm7_wall;
 mod common;
 mod grasping;
 mod hand3_force;
@@ -54,6 +55,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_grasp::SCENARIO,
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
+    arm7_wall::SCENARIO,
 ];
 
 /// What a run is given.

@@ -19,6 +19,10 @@ const BLEND: f32 = 0.05;
 /// A contact ends below this share of the contact force, or when so little is left of the force of the last tick: squares.
 const CONTACT_ENDS: f32 = 4.0 / 9.0;
 const LET_GO: f32 = 0.1;
+/// In contact, disturbances are learnt at this share of the rate: the force that is measured comes late.
+const CONTACT_LEARNING: f32 = 0.1;
+/// And so much of the friction is compensated: more than there is would keep the tool trembling.
+const CONTACT_FRICTION: f32 = 0.7;
 /// At rest, an error smaller than this is left to the joints' own friction [rad].
 const REST_ERROR: f32 = 1e-4;
 /// At less than this speed the ideal arm is at rest [rad/s].
@@ -61,8 +65,8 @@ pub struct ArmCommand {
     pub feedback: [f32; MAX_CHAIN_JOINTS],
     /// Torques against what pushes the tool [N·m].
     pub torques: [f32; MAX_CHAIN_JOINTS],
-    /// Whether friction is to be compensated.
-    pub friction: bool,
+    /// Share of the friction that is to be compensated.
+    pub friction: f32,
 }
 
 /// Why the arm stops, or does not take a set-point.
@@ -344,8 +348,13 @@ impl ArmState {
         let bias = posture.bias_acceleration(velocities.as_slice());
         let accelerations = self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(wanted - bias));
 
+        let friction = match settings.law {
+            Law::Printed => 0.0,
+            Law::Following if self.contact => CONTACT_FRICTION,
+            Law::Following => 1.0,
+        };
         let against = jacobian.tr_mul(&-force);
-        let mut command = ArmCommand { friction: settings.law == Law::Following, ..ArmCommand::default() };
+        let mut command = ArmCommand { friction, ..ArmCommand::default() };
         command.torques = against.into();
         let states = self.angles.iter().zip(&self.velocities).zip(accelerations.iter());
         for (point, ((&position, &velocity), &acceleration)) in command.points.iter_mut().zip(states) {
@@ -393,7 +402,12 @@ impl ArmState {
         for (((angle, velocity), state), measured) in joints {
             let error = *angle - measured;
             let resting = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
-            arm.observer.correct(state, error, resting);
+            let learning = match (resting, counts) {
+                (true, _) => 0.0,
+                (false, true) => CONTACT_LEARNING,
+                (false, false) => 1.0,
+            };
+            arm.observer.correct(state, error, learning);
             if counts {
                 let [error, rate] = state.error();
                 *angle -= error;

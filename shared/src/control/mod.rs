@@ -51,7 +51,7 @@ pub enum Drive {
     },
     /// 2: the torque that the whole arm's dynamics need for the accelerations that a task asks for.
     Acceleration {
-        /// Whether friction is fed forward.
-        friction: bool,
+        /// Share of the friction that is fed forward.
+        friction: f32,
     },
 }

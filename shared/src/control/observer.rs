@@ -107,20 +107,19 @@ impl ErrorObserver {
     /// is learnt about the disturbance: a joint held by its own friction shows none.
     #[inline]
     pub const fn effort(&self, state: &mut ObserverState, error: f32, resting: bool) -> f32 {
-        self.correct(state, error, resting);
+        self.correct(state, error, if resting { 0.0 } else { 1.0 });
         self.feedback(state)
     }
 
-    /// Takes the measured error [rad]: the first half of [`ErrorObserver::effort`].
+    /// Takes the measured error [rad]: the first half of [`ErrorObserver::effort`]. `learning`, 0 to 1: how fast the
+    /// disturbance is learnt, as a share.
     #[inline]
-    pub const fn correct(&self, state: &mut ObserverState, error: f32, resting: bool) {
+    pub const fn correct(&self, state: &mut ObserverState, error: f32, learning: f32) {
         let innovation = error - state.error;
         let [c0, c1, c2] = self.correction;
         state.error += c0 * innovation;
         state.velocity += c1 * innovation;
-        if !resting {
-            state.disturbance += c2 * innovation;
-        }
+        state.disturbance += learning * c2 * innovation;
     }
 
     /// The effort wanted [N·m], before any limit: the second half.

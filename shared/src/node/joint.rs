@@ -281,9 +281,8 @@ impl JointState {
     /// The torque of this tick from the torque of the arm's links for the reference. Returns the acceleration that the
     /// limits leave undone [rad/s²].
     #[inline(never)]
-    pub fn accelerate(&mut self, config: &JointConfig, friction: bool, links: f32) -> f32 {
-        let of_friction =
-            if friction { config.servo.friction(&self.servo, self.reference.velocity) } else { 0.0 };
+    pub fn accelerate(&mut self, config: &JointConfig, friction: f32, links: f32) -> f32 {
+        let of_friction = friction * config.servo.friction(&self.servo, self.reference.velocity);
         let wanted =
             links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
         // What is left of the last torque is made up for, so that the mean over the period is what is wanted.

@@ -282,7 +282,7 @@ impl Node {
 
 /// The torques that give the joints of an arm the accelerations of their references.
 #[inline(never)]
-fn accelerate(robot: &Robot, state: &mut State, friction: bool) {
+fn accelerate(robot: &Robot, state: &mut State, friction: f32) {
     let Some(arm) = robot.arm() else { return };
     let [mut q, mut qd, mut qdd, mut torques, mut undone] = [[0.0; MAX_CHAIN_JOINTS]; 5];
     for (((q, qd), qdd), joint) in q.iter_mut().zip(&mut qd).zip(&mut qdd).zip(&state.joints) {
