@@ -107,14 +107,14 @@ CLEAR_FAULTS, SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 11, 12, 13, 14
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck; torque not
 finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog reset; panic; CPU fault;
 clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
-object lost; object moved""".replace("\n", " ").split("; ")
+object lost; object moved; tool away; tool turned""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
     mode = r.uint()
     if mode == 1:
         task = r.uint()
-        return "armed (" + (["PID", "observer"][r.uint()] if task == 0 else "grasp") + ")"
+        return "armed (" + (["PID", "observer"][r.uint()] if task == 0 else ["grasp", "impedance"][task - 1]) + ")"
     return {0: "disarmed", 2: "fault"}[mode]
 
 
@@ -154,6 +154,25 @@ def read_unable(r):
     return {"too_fast": r.f32(), "limit": r.f32()} if number == 4 else "not finite"
 
 
+def read_bad_settings(r):
+    number = r.uint()
+    if number == 0:
+        term, axis = ["mass", "damping", "stiffness"][r.uint()], r.u8()
+        return {"impedance": term, "axis": axis, "value": r.f32(), "limit": r.f32()}
+    if number == 1:
+        return {"joint": r.u8(), "joints": r.u8()}
+    if number == 3:
+        return {"elbow_bandwidth": r.f32(), "limit": r.f32()}
+    return {["contact_force", "reach"][number - 4]: r.f32()} if number > 3 else "only seven joints have an arm angle"
+
+
+def read_arm_error(r):
+    number = r.uint()
+    if number in (0, 1, 5):
+        return {{0: "distance", 1: "turn", 5: "elbow"}[number]: r.f32(), "limit": r.f32()}
+    return {"norm": r.f32()} if number == 3 else {2: "not finite", 4: "no settings: send them first"}[number]
+
+
 REFUSALS = [
     ("schema mismatch", ["board:uint", "firmware:version"]),
     ("no model: push one first", []),
@@ -186,6 +205,9 @@ REFUSALS = [
     ("force sensor not tared", ["chain:u8"]),
     ("the hand cannot do this", ["why:unable"]),
     ("too much torque", ["joint:u8", "value:f32", "limit:f32"]),
+    ("not an arm", []),
+    ("an arm cannot behave like that", ["why:bad_settings"]),
+    ("the arm cannot do this", ["why:arm_error"]),
 ]
 
 
@@ -195,7 +217,7 @@ def read_version(r):
 
 def read_refusal(r):
     readers = {"version": read_version, "mode": read_mode, "fault": read_fault, "model_error": read_model_error,
-               "unable": read_unable}
+               "unable": read_unable, "bad_settings": read_bad_settings, "arm_error": read_arm_error}
     number = r.uint()
     words, fields = REFUSALS[number]
     values = {}

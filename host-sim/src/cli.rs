@@ -224,6 +224,10 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         }
         then = format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display());
     }
+    let impedance = options.robot.join("impedances/soft.toml");
+    if impedance.is_file() {
+        then = format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());
+    }
     let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
     let (mut native, mut qemu);
     let board: &mut dyn ServedBoard = match options.controller {

@@ -1,6 +1,7 @@
 //! The PC at the other end of a tesaki board's serial line: robot folders, the client side of the protocol,
 //! motions for it to send, and the ways to the board: ports, a hub for several programs, and a bad line for tests.
 
+pub mod arm;
 mod board;
 pub mod fault_injector;
 pub mod finding;

@@ -23,6 +23,10 @@ fn hand3() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
 }
 
+fn arm7() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7")
+}
+
 /// What `host-sim serve` runs, in a thread.
 struct Server {
     address: Address,
@@ -61,9 +65,22 @@ impl Server {
     }
 
     fn start_with(folder: tempfile::TempDir, options: &PlantOptions) -> Self {
-        let robot = RobotFolder::load(&hand3()).unwrap();
+        Self::start_robot(&hand3(), folder, options)
+    }
+
+    /// An arm on the board, with a longer command timeout.
+    fn ready_arm() -> Self {
+        let options = PlantOptions::mismatched(1);
+        let server = Self::start_robot(&arm7(), tempfile::tempdir().unwrap(), &options);
+        server.succeeds(&["model", "push", arm7().to_str().unwrap()]);
+        server.succeeds(&["set", "safety.command_timeout", "1"]);
+        server
+    }
+
+    fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
+        let robot = RobotFolder::load(folder_of_robot).unwrap();
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(&hand3()).unwrap();
+        let values = PlantValues::load(folder_of_robot).unwrap();
         let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
         let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
         let address = hub.address().clone();
@@ -592,4 +609,56 @@ fn a_monitor_goes_on_by_itself_when_the_board_comes_back() {
         .collect();
     assert!(ticks.windows(2).any(|pair| pair[1] != pair[0] + 4), "no telemetry of the new board: {ticks:?}");
     drop(again);
+}
+
+#[test]
+fn an_arm_yields_until_ctrl_c() {
+    let server = Server::ready_arm();
+    let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
+    server.fails(&["impedance", "hold", &soft], 7, &["hand was not tared", "tesaki tare"]);
+    server.succeeds(&["tare"]);
+    server.fails(&["impedance", "hold", "nowhere.toml"], 1, &["nowhere.toml"]);
+    let spoilt = server.folder.path().join("spoilt.toml");
+    let text =
+        std::fs::read_to_string(&soft).unwrap().replace("translation = 300.0", "translation = 30000.0");
+    std::fs::write(&spoilt, text).unwrap();
+    let spoilt = spoilt.to_str().unwrap();
+    server.fails(&["impedance", "hold", spoilt], 1, &["spoilt.toml", "stiffness along x", "0 to 3750 N/m"]);
+    // The tool is seen before the arm is armed, too.
+    let before = server.json(&["impedance", "status"]);
+    assert!((before["position"][0].as_f64().unwrap() - 0.36).abs() < 0.01, "{before}");
+
+    let run = server.start_command(&["impedance", "hold", &soft]);
+    let held = (0..100).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        (server.json(&["impedance", "status"])["weakest"].as_f64().unwrap() > 0.1).then_some(())
+    });
+    held.expect("never armed");
+    std::thread::sleep(Duration::from_millis(1200));
+    let words = server.succeeds(&["impedance", "status"]);
+    assert!(words.contains("off its place") && words.contains("contact        no"), "{words}");
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    for word in ["armed", "mm off", "N, free", "elbow", "interrupted: disarmed", "done: yielded for"] {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+
+    // A recording of it repeats, and what is printed for programs is JSON.
+    let recording = server.folder.path().join("arm");
+    let recording = recording.to_str().unwrap();
+    let record = server.start_command(&["record", recording, "--duration", "2"]);
+    let text = server.succeeds(&["--json", "impedance", "hold", &soft, "--duration", "1"]);
+    assert!(text.lines().count() > 3 && text.contains("\"contact\":false"), "{text}");
+    assert!(text.lines().last().unwrap().contains("largest_force"), "{text}");
+    assert_eq!(said(&finish(record)).0, 0);
+    server.succeeds(&["replay", &format!("{recording}.log")]);
+}
+
+#[test]
+fn a_hand_is_no_arm() {
+    let server = Server::ready();
+    server.fails(&["impedance", "status"], 7, &["the robot is not an arm"]);
+    let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
+    server.fails(&["impedance", "hold", &soft], 1, &["only an arm of seven joints has an arm angle"]);
 }

@@ -95,10 +95,11 @@ CLIENT = 0xC0FFEE
 IMAGE = "1f2e3d4c5b6a7988"
 BOARD = "300021000d51363034333832"
 FIRMWARE = byte(0) + byte(1) + byte(0)
-IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(13)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
 
 DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
 ARMED_GRASP = uint(1) + uint(1)
+ARMED_IMPEDANCE = uint(1) + uint(2)
 
 
 def fault(cause, joint, value, limit, tick):
@@ -166,7 +167,7 @@ def model(reaction):
 
 FINGER = model(2)
 LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
-TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1)}
+TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1), "impedance": uint(2)}
 
 
 def goal(positions):
@@ -209,6 +210,44 @@ def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded)
     """What the supervisor sees of a grasp. `pose`: position and quaternion."""
     return (uint(tick) + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
             + real(friction) + uint(slips) + boolean(overloaded))
+
+
+def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, contact_force, reach):
+    """How an arm is to behave. Six numbers each for the impedance."""
+    return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
+            + real(contact_force) + reals(reach))
+
+
+def pose(position, rotation, velocity, acceleration, elbow):
+    return uint(7) + uint(5) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration) + reals(elbow)
+
+
+def arm(tick, position, rotation, error, wrench, contact, weakest, elbow):
+    """What the supervisor sees of an arm."""
+    return (uint(tick) + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
+            + reals([weakest, elbow]))
+
+
+LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
+YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
+ARM_ERRORS = {
+    "distance": uint(0) + reals([1.0, 0.25]),
+    "turn": uint(1) + reals([3.125, 1.5]),
+    "not-finite": uint(2),
+    "not-a-unit": uint(3) + real(0.5),
+    "no-settings": uint(4),
+    "elbow": uint(5) + reals([2.0, 1.5]),
+}
+BAD_SETTINGS = {
+    "impedance-mass": uint(0) + uint(0) + byte(4) + reals([0.0, 10000.0]),
+    "impedance-damping": uint(0) + uint(1) + byte(0) + reals([-1.0, 150.0]),
+    "impedance-stiffness": uint(0) + uint(2) + byte(5) + reals([4000.0, 3750.0]),
+    "joint": uint(1) + byte(7) + byte(7),
+    "no-arm-angle": uint(2),
+    "elbow-bandwidth": uint(3) + reals([60.0, 50.0]),
+    "contact-force": uint(4) + real(-1.0),
+    "reach": uint(5) + real(0.0),
+}
 
 
 NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]
@@ -266,6 +305,7 @@ def requests():
         "arm-pid": uint(5) + TASK["pid"],
         "arm-observer": uint(5) + TASK["observer"],
         "arm-grasp": uint(5) + TASK["grasp"],
+        "arm-impedance": uint(5) + TASK["impedance"],
         "disarm": uint(6),
         "set-point-goal": goal([0.5, -0.25, 0.125]),
         "set-point-stream": uint(7) + uint(1) + sequence(map(reals, [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]])),
@@ -276,6 +316,9 @@ def requests():
         "set-point-keep": uint(7) + uint(3),
         "set-point-guide": guide([[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]], [0.125, -0.0625]),
         "set-point-guide-16": guide([[LOWEST] * 3] * 16, [LOWEST] * 16),
+        "set-point-pose": pose([0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.125, 0.0, 0.0, 0.0, 0.0, 0.5], [0.0] * 6,
+                               [0.25, 0.0, 0.0]),
+        "set-point-pose-longest": pose([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, [LOWEST] * 3),
         "stop": uint(8),
         "read-status": uint(9),
         "read-faults": uint(10),
@@ -285,6 +328,7 @@ def requests():
         "set-rate-log": uint(12) + uint(2) + uint(65535),
         "set-rate-tips": uint(12) + uint(3) + uint(2),
         "set-rate-grasp": uint(12) + uint(4) + uint(5),
+        "set-rate-arm": uint(12) + uint(5) + uint(5),
         "tare": uint(17),
         "grasp": uint(18) + uint(0)
         + plan(BOX, 0.01, 0.1, None, uint(0) + reals([0.2, 0.3, 1.0]), 9.0, True, differential(1)),
@@ -299,6 +343,12 @@ def requests():
         "grasp-put-down": uint(18) + uint(2),
         "grasp-open": uint(18) + uint(3),
         "read-grasp": uint(19),
+        "impedance": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, 1.5, [0.25, 1.5]),
+        "impedance-driven": uint(20) + settings(*YIELDING, 1, uint(1) + byte(2), 12.0, 1.5, [0.25, 1.5]),
+        "impedance-printed": uint(20) + settings(*YIELDING, 0, LEAST_MOTION, 12.0, 1.5, [0.25, 1.5]),
+        "impedance-longest": uint(20)
+        + settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, LOWEST, [LOWEST] * 2),
+        "read-arm": uint(21),
         "take-command": uint(13) + boolean(False),
         "take-command-by-force": uint(13) + boolean(True),
         "release-command": uint(14),
@@ -343,6 +393,7 @@ def refusals():
         "wrong-mode-armed-pid": uint(6) + ARMED_PID,
         "wrong-mode-armed-observer": uint(6) + ARMED_OBSERVER,
         "wrong-mode-armed-grasp": uint(6) + ARMED_GRASP,
+        "wrong-mode-armed-impedance": uint(6) + ARMED_IMPEDANCE,
         "wrong-mode-fault": uint(6) + FAULT,
         "not-homed": uint(7) + byte(8),
         "faults-unread": uint(8) + uint(3),
@@ -374,11 +425,16 @@ def refusals():
         "unable-not-finite": uint(29) + uint(3),
         "unable-too-fast": uint(29) + uint(4) + reals([0.375, 0.2]),
         "too-much-torque": uint(30) + byte(3) + reals([0.75, 0.6]),
+        "not-an-arm": uint(31),
     }
     for number, name in enumerate(PHASES):
         each["unable-busy-" + name] = uint(29) + uint(0) + uint(number)
     for number, name in enumerate(PLAN_FIELDS):
         each["unable-plan-" + name] = uint(29) + uint(1) + uint(0) + uint(number) + reals([2.0, 0.25, 1.0])
+    for name, bad in BAD_SETTINGS.items():
+        each["settings-" + name] = uint(32) + bad
+    for name, bad in ARM_ERRORS.items():
+        each["arm-" + name] = uint(33) + bad
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
     for number, name in enumerate(FIELDS):
@@ -407,8 +463,8 @@ def from_board():
     golden("board-faults-none", reply(9, 1234, uint(4) + uint(0) + sequence([])))
     first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause) for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
-    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 23)]
-    golden("board-faults-16-to-22", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 25)]
+    golden("board-faults-16-to-24", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469)))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
     golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
@@ -430,6 +486,13 @@ def from_board():
         golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1233, number, None, *holding, 0, True)))
     for name, failure in FAILURES.items():
         golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1234, 0, failure, *NO_GRASP)))
+    golden("board-telemetry-impedance", uint(1) + telemetry(1236, ARMED_IMPEDANCE, 0, [[0.5, -0.25, 0.5625, 0.03125]]))
+    pushed = [[0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
+              [18.75, 0.0, 0.0, 0.0, 0.0, -1.0], True, 0.15625, 0.25]
+    golden("board-arm", uint(6) + arm(1234, *pushed))
+    golden("board-arm-longest", uint(6) + arm(4294967295, [LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True,
+                                              LOWEST, LOWEST))
+    golden("board-read-arm", reply(9, 1234, uint(8) + arm(1234, *pushed)))
     golden("board-stream-status", uint(2) + statuses["fault"])
     for number, (name, record) in enumerate(RECORDS.items()):
         golden("board-log-" + name, uint(3) + uint(2468 + number) + record)

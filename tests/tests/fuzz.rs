@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::control::{JointPoint, ServoMode};
+use tesaki::arm::{ArmSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::control::{Impedance, JointPoint, ServoMode};
 use tesaki::kinematics::{Chain, Finger, TipPoint};
 use tesaki::manipulation::{
     FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, Phase, WrenchGains,
@@ -25,8 +26,8 @@ use tesaki::model::RobotModel;
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    ActuatorFrame, BoardStatus, FromBoard, Item, JointTelemetry, LogRecord, MODEL_CHUNK, Mode, Refusal,
-    Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream, Task,
+    ActuatorFrame, BoardStatus, FaultCause, FromBoard, Item, JointTelemetry, LogRecord, MODEL_CHUNK, Mode,
+    Refusal, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream, Task,
 };
 use tesaki_supervisor::robot::RobotFolder;
 
@@ -85,7 +86,12 @@ fn box_plan() -> GraspPlan {
 }
 
 fn model() -> RobotModel {
-    RobotFolder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")).unwrap().model
+    model_of("hand3")
+}
+
+fn model_of(robot: &str) -> RobotModel {
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots");
+    RobotFolder::load(&robots.join(robot)).unwrap().model
 }
 
 /// Whatever is accepted is a message: encoded again and decoded again, it is the same.
@@ -131,7 +137,7 @@ fn the_codec_takes_any_bytes() {
                 // A valid checksum over any bytes: what a hostile sender would do.
                 let mut payload: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
                 if let Some(first) = payload.first_mut() {
-                    *first %= 20;
+                    *first %= 22;
                 }
                 payload.extend_from_slice(&checksum(&payload).to_le_bytes());
                 bytes.extend(cobs::encode_vec(&payload));
@@ -161,7 +167,7 @@ fn the_codec_takes_any_bytes() {
 fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Request {
     let count = if random.one_in(10) { random.below(17) } else { model.joints.len() };
     let list = |random: &mut Random| (0..count).map(|_| random.value()).collect::<heapless::Vec<f32, 16>>();
-    match random.below(25) {
+    match random.below(27) {
         0 => Request::Hello { schema: if random.one_in(5) { random.next() } else { SCHEMA_KEY } },
         1 => {
             let length = if random.one_in(4) { random.next() as u32 } else { pushed.len() as u32 };
@@ -176,9 +182,10 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
         4 => Request::ModelCommit,
         5 => Request::Home { positions: list(random) },
         6 | 7 => {
-            let task = match random.below(4) {
+            let task = match random.below(5) {
                 0 | 1 => Task::Grasp,
-                2 => Task::JointServo(ServoMode::Pid),
+                2 => Task::Impedance,
+                3 => Task::JointServo(ServoMode::Pid),
                 _ => Task::JointServo(ServoMode::Observer),
             };
             Request::Arm { task }
@@ -204,6 +211,9 @@ fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Reques
             Request::SetPoint(SetPoint::Guide { points: points(random, count), torques })
         }
         23 if random.one_in(4) => Request::ReadGrasp,
+        24 if random.one_in(4) => Request::ReadArm,
+        24 => Request::Impedance(any_settings(random)),
+        25 => any_pose(random, &REST),
         23 => Request::Grasp(any_command(random)),
         15 => Request::ReadStatus,
         16 => Request::ReadFaults,
@@ -272,6 +282,68 @@ fn any_plan(random: &mut Random) -> GraspPlan {
         contact.normal[random.below(3)] += 0.5 * random.value();
     }
     plan
+}
+
+const REST: PosePoint = PosePoint {
+    position: [0.0; 3],
+    rotation: [0.0, 0.0, 0.0, 1.0],
+    velocity: [0.0; 6],
+    acceleration: [0.0; 6],
+};
+
+/// Mostly possible.
+fn any_settings(random: &mut Random) -> ArmSettings {
+    let wild = random.one_in(4);
+    let between = |random: &mut Random, least: f32, most: f32| {
+        if wild && random.one_in(4) {
+            random.value()
+        } else {
+            least * (most / least).powf(random.below(1001) as f32 / 1000.0)
+        }
+    };
+    let mut impedance = Impedance { mass: [0.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] };
+    for axis in 0..6 {
+        let mass = between(random, 0.001, 10.0);
+        impedance.mass[axis] = mass;
+        impedance.damping[axis] = mass * between(random, 0.1, 100.0);
+        impedance.stiffness[axis] = mass * between(random, 1.0, 2500.0);
+    }
+    ArmSettings {
+        impedance,
+        law: if random.one_in(3) { Law::Printed } else { Law::Following },
+        redundancy: [
+            Redundancy::None,
+            Redundancy::Driven { joint: random.below(8) as u8 },
+            Redundancy::ArmAngle,
+        ][random.below(3)],
+        elbow_bandwidth: between(random, 0.1, 50.0),
+        contact_force: between(random, 0.1, 100.0),
+        reach: [between(random, 0.01, 1.0), between(random, 0.1, 3.0)],
+    }
+}
+
+/// Mostly near `place`, at a speed.
+fn any_pose(random: &mut Random, place: &PosePoint) -> Request {
+    let wild = random.one_in(4);
+    let mut spoil = |value: f32, scale: f32| {
+        if wild && random.one_in(8) {
+            random.value()
+        } else {
+            value + scale * (random.below(2001) as f32 / 1000.0 - 1.0)
+        }
+    };
+    let mut rotation = place.rotation.map(|part| spoil(part, 0.02));
+    let norm = rotation.iter().map(|part| part * part).sum::<f32>().sqrt();
+    rotation.iter_mut().for_each(|part| *part /= norm);
+    let point = PosePoint {
+        position: place.position.map(|place| spoil(place, 0.02)),
+        rotation,
+        velocity: [0; 6].map(|_| spoil(0.0, 0.3)),
+        acceleration: [0; 6].map(|_| spoil(0.0, 3.0)),
+    };
+    let elbow =
+        ElbowPoint { angle: spoil(0.0, 0.2), velocity: spoil(0.0, 0.5), acceleration: spoil(0.0, 3.0) };
+    Request::SetPoint(SetPoint::Pose { point, elbow })
 }
 
 /// A node with a model, commanded by client 1, homed.
@@ -554,4 +626,118 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
     println!("hand: {phases:?}");
     // A single seed, or a slow machine, does not come far.
     assert!(runs.into_inner() < 400 || phases.len() == 9, "{phases:?}");
+}
+
+#[test]
+fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
+    const LONGEST_STATE: u32 = 5120;
+    let model = model_of("arm7");
+    let seen = RefCell::new(BTreeSet::new());
+    let runs = RefCell::new(0);
+    fuzz("arm", |seed| {
+        *runs.borrow_mut() += 1;
+        let mut random = Random(seed);
+        let (mut node, start) = prepared(&model);
+        let mut twin = prepared(&model).0;
+        let board = BoardStatus::default();
+        let mut records = Vec::new();
+        let mut sequence = start as u16;
+        let mut ask = |node: &mut Node, records: &mut Vec<LogRecord>, request| {
+            sequence = sequence.wrapping_add(1);
+            let frame = RequestFrame { client: 1, sequence, request };
+            let reply = node.handle(&frame, &board).reply;
+            records.push(LogRecord::Request(frame));
+            reply
+        };
+        // The machine: joints that go where their reference is, roughly, and what the sensor reads.
+        let mut angles: Vec<f32> = (0..7).map(|_| random.below(1001) as f32 / 2000.0).collect();
+        angles[3] += 1.0;
+        let mut sensors = SensorFrame {
+            sequence: 0,
+            flags: SensorFlags(0),
+            supply: 48_000,
+            encoders: model.joints.iter().map(|_| 0).collect(),
+            currents: model.joints.iter().map(|_| 0).collect(),
+            forces: [[0; 6]].into_iter().collect(),
+        };
+        let mut push = [0_i32; 6];
+        let mut last = vec![0.0_f32; model.joints.len()];
+        for tick in 0..random.below(1000) {
+            for ((count, angle), joint) in sensors.encoders.iter_mut().zip(&angles).zip(&model.joints) {
+                let counts = angle / std::f32::consts::TAU * joint.encoder.counts_per_turn;
+                *count = if tick > 1 && random.one_in(5000) {
+                    random.next() as i32
+                } else {
+                    (counts as i32).wrapping_add(random.below(3) as i32)
+                };
+            }
+            if tick > 1 && random.one_in(50) {
+                push = [0; 6].map(|_| if random.one_in(3) { random.below(4001) as i32 - 2000 } else { 0 });
+            }
+            sensors.forces[0] = push.map(|count| count + random.below(11) as i32 - 5);
+            if tick > 1 && random.one_in(1000) {
+                sensors.forces[0][random.below(6)] = random.next() as i32;
+            }
+            sensors.sequence += 1;
+            let actuators = node.tick(&sensors);
+            for ((torque, joint), last) in actuators.torques.iter().zip(&model.joints).zip(&mut last) {
+                assert!(torque.is_finite() && torque.abs() <= joint.limits.torque, "seed {seed}: {torque}");
+                assert!(actuators.enabled || *torque == 0.0, "seed {seed}");
+                let rate = joint.limits.torque_rate * 0.01 * 1.0001;
+                assert!(
+                    *torque == 0.0 || (torque - *last).abs() <= rate,
+                    "seed {seed}: from {last} to {torque}"
+                );
+                *last = *torque;
+            }
+            records.push(LogRecord::Sensors(sensors.clone()));
+            records.push(LogRecord::Actuators(actuators));
+            for (angle, joint) in angles.iter_mut().zip(&node.telemetry().joints) {
+                *angle = joint.reference;
+            }
+            if tick == 1 {
+                let settings = any_settings(&mut random);
+                let possible = settings.validate(7).is_ok();
+                assert_eq!(ask(&mut node, &mut records, Request::Tare), Reply::Done, "seed {seed}");
+                let reply = ask(&mut node, &mut records, Request::Impedance(settings));
+                assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
+                let reply = ask(&mut node, &mut records, Request::Arm { task: Task::Impedance });
+                assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
+            }
+            if node.mode() == Mode::Armed(Task::Impedance) {
+                seen.borrow_mut()
+                    .insert(if node.tool().unwrap().contact { "contact" } else { "free" }.to_owned());
+            }
+            if let Some(fault) = node.faults().faults.last() {
+                seen.borrow_mut().insert(format!("{:?}", fault.cause));
+                // What is accepted, an arm can follow without losing count.
+                assert!(fault.cause != FaultCause::NotFinite, "seed {seed}: {fault}");
+            }
+            let tool = node.tool().unwrap();
+            let place = PosePoint { position: tool.position, rotation: tool.rotation, ..REST };
+            if tick < 2 {
+                continue;
+            }
+            let request = match random.below(400) {
+                0 => any_request(&mut random, &model, &[]),
+                1..6 => Request::Impedance(any_settings(&mut random)),
+                6 => Request::Export(Item::State),
+                7 => Request::Arm { task: Task::Impedance },
+                8..80 => any_pose(&mut random, &place),
+                80..200 => Request::SetPoint(SetPoint::Keep),
+                _ => continue,
+            };
+            if let Reply::Exported { length, .. } = ask(&mut node, &mut records, request) {
+                assert!(length <= LONGEST_STATE, "seed {seed}: {length} bytes");
+            }
+        }
+        let mut replay = tesaki::node::Replay::new(&mut twin);
+        for record in &records {
+            replay.feed(record).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        }
+    });
+    let seen = seen.into_inner();
+    println!("arm: {seen:?}");
+    let all = ["contact", "free", "ToolAway", "ToolTurned"];
+    assert!(runs.into_inner() < 400 || all.iter().all(|name| seen.contains(*name)), "{seen:?}");
 }

@@ -7,7 +7,8 @@ use std::fmt::Debug;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::control::{JointPoint, ServoMode};
+use tesaki::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, JointPoint, ServoMode};
 use tesaki::kinematics::TipPoint;
 use tesaki::manipulation::{
     BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
@@ -35,7 +36,7 @@ const IDENTITY: Identity = Identity {
     firmware: [0, 1, 0],
     image: [0x1f, 0x2e, 0x3d, 0x4c, 0x5b, 0x6a, 0x79, 0x88],
     board: [0x30, 0, 0x21, 0, 0x0d, 0x51, 0x36, 0x30, 0x34, 0x33, 0x38, 0x32],
-    capabilities: 13,
+    capabilities: 29,
 };
 const PID: Task = Task::JointServo(ServoMode::Pid);
 const OBSERVER: Task = Task::JointServo(ServoMode::Observer);
@@ -140,12 +141,18 @@ variants! {
     Request {
         Hello, ModelBegin, ModelChunk, ModelCommit, Home, Arm, Disarm, SetPoint, Stop, ReadStatus, ReadFaults,
         ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport, Tare, Grasp, ReadGrasp,
+        Impedance, ReadArm,
     }
-    Stream { Telemetry, Status, Log, Tips, Grasp }
+    Stream { Telemetry, Status, Log, Tips, Grasp, Arm }
     Item { Model, State }
-    Task { JointServo, Grasp }
+    Task { JointServo, Grasp, Impedance }
     ServoMode { Pid, Observer }
-    SetPoint { Goal, Stream, Reach, Keep, Guide }
+    SetPoint { Goal, Stream, Reach, Keep, Guide, Pose }
+    Law { Printed, Following }
+    Redundancy { None, Driven, ArmAngle }
+    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach }
+    ImpedanceTerm { Mass, Damping, Stiffness }
+    ArmError { Distance, Turn, NotFinite, NotAUnit, NoSettings, Elbow }
     GraspCommand { Grasp, Move, PutDown, Open }
     InternalForce { Least, Normal, Pairwise }
     ObjectControl { Differential, Wrench }
@@ -154,13 +161,13 @@ variants! {
     Unable { Busy, Plan, OutOfReach, NotFinite, TooFast }
     BadPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
     PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
-    FromBoard { Reply, Telemetry, Status, Log, Tips, Grasp }
-    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Grasp }
+    FromBoard { Reply, Telemetry, Status, Log, Tips, Grasp, Arm }
+    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Grasp, Arm }
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
         NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
-        NotAHand, NotTared, Unable, TooMuchTorque,
+        NotAHand, NotTared, Unable, TooMuchTorque, NotAnArm, Settings, Arm,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -177,7 +184,7 @@ variants! {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
-        ObjectLost, ObjectMoved,
+        ObjectLost, ObjectMoved, ToolAway, ToolTurned,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }
@@ -226,6 +233,10 @@ impl Seen {
                     self.variant(&plan.control);
                 }
             }
+            Request::Impedance(settings) => {
+                self.variant(&settings.law);
+                self.variant(&settings.redundancy);
+            }
             _ => {}
         }
     }
@@ -261,6 +272,13 @@ impl Seen {
             Refusal::WrongMode(mode) => self.mode(*mode),
             Refusal::Unsafe(fault) => self.variant(&fault.cause),
             Refusal::Unable(unable) => self.unable(unable),
+            Refusal::Settings(bad) => {
+                self.variant(bad);
+                if let BadSettings::Impedance(BadImpedance { term, .. }) = bad {
+                    self.variant(term);
+                }
+            }
+            Refusal::Arm(error) => self.variant(error),
             _ => {}
         }
     }
@@ -294,7 +312,7 @@ impl Seen {
             FromBoard::Telemetry(telemetry) => self.mode(telemetry.mode),
             FromBoard::Status(status) => self.status(status),
             FromBoard::Log(entry) => self.record(&entry.record),
-            FromBoard::Tips(_) => {}
+            FromBoard::Tips(_) | FromBoard::Arm(_) => {}
             FromBoard::Grasp(grasp) => self.grasp(grasp),
         }
     }
@@ -457,6 +475,54 @@ const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
     (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
 ];
 
+const YIELDING: ArmSettings = ArmSettings {
+    impedance: Impedance {
+        mass: [1.5, 1.5, 1.5, 0.0625, 0.0625, 0.0625],
+        damping: [7.5, 7.5, 7.5, 0.5, 0.5, 0.5],
+        stiffness: [300.0, 300.0, 300.0, 8.0, 8.0, 8.0],
+    },
+    law: Law::Following,
+    redundancy: Redundancy::ArmAngle,
+    elbow_bandwidth: 12.0,
+    contact_force: 1.5,
+    reach: [0.25, 1.5],
+};
+
+const PUSHED: ArmTelemetry = ArmTelemetry {
+    tick: 1234,
+    position: [0.5, 0.0, -0.25],
+    rotation: [0.0, 0.0, 0.0, 1.0],
+    error: [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
+    wrench: [18.75, 0.0, 0.0, 0.0, 0.0, -1.0],
+    contact: true,
+    weakest: 0.15625,
+    elbow: 0.25,
+};
+
+const BAD_SETTINGS: [(BadSettings, &str); 8] = [
+    (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
+    (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
+    (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
+    (BadSettings::Joint { joint: 7, joints: 7 }, "joint"),
+    (BadSettings::NoArmAngle, "no-arm-angle"),
+    (BadSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
+    (BadSettings::ContactForce { value: -1.0 }, "contact-force"),
+    (BadSettings::Reach { value: 0.0 }, "reach"),
+];
+
+const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {
+    BadSettings::Impedance(BadImpedance { term, axis, value, limit })
+}
+
+const ARM_ERRORS: [(ArmError, &str); ArmError::VARIANTS.len()] = [
+    (ArmError::Distance { value: 1.0, limit: 0.25 }, "distance"),
+    (ArmError::Turn { value: 3.125, limit: 1.5 }, "turn"),
+    (ArmError::NotFinite, "not-finite"),
+    (ArmError::NotAUnit { norm: 0.5 }, "not-a-unit"),
+    (ArmError::NoSettings, "no-settings"),
+    (ArmError::Elbow { value: 2.0, limit: 1.5 }, "elbow"),
+];
+
 /// The messages of the golden file, by name.
 #[derive(Default)]
 struct Messages(BTreeMap<String, Message>);
@@ -498,6 +564,7 @@ impl Messages {
         self.request("arm-pid", Request::Arm { task: PID });
         self.request("arm-observer", Request::Arm { task: OBSERVER });
         self.request("arm-grasp", Request::Arm { task: Task::Grasp });
+        self.request("arm-impedance", Request::Arm { task: Task::Impedance });
         self.request("disarm", Request::Disarm);
         let goal = SetPoint::Goal { positions: list([0.5, -0.25, 0.125]) };
         self.request("set-point-goal", Request::SetPoint(goal));
@@ -535,8 +602,10 @@ impl Messages {
         self.request("set-rate-log", Request::SetRate { stream: Stream::Log, every: 65535 });
         self.request("set-rate-tips", Request::SetRate { stream: Stream::Tips, every: 2 });
         self.request("set-rate-grasp", Request::SetRate { stream: Stream::Grasp, every: 5 });
+        self.request("set-rate-arm", Request::SetRate { stream: Stream::Arm, every: 5 });
         self.request("tare", Request::Tare);
         self.grasps();
+        self.impedances();
         self.request("take-command", Request::TakeCommand { by_force: false });
         self.request("take-command-by-force", Request::TakeCommand { by_force: true });
         self.request("release-command", Request::ReleaseCommand);
@@ -582,6 +651,42 @@ impl Messages {
         self.request("read-grasp", Request::ReadGrasp);
     }
 
+    fn impedances(&mut self) {
+        let mut impedance = |name: &str, settings| self.request(name, Request::Impedance(settings));
+        impedance("impedance", YIELDING);
+        impedance(
+            "impedance-driven",
+            ArmSettings { redundancy: Redundancy::Driven { joint: 2 }, ..YIELDING },
+        );
+        let (law, redundancy) = (Law::Printed, Redundancy::None);
+        impedance("impedance-printed", ArmSettings { law, redundancy, ..YIELDING });
+        let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
+        let longest = ArmSettings {
+            impedance: Impedance { mass, damping, stiffness },
+            law: Law::Following,
+            redundancy: Redundancy::Driven { joint: u8::MAX },
+            elbow_bandwidth: f32::MIN,
+            contact_force: f32::MIN,
+            reach: [f32::MIN; 2],
+        };
+        impedance("impedance-longest", longest);
+        let mut pose = |name: &str, point, elbow| {
+            self.request(name, Request::SetPoint(SetPoint::Pose { point, elbow }));
+        };
+        let point = PosePoint {
+            position: PUSHED.position,
+            rotation: PUSHED.rotation,
+            velocity: [0.125, 0.0, 0.0, 0.0, 0.0, 0.5],
+            acceleration: [0.0; 6],
+        };
+        pose("set-point-pose", point, ElbowPoint { angle: 0.25, ..ElbowPoint::default() });
+        let [velocity, acceleration] = [[f32::MIN; 6]; 2];
+        let point = PosePoint { position: [f32::MIN; 3], rotation: [f32::MIN; 4], velocity, acceleration };
+        let elbow = ElbowPoint { angle: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
+        pose("set-point-pose-longest", point, elbow);
+        self.request("read-arm", Request::ReadArm);
+    }
+
     fn refused(&mut self, name: &str, refusal: Refusal) {
         self.reply(&format!("refused-{name}"), Reply::Refused(refusal));
     }
@@ -611,6 +716,7 @@ impl Messages {
         self.refused("wrong-mode-armed-pid", Refusal::WrongMode(Mode::Armed(PID)));
         self.refused("wrong-mode-armed-observer", Refusal::WrongMode(Mode::Armed(OBSERVER)));
         self.refused("wrong-mode-armed-grasp", Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+        self.refused("wrong-mode-armed-impedance", Refusal::WrongMode(Mode::Armed(Task::Impedance)));
         self.refused("wrong-mode-fault", Refusal::WrongMode(Mode::Fault));
         self.refused("not-homed", Refusal::NotHomed { joint: 8 });
         self.refused("faults-unread", Refusal::FaultsUnread { total: 3 });
@@ -640,6 +746,13 @@ impl Messages {
         self.refused("not-a-hand", Refusal::NotAHand);
         self.refused("not-tared", Refusal::NotTared { chain: 1 });
         self.refused("too-much-torque", Refusal::TooMuchTorque { joint: 3, value: 0.75, limit: 0.6 });
+        self.refused("not-an-arm", Refusal::NotAnArm);
+        for (bad, name) in BAD_SETTINGS {
+            self.refused(&format!("settings-{name}"), Refusal::Settings(bad));
+        }
+        for (error, name) in ARM_ERRORS {
+            self.refused(&format!("arm-{name}"), Refusal::Arm(error));
+        }
         self.unable();
         for (field, name) in FIELDS {
             let error = ModelError { joint: Some(7), field, value: 0.5, problem: Problem::NotFinite };
@@ -690,7 +803,7 @@ impl Messages {
             limit: 0.0,
             tick: 0,
         });
-        self.reply("faults-16-to-22", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
+        self.reply("faults-16-to-24", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
         self.reply("exported", Reply::Exported { length: 220, checksum: 0xdead_beef, index: 2469 });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });
         self.reply("chunk-long", Reply::Chunk { offset: 0, data: list(0..192) });
@@ -708,6 +821,7 @@ impl Messages {
         telemetry("telemetry-pid", 1234, Mode::Armed(PID), 0, &two);
         telemetry("telemetry-16", u32::MAX, Mode::Fault, u32::MAX, &[[f32::MIN; 4]; 16]);
         telemetry("telemetry-grasp", 1235, Mode::Armed(Task::Grasp), 0, &two[..1]);
+        telemetry("telemetry-impedance", 1236, Mode::Armed(Task::Impedance), 0, &two[..1]);
         telemetry("session-telemetry", 3, Mode::Armed(OBSERVER), 0, &[[0.0; 4]]);
         let tip = TipTelemetry {
             position: [0.1, -0.04, 0.0625],
@@ -744,6 +858,19 @@ impl Messages {
             let grasp = GraspTelemetry { failure: Some(failure), ..NO_GRASP };
             self.reply(&format!("read-grasp-{name}"), Reply::Grasp(grasp));
         }
+        self.add("board-arm", Message::Board(FromBoard::Arm(PUSHED)));
+        let longest = ArmTelemetry {
+            tick: u32::MAX,
+            position: [f32::MIN; 3],
+            rotation: [f32::MIN; 4],
+            error: [f32::MIN; 6],
+            wrench: [f32::MIN; 6],
+            contact: true,
+            weakest: f32::MIN,
+            elbow: f32::MIN,
+        };
+        self.add("board-arm-longest", Message::Board(FromBoard::Arm(longest)));
+        self.reply("read-arm", Reply::Arm(PUSHED));
         let status = statuses().remove("fault").unwrap();
         self.add("board-stream-status", Message::Board(FromBoard::Status(status)));
         for (index, (name, record)) in (2468..).zip(records()) {
@@ -904,6 +1031,8 @@ const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ForceLimit,
     FaultCause::ObjectLost,
     FaultCause::ObjectMoved,
+    FaultCause::ToolAway,
+    FaultCause::ToolTurned,
 ];
 
 fn quiet_board() -> BoardStatus {
@@ -1105,6 +1234,11 @@ fn the_page_is_about_this_version_of_the_messages() {
         Unable::VARIANTS,
         BadPlan::VARIANTS,
         PlanField::VARIANTS,
+        Law::VARIANTS,
+        Redundancy::VARIANTS,
+        BadSettings::VARIANTS,
+        ImpedanceTerm::VARIANTS,
+        ArmError::VARIANTS,
     ] {
         for (number, variant) in variants.iter().enumerate() {
             let row = format!("| {number} | `{}` |", variant.rsplit(':').next().unwrap());

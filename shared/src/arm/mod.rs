@@ -21,8 +21,14 @@ mod settings;
 mod task;
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
-mod tests;
+#[allow(
+    clippy::unwrap_used,
+    clippy::indexing_slicing,
+    clippy::cast_precision_loss,
+    clippy::float_cmp,
+    reason = "tests"
+)]
+pub(crate) mod tests;
 
 pub use elbow::ArmAngle;
 pub use settings::{ArmSettings, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};

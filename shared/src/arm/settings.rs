@@ -87,7 +87,7 @@ impl PosePoint {
         let mut next = Self { acceleration: [0.0; 6], ..*self };
         let [vx, vy, vz, wx, wy, wz] = self.velocity;
         next.position.iter_mut().zip([vx, vy, vz]).for_each(|(place, speed)| *place += speed * TICK);
-        if [wx, wy, wz] != [0.0; 3] {
+        if [wx, wy, wz].iter().any(|rate| *rate != 0.0) {
             // Half the way as a quaternion; a period's turn is small, and what the norm loses is given back.
             let [x, y, z, w] = self.rotation;
             let turn = Quaternion::new(0.0, wx, wy, wz) * Quaternion::new(w, x, y, z) * (0.5 * TICK);
@@ -97,6 +97,15 @@ impl PosePoint {
         }
         next.velocity.iter_mut().for_each(|speed| *speed *= COAST);
         next
+    }
+
+    /// Where it is a control period later, its acceleration included.
+    #[must_use]
+    pub(super) fn ahead(&self) -> Self {
+        let mut faster = *self;
+        let speeds = faster.velocity.iter_mut().zip(&self.acceleration);
+        speeds.for_each(|(speed, acceleration)| *speed += acceleration * TICK);
+        faster.coasted()
     }
 }
 

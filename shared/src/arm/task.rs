@@ -96,6 +96,13 @@ pub enum ArmError {
     },
     /// 4: the arm was not told how to behave.
     NoSettings,
+    /// 5: the elbow's set-point is too far from the elbow [rad].
+    Elbow {
+        /// How far.
+        value: f32,
+        /// The most.
+        limit: f32,
+    },
 }
 
 impl fmt::Display for ArmError {
@@ -115,6 +122,12 @@ impl fmt::Display for ArmError {
                 write!(f, "the orientation of the set-point is a quaternion of norm {norm}; it must be 1")
             }
             Self::NoSettings => f.write_str("the arm has no impedance yet: send its settings first"),
+            Self::Elbow { value, limit } => {
+                write!(
+                    f,
+                    "the elbow's set-point is {value} rad from the elbow; at most {limit} rad is allowed"
+                )
+            }
         }
     }
 }
@@ -128,13 +141,14 @@ pub struct ArmTelemetry {
     pub position: [f32; 3],
     /// Its orientation as a unit quaternion, `[x, y, z, w]`.
     pub rotation: [f32; 4],
-    /// The tool's place less its set-point: translation and rotation vector [m, rad].
+    /// The tool's place less its set-point, as the control had it in the last tick under impedance: translation and
+    /// rotation vector [m, rad].
     pub error: [f32; 6],
     /// Force and torque of the world on the tool, in base axes [N, N·m].
     pub wrench: [f32; 6],
-    /// Whether that counts as a contact.
+    /// Whether that counted as a contact in that tick.
     pub contact: bool,
-    /// Smallest singular value of the Jacobian that takes the tool: less than 0.06 is nearly singular.
+    /// Smallest singular value of the Jacobian that takes the tool, likewise: less than 0.06 is nearly singular.
     pub weakest: f32,
     /// Angle of the elbow: of the driven joint or of the arm [rad].
     pub elbow: f32,
@@ -153,9 +167,8 @@ pub struct ArmState {
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
     contact: bool,
-    /// Square of the force of the last tick [N²], and the wrench as it was sensed.
+    /// Square of the force of the last tick [N²].
     force: f32,
-    wrench: [f32; 6],
     /// Velocity of the tool's point [m/s] and its acceleration [m/s²].
     velocity: [f32; 3],
     acceleration: [f32; 3],
@@ -164,7 +177,6 @@ pub struct ArmState {
     weakest: f32,
     /// For telemetry.
     error: [f32; 6],
-    elbow_angle: f32,
 }
 
 impl ArmState {
@@ -179,13 +191,11 @@ impl ArmState {
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
         contact: false,
         force: 0.0,
-        wrench: [0.0; 6],
         velocity: [0.0; 3],
         acceleration: [0.0; 3],
         direction: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         weakest: 0.0,
         error: [0.0; 6],
-        elbow_angle: 0.0,
     };
 
     /// Whether it was told how to behave.
@@ -203,10 +213,15 @@ impl ArmState {
         if before.is_none() {
             self.impedance = settings.impedance;
         }
+        if before.is_none_or(|before| before.law != settings.law) {
+            // The printed law learns nothing about disturbances, and what was learnt before it is out of date.
+            self.observers = Self::NONE.observers;
+        }
         if before.is_none_or(|before| before.redundancy != settings.redundancy) {
             // The elbow stays where it is.
             let posture = arm.chain.posture(&self.angles);
-            self.elbow = ElbowPoint { angle: self.elbow_angle(arm, &posture), ..ElbowPoint::default() };
+            let angle = self.elbow_angle(arm, &posture, &self.angles);
+            self.elbow = ElbowPoint { angle, ..ElbowPoint::default() };
             self.find_weakest(&posture);
         }
         Ok(())
@@ -225,8 +240,7 @@ impl ArmState {
         let rotation = UnitQuaternion::from_rotation_matrix(&tip.rotation);
         let position = tip.translation.vector.into();
         self.set_point = PosePoint { position, rotation: rotation.coords.into(), ..NOWHERE };
-        self.elbow_angle = self.elbow_angle(arm, &posture);
-        self.elbow.angle = self.elbow_angle;
+        self.elbow.angle = self.elbow_angle(arm, &posture, angles);
         self.find_weakest(&posture);
         Ok(())
     }
@@ -247,7 +261,23 @@ impl ArmState {
         if norm.is_nan() || abs(norm - 1.0) > UNIT {
             return Err(ArmError::NotAUnit { norm });
         }
-        displacement(arm.chain.posture(&self.angles).tip(), point, &settings)?;
+        let posture = arm.chain.posture(&self.angles);
+        // Neither now nor a tick later may it be out of reach: that bounds its speed and acceleration, too.
+        for point in [point, &point.ahead()] {
+            displacement(posture.tip(), point, &settings)?;
+        }
+        if settings.redundancy != Redundancy::None {
+            let own = self.elbow_angle(arm, &posture, &self.angles);
+            let (speed, [_, limit]) = (elbow.velocity + elbow.acceleration * TICK, settings.reach);
+            for angle in [elbow.angle, elbow.angle + speed * TICK] {
+                let value = abs(angle - own);
+                // The shorter way round; more turns than one are none of an elbow's.
+                let value = value.min(abs(value - TAU));
+                if value.is_nan() || value > limit {
+                    return Err(ArmError::Elbow { value, limit });
+                }
+            }
+        }
         (self.set_point, self.elbow) = (*point, *elbow);
         Ok(())
     }
@@ -257,19 +287,19 @@ impl ArmState {
         self.acceleration.into()
     }
 
-    /// What a supervisor sees.
-    pub fn telemetry(&self, arm: &Arm<'_>, tick: u32) -> ArmTelemetry {
-        let posture = arm.chain.posture(&self.angles);
+    /// What a supervisor sees, given what the arm senses.
+    pub fn telemetry(&self, arm: &Arm<'_>, sense: &ArmSense, tick: u32) -> ArmTelemetry {
+        let posture = arm.chain.posture(&sense.angles);
         let tip = posture.tip();
         ArmTelemetry {
             tick,
             position: tip.translation.vector.into(),
             rotation: UnitQuaternion::from_rotation_matrix(&tip.rotation).coords.into(),
             error: self.error,
-            wrench: self.wrench,
+            wrench: sense.wrench,
             contact: self.contact,
             weakest: self.weakest,
-            elbow: self.elbow_angle,
+            elbow: self.elbow_angle(arm, &posture, &sense.angles),
         }
     }
 
@@ -281,7 +311,6 @@ impl ArmState {
         let settings = self.settings.ok_or(ArmError::NoSettings)?;
         self.impedance.approach(&settings.impedance, BLEND);
         let wrench = Vector6::from(sense.wrench);
-        self.wrench = sense.wrench;
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(ArmError::NotFinite);
         }
@@ -390,7 +419,7 @@ impl ArmState {
 
     /// Joint accelerations for the tool's, and for the elbow.
     fn resolve(
-        &mut self,
+        &self,
         arm: &Arm<'_>,
         settings: &ArmSettings,
         posture: &Posture,
@@ -409,7 +438,6 @@ impl ArmState {
         if let Some(joint) = driven(settings.redundancy) {
             let of_joint = self.angles.get(joint).zip(self.velocities.get(joint));
             let (&angle, &velocity) = of_joint.unwrap_or((&0.0, &0.0));
-            self.elbow_angle = angle;
             let own = toward(angle, velocity);
             let mut all = jacobian.column_iter();
             let Some(column) = all.nth(joint) else { return resolver.solve(tool) };
@@ -423,7 +451,6 @@ impl ArmState {
             _ => None,
         };
         if let Some(ArmAngle { angle, jacobian: row }) = angle {
-            self.elbow_angle = angle;
             let missing = toward(angle, row.dot(&velocities)) - row.dot(&accelerations);
             let motion = resolver.null(&row);
             let size = row.dot(&motion);
@@ -445,9 +472,10 @@ impl ArmState {
         self.elbow = self.elbow.coasted();
     }
 
-    fn elbow_angle(&self, arm: &Arm<'_>, posture: &Posture) -> f32 {
+    /// Of an arm at `angles`, which is `posture`.
+    fn elbow_angle(&self, arm: &Arm<'_>, posture: &Posture, angles: &[f32; MAX_CHAIN_JOINTS]) -> f32 {
         match self.settings.map(|settings| settings.redundancy) {
-            Some(Redundancy::Driven { joint }) => self.angles.get(usize::from(joint)).copied().unwrap_or(0.0),
+            Some(Redundancy::Driven { joint }) => angles.get(usize::from(joint)).copied().unwrap_or(0.0),
             Some(Redundancy::ArmAngle) => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
             _ => 0.0,
         }

@@ -9,7 +9,7 @@ use crate::arm::{ArmSettings, ArmState, ElbowPoint, PosePoint};
 use crate::control::{Drive, JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
 use crate::manipulation::{FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
-use crate::model::{MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, Reaction};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, Fault, FaultCause, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request,
     RequestFrame, SCHEMA_KEY, SetPoint, Status, Task,
@@ -228,10 +228,9 @@ impl Node {
                 if let Some(chain) = robot.untared(&self.state.tips) {
                     return Err(Refusal::NotTared { chain });
                 }
-                let mut angles = [0.0; MAX_CHAIN_JOINTS];
-                let joints = angles.iter_mut().zip(&self.state.joints).take(arm.chain.len());
-                joints.for_each(|(angle, joint)| *angle = joint.position);
+                let angles = self.state.arm_sense().angles;
                 self.state.arm.begin(&arm, &angles).map_err(Refusal::Arm)?;
+                self.state.servo_mode = ServoMode::Observer;
             }
         }
         self.state.drive = Drive::Servo;

@@ -35,6 +35,17 @@ mod transfer;
 )]
 mod tests;
 
+#[cfg(test)]
+#[allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::float_cmp,
+    clippy::indexing_slicing,
+    reason = "tests"
+)]
+mod arm_tests;
+
 pub use replay::{Difference, Replay, ReplayError};
 pub use robot::Robot;
 pub use state::State;
@@ -184,7 +195,7 @@ impl Node {
 
     /// The arm and its tool after the last tick, if the robot is one.
     pub fn tool(&self) -> Option<ArmTelemetry> {
-        Some(self.state.arm.telemetry(&self.robot.arm()?, self.state.tick))
+        Some(self.state.arm.telemetry(&self.robot.arm()?, &self.state.arm_sense(), self.state.tick))
     }
 
     /// One value for each joint of the robot.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use super::joint::JointState;
 use super::lease::Lease;
 use super::tip::TipState;
-use crate::arm::ArmState;
+use crate::arm::{ArmSense, ArmState};
 use crate::control::{Drive, ServoMode};
 use crate::manipulation::HandState;
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
@@ -78,6 +78,18 @@ impl State {
             records: 0,
             arm: ArmState::NONE,
         }
+    }
+
+    /// What an arm of the first joints, with the first tip, senses. Entries beyond its joints mean nothing.
+    pub fn arm_sense(&self) -> ArmSense {
+        let mut sense = ArmSense::default();
+        let values = sense.angles.iter_mut().zip(&mut sense.velocities).zip(&self.joints);
+        values.for_each(|((angle, velocity), joint)| (*angle, *velocity) = (joint.position, joint.velocity));
+        if let Some(tip) = self.tips.first() {
+            let wrench = tip.force.iter().chain(&tip.torque);
+            sense.wrench.iter_mut().zip(wrench).for_each(|(value, sensed)| *value = *sensed);
+        }
+        sense
     }
 
     /// Whether the client speaks our protocol. That of the commander is never forgotten, however many others say hello.

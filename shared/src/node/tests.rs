@@ -51,15 +51,15 @@ fn model() -> RobotModel {
 }
 
 /// A node with its board around it: sends requests, and ticks with encoders that read what the test says.
-struct Bench {
-    node: Node,
-    sensors: SensorFrame,
+pub(super) struct Bench {
+    pub node: Node,
+    pub sensors: SensorFrame,
     client: u32,
     sequence: u16,
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let sensors = SensorFrame {
             sequence: 0,
             flags: SensorFlags(0),
@@ -86,7 +86,7 @@ impl Bench {
         bench
     }
 
-    fn ask(&mut self, request: Request) -> Reply {
+    pub fn ask(&mut self, request: Request) -> Reply {
         self.sequence = self.sequence.wrapping_add(1);
         self.send(self.client, self.sequence, request)
     }
@@ -98,7 +98,7 @@ impl Bench {
     }
 
     /// Says hello and takes command.
-    fn command(&mut self) {
+    pub fn command(&mut self) {
         assert!(matches!(self.ask(Request::Hello { schema: SCHEMA_KEY }), Reply::Hello { .. }));
         assert_eq!(self.ask(Request::TakeCommand { by_force: false }), Reply::Done);
     }
@@ -116,7 +116,7 @@ impl Bench {
         (bytes, index)
     }
 
-    fn push(&mut self, model: &RobotModel) -> Reply {
+    pub fn push(&mut self, model: &RobotModel) -> Reply {
         let bytes = postcard::to_stdvec(model).unwrap();
         let begin = Request::ModelBegin { length: bytes.len() as u32, checksum: codec::checksum(&bytes) };
         assert_eq!(self.ask(begin), Reply::Done);
@@ -130,7 +130,7 @@ impl Bench {
         self.ask(Request::ModelCommit)
     }
 
-    fn arm(&mut self) -> Reply {
+    pub fn arm(&mut self) -> Reply {
         self.ask(Request::Arm { task: Task::JointServo(ServoMode::Pid) })
     }
 
@@ -138,7 +138,7 @@ impl Bench {
         self.ask(Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&positions).unwrap() }))
     }
 
-    fn tick(&mut self) -> ActuatorFrame {
+    pub fn tick(&mut self) -> ActuatorFrame {
         self.sensors.sequence += 1;
         self.node.tick(&self.sensors)
     }
@@ -156,7 +156,7 @@ impl Bench {
     }
 }
 
-fn refusal(reply: Reply) -> Refusal {
+pub(super) fn refusal(reply: Reply) -> Refusal {
     match reply {
         Reply::Refused(refusal) => refusal,
         other => panic!("not refused: {other:?}"),
@@ -522,6 +522,7 @@ fn the_largest_state_can_be_exported() {
     assert_eq!(longest_after(&Some(Reaction::Hold)), 2);
     assert_eq!(longest_after(&[JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 }; 2]), 24);
     assert_eq!(longest_after(&Task::Grasp), 2);
+    assert_eq!(longest_after(&crate::arm::tests::SOFT), 18 * 4 + 1 + 2 + 4 * 4);
     assert_eq!(longest_after(&(u32::MAX, u16::MAX, i32::MIN, true)), 5 + 3 + 5 + 1);
 }
 
@@ -812,7 +813,7 @@ fn tared_hand() -> Bench {
 }
 
 const GRASP: Request = Request::Arm { task: Task::Grasp };
-const KEEP: Request = Request::SetPoint(SetPoint::Keep);
+pub(super) const KEEP: Request = Request::SetPoint(SetPoint::Keep);
 
 /// What is 2 mm in front of the tips of [`untared_hand`].
 fn in_front() -> GraspPlan {

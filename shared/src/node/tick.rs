@@ -1,6 +1,6 @@
 use super::{Node, Robot, State};
 use crate::TICK;
-use crate::arm::{ArmError, ArmSense};
+use crate::arm::ArmError;
 use crate::control::{Drive, JointPoint};
 use crate::manipulation::{FINGERS, FingerSense, Loss};
 use crate::math::abs;
@@ -186,16 +186,8 @@ impl Node {
     #[inline(never)]
     fn comply(&mut self) -> Option<Fault> {
         let arm = self.robot.arm()?;
-        let State { joints, tips, arm: state, drive, tick, .. } = &mut self.state;
-        let mut sense = ArmSense::default();
-        let values = sense.angles.iter_mut().zip(&mut sense.velocities).zip(joints.iter());
-        for ((angle, velocity), joint) in values.take(arm.chain.len()) {
-            (*angle, *velocity) = (joint.position, joint.velocity);
-        }
-        if let Some(tip) = tips.first() {
-            let wrench = tip.force.iter().chain(&tip.torque);
-            sense.wrench.iter_mut().zip(wrench).for_each(|(value, sensed)| *value = *sensed);
-        }
+        let sense = self.state.arm_sense();
+        let State { joints, arm: state, drive, tick, .. } = &mut self.state;
         match state.tick(&arm, &sense) {
             Ok(command) => {
                 let of_joints = command.points.iter().zip(&command.feedback).zip(&command.torques);

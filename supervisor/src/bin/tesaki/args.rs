@@ -2,6 +2,7 @@
 
 mod eval;
 mod grasp;
+mod impedance;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,6 +14,7 @@ use tesaki_supervisor::port::Address;
 
 pub use eval::{Eval, Grip, Kinematics};
 pub use grasp::{Grasp, Run, Step};
+pub use impedance::{Hold, Impedance};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -88,6 +90,9 @@ pub enum Command {
     /// Grasp an object with three fingers, lift, turn and shift it, and put it down
     #[command(subcommand)]
     Grasp(Grasp),
+    /// Let an arm yield at its tool like a mass on a spring and a damper
+    #[command(subcommand)]
+    Impedance(Impedance),
     /// Tell the board at which angles its joints stand
     Home(Home),
     /// Take what the force sensors of the tips read now for nothing: when nothing touches them

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
+use tesaki_supervisor::arm::ImpedanceFileError;
 use tesaki_supervisor::grasp::GraspFileError;
 use tesaki_supervisor::port::PortError;
 use tesaki_supervisor::robot::RobotError;
@@ -44,6 +45,9 @@ pub enum Failure {
     /// A file that says how to grasp.
     #[error(transparent)]
     GraspFile(#[from] GraspFileError),
+    /// A file that says how an arm is to yield.
+    #[error(transparent)]
+    ImpedanceFile(#[from] ImpedanceFileError),
     /// The hand did not take hold of the object, or could not go on with it.
     #[error("{0}")]
     Grasp(String),
@@ -86,7 +90,12 @@ impl Failure {
     /// The number for scripts: see the help.
     pub const fn number(&self) -> u8 {
         match self {
-            Self::Robot(_) | Self::Urdf(_) | Self::GraspFile(_) | Self::File { .. } | Self::Other(_) => 1,
+            Self::Robot(_)
+            | Self::Urdf(_)
+            | Self::GraspFile(_)
+            | Self::ImpedanceFile(_)
+            | Self::File { .. }
+            | Self::Other(_) => 1,
             Self::Usage(_) | Self::Board(BoardError::TooManyJoints(_)) => 2,
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,

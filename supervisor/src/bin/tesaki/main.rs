@@ -7,6 +7,7 @@ mod doctor;
 mod eval;
 mod failure;
 mod grasp;
+mod impedance;
 mod model;
 mod motion;
 mod output;
@@ -47,6 +48,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Move(aim) => motion::go(options, aim),
         Command::Reach(aim) => reach::run(options, aim),
         Command::Grasp(command) => grasp::run(options, command),
+        Command::Impedance(command) => impedance::run(options, command),
         Command::Tare => motion::tare(options),
         Command::Home(home) => motion::home(options, home),
         Command::Read { path } => parameter::read(options, path.as_deref()),

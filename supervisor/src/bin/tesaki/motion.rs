@@ -4,6 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
+use tesaki::arm::{ArmSettings, ArmTelemetry};
 use tesaki::manipulation::{GraspCommand, GraspTelemetry};
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
@@ -16,8 +17,8 @@ use crate::output;
 use crate::session::{Session, interrupted};
 
 /// From one set-point to the next: well inside the command timeout, so that a few may be lost.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// From one question after the object in the hand to the next.
+pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// From one question after the object in the hand, or the arm, to the next.
 const ASK: Duration = Duration::from_millis(50);
 /// From one line of JSON to the next.
 const REPORT: Duration = Duration::from_millis(100);
@@ -177,6 +178,8 @@ pub struct News {
     pub telemetry: Option<Telemetry>,
     /// While armed for [`Task::Grasp`].
     pub grasp: Option<GraspTelemetry>,
+    /// While armed for [`Task::Impedance`].
+    pub arm: Option<ArmTelemetry>,
 }
 
 /// A board that this program commands and may have armed.
@@ -185,8 +188,8 @@ pub struct Motion<'a> {
     options: &'a Options,
     pub model: RobotModel,
     armed: bool,
-    /// Whether it is armed for [`Task::Grasp`].
-    grasps: bool,
+    /// What tells more of the task than telemetry does.
+    question: Option<Request>,
 }
 
 impl<'a> Motion<'a> {
@@ -195,7 +198,7 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, armed: false, grasps: false })
+        Ok(Self { session, options, model, armed: false, question: None })
     }
 
     /// Where the joints are, within their limits.
@@ -212,8 +215,18 @@ impl<'a> Motion<'a> {
         // Caught from here on: whoever presses Ctrl-C wants the outputs off.
         interrupted()?;
         self.session.board.arm(task).map_err(|error| Failure::from(error).named(&self.model))?;
-        (self.armed, self.grasps) = (true, task == Task::Grasp);
+        self.armed = true;
+        self.question = match task {
+            Task::JointServo(_) => None,
+            Task::Grasp => Some(Request::ReadGrasp),
+            Task::Impedance => Some(Request::ReadArm),
+        };
         Ok(())
+    }
+
+    /// Tells an arm how to behave.
+    pub fn behave(&mut self, settings: ArmSettings) -> Result<(), Failure> {
+        Ok(self.session.board.behave(settings)?)
     }
 
     /// Tells the hand what to do next; returns what it does then.
@@ -242,9 +255,11 @@ impl<'a> Motion<'a> {
             let now = Instant::now();
             next = if now > next + every { now + every } else { next + every };
             self.session.board.post(Request::SetPoint(aim(now)))?;
-            if self.grasps && asked.is_none_or(|last| now - last >= ASK) {
+            if let Some(question) = &self.question
+                && asked.is_none_or(|last| now - last >= ASK)
+            {
                 asked = Some(now);
-                self.session.board.post(Request::ReadGrasp)?;
+                self.session.board.post(question.clone())?;
             }
             let mut news = News::default();
             while Instant::now() < next {
@@ -255,7 +270,7 @@ impl<'a> Motion<'a> {
                 }
             }
             let now = Instant::now();
-            news.grasp = self.session.grasp.take();
+            (news.grasp, news.arm) = (self.session.grasp.take(), self.session.arm.take());
             if let Some(telemetry) = &news.telemetry {
                 heard = now;
                 if telemetry.mode == Mode::Fault {
@@ -268,27 +283,34 @@ impl<'a> Motion<'a> {
                     self.armed = false;
                     return Err(Failure::Other("another program disarmed the board".to_owned()));
                 }
-                if self.options.json && !self.grasps && reported.is_none_or(|last| now - last >= REPORT) {
-                    reported = Some(now);
-                    output::line(&serde_json::to_string(telemetry).unwrap_or_default())?;
-                }
             } else if now - heard > GONE {
                 return Err(self.abandon(Failure::Late(format!(
                     "nothing came from the board for {} s: its own command timeout has stopped it",
                     GONE.as_secs()
                 ))));
             }
-            if let Some(grasp) = &news.grasp
-                && self.options.json
+            if self.options.json
                 && reported.is_none_or(|last| now - last >= REPORT)
+                && let Some(report) = self.report(&news)
             {
                 reported = Some(now);
-                output::line(&serde_json::to_string(grasp).unwrap_or_default())?;
+                output::line(&report)?;
             }
             if done(&news, now) {
                 return Ok(End::Done);
             }
         }
+    }
+
+    /// What is new of the task, as JSON.
+    fn report(&self, news: &News) -> Option<String> {
+        let text = match (&self.question, news) {
+            (None, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry),
+            (Some(_), News { grasp: Some(grasp), .. }) => serde_json::to_string(grasp),
+            (Some(_), News { arm: Some(arm), .. }) => serde_json::to_string(arm),
+            _ => return None,
+        };
+        text.ok()
     }
 
     /// Switches off on the way out of a failure, if that is still possible.

@@ -1,6 +1,7 @@
 //! Printing, for people and for programs.
 
 use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
@@ -38,6 +39,43 @@ pub fn line(text: &str) -> Result<(), Failure> {
 pub fn notice(options: &Options, text: &str) {
     if !options.json {
         eprintln!("{text}");
+    }
+}
+
+/// A line that is written anew again and again on a terminal, and now and then elsewhere; silent for programs.
+pub struct Live {
+    every: Option<Duration>,
+    overwrites: bool,
+    shown: Option<Instant>,
+}
+
+impl Live {
+    pub fn new(options: &Options) -> Self {
+        let overwrites = io::stderr().is_terminal();
+        let every = Duration::from_millis(if overwrites { 100 } else { 1000 });
+        Self { every: (!options.json).then_some(every), overwrites, shown: None }
+    }
+
+    /// Shows `text`, unless the last one was just shown.
+    pub fn show(&mut self, text: &str) {
+        let Some(every) = self.every else { return };
+        if self.shown.is_some_and(|shown| shown.elapsed() < every) {
+            return;
+        }
+        self.shown = Some(Instant::now());
+        if self.overwrites {
+            // Back to the start, and away with what a longer one left.
+            eprint!("\r{text}\x1b[K");
+        } else {
+            eprintln!("{text}");
+        }
+    }
+
+    /// Leaves the last one standing.
+    pub fn end(&self) {
+        if self.overwrites && self.shown.is_some() {
+            eprintln!();
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use tesaki::arm::ArmTelemetry;
 use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
@@ -31,6 +32,8 @@ pub struct Session {
     pub place: String,
     /// The latest of what is in the hand, when it was asked for without waiting.
     pub grasp: Option<GraspTelemetry>,
+    /// The same of the arm.
+    pub arm: Option<ArmTelemetry>,
     /// Whether this program has the command.
     commands: bool,
 }
@@ -52,7 +55,7 @@ impl Session {
         let mut board = dial(options)?;
         let identity = board.hello()?;
         let place = place(&board);
-        Ok(Self { board, identity, place, grasp: None, commands: false })
+        Ok(Self { board, identity, place, grasp: None, arm: None, commands: false })
     }
 
     /// The same, and takes command.
@@ -130,6 +133,7 @@ impl Session {
             match event {
                 FromBoard::Telemetry(telemetry) => return Ok(telemetry),
                 FromBoard::Reply(ReplyFrame { reply: Reply::Grasp(grasp), .. }) => self.grasp = Some(grasp),
+                FromBoard::Reply(ReplyFrame { reply: Reply::Arm(arm), .. }) => self.arm = Some(arm),
                 FromBoard::Reply(reply) => refused(&reply.reply)?,
                 _ => {}
             }
