@@ -307,11 +307,10 @@ fn figure(
         }
         figure = std::mem::replace(&mut figure, Figure::stacked("", "", "", "")).panel(panel);
     };
-    for delay in DELAYS {
-        let chosen = runs.iter().filter(|run| run.delay == delay && run.guarded).collect();
-        panel_of(format!("{} ms", (1e3 * delay).round()), chosen);
+    let (guarded, unguarded): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.guarded);
+    for (delay, chosen) in DELAYS.into_iter().zip(guarded.chunks(WALLS.len())) {
+        panel_of(format!("{} ms", (1e3 * delay).round()), chosen.to_vec());
     }
-    let unguarded = runs.iter().filter(|run| !run.guarded).collect();
     panel_of(format!("{} ms, unguarded", (1e3 * DELAYS[2]).round()), unguarded);
     figure
 }

@@ -130,9 +130,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     for trial in &TRIALS {
         let mut releases = Vec::new();
         for damping in DAMPINGS {
-            for axis in 0..3 {
+            for (axis, name) in AXES.into_iter().enumerate() {
                 let release = release(setting, &mut bench, trial, damping, axis)?;
-                tables.push((format!("{}_{}_{damping}.csv", trial.name, AXES[axis]), release.log.table()));
+                tables.push((format!("{}_{}_{damping}.csv", trial.name, name), release.log.table()));
                 releases.push(release);
             }
         }
@@ -170,7 +170,8 @@ fn release(
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
     let label = capital(trial.label);
     for damping in DAMPINGS {
-        let of_damping = || releases.iter().filter(move |release| release.damping == f64::from(damping));
+        let of_damping =
+            || releases.iter().filter(move |release| release.damping.total_cmp(&f64::from(damping)).is_eq());
         let worst = of_damping().map(Release::error).fold(f64::NAN, f64::max);
         let text = format!("{label}, B {damping}: largest distance from the exact curve");
         let metric = match trial.limit {
@@ -192,7 +193,9 @@ fn figure(trial: &Trial, releases: &[Release]) -> Figure {
     let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
     for damping in DAMPINGS {
         let mut panel = Panel::new(format!("B {damping} N·s/m"), "off its place", "mm");
-        for release in releases.iter().filter(|release| release.damping == f64::from(damping)) {
+        for release in
+            releases.iter().filter(|release| release.damping.total_cmp(&f64::from(damping)).is_eq())
+        {
             let [time, real, ideal] = release.curves();
             let millimetres = |values: Vec<f64>| values.into_iter().map(|value| 1e3 * value).collect();
             panel = panel

@@ -110,7 +110,7 @@ fn meet(setting: &mut Setting<'_, '_>, bench: &mut Bench, stiffness: f64) -> Res
     };
     session.plant.insert_wall(wall)?;
     session.wait(0.5)?;
-    let mut lead = |session: &mut Session<'_, '_>, from: f64, to: f64| {
+    let lead = |session: &mut Session<'_, '_>, from: f64, to: f64| {
         for tick in 1..=(TIME / T).round() as usize {
             let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let mut at: PosePoint = point;
