@@ -36,8 +36,8 @@ fn the_shipped_impedances_are_read() {
     let [soft, firm] = ["soft", "firm"]
         .map(|name| load(&robots().join(format!("arm7/impedances/{name}.toml")), &model).unwrap());
     assert_eq!((soft.law, soft.redundancy), (Law::Following, Redundancy::ArmAngle));
-    assert_eq!(soft.impedance.stiffness, [300.0, 300.0, 300.0, 16.0, 16.0, 16.0]);
-    assert_eq!((soft.contact_force, soft.reach), (1.5, [0.3, 1.0]));
+    assert_eq!(soft.impedance.stiffness[..], [300.0, 300.0, 300.0, 16.0, 16.0, 16.0]);
+    assert_eq!(soft.reach[..], [0.3, 1.0]);
     assert!(firm.impedance.stiffness[2] > soft.impedance.stiffness[2]);
 }
 

@@ -644,15 +644,18 @@ fn an_arm_yields_until_ctrl_c() {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
 
-    // A recording of it repeats, and what is printed for programs is JSON.
-    let recording = server.folder.path().join("arm");
-    let recording = recording.to_str().unwrap();
-    let record = server.start_command(&["record", recording, "--duration", "2"]);
-    let text = server.succeeds(&["--json", "impedance", "hold", &soft, "--duration", "1"]);
-    assert!(text.lines().count() > 3 && text.contains("\"contact\":false"), "{text}");
-    assert!(text.lines().last().unwrap().contains("largest_force"), "{text}");
-    assert_eq!(said(&finish(record)).0, 0);
+    // What is printed for programs is JSON, and a recording that starts meanwhile repeats.
+    let run = server.start_command(&["--json", "impedance", "hold", &soft, "--duration", "4"]);
+    while server.json(&["info"])["status"]["node"]["mode"] == "Disarmed" {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let recording = server.folder.path().join("arm").to_str().unwrap().to_owned();
+    server.succeeds(&["record", &recording, "--duration", "1"]);
     server.succeeds(&["replay", &format!("{recording}.log")]);
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    assert!(text.lines().count() > 3 && text.contains("\"contact\":false"), "{text}");
+    assert!(text.contains("largest_force"), "{text}");
 }
 
 #[test]

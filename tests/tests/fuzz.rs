@@ -298,7 +298,9 @@ fn any_settings(random: &mut Random) -> ArmSettings {
         if wild && random.one_in(4) {
             random.value()
         } else {
-            least * (most / least).powf(random.below(1001) as f32 / 1000.0)
+            // Small ones more often.
+            let share = random.below(1001) as f32 / 1000.0;
+            least + (most - least) * share * share * share
         }
     };
     let mut impedance = Impedance { mass: [0.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] };
@@ -333,7 +335,7 @@ fn any_pose(random: &mut Random, place: &PosePoint) -> Request {
         }
     };
     let mut rotation = place.rotation.map(|part| spoil(part, 0.02));
-    let norm = rotation.iter().map(|part| part * part).sum::<f32>().sqrt();
+    let norm = tesaki::math::sqrt(rotation.iter().map(|part| part * part).sum());
     rotation.iter_mut().for_each(|part| *part /= norm);
     let point = PosePoint {
         position: place.position.map(|place| spoil(place, 0.02)),
@@ -625,7 +627,7 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
     let phases = phases.into_inner();
     println!("hand: {phases:?}");
     // A single seed, or a slow machine, does not come far.
-    assert!(runs.into_inner() < 400 || phases.len() == 9, "{phases:?}");
+    assert!(runs.into_inner() < 1000 || phases.len() == 9, "{phases:?}");
 }
 
 #[test]
