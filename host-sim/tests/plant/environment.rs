@@ -32,10 +32,10 @@ fn at_rest_the_sensor_feels_the_hands_weight() {
     let plant = Arm::exact().build();
     let wrench = plant.tip_wrenches()[0];
     let back = turn(&hand(&plant)).inverse();
-    // 0.45 kg, 40 mm behind the hand's end along its frame's z.
-    let force = back * Vector3::new(0.0, 0.0, -0.45 * 9.81);
-    let torque = Vector3::new(0.0, 0.0, 0.04).cross(&force);
-    assert!((torque.norm() - 0.04 * 0.45 * 9.81).abs() < 1e-6, "the hand points forward");
+    // 0.10 kg, 7.5 mm behind the hand's end along its frame's z.
+    let force = back * Vector3::new(0.0, 0.0, -0.10 * 9.81);
+    let torque = Vector3::new(0.0, 0.0, 0.0075).cross(&force);
+    assert!((torque.norm() - 0.0075 * 0.10 * 9.81).abs() < 1e-6, "the hand points forward");
     assert!(largest((0..3).map(|i| wrench[i] - force[i])) < 1e-5, "{wrench:?}");
     assert!(largest((0..3).map(|i| wrench[3 + i] - torque[i])) < 1e-5, "{wrench:?}");
 }
