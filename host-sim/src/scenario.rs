@@ -1,6 +1,7 @@
 //! Scenarios: a robot, a task, a plant, and what is measured.
 
 mod arm;
+mod arm7_follow;
 mod arm7_release;
 mod common;
 mod grasping;
@@ -52,6 +53,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_shift::SCENARIO,
     hand3_grasp::SCENARIO,
     arm7_release::SCENARIO,
+    arm7_follow::SCENARIO,
 ];
 
 /// What a run is given.

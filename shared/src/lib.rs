@@ -23,6 +23,7 @@
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`arm`] | an arm that yields as told: impedance control, elbow |
+//! | [`teleop`] | a slave that follows a master's hand over a link |
 //! | [`manipulation`] | an object in the hand: found, grasped, held, moved, put down |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
@@ -43,6 +44,7 @@ pub mod model;
 pub mod node;
 pub mod protocol;
 pub mod signal;
+pub mod teleop;
 
 /// The control period `T` [s].
 pub const TICK: f32 = 0.01;
