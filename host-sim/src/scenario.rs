@@ -3,6 +3,7 @@
 mod arm;
 mod arm7_bilateral;
 mod arm7_elbow;
+mod arm7_follow;
 mod arm7_release;
 mod arm7_wall;
 mod common;
@@ -58,6 +59,7 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_elbow::SCENARIO,
     arm7_wall::SCENARIO,
     arm7_bilateral::SCENARIO,
+    arm7_follow::SCENARIO,
 ];
 
 /// What a run is given.

@@ -23,7 +23,7 @@
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`arm`] | an arm that yields as told: impedance control, elbow |
-//! | [`teleop`] | a master and a slave apart from each other |
+//! | [`teleop`] | a slave that follows a master's hand over a link, and a link that makes no energy |
 //! | [`manipulation`] | an object in the hand: found, grasped, held, moved, put down |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |

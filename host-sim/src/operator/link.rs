@@ -9,8 +9,10 @@ pub struct LinkValues {
     pub delay: f64,
     /// Each message takes longer by its own time, uniform from 0 to this [s]. Later ones may overtake.
     pub jitter: f64,
-    /// Share of the messages that never arrive, each by its own chance.
+    /// Share of the messages that never arrive.
     pub loss: f64,
+    /// They are lost in bursts of so many in the mean (Gilbert's model); up to 1, each by its own chance.
+    pub burst: f64,
 }
 
 /// A message on its way.
@@ -30,6 +32,8 @@ pub struct Link<T> {
     values: LinkValues,
     random: Random,
     sequence: u32,
+    /// The last message was lost.
+    losing: bool,
     /// With the time of arrival, in the order of that.
     under_way: Vec<(f64, Packet<T>)>,
 }
@@ -37,17 +41,25 @@ pub struct Link<T> {
 impl<T> Link<T> {
     /// An idle link. Give each of several a seed of its own.
     pub fn new(values: LinkValues, seed: u64) -> Self {
-        Self { values, random: Random::new(seed, Purpose::Link), sequence: 0, under_way: Vec::new() }
+        let random = Random::new(seed, Purpose::Link);
+        Self { values, random, sequence: 0, losing: false, under_way: Vec::new() }
     }
 
     /// Sends a message at a time [s].
     pub fn send(&mut self, time: f64, message: T) {
         let packet = Packet { sequence: self.sequence, time, message };
         self.sequence = self.sequence.wrapping_add(1);
-        let LinkValues { delay, jitter, loss } = self.values;
+        let LinkValues { delay, jitter, loss, burst } = self.values;
         // Both numbers are drawn for each message, so that the one never changes the other's.
         let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.random.symmetric());
-        if lost >= loss {
+        // Bursts end with the chance 1/burst, and begin so that the share comes out.
+        let chance = match self.losing {
+            _ if burst <= 1.0 => loss,
+            true => 1.0 - 1.0 / burst,
+            false => loss / ((1.0 - loss) * burst),
+        };
+        self.losing = lost < chance;
+        if !self.losing {
             let arrival = time + delay + jitter * late;
             let place = self.under_way.partition_point(|(other, _)| *other <= arrival);
             self.under_way.insert(place, (arrival, packet));
@@ -81,7 +93,8 @@ mod tests {
 
     #[test]
     fn delay_jitter_and_loss_have_their_sizes() {
-        let got = run(LinkValues { delay: 0.02, jitter: 0.01, loss: 0.1 }, 3);
+        let values = LinkValues { delay: 0.02, jitter: 0.01, loss: 0.1, burst: 0.0 };
+        let got = run(values, 3);
         assert!((got.len() as f64 / 9750.0 - 0.9).abs() < 0.01, "{}", got.len());
         let late: Vec<f64> = got.iter().map(|(time, packet)| time - packet.time - 0.02).collect();
         let mean = late.iter().sum::<f64>() / late.len() as f64;
@@ -95,7 +108,16 @@ mod tests {
         assert!(got.iter().all(|(_, packet)| packet.sequence == packet.message));
         let overtaken = got.windows(2).filter(|two| two[1].1.sequence < two[0].1.sequence).count();
         assert!(overtaken > 1000, "{overtaken}");
-        assert_eq!(got, run(LinkValues { delay: 0.02, jitter: 0.01, loss: 0.1 }, 3));
+        assert_eq!(got, run(values, 3));
+    }
+
+    #[test]
+    fn bursts_have_their_length_and_the_loss_its_share() {
+        let got = run(LinkValues { delay: 0.02, loss: 0.2, burst: 6.0, ..LinkValues::default() }, 3);
+        let gaps: Vec<u32> = got.windows(2).map(|two| two[1].1.sequence - two[0].1.sequence - 1).collect();
+        let (lost, bursts) = (gaps.iter().sum::<u32>(), gaps.iter().filter(|&&gap| gap > 0).count());
+        assert!((f64::from(lost) / 9750.0 - 0.2).abs() < 0.03, "{lost}");
+        assert!((f64::from(lost) / bursts as f64 - 6.0).abs() < 0.7, "{lost} {bursts}");
     }
 
     #[test]

@@ -153,6 +153,7 @@ impl Log {
             columns.push((format!("wanted {name}"), "m", series(&|sample| sample.aim[axis])));
             columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
         }
+        columns.push(("wanted elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
         let joints = self.0.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
             columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));

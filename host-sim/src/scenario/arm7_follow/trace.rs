@@ -1,0 +1,176 @@
+//! Hand and tool at the same times.
+
+use std::ops::Range;
+
+use rapier3d::na::Vector3;
+use tesaki::arm::PosePoint;
+
+use crate::operator::HandState;
+use crate::report::{Column, csv};
+use crate::scenario::arm::{Log, Sample, YAW};
+use crate::scenario::grasping::T;
+
+/// A hand slower than this turns round [m/s].
+const SLOW: f64 = 0.01;
+
+/// What the person does, and what the set-point is.
+#[derive(Clone, Debug)]
+struct Wanted {
+    hand: Vector3<f64>,
+    velocity: Vector3<f64>,
+    elbow: f64,
+    acceleration: f64,
+}
+
+/// A tick each.
+pub struct Trace {
+    from: f64,
+    wanted: Vec<Wanted>,
+    samples: Vec<Sample>,
+}
+
+/// Both at one time, in mm and mrad.
+pub struct Moment<'a> {
+    wanted: &'a Wanted,
+    sample: &'a Sample,
+    /// Of the set-point [m/s²].
+    pub acceleration: f64,
+}
+
+impl Moment<'_> {
+    /// The tool less the hand.
+    pub fn error(&self) -> Vector3<f64> {
+        (self.sample.position() - self.wanted.hand) * 1e3
+    }
+
+    /// The set-point less the hand.
+    pub fn predicted(&self) -> Vector3<f64> {
+        (self.sample.aim - self.wanted.hand) * 1e3
+    }
+
+    /// The tool less the set-point.
+    pub fn own(&self) -> Vector3<f64> {
+        (self.sample.position() - self.sample.aim) * 1e3
+    }
+
+    /// The shoulder's yaw less the elbow's tilt.
+    pub fn elbow(&self) -> f64 {
+        (self.sample.joints[usize::from(YAW)] - self.wanted.elbow) * 1e3
+    }
+}
+
+impl Trace {
+    /// From a time of the session's log on [s].
+    pub fn new(from: f64) -> Self {
+        Self { from, wanted: Vec::new(), samples: Vec::new() }
+    }
+
+    /// The hand of the next tick.
+    pub fn hand(&mut self, hand: &HandState, elbow: &[f64; 3], point: &PosePoint) {
+        let [x, y, z, ..] = point.acceleration.map(f64::from);
+        self.wanted.push(Wanted {
+            hand: hand.pose.translation.vector,
+            velocity: hand.velocity,
+            elbow: elbow[0],
+            acceleration: Vector3::new(x, y, z).norm(),
+        });
+    }
+
+    /// With what the session recorded.
+    pub fn end(&mut self, mut log: Log) {
+        self.samples = log.0.split_off((self.from / T).round() as usize);
+    }
+
+    pub fn times(&self) -> Vec<f64> {
+        (0..self.wanted.len()).map(|tick| tick as f64 * T).collect()
+    }
+
+    fn all(&self) -> impl Iterator<Item = Moment<'_>> {
+        let both = self.wanted.iter().zip(&self.samples);
+        both.map(|(wanted, sample)| Moment { wanted, sample, acceleration: wanted.acceleration })
+    }
+
+    fn during(&self, span: &Range<f64>) -> impl Iterator<Item = Moment<'_>> {
+        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
+        self.all().skip(from).take(to - from)
+    }
+
+    /// The largest of a value; not a number if there is none.
+    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Moment<'_>) -> f64) -> f64 {
+        self.during(span).map(|moment| value(&moment)).fold(f64::NAN, f64::max)
+    }
+
+    /// The largest error along x where the hand turns round [mm].
+    pub fn reversals(&self, span: &Range<f64>) -> f64 {
+        let turning = self.during(span).filter(|moment| moment.wanted.velocity.x.abs() < SLOW);
+        turning.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
+    }
+
+    /// [mm]
+    pub fn mean_error(&self, span: &Range<f64>) -> Vector3<f64> {
+        let sum: Vector3<f64> = self.during(span).map(|moment| moment.error()).sum();
+        sum / self.during(span).count() as f64
+    }
+
+    /// The largest error beside the mean one of another time [mm].
+    pub fn largest_beside(&self, span: &Range<f64>, mean: &Range<f64>) -> f64 {
+        let mean = self.mean_error(mean);
+        self.largest(span, |moment| (moment.error() - mean).norm())
+    }
+
+    /// How far the tool gets from where it is at first [mm].
+    pub fn wander(&self, span: &Range<f64>) -> f64 {
+        let place = |moment: &Moment<'_>| moment.sample.position();
+        let Some(first) = self.during(span).next().map(|moment| place(&moment)) else { return f64::NAN };
+        self.largest(span, |moment| 1e3 * (place(moment) - first).norm())
+    }
+
+    /// The largest change of a motor's torque [N·m/s].
+    pub fn torque_rate(&self, span: &Range<f64>) -> f64 {
+        let torques: Vec<&[f64]> = self.during(span).map(|moment| moment.sample.torques.as_slice()).collect();
+        let steps = torques.windows(2).flat_map(|two| two[0].iter().zip(two[1]));
+        steps.map(|(before, after)| (after - before).abs() / T).fold(f64::NAN, f64::max)
+    }
+
+    /// Along an axis [mm].
+    pub fn errors(&self, axis: usize) -> Vec<f64> {
+        self.all().map(|moment| moment.error()[axis]).collect()
+    }
+
+    /// As CSV.
+    pub fn table(&self) -> String {
+        let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", self.times())];
+        let series = |value: &dyn Fn(&Moment<'_>) -> f64| self.all().map(|moment| value(&moment)).collect();
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            columns.push((format!("hand {name}"), "m", series(&|moment| moment.wanted.hand[axis])));
+            columns.push((format!("set-point {name}"), "m", series(&|moment| moment.sample.aim[axis])));
+            columns.push((format!("tool {name}"), "m", series(&|moment| moment.sample.position()[axis])));
+        }
+        columns.push(("elbow".to_owned(), "rad", series(&|moment| moment.wanted.elbow)));
+        let joints = self.samples.first().map_or(0, |sample| sample.joints.len());
+        for joint in 0..joints {
+            columns.push((
+                format!("angle {}", joint + 1),
+                "rad",
+                series(&|moment| moment.sample.joints[joint]),
+            ));
+            columns.push((
+                format!("torque {}", joint + 1),
+                "N·m",
+                series(&|moment| moment.sample.torques[joint]),
+            ));
+        }
+        let columns: Vec<Column<'_>> =
+            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
+        csv(&columns)
+    }
+}
+
+/// Hand and tool off the hand's start along an axis [mm].
+pub fn sides(trace: &Trace, axis: usize) -> [Vec<f64>; 2] {
+    let start = trace.wanted.first().map_or(0.0, |wanted| wanted.hand[axis]);
+    let off = |place: f64| 1e3 * (place - start);
+    let hand = trace.all().map(|moment| off(moment.wanted.hand[axis])).collect();
+    let tool = trace.all().map(|moment| off(moment.sample.position()[axis])).collect();
+    [hand, tool]
+}

@@ -1,0 +1,142 @@
+use core::f32::consts::TAU;
+
+use nalgebra::{SMatrix, SVector};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::math;
+
+/// Physiological tremor is between 8 and 12 Hz [rad/s].
+const TREMOR: f32 = TAU * 10.0;
+/// It keeps its phase for a third of a second: so narrow is that band [1/s].
+const TREMOR_FADES: f32 = 3.0;
+/// Nobody knows better than that from one sample how a hand moves: variances of place, velocity, acceleration and jerk, in m or
+/// rad and s.
+const START: [f32; ORDER] = [1e-6, 1e-2, 1.0, 100.0];
+/// Place and three derivatives.
+const ORDER: usize = 4;
+/// And the tremor with its quadrature.
+const SIZE: usize = ORDER + 2;
+const FACTORIALS: [f32; ORDER] = [1.0, 1.0, 2.0, 6.0];
+const COUNT: [f32; 2 * ORDER - 1] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// So far ahead a prediction goes on as it is [s]; beyond it comes to rest.
+const HORIZON: f32 = 0.06;
+/// In that time its velocity falls to 1/e [s].
+const REST_TIME: f32 = 0.08;
+
+/// What is known beforehand of how a hand moves along each axis, and of how that is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HandModel {
+    /// How the jerk wanders: in a second by this much [m/s³, rad/s³], and in `t` by `√t` of it. The more, the sooner a new
+    /// motion is seen, and the more of the tremor is taken for motion.
+    pub wander: f32,
+    /// Root mean square of the tremor [m, rad]. A little more than there is does no harm.
+    pub tremor: f32,
+    /// Standard deviation of a sample [m, rad].
+    pub noise: f32,
+}
+
+/// What moves: place, velocity and acceleration along each axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moving<const N: usize> {
+    pub place: SVector<f32, N>,
+    pub velocity: SVector<f32, N>,
+    pub acceleration: SVector<f32, N>,
+}
+
+/// What is known of a hand: a Kalman filter whose axes share one covariance, since they are measured at the same times.
+///
+/// Place, velocity, acceleration and jerk, the latter driven by white noise; and a tremor, an oscillation and its quadrature, that
+/// fades and is kept alive by noise. A sample is the sum of place, tremor and noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Estimate<const N: usize> {
+    mean: SMatrix<f32, SIZE, N>,
+    covariance: SMatrix<f32, SIZE, SIZE>,
+}
+
+impl<const N: usize> Estimate<N> {
+    /// From a first sample, at rest.
+    pub fn new(model: &HandModel, place: &SVector<f32, N>) -> Self {
+        let mut mean = SMatrix::<f32, SIZE, N>::zeros();
+        mean.set_row(0, &place.transpose());
+        let tremor = model.tremor * model.tremor;
+        let mut diagonal = SVector::<f32, SIZE>::repeat(tremor);
+        diagonal.iter_mut().zip(START).for_each(|(variance, start)| *variance = start);
+        Self { mean, covariance: SMatrix::from_diagonal(&diagonal) }
+    }
+
+    /// Lets `time` pass [s].
+    pub fn advance(&mut self, model: &HandModel, time: f32) {
+        let fade = math::exp(-TREMOR_FADES * time);
+        let (sine, cosine) = math::sin_cos(TREMOR * time);
+        let mut transition = SMatrix::<f32, SIZE, SIZE>::identity();
+        let mut noise = SMatrix::<f32, SIZE, SIZE>::zeros();
+        let mut powers = [1.0; 2 * ORDER];
+        (1..powers.len()).for_each(|n| powers[n] = powers[n - 1] * time);
+        let q = model.wander * model.wander;
+        for row in 0..ORDER {
+            for column in row..ORDER {
+                transition[(row, column)] = powers[column - row] / FACTORIALS[column - row];
+            }
+            // White noise, integrated so many times to the one and to the other.
+            for column in 0..ORDER {
+                let (a, b) = (ORDER - 1 - row, ORDER - 1 - column);
+                let power = a + b + 1;
+                noise[(row, column)] = q * powers[power] / (FACTORIALS[a] * FACTORIALS[b] * COUNT[a + b]);
+            }
+        }
+        let kept = model.tremor * model.tremor * (1.0 - fade * fade);
+        for (row, column, value) in [
+            (ORDER, ORDER, cosine),
+            (ORDER, ORDER + 1, sine),
+            (ORDER + 1, ORDER, -sine),
+            (ORDER + 1, ORDER + 1, cosine),
+        ] {
+            transition[(row, column)] = fade * value;
+        }
+        noise[(ORDER, ORDER)] = kept;
+        noise[(ORDER + 1, ORDER + 1)] = kept;
+        self.mean = transition * self.mean;
+        self.covariance = transition * self.covariance * transition.transpose() + noise;
+    }
+
+    /// Takes a sample.
+    pub fn correct(&mut self, model: &HandModel, sample: &SVector<f32, N>) {
+        // What the sample has in common with each part; the sample is place and tremor.
+        let common = self.covariance.column(0) + self.covariance.column(ORDER);
+        let variance = common[0] + common[ORDER] + model.noise * model.noise;
+        let gain = common / variance;
+        let missing = sample.transpose() - self.mean.row(0) - self.mean.row(ORDER);
+        self.mean += gain * missing;
+        self.covariance -= gain * common.transpose();
+        // Rounding must not make it lopsided.
+        self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
+    }
+
+    /// Takes the place away, which then counts from there.
+    pub fn rebase(&mut self) -> SVector<f32, N> {
+        let place = self.mean.row(0).transpose();
+        self.mean.row_mut(0).fill(0.0);
+        place
+    }
+
+    /// `time` after the last sample [s], without the tremor. It comes to rest when that is long ago.
+    pub fn ahead(&self, time: f32) -> Moving<N> {
+        let [place, velocity, acceleration, jerk] = [0, 1, 2, 3].map(|row| self.mean.row(row).transpose());
+        let near = math::clamp(time, 0.0, HORIZON);
+        let place = place + (velocity + (acceleration + jerk * (near / 3.0)) * (near / 2.0)) * near;
+        let velocity = velocity + (acceleration + jerk * (near / 2.0)) * near;
+        let acceleration = acceleration + jerk * near;
+        let late = time - near;
+        if late > 0.0 {
+            let left = math::exp(-late / REST_TIME);
+            return Moving {
+                place: place + velocity * (REST_TIME * (1.0 - left)),
+                velocity: velocity * left,
+                acceleration: velocity * (-left / REST_TIME),
+            };
+        }
+        Moving { place, velocity, acceleration }
+    }
+}

@@ -1,0 +1,97 @@
+use nalgebra::SVector;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::{TICK, math};
+
+/// How fast a set-point comes to where it should be [rad/s]: nearly as fast as a period allows. Slower, it would add its
+/// own delay to the link's.
+const BANDWIDTH: f32 = 120.0;
+
+/// Limits of a set-point's motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Pace {
+    /// [m/s, rad/s]
+    pub speed: f32,
+    /// [m/s², rad/s²]
+    pub acceleration: f32,
+}
+
+/// What is where it should be, with its derivatives.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Aim<const N: usize> {
+    /// From the set-point to there.
+    pub way: SVector<f32, N>,
+    pub velocity: SVector<f32, N>,
+    pub acceleration: SVector<f32, N>,
+}
+
+impl Pace {
+    /// The acceleration, held for a control period, of a set-point that moves at `velocity`.
+    ///
+    /// Near its aim, feedback on way and speed with two equal poles at `γ = e^(−ω·T)`, as that of
+    /// [`ErrorObserver`](crate::control::ErrorObserver); far from it, the speed at which half of the acceleration still
+    /// stops it there.
+    pub(super) fn acceleration<const N: usize>(
+        &self,
+        velocity: &SVector<f32, N>,
+        aim: &Aim<N>,
+    ) -> SVector<f32, N> {
+        let gap = 1.0 - math::exp(-BANDWIDTH * TICK);
+        let of_way = gap * gap / (TICK * TICK);
+        let of_speed = gap * (4.0 - gap) / (2.0 * TICK);
+        let distance = math::sqrt(aim.way.norm_squared());
+        let approach = of_way / of_speed;
+        let most = math::sqrt(self.acceleration * distance);
+        let approach = if approach * distance > most { most / distance } else { approach };
+        let wanted = aim.acceleration + (aim.velocity - velocity + aim.way * approach) * of_speed;
+        let next = velocity + shortened(&wanted, self.acceleration) * TICK;
+        (shortened(&next, self.speed) - velocity) * (1.0 / TICK)
+    }
+
+    /// The acceleration with which it comes to rest.
+    pub(super) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
+        shortened(&(velocity * (-0.25 / TICK)), self.acceleration)
+    }
+}
+
+fn shortened<const N: usize>(vector: &SVector<f32, N>, most: f32) -> SVector<f32, N> {
+    let square = vector.norm_squared();
+    if square > most * most { vector * (most / math::sqrt(square)) } else { *vector }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector1;
+
+    use super::*;
+
+    const PACE: Pace = Pace { speed: 1.0, acceleration: 8.0 };
+
+    /// From rest to an aim at rest; time until it is within a thousandth, and the farthest beyond.
+    fn go(distance: f32) -> (f32, f32) {
+        let (mut place, mut velocity, mut far, mut time) = (0.0, 0.0, 0.0_f32, None);
+        for tick in 0..400_u16 {
+            let zero = Vector1::new(0.0);
+            let aim = Aim { way: Vector1::new(distance - place), velocity: zero, acceleration: zero };
+            let acceleration = PACE.acceleration(&Vector1::new(velocity), &aim).x;
+            assert!(acceleration.abs() < PACE.acceleration * 1.0001 && velocity.abs() < PACE.speed * 1.0001);
+            place += velocity * TICK + 0.5 * acceleration * TICK * TICK;
+            velocity += acceleration * TICK;
+            far = far.max(place - distance);
+            let there = (distance - place).abs() < 1e-3 * distance;
+            time = if there { time.or(Some(f32::from(tick) * TICK)) } else { None };
+        }
+        (time.unwrap_or(f32::NAN), far / distance)
+    }
+
+    #[test]
+    fn the_aim_is_reached_within_the_limits_and_not_passed() {
+        // Half a metre: 0.13 s to reach 1 m/s, 0.31 s at that, 0.25 s to brake with half of 8 m/s²: 0.69 s.
+        let (time, beyond) = go(0.5);
+        assert!((0.62..0.72).contains(&time) && beyond < 2e-3, "{time} {beyond}");
+        let (time, beyond) = go(1e-5);
+        assert!(time < 0.12 && beyond < 1e-3, "{time} {beyond}");
+    }
+}

@@ -1,0 +1,283 @@
+use core::f32::consts::{FRAC_PI_2, PI};
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
+
+use super::hand::Estimate;
+use super::*;
+use crate::arm::PosePoint;
+use crate::{TICK, math};
+
+/// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later (`tests/oracles/hand_estimate.py`).
+const ESTIMATE: &[(u32, f64, [f64; 3])] = include!("../../../tests/oracles/data/hand_estimate.in");
+
+const NOT_TURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
+/// From sampling to arrival [µs].
+const DELAY: u32 = 22_000;
+
+#[test]
+fn the_estimate_is_that_of_a_kalman_filter_in_double_precision() {
+    let model = FollowerSettings::HUMAN.position;
+    let mut known: Option<(u32, Estimate<1>)> = None;
+    for &(time, sample, expected) in ESTIMATE {
+        let place = Vector1::new(sample as f32);
+        let estimate = match known {
+            None => Estimate::new(&model, &place),
+            Some((before, mut estimate)) => {
+                estimate.advance(&model, (time - before) as f32 * 1e-6);
+                estimate.correct(&model, &place);
+                estimate
+            }
+        };
+        let ahead = estimate.ahead(0.025);
+        let found = [ahead.place.x, ahead.velocity.x, ahead.acceleration.x].map(f64::from);
+        for ((found, expected), most) in found.into_iter().zip(expected).zip([2e-6, 2e-4, 2e-2]) {
+            assert!((found - expected).abs() < most, "{time}: {found} {expected}");
+        }
+        known = Some((time, estimate));
+    }
+    assert!(ESTIMATE.len() > 180);
+}
+
+/// A hand, a link with a constant delay, and the follower's set-points.
+struct Run {
+    follower: Follower,
+    state: FollowerState,
+    point: PosePoint,
+    /// Samples sent and set-points made.
+    count: u32,
+    now: u32,
+    /// Largest change of the velocity and of the spin in a tick.
+    hardest: [f32; 2],
+}
+
+type Pose = (Vector3<f32>, UnitQuaternion<f32>);
+
+impl Run {
+    /// Near the wrap of the clock.
+    const START: u32 = u32::MAX - 900_000;
+
+    fn new() -> Self {
+        let follower = Follower::try_new(FollowerSettings::HUMAN).unwrap();
+        let mut state = FollowerState::at([0.3, 0.1, -0.2], NOT_TURNED, 0.2);
+        let point = follower.tick(&mut state, Instant(Self::START)).0;
+        Self { follower, state, point, count: 0, now: 0, hardest: [0.0; 2] }
+    }
+
+    fn now(&self) -> Instant {
+        Instant(Self::START.wrapping_add(self.now))
+    }
+
+    fn take(&mut self, late: u32, (position, rotation): Pose) -> Result<(), Refused> {
+        let time = Instant(self.now().0.wrapping_sub(late));
+        let sample = MasterSample { time, position: position.into(), rotation: rotation.coords.into() };
+        let now = self.now();
+        self.follower.take(&mut self.state, now, &sample)
+    }
+
+    fn close(&mut self) -> Result<(), Refused> {
+        let now = self.now();
+        self.follower.close(&mut self.state, now)
+    }
+
+    /// Until a time [s]; the hand as a function of time, and whether its sample of that time arrives.
+    fn until(&mut self, end: f32, hand: &dyn Fn(f32) -> Pose, arrives: &dyn Fn(f32) -> bool) {
+        while (self.now as f32) < end * 1e6 {
+            self.now += 2000;
+            // Not locked to the ticks: every 4 ms.
+            if self.now.is_multiple_of(4000) && self.now > DELAY {
+                let sampled = (self.now - DELAY) as f32 * 1e-6;
+                if arrives(sampled) {
+                    self.take(DELAY, hand(sampled)).unwrap();
+                    self.count += 1;
+                }
+            }
+            if self.now.is_multiple_of(10_000) {
+                let before = self.point;
+                let now = self.now();
+                self.point = self.follower.tick(&mut self.state, now).0;
+                let FollowerSettings { travel, turn, .. } = FollowerSettings::HUMAN;
+                for (first, hardest, pace) in [(0, 0, travel), (3, 1, turn)] {
+                    let change = Vector3::from_fn(|axis, _| {
+                        self.point.velocity[first + axis] - before.velocity[first + axis]
+                    });
+                    let change = change.norm() / TICK;
+                    assert!(change <= 1.001 * pace.acceleration, "{change}");
+                    self.hardest[hardest] = self.hardest[hardest].max(change);
+                }
+            }
+        }
+    }
+
+    fn place(&self) -> Vector3<f32> {
+        self.point.position.into()
+    }
+
+    fn rotation(&self) -> UnitQuaternion<f32> {
+        let [x, y, z, w] = self.point.rotation;
+        UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+    }
+}
+
+fn resting(_: f32) -> Pose {
+    (Vector3::new(0.5, 0.0, 0.0), UnitQuaternion::identity())
+}
+
+/// ±0.1 m and ±0.3 rad at half a hertz from 1 s on.
+fn waving(time: f32) -> Pose {
+    let share = if time > 1.0 { math::sin_cos(PI * (time - 1.0)).0 } else { 0.0 };
+    let (place, _) = resting(time);
+    (place + Vector3::x() * (0.1 * share), UnitQuaternion::new(Vector3::new(0.0, 0.2, 0.2236) * share))
+}
+
+fn always(_: f32) -> bool {
+    true
+}
+
+/// Closed at half a second.
+fn following() -> Run {
+    let mut run = Run::new();
+    run.until(0.5, &resting, &always);
+    run.close().unwrap();
+    run
+}
+
+#[test]
+fn the_set_point_is_where_the_hand_is_now() {
+    let mut run = following();
+    for step in 51..600_u16 {
+        let time = f32::from(step) * TICK;
+        run.until(time, &waving, &always);
+        let (hand, turned) = waving(time);
+        let error = run.place() - Vector3::new(0.3, 0.1, -0.2) - (hand - resting(0.0).0);
+        // The wave begins with full speed, which no hand does.
+        if time < 2.0 {
+            run.hardest = [0.0; 2];
+        } else {
+            assert!(error.norm() < 2e-4, "{time}: {error}");
+            assert!(run.rotation().angle_to(&turned) < 1e-3, "{time}");
+        }
+    }
+    // Its own accelerations are 1 m/s² and 3 rad/s².
+    assert!(run.hardest[0] < 1.1 && run.hardest[1] < 3.3, "{:?}", run.hardest);
+}
+
+#[test]
+fn while_samples_stay_away_the_set_point_comes_to_rest_and_then_catches_up() {
+    let mut run = following();
+    let gap = |time: f32| !(1.98..2.4).contains(&time);
+    run.until(2.0, &waving, &gap);
+    let speed = Vector3::new(run.point.velocity[0], run.point.velocity[1], run.point.velocity[2]).norm();
+    assert!((speed - 0.1 * PI).abs() < 5e-3, "{speed}");
+    run.until(2.41, &waving, &gap);
+    assert!(run.point.velocity.iter().all(|speed| speed.abs() < 0.02), "{:?}", run.point.velocity);
+    // What is known of a motion that long ago is forgotten; the hand is 43 mm farther than where the set-point rests.
+    run.until(3.2, &waving, &gap);
+    let error = run.place() - Vector3::new(0.3, 0.1, -0.2) - (waving(3.2).0 - resting(0.0).0);
+    assert!(error.norm() < 5e-4, "{error}");
+}
+
+#[test]
+fn what_jumps_is_refused_by_name_and_moves_nothing() {
+    let mut run = following();
+    run.until(0.6, &resting, &always);
+    let before = run.state;
+    run.now += 1000;
+    let (place, rotation) = resting(0.0);
+    let far = run.take(DELAY - 2000, (place + Vector3::y(), rotation)).unwrap_err();
+    assert_eq!(far.to_string(), "the hand is 1 m from where it should be; at most 0.1 m is possible");
+    let half = UnitQuaternion::new(Vector3::z() * 3.1);
+    let twisted = run.take(DELAY - 2000, (place, half)).unwrap_err();
+    assert!(
+        matches!(twisted, Refused::Turn { value, limit: 0.5 } if (value - 3.1).abs() < 1e-4),
+        "{twisted:?}"
+    );
+    assert_eq!(run.take(DELAY - 2000, (place * f32::NAN, rotation)), Err(Refused::NotFinite));
+    let long = UnitQuaternion::new_unchecked(Quaternion::new(1.1, 0.0, 0.0, 0.0));
+    assert_eq!(run.take(DELAY - 2000, (place, long)), Err(Refused::NotAUnit { norm: 1.1 }));
+    let future = run.take(0_u32.wrapping_sub(5000), (place, rotation)).unwrap_err();
+    assert_eq!(future.to_string(), "the sample is 0.005 s ahead of now: the clocks differ");
+    assert_eq!(run.take(300_000, (place, rotation)), Err(Refused::Age { value: 0.3, limit: 0.2 }));
+    let Err(Refused::Overtaken { by }) = run.take(DELAY + 20_000, (place, rotation)) else { panic!("taken") };
+    assert!((by - 0.019).abs() < 4e-3, "{by}");
+    assert_eq!(run.state, before);
+    // With an open clutch the hand may be anywhere.
+    run.follower.open(&mut run.state);
+    assert_eq!(run.take(DELAY - 2000, (place + Vector3::y(), half)), Ok(()));
+}
+
+#[test]
+fn with_an_open_clutch_the_tool_stands_and_nothing_jumps_when_it_closes() {
+    let mut run = following();
+    run.until(2.0, &waving, &always);
+    run.follower.open(&mut run.state);
+    run.until(2.3, &waving, &always);
+    let stands = run.place();
+    run.until(3.6, &waving, &always);
+    assert!((run.place() - stands).norm() < 1e-5 && !run.state.is_closed());
+    run.close().unwrap();
+    let (hand, _) = waving(3.6 - DELAY as f32 * 1e-6);
+    run.until(5.0, &waving, &always);
+    let error = run.place() - stands - (waving(5.0).0 - hand);
+    // The hand passes by at 0.1 m/s and is estimated so; the offset is where it was.
+    assert!(error.norm() < 5e-4, "{error}");
+}
+
+#[test]
+fn the_tool_turns_about_the_axes_of_the_base_and_its_way_is_scaled() {
+    let settings = FollowerSettings { scale: 0.5, ..FollowerSettings::HUMAN };
+    let mut run = Run::new();
+    run.follower = Follower::try_new(settings).unwrap();
+    let tool = UnitQuaternion::from_euler_angles(0.4, -0.3, 1.0);
+    run.state = FollowerState::at([0.0; 3], tool.coords.into(), 0.0);
+    let held = UnitQuaternion::from_euler_angles(-1.0, 0.2, 0.1);
+    let hand = move |time: f32| {
+        let share = (time - 1.0).clamp(0.0, 1.0);
+        let turn = UnitQuaternion::new(Vector3::z() * (FRAC_PI_2 * share));
+        (Vector3::x() * (0.2 * share), turn * held)
+    };
+    run.until(0.5, &hand, &always);
+    run.close().unwrap();
+    run.until(3.0, &hand, &always);
+    let expected = UnitQuaternion::new(Vector3::z() * FRAC_PI_2) * tool;
+    assert!(run.rotation().angle_to(&expected) < 1e-3, "{}", run.rotation().angle_to(&expected));
+    assert!((run.place() - Vector3::x() * 0.1).norm() < 1e-4, "{}", run.place());
+}
+
+#[test]
+fn the_elbow_follows_from_where_it_is_and_needs_no_sensor() {
+    let follower = Follower::try_new(FollowerSettings::HUMAN).unwrap();
+    for sensor in [true, false] {
+        let mut run = following();
+        run.state.clone_from(&FollowerState::at([0.0; 3], NOT_TURNED, 0.2));
+        let mut angle = f32::NAN;
+        for tick in 0..300_u32 {
+            let now = Instant(tick * 10_000);
+            let sample = MasterSample { time: now, position: [0.0; 3], rotation: NOT_TURNED };
+            follower.take(&mut run.state, now, &sample).unwrap();
+            let tilt = 0.5 + 0.3 * (tick as f32 * TICK - 1.0).clamp(0.0, 1.0);
+            if sensor {
+                follower.take_elbow(&mut run.state, now, now, tilt).unwrap();
+            }
+            if tick == 50 {
+                follower.close(&mut run.state, now).unwrap();
+            }
+            angle = follower.tick(&mut run.state, now).1.angle;
+        }
+        let expected = if sensor { 0.5 } else { 0.2 };
+        assert!((angle - expected).abs() < 2e-3, "{angle}");
+    }
+}
+
+#[test]
+fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
+    let mut run = Run::new();
+    assert_eq!(run.close(), Err(Refused::NoSample));
+    run.until(0.5, &resting, &always);
+    run.now += 300_000;
+    assert_eq!(run.close(), Err(Refused::NoSample));
+    let bad = FollowerSettings { scale: 0.0, ..FollowerSettings::HUMAN };
+    let error = Follower::try_new(bad).unwrap_err().to_string();
+    assert_eq!(error, "scale is 0; it must be more than 0, and 100 at most");
+    let bad = FollowerSettings { jump: [0.1, 3.2], ..FollowerSettings::HUMAN };
+    assert_eq!(Follower::try_new(bad).unwrap_err().field, "jump of the orientation");
+}
