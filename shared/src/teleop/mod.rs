@@ -12,7 +12,7 @@
 //! acceleration, so that mass, damping and stiffness of the slave act on the error alone and may be as soft as contact
 //! wants them.
 //!
-//! - [`HandModel`]: what is known of a hand beforehand. Its acceleration wanders; on top of it the hand trembles at 8 to
+//! - [`HandModel`]: what is known of a hand beforehand. Its jerk wanders; on top of it the hand trembles at 8 to
 //!   12 Hz, which is told apart and not followed.
 //! - [`Follower`] is the configuration, [`FollowerState`] what changes. Samples come when they come
 //!   ([`Follower::take`], [`Follower::take_elbow`]), set-points leave each control period ([`Follower::tick`]). Time is
