@@ -4,6 +4,7 @@
 //! law = "following"                     # or "printed"
 //! redundancy = "arm-angle"              # or "none", or { driven = "shoulder_yaw" }
 //! elbow_bandwidth = 12.0                # rad/s
+//! force = "sensor"                      # or { observer = 30.0 }: from the motors' torques, bandwidth in rad/s
 //! contact_force = 1.5                   # N
 //! reach = { translation = 0.3, rotation = 1.5 }                 # m, rad
 //!
@@ -16,7 +17,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use tesaki::arm::{ArmSettings, BadSettings, Law, Redundancy};
+use tesaki::arm::{ArmSettings, BadSettings, ForceSource, Law, Redundancy};
 use tesaki::control::Impedance;
 use tesaki::model::RobotModel;
 
@@ -72,6 +73,8 @@ struct File {
     law: FileLaw,
     redundancy: FileRedundancy,
     elbow_bandwidth: f32,
+    #[serde(default)]
+    force: FileForce,
     contact_force: f32,
     reach: Reach,
 }
@@ -96,6 +99,14 @@ enum FileLaw {
     Printed,
     #[default]
     Following,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum FileForce {
+    #[default]
+    Sensor,
+    Observer(f32),
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -162,6 +173,10 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ArmSettings, ImpedanceFil
         },
         redundancy,
         elbow_bandwidth: file.elbow_bandwidth,
+        force: match file.force {
+            FileForce::Sensor => ForceSource::Sensor,
+            FileForce::Observer(bandwidth) => ForceSource::Observer { bandwidth },
+        },
         contact_force: file.contact_force,
         reach: [file.reach.translation, file.reach.rotation],
     };

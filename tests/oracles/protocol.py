@@ -212,10 +212,17 @@ def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded)
             + real(friction) + uint(slips) + boolean(overloaded))
 
 
-def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, contact_force, reach):
+SENSOR = uint(0)
+
+
+def observer(bandwidth):
+    return uint(1) + real(bandwidth)
+
+
+def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, reach):
     """How an arm is to behave. Six numbers each for the impedance."""
     return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
-            + real(contact_force) + reals(reach))
+            + force + real(contact_force) + reals(reach))
 
 
 def pose(position, rotation, velocity, acceleration, elbow):
@@ -247,6 +254,7 @@ BAD_SETTINGS = {
     "elbow-bandwidth": uint(3) + reals([60.0, 50.0]),
     "contact-force": uint(4) + real(-1.0),
     "reach": uint(5) + real(0.0),
+    "force-bandwidth": uint(6) + reals([60.0, 50.0]),
 }
 
 
@@ -343,11 +351,12 @@ def requests():
         "grasp-put-down": uint(18) + uint(2),
         "grasp-open": uint(18) + uint(3),
         "read-grasp": uint(19),
-        "impedance": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, 1.5, [0.25, 1.5]),
-        "impedance-driven": uint(20) + settings(*YIELDING, 1, uint(1) + byte(2), 12.0, 1.5, [0.25, 1.5]),
-        "impedance-printed": uint(20) + settings(*YIELDING, 0, LEAST_MOTION, 12.0, 1.5, [0.25, 1.5]),
+        "impedance": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, SENSOR, 1.5, [0.25, 1.5]),
+        "impedance-observed": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5]),
+        "impedance-driven": uint(20) + settings(*YIELDING, 1, uint(1) + byte(2), 12.0, SENSOR, 1.5, [0.25, 1.5]),
+        "impedance-printed": uint(20) + settings(*YIELDING, 0, LEAST_MOTION, 12.0, SENSOR, 1.5, [0.25, 1.5]),
         "impedance-longest": uint(20)
-        + settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, LOWEST, [LOWEST] * 2),
+        + settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST, [LOWEST] * 2),
         "read-arm": uint(21),
         "take-command": uint(13) + boolean(False),
         "take-command-by-force": uint(13) + boolean(True),

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::arm::{ArmSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::arm::{ArmSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use tesaki::control::{Impedance, JointPoint, ServoMode};
 use tesaki::kinematics::{Chain, Finger, TipPoint};
 use tesaki::manipulation::{
@@ -319,6 +319,11 @@ fn any_settings(random: &mut Random) -> ArmSettings {
             Redundancy::ArmAngle,
         ][random.below(3)],
         elbow_bandwidth: between(random, 0.1, 50.0),
+        force: if random.one_in(3) {
+            ForceSource::Observer { bandwidth: between(random, 0.1, 50.0) }
+        } else {
+            ForceSource::Sensor
+        },
         contact_force: between(random, 0.1, 100.0),
         reach: [between(random, 0.01, 1.0), between(random, 0.1, 3.0)],
     }

@@ -7,7 +7,9 @@ use std::fmt::Debug;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::arm::{
+    ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy,
+};
 use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, JointPoint, ServoMode};
 use tesaki::kinematics::TipPoint;
 use tesaki::manipulation::{
@@ -150,7 +152,7 @@ variants! {
     SetPoint { Goal, Stream, Reach, Keep, Guide, Pose }
     Law { Printed, Following }
     Redundancy { None, Driven, ArmAngle }
-    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach }
+    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth }
     ImpedanceTerm { Mass, Damping, Stiffness }
     ArmError { Distance, Turn, NotFinite, NotAUnit, NoSettings, Elbow }
     GraspCommand { Grasp, Move, PutDown, Open }
@@ -484,6 +486,7 @@ const YIELDING: ArmSettings = ArmSettings {
     law: Law::Following,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
+    force: ForceSource::Sensor,
     contact_force: 1.5,
     reach: [0.25, 1.5],
 };
@@ -499,7 +502,7 @@ const PUSHED: ArmTelemetry = ArmTelemetry {
     elbow: 0.25,
 };
 
-const BAD_SETTINGS: [(BadSettings, &str); 8] = [
+const BAD_SETTINGS: [(BadSettings, &str); 9] = [
     (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
@@ -508,6 +511,7 @@ const BAD_SETTINGS: [(BadSettings, &str); 8] = [
     (BadSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
     (BadSettings::ContactForce { value: -1.0 }, "contact-force"),
     (BadSettings::Reach { value: 0.0 }, "reach"),
+    (BadSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
 ];
 
 const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {
@@ -659,6 +663,8 @@ impl Messages {
             ArmSettings { redundancy: Redundancy::Driven { joint: 2 }, ..YIELDING },
         );
         let (law, redundancy) = (Law::Printed, Redundancy::None);
+        let force = ForceSource::Observer { bandwidth: 30.0 };
+        impedance("impedance-observed", ArmSettings { force, ..YIELDING });
         impedance("impedance-printed", ArmSettings { law, redundancy, ..YIELDING });
         let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
         let longest = ArmSettings {
@@ -666,6 +672,7 @@ impl Messages {
             law: Law::Following,
             redundancy: Redundancy::Driven { joint: u8::MAX },
             elbow_bandwidth: f32::MIN,
+            force: ForceSource::Observer { bandwidth: f32::MIN },
             contact_force: f32::MIN,
             reach: [f32::MIN; 2],
         };

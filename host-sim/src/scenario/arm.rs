@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, Law, PosePoint, Redundancy};
+use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use tesaki::control::Impedance;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Request, Task};
@@ -32,6 +32,7 @@ pub const fn settings(damping: f32) -> ArmSettings {
         law: Law::Following,
         redundancy: Redundancy::Driven { joint: YAW },
         elbow_bandwidth: 12.0,
+        force: ForceSource::Sensor,
         contact_force: 1.5,
         reach: [0.3, 1.5],
     }

@@ -1,6 +1,6 @@
 //! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance says?
 
-use tesaki::arm::{ArmSettings, PosePoint};
+use tesaki::arm::{ArmSettings, ForceSource, PosePoint};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Log, Machine, Session, impedance, settings};
@@ -12,16 +12,18 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-wall",
     title: "An arm that meets walls",
-    about: "the tool is led 3 cm into walls of 200 to 50 000 N/m, rests there, and comes back",
+    about: "the tool is led 3 cm into walls of 200 to 50 000 N/m, rests there, and comes back; also without a force sensor",
     robot: "arm7",
-    duration: 24.0,
+    duration: 36.0,
     lead: &[
         "The tool of the seven-joint arm is led forward by 5 cm within half a second, where a wall stands after 2 cm; it stays for \
          2.5 seconds and is led back. The impedance is M 3.5 kg, what the arm itself presents along this axis, B 60 N·s/m and \
          K 300 N/m. The wall's stiffness is 200, 2000, 10 000 or 50 000 N/m, with little damping. The machine differs from \
          the controller's model by up to 20 %.",
         "At rest the tool should press as the two springs say that are then in series. It has settled once the force stays within \
-         a newton of what it is at the end.",
+         a newton of what it is at the end. Two of the walls are met once more without the force sensor: a momentum observer finds \
+         the force in the motors' torques. It cannot tell a push from friction and weight that the model does not know, so only what \
+         is more than 6 N counts as a contact, and nothing is promised.",
     ],
     run,
 };
@@ -38,10 +40,19 @@ const DAMPING: f64 = 20.0;
 /// A force this near to the last one counts as settled [N].
 const BAND: f64 = 1.0;
 
+/// The walls that are met without a force sensor [N/m], the bandwidth of the observer [rad/s] and what counts as a contact
+/// then [N]: friction that the model does not know and weight that has moved must not.
+const UNFELT: [f64; 2] = [2000.0, 10_000.0];
+const BANDWIDTH: f32 = 30.0;
+const DOUBT: f32 = 6.0;
+
 /// One wall.
 struct Contact {
     stiffness: f64,
+    force: ForceSource,
     log: Log,
+    /// What the controller took the force for before the tool was led away [N].
+    felt: f64,
     /// When the tool should have arrived, when it was led away again, and when that ended [s].
     arrived: f64,
     left: f64,
@@ -49,6 +60,18 @@ struct Contact {
 }
 
 impl Contact {
+    const fn is_observed(&self) -> bool {
+        matches!(self.force, ForceSource::Observer { .. })
+    }
+
+    fn name(&self) -> String {
+        format!("{}_{}", if self.is_observed() { "observed" } else { "wall" }, self.stiffness)
+    }
+
+    fn label(&self) -> String {
+        format!("{} N/m{}", self.stiffness, if self.is_observed() { ", without a sensor" } else { "" })
+    }
+
     /// Force into the wall [N].
     fn force(sample: &super::arm::Sample) -> f64 {
         -sample.tool.wall_force[0]
@@ -83,9 +106,11 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut bench = Bench::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut contacts, mut tables) = (Vec::new(), Vec::new());
-    for stiffness in WALLS {
-        let contact = meet(setting, &mut bench, stiffness)?;
-        tables.push((format!("wall_{stiffness}.csv"), contact.log.table()));
+    let sensed = WALLS.map(|stiffness| (stiffness, ForceSource::Sensor));
+    let observed = UNFELT.map(|stiffness| (stiffness, ForceSource::Observer { bandwidth: BANDWIDTH }));
+    for (stiffness, force) in sensed.into_iter().chain(observed) {
+        let contact = meet(setting, &mut bench, stiffness, force)?;
+        tables.push((format!("{}.csv", contact.name()), contact.log.table()));
         contacts.push(contact);
     }
     for contact in &contacts {
@@ -95,10 +120,20 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures: vec![figure(&contacts)], tables, motion: bench.motion })
 }
 
-fn meet(setting: &mut Setting<'_, '_>, bench: &mut Bench, stiffness: f64) -> Result<Contact, ScenarioError> {
-    let heavy = ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
-    let mut session =
-        Session::begin(setting, bench, &format!("a wall of {stiffness} N/m"), Machine::Mismatched, heavy)?;
+fn meet(
+    setting: &mut Setting<'_, '_>,
+    bench: &mut Bench,
+    stiffness: f64,
+    force: ForceSource,
+) -> Result<Contact, ScenarioError> {
+    let mut contact =
+        Contact { stiffness, force, log: Log::default(), felt: f64::NAN, arrived: 0.0, left: 0.0, end: 0.0 };
+    let mut heavy =
+        ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
+    if contact.is_observed() {
+        heavy.contact_force = DOUBT;
+    }
+    let mut session = Session::begin(setting, bench, &contact.label(), Machine::Mismatched, heavy)?;
     let (point, elbow) = session.start();
     let place = f64::from(point.position[0]) + CLEARANCE;
     let wall = Wall {
@@ -121,20 +156,29 @@ fn meet(setting: &mut Setting<'_, '_>, bench: &mut Bench, stiffness: f64) -> Res
         }
         Ok::<_, ScenarioError>(session.log.now())
     };
-    let arrived = lead(&mut session, 0.0, WAY)?;
+    contact.arrived = lead(&mut session, 0.0, WAY)?;
     session.wait(STAY)?;
-    let left = session.log.now();
+    contact.left = session.log.now();
+    contact.felt = -f64::from(session.telemetry()?.wrench[0]);
     lead(&mut session, WAY, 0.0)?;
     session.wait(1.0)?;
-    let end = session.log.now();
-    Ok(Contact { stiffness, log: session.end()?, arrived, left, end })
+    contact.end = session.log.now();
+    contact.log = session.end()?;
+    Ok(contact)
 }
 
 fn add_metrics(summary: &mut Summary, contact: &Contact) {
-    let name = |what: &str| format!("wall_{}_{what}", contact.stiffness);
-    let label = format!("{} N/m", contact.stiffness);
+    let name = |what: &str| format!("{}_{what}", contact.name());
+    let label = contact.label();
     let text = format!("{label}: until the force has settled");
-    summary.insert(name("settled"), Metric::at_most(text, contact.settled(), 2.0, "s"));
+    let settled = contact.settled();
+    if contact.is_observed() {
+        summary.insert(name("settled"), Metric::reported(text, settled, "s"));
+        let text = format!("{label}: force felt at rest less the true one");
+        summary.insert(name("felt"), Metric::reported(text, contact.felt - contact.rest(), "N"));
+    } else {
+        summary.insert(name("settled"), Metric::at_most(text, settled, 2.0, "s"));
+    }
     let error = contact.rest() - contact.expected();
     let text = format!("{label}: force at rest less {:.2} N, what the springs say", contact.expected());
     summary.insert(name("rest"), Metric::reported(text, error, "N"));
@@ -154,7 +198,7 @@ fn figure(contacts: &[Contact]) -> Figure {
         let time: Vec<f64> = samples.iter().map(|sample| sample.time).collect();
         let force = samples.iter().map(Contact::force).collect();
         let expected = vec![contact.expected(); 2];
-        let panel = Panel::new(format!("{} N/m", contact.stiffness), "force", "N")
+        let panel = Panel::new(contact.label(), "force", "N")
             .line(Line::solid("force", 0, time, force))
             .line(Line::dashed("springs", Line::INK, vec![contact.arrived, contact.left], expected));
         figure = figure.panel(panel);

@@ -16,6 +16,7 @@
 //! [`ArmState::tick`] is a function of its state and of what the arm senses.
 
 mod elbow;
+mod momentum;
 mod resolve;
 mod settings;
 mod task;
@@ -31,5 +32,5 @@ mod task;
 pub(crate) mod tests;
 
 pub use elbow::ArmAngle;
-pub use settings::{ArmSettings, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
+pub use settings::{ArmSettings, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 pub use task::{Arm, ArmCommand, ArmError, ArmSense, ArmState, ArmTelemetry};

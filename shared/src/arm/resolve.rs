@@ -66,6 +66,11 @@ impl Resolver {
         self.jacobian.tr_mul(&self.factors.solve(acceleration))
     }
 
+    /// The wrench on the tool that comes nearest to these joint `torques`, the driven joint's aside.
+    pub fn wrench(&self, torques: &Joints) -> Vector6<f32> {
+        self.factors.solve(&(self.jacobian * torques))
+    }
+
     /// The part of `motion` that does not move the tool.
     pub fn null(&self, motion: &Joints) -> Joints {
         motion - self.solve(&(self.jacobian * motion))

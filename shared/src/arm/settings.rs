@@ -19,11 +19,28 @@ pub struct ArmSettings {
     pub redundancy: Redundancy,
     /// Bandwidth of the elbow's control [rad/s].
     pub elbow_bandwidth: f32,
-    /// Pushed by more than this, the tool is in contact [N]; by less than two thirds of it no longer. Beyond what the force
-    /// sensor may read without a contact.
+    /// Where the force on the tool is known from.
+    pub force: ForceSource,
+    /// Pushed by more than this, the tool is in contact [N]; by less than two thirds of it no longer. Beyond what may be
+    /// felt without a contact.
     pub contact_force: f32,
     /// The tool may be this far from its set-point [m, rad]: farther is a fault, and a set-point farther off is refused.
     pub reach: [f32; 2],
+}
+
+/// Where the force on the tool is known from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ForceSource {
+    /// 0: the force sensor behind the tip.
+    Sensor,
+    /// 1: the motors' torques, less what the motion needs by the model: a momentum observer (De Luca and Mattone 2005).
+    /// Friction and weight that the model does not know look like pushes; what of them there is 0.4 s after arming, at
+    /// rest, is left out.
+    Observer {
+        /// Of its filter [rad/s].
+        bandwidth: f32,
+    },
 }
 
 /// How the impedance is brought about.
@@ -149,6 +166,13 @@ pub enum BadSettings {
         /// As given.
         value: f32,
     },
+    /// 6: the bandwidth of the force observer [rad/s].
+    ForceBandwidth {
+        /// As given.
+        value: f32,
+        /// Largest.
+        limit: f32,
+    },
 }
 
 impl fmt::Display for BadSettings {
@@ -167,6 +191,12 @@ impl fmt::Display for BadSettings {
                 write!(
                     f,
                     "the bandwidth of the elbow is {value} rad/s; possible is more than 0, and {limit} rad/s at most"
+                )
+            }
+            Self::ForceBandwidth { value, limit } => {
+                write!(
+                    f,
+                    "the bandwidth of the force observer is {value} rad/s; possible is more than 0, and {limit} rad/s at most"
                 )
             }
             Self::ContactForce { value } => {
@@ -203,6 +233,11 @@ impl ArmSettings {
         let value = self.elbow_bandwidth;
         if !(value > 0.0 && value <= MOST_BANDWIDTH) {
             return Err(BadSettings::ElbowBandwidth { value, limit: MOST_BANDWIDTH });
+        }
+        if let ForceSource::Observer { bandwidth: value } = self.force
+            && !(value > 0.0 && value <= MOST_BANDWIDTH)
+        {
+            return Err(BadSettings::ForceBandwidth { value, limit: MOST_BANDWIDTH });
         }
         let value = self.contact_force;
         if !(value > 0.0 && value.is_finite()) {

@@ -6,13 +6,14 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::ArmAngle;
+use super::momentum::MomentumObserver;
 use super::resolve::{Joints, Resolver};
-use super::settings::{ArmSettings, BadSettings, ElbowPoint, Law, PosePoint, Redundancy};
+use super::settings::{ArmSettings, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance, JointPoint, ObserverState};
 use crate::kinematics::{Chain, Jacobian, Posture};
 use crate::math::{self, abs};
-use crate::model::MAX_CHAIN_JOINTS;
+use crate::model::{JointModel, MAX_CHAIN_JOINTS};
 
 /// Share of the way to a new impedance that is gone in a tick: no torque jumps.
 const BLEND: f32 = 0.05;
@@ -39,6 +40,8 @@ const START_ITERATIONS: usize = 16;
 pub struct Arm<'a> {
     /// Its joints.
     pub chain: &'a Chain,
+    /// The same with their drives and their friction.
+    pub joints: &'a [JointModel],
     /// Acceleration of gravity in the base frame [m/s²].
     pub gravity: &'a Vector3<f32>,
     /// Of each joint; with an inertia of 1, so that it works on accelerations, and for torques without a lag.
@@ -52,7 +55,7 @@ pub struct ArmSense {
     pub angles: [f32; MAX_CHAIN_JOINTS],
     /// Joint velocities [rad/s].
     pub velocities: [f32; MAX_CHAIN_JOINTS],
-    /// Force and torque of the world on the tool at the tip's origin, in base axes [N, N·m].
+    /// Force and torque of the world on the tool at the tip's origin, in base axes, by the force sensor [N, N·m].
     pub wrench: [f32; 6],
 }
 
@@ -144,7 +147,7 @@ pub struct ArmTelemetry {
     /// The tool's place less its set-point, as the control had it in the last tick under impedance: translation and
     /// rotation vector [m, rad].
     pub error: [f32; 6],
-    /// Force and torque of the world on the tool, in base axes [N, N·m].
+    /// Force and torque of the world on the tool, in base axes, from the source that the settings name [N, N·m].
     pub wrench: [f32; 6],
     /// Whether that counted as a contact in that tick.
     pub contact: bool,
@@ -177,6 +180,9 @@ pub struct ArmState {
     weakest: f32,
     /// For telemetry.
     error: [f32; 6],
+    /// The force without a sensor: the observer, and what it said in the last tick.
+    momentum: MomentumObserver,
+    observed: [f32; 6],
 }
 
 impl ArmState {
@@ -196,6 +202,8 @@ impl ArmState {
         direction: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         weakest: 0.0,
         error: [0.0; 6],
+        momentum: MomentumObserver::NONE,
+        observed: [0.0; 6],
     };
 
     /// Whether it was told how to behave.
@@ -216,6 +224,9 @@ impl ArmState {
         if before.is_none_or(|before| before.law != settings.law) {
             // The printed law learns nothing about disturbances, and what was learnt before it is out of date.
             self.observers = Self::NONE.observers;
+        }
+        if before.is_none_or(|before| before.force != settings.force) {
+            (self.momentum, self.observed) = (MomentumObserver::NONE, [0.0; 6]);
         }
         if before.is_none_or(|before| before.redundancy != settings.redundancy) {
             // The elbow stays where it is.
@@ -296,7 +307,7 @@ impl ArmState {
             position: tip.translation.vector.into(),
             rotation: UnitQuaternion::from_rotation_matrix(&tip.rotation).coords.into(),
             error: self.error,
-            wrench: sense.wrench,
+            wrench: self.felt(sense).into(),
             contact: self.contact,
             weakest: self.weakest,
             elbow: self.elbow_angle(arm, &posture, &sense.angles),
@@ -310,7 +321,7 @@ impl ArmState {
     pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmCommand, ArmError> {
         let settings = self.settings.ok_or(ArmError::NoSettings)?;
         self.impedance.approach(&settings.impedance, BLEND);
-        let wrench = Vector6::from(sense.wrench);
+        let wrench = self.felt(sense);
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(ArmError::NotFinite);
         }
@@ -323,6 +334,11 @@ impl ArmState {
         let mut direction = self.direction.into();
         let resolver = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
         self.direction = direction.into();
+        if let ForceSource::Observer { bandwidth } = settings.force {
+            self.momentum.update(arm, &sense.angles, &self.velocities, bandwidth);
+            self.observed = resolver.wrench(&self.momentum.torques()).into();
+        }
+        let wrench = self.felt(sense);
 
         let tip = posture.tip();
         let error = displacement(tip, &self.set_point, &settings)?;
@@ -369,12 +385,38 @@ impl ArmState {
         Ok(command)
     }
 
-    /// Closes the tick: what the limits added to the acceleration of each joint [rad/s²].
-    pub fn settle(&mut self, arm: &Arm<'_>, added: &[f32; MAX_CHAIN_JOINTS]) {
+    /// Closes the tick: what the limits added to the acceleration of each joint [rad/s²], and the mean torques of the motors
+    /// until the next tick [N·m].
+    pub fn settle(
+        &mut self,
+        arm: &Arm<'_>,
+        added: &[f32; MAX_CHAIN_JOINTS],
+        torques: &[f32; MAX_CHAIN_JOINTS],
+    ) {
+        self.momentum.push(torques);
         for (state, added) in self.observers.iter_mut().zip(added) {
             let wanted = arm.observer.feedback(state);
             arm.observer.settle(state, wanted + added);
         }
+    }
+
+    /// What the observer of the force says now is what it says without contact. `false` if the force comes from a sensor.
+    pub const fn tare(&mut self) -> bool {
+        let observes = self.observes_force();
+        if observes {
+            self.momentum.tare();
+        }
+        observes
+    }
+
+    /// Whether the force is taken from the motors' torques.
+    pub const fn observes_force(&self) -> bool {
+        matches!(self.settings, Some(ArmSettings { force: ForceSource::Observer { .. }, .. }))
+    }
+
+    /// What pushes the tool [N, N·m].
+    fn felt(&self, sense: &ArmSense) -> Vector6<f32> {
+        if self.observes_force() { self.observed.into() } else { sense.wrench.into() }
     }
 
     /// Whether something pushes the tool; returns whether the measured state counts: as long as something does, and once

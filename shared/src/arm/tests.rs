@@ -5,6 +5,7 @@ use core::f32::consts::{FRAC_PI_2, PI};
 use heapless::Vec;
 use nalgebra::{SVector, UnitQuaternion, Vector3, Vector6};
 
+use super::momentum::MomentumObserver;
 use super::resolve::{Joints, Resolver};
 use super::*;
 use crate::TICK;
@@ -72,6 +73,7 @@ pub const SOFT: ArmSettings = ArmSettings {
     law: Law::Following,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
+    force: ForceSource::Sensor,
     contact_force: 1.5,
     reach: [0.1, 1.0],
 };
@@ -88,6 +90,7 @@ const DOWN: Vector3<f32> = Vector3::new(0.0, 0.0, -9.81);
 
 /// What an arm of seven joints is, for [`Arm`].
 struct Machine {
+    model: RobotModel,
     chain: Chain,
     observer: ErrorObserver,
 }
@@ -99,11 +102,12 @@ impl Machine {
         Self {
             chain: Chain::new(&model.joints, &model.chains[0].tip),
             observer: ErrorObserver::with_lag(&gains, 0.0),
+            model,
         }
     }
 
     fn arm(&self) -> Arm<'_> {
-        Arm { chain: &self.chain, gravity: &DOWN, observer: &self.observer }
+        Arm { chain: &self.chain, joints: &self.model.joints, gravity: &DOWN, observer: &self.observer }
     }
 
     fn jacobian(&self, angles: &[f32]) -> Jacobian {
@@ -466,7 +470,7 @@ fn another_law_forgets_what_the_observers_learnt() {
     let sense = ArmSense { angles, ..ArmSense::default() };
     for _ in 0..10 {
         state.tick(&arm, &sense).unwrap();
-        state.settle(&arm, &[0.0; MAX_CHAIN_JOINTS]);
+        state.settle(&arm, &[0.0; MAX_CHAIN_JOINTS], &[0.0; MAX_CHAIN_JOINTS]);
     }
     let most =
         |command: &ArmCommand| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
@@ -476,4 +480,52 @@ fn another_law_forgets_what_the_observers_learnt() {
     state.configure(&arm, &SOFT).unwrap();
     // From here on it is a joint that does not move for a tick, not one that has not for ten.
     assert!(most(&state.tick(&arm, &sense).unwrap()) < 0.3 * learnt);
+}
+
+/// Of each tick: angles, torques held from then on, and the joint torques of a push behind a filter of 30 rad/s, half a
+/// period ago (`tests/oracles/momentum.py`).
+type Moved = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS]);
+#[allow(clippy::excessive_precision, reason = "as the script has them")]
+const MOVED: &[Moved] = include!("../../../tests/oracles/data/momentum.in");
+
+#[test]
+fn torques_of_the_world_are_found_in_those_of_the_motors() {
+    let mut machine = Machine::new();
+    machine.model.joints.iter_mut().for_each(|joint| {
+        (joint.friction.coulomb, joint.friction.viscous) = (0.0, 0.3);
+    });
+    let mut observer = MomentumObserver::NONE;
+    let (mut worst, mut largest, mut last) = (0.0_f32, 0.0_f32, MOVED[0].0);
+    for (tick, (angles, torques, expected)) in MOVED.iter().enumerate() {
+        let velocities = core::array::from_fn(|joint| (angles[joint] - last[joint]) / TICK);
+        observer.update(&machine.arm(), angles, &velocities, 30.0);
+        if tick == 5 {
+            // Nothing pushes yet; what comes from now on counts.
+            assert_eq!(observer.torques(), Joints::zeros(), "none before the tare");
+            observer.tare();
+        }
+        if tick >= 5 {
+            let error = observer.torques() - Joints::from(*expected);
+            worst = worst.max(error.amax());
+            largest = largest.max(Joints::from(*expected).amax());
+        }
+        observer.push(torques);
+        last = *angles;
+    }
+    assert!(largest > 1.5 && worst < 0.02 * largest, "{worst} of {largest} N·m");
+}
+
+#[test]
+fn a_wrench_is_found_in_its_joint_torques() {
+    let machine = Machine::new();
+    let wrench = Vector6::new(8.0, -5.0, 6.0, 0.3, 0.4, -0.5);
+    for angles in &POSTURES {
+        for driven in [None, Some(2)] {
+            let jacobian = machine.jacobian(angles);
+            let (mut direction, mut weakest) = (Vector6::repeat(0.4), 1.0);
+            let resolver = Resolver::new(jacobian, driven, &mut direction, &mut weakest);
+            let error = resolver.wrench(&jacobian.tr_mul(&wrench)) - wrench;
+            assert!(error.amax() < 1e-3, "{error:?}");
+        }
+    }
 }

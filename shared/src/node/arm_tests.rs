@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::tests::{Bench, KEEP, refusal};
 use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
-use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, PosePoint, Redundancy};
+use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, PosePoint, Redundancy};
 use crate::kinematics::Chain;
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
@@ -158,9 +158,18 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
     bench.sensors.forces.clear();
     bench.tick();
     assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
-    // Without a sensor there is nothing to tare.
-    assert_eq!(bench.ask(Request::Impedance(SOFT)), Reply::Done);
+    // Without a sensor there is nothing to tare, but the motors can be asked.
+    assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::NoForceSensor);
+    let deaf = ArmSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
+    assert_eq!(
+        refusal(bench.ask(Request::Impedance(deaf))).to_string(),
+        "the bandwidth of the force observer is 60 rad/s; possible is more than 0, and 50 rad/s at most"
+    );
+    let observing = ArmSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    assert_eq!(bench.ask(Request::Impedance(observing)), Reply::Done);
+    assert_eq!(refusal(bench.ask(Request::Tare)), Refusal::NoForceSensor);
     assert_eq!(bench.ask(ARM), Reply::Done);
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use super::lease::Admitted;
 use super::tip::TipState;
 use super::transfer::Committed;
 use super::{Node, Robot};
-use crate::arm::{ArmSettings, ArmState, ElbowPoint, PosePoint};
+use crate::arm::{ArmSettings, ArmState, ElbowPoint, ForceSource, PosePoint};
 use crate::control::{Drive, JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
 use crate::manipulation::{FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
@@ -139,7 +139,8 @@ impl Node {
 
     fn tare(&mut self) -> Result<(), Refusal> {
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        if robot.force_sensors == 0 {
+        let observed = self.state.mode == Mode::Armed(Task::Impedance) && self.state.arm.tare();
+        if robot.force_sensors == 0 && !observed {
             return Err(Refusal::NoForceSensor);
         }
         if !self.state.sensed {
@@ -225,7 +226,9 @@ impl Node {
             }
             Task::Impedance => {
                 let arm = robot.arm().ok_or(Refusal::NotAnArm)?;
-                if let Some(chain) = robot.untared(&self.state.tips) {
+                if !self.state.arm.observes_force()
+                    && let Some(chain) = robot.untared(&self.state.tips)
+                {
                     return Err(Refusal::NotTared { chain });
                 }
                 let angles = self.state.arm_sense().angles;
@@ -302,6 +305,9 @@ impl Node {
             return Err(Refusal::WrongMode(self.state.mode));
         };
         let arm = self.robot.arm().ok_or(Refusal::NotAnArm)?;
+        if settings.force == ForceSource::Sensor && self.robot.force_sensors == 0 {
+            return Err(Refusal::NoForceSensor);
+        }
         self.state.arm.configure(&arm, settings).map_err(Refusal::Settings)?;
         self.state.silence = 0;
         Ok(())

@@ -279,9 +279,9 @@ impl JointState {
     }
 
     /// The torque of this tick from the torque of the arm's links for the reference. Returns the acceleration that the
-    /// limits leave undone [rad/s²].
+    /// limits leave undone [rad/s²], and the mean torque until the next tick [N·m].
     #[inline(never)]
-    pub fn accelerate(&mut self, config: &JointConfig, friction: f32, links: f32) -> f32 {
+    pub fn accelerate(&mut self, config: &JointConfig, friction: f32, links: f32) -> [f32; 2] {
         let of_friction = friction * config.servo.friction(&self.servo, self.reference.velocity);
         let wanted =
             links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
@@ -290,7 +290,8 @@ impl JointState {
         let ahead = wanted + (wanted - before) * (carry / (1.0 - carry));
         self.torque = config.servo.limit(&mut self.servo, ahead);
         self.effort = 0.0;
-        config.servo.acceleration(self.torque + carry * (before - self.torque) - wanted)
+        let mean = self.torque + carry * (before - self.torque);
+        [config.servo.acceleration(mean - wanted), mean]
     }
 
     /// Whether the task may add this torque.

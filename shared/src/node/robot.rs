@@ -113,7 +113,12 @@ impl Robot {
         if chain.len() < 6 {
             return None;
         }
-        Some(Arm { chain, gravity: &self.gravity, observer: self.tracking.as_ref()? })
+        Some(Arm {
+            chain,
+            joints: &self.model.joints,
+            gravity: &self.gravity,
+            observer: self.tracking.as_ref()?,
+        })
     }
 
     /// The first chain whose force sensor was not tared.

@@ -291,10 +291,10 @@ fn accelerate(robot: &Robot, state: &mut State, friction: f32) {
     }
     arm.chain.inverse_dynamics(arm.gravity, &q, &qd, &qdd, &mut torques);
     let joints = robot.joints.iter().zip(&mut state.joints);
-    for (undone, ((config, joint), torque)) in undone.iter_mut().zip(joints.zip(torques)) {
-        *undone = joint.accelerate(config, friction, torque);
+    for ((undone, torque), (config, joint)) in undone.iter_mut().zip(&mut torques).zip(joints) {
+        [*undone, *torque] = joint.accelerate(config, friction, *torque);
     }
-    state.arm.settle(&arm, &undone);
+    state.arm.settle(&arm, &undone, &torques);
 }
 
 /// Reads the force sensors of the tips; says what is wrong with the first that is wrong: last joint of its chain, cause,

@@ -603,7 +603,7 @@ impl fmt::Display for Refusal {
                 f,
                 "joint {joint}: {value} rad/s² is more than its torque can do, {limit} rad/s²: a slower trajectory"
             ),
-            Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
+            Self::NoForceSensor => f.write_str("the robot has no force sensor"),
             Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite place"),
             Self::NotAHand => {
                 write!(
