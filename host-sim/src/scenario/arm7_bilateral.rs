@@ -23,8 +23,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
          comes back to the handle. The operator's arm yields: 1.5 kg, 15 N·s/m, 300 N/m. The link takes 0, 20 or 50 ms each \
          way. The arm differs from the controller's model by up to 20 %.",
         "At each end the energy that goes into the link and comes out of it is counted; what comes out is kept to what went in at the \
-         other end, by damping at the handle and by waiting at the arm. What is owed is the energy of the first contact, before \
-         either end knew of it. It has settled when the handle stays within 2 mm of where \
+         other end, by damping at the handle and by waiting at the arm. Either end may give 20 mJ in advance; what is owed beyond \
+         that is the energy of the first contact, before either end knew of it. It has settled when the handle stays within 2 mm of where \
          it is at the end. The last run is without that guard.",
     ],
     run,
@@ -40,10 +40,13 @@ const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
 const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
 /// Of the wall [N·s/m].
 const DAMPING: f64 = 20.0;
+/// Most energy that may come out of the link before it went in: both reserves, and what a first contact owes [mJ].
+const MOST_OWED: f64 = 75.0;
 /// The handle has settled within this [m].
 const BAND: f64 = 0.002;
+/// Without the reserve, what the first contact owes keeps the arm waiting, in one machine of ten for seconds.
 /// The master's damping stays below what a hand of 1.5 kg with 10 ms of hold allows, 150 N·s/m.
-const LIMITS: PortLimits = PortLimits { damping: 100.0, reserve: 0.0 };
+const LIMITS: PortLimits = PortLimits { damping: 100.0, reserve: 0.02 };
 
 /// What was recorded in a tick, besides what the arm's log has.
 #[derive(Clone, Copy)]
@@ -283,8 +286,14 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
         Metric::reported(text, settled, "s")
     };
     summary.insert(format!("{name}_settled"), metric);
-    let text = format!("{label}: least energy in the link");
-    summary.insert(format!("{name}_least"), Metric::reported(text, 1e3 * run.least(), "mJ"));
+    let text = format!("{label}: energy that came out of the link before it went in");
+    let owed = -1e3 * run.least();
+    let metric = if run.guarded {
+        Metric::at_most(text, owed, MOST_OWED, "mJ")
+    } else {
+        Metric::reported(text, owed, "mJ")
+    };
+    summary.insert(format!("{name}_owed"), metric);
     let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
     summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }

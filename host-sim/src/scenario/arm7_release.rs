@@ -29,7 +29,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// The tool is let go before a reading of the force sensor by this many times its window: the reading shows it.
-const LEAD: f64 = 1.25;
+const LEAD: f64 = 1.05;
 /// How far the tool is led [m].
 const OFF: f64 = 0.03;
 /// Time of the way there, of the rest before the tool is let go, and after [s].
