@@ -8,8 +8,8 @@ mod firmness;
 mod log;
 mod session;
 
-pub use calibrating::calibrate;
 pub use bench::{Bench, Held, PAPER_STRENGTH};
+pub use calibrating::calibrate;
 pub use figures::{components, moved, xyz};
 pub use firmness::{Firmness, firmness, internal_forces};
 pub use log::{Log, Sample, table};

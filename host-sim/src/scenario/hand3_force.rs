@@ -10,9 +10,9 @@ use super::common::capital;
 use super::grasping::{
     Bench, Held, Log, PAPER_STRENGTH, Session, T, calibrate, components, require_duration, table,
 };
-use tesaki_supervisor::identify::Fit;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
+use tesaki_supervisor::identify::Fit;
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
@@ -52,7 +52,14 @@ struct Trial {
 }
 
 const TRIALS: [Trial; 4] = [
-    Trial { name: "paper", label: "the paper's law", paper_law: true, feedback: false, identified: false, limit: None },
+    Trial {
+        name: "paper",
+        label: "the paper's law",
+        paper_law: true,
+        feedback: false,
+        identified: false,
+        limit: None,
+    },
     Trial {
         name: "feed_forward",
         label: "feed-forward only",
@@ -197,7 +204,13 @@ fn add_identified(
     let joints = fits.iter().zip(plant.factors()).zip(&bench.robot.urdf.joints);
     for ((fit, factors), _) in joints {
         if std::env::var_os("SHOW").is_some() {
-            eprintln!("{:?}\n  true {:.4} {:.5} {:.5}", fit, factors.torque_constant, 0.02 * factors.coulomb, 0.002 * factors.viscous);
+            eprintln!(
+                "{:?}\n  true {:.4} {:.5} {:.5}",
+                fit,
+                factors.torque_constant,
+                0.02 * factors.coulomb,
+                0.002 * factors.viscous
+            );
         }
         let Ok(found) = fit.gain else { continue };
         known += 1.0;

@@ -6,7 +6,7 @@ use super::forces::{Forces, Grasped};
 use super::plan::{ASSUMED_FRICTION, GraspPlan};
 use super::pose::PoseMotion;
 use super::task::Fingers;
-use super::{Each, Failure, Hand, HandState, Loss, Phase};
+use super::{Each, Failure, Hand, HandState, Loss, ObjectControl, Phase};
 use crate::TICK;
 use crate::math;
 
@@ -15,6 +15,13 @@ const SQUEEZE_TIME: f32 = 0.5;
 const OPEN_TIME: f32 = 0.3;
 /// Ticks with the forces as wanted that end the squeeze.
 const SETTLED_TICKS: u8 = 10;
+/// Internal forces that are only fed forward are then shaken: they swing about what they should be, by this share of it at
+/// first, and less and less, over so long, with this period [s]. Dry friction of the joints, which has taken up to its
+/// whole size while the forces rose, is led round ever smaller loops of hysteresis and ends near none of it, as a magnet's
+/// remanence in a fading alternating field.
+const SHAKE: f32 = 0.5;
+const SHAKE_TIME: f32 = 2.0;
+const SHAKE_PERIOD: f32 = 0.06;
 /// The squeeze has failed after this time [s].
 const SQUEEZE_TIMEOUT: f32 = 3.0;
 /// Change of the force by which fingers 1 and 2 rub while it rises, and while it falls [N/s]; and the distance that counts
@@ -93,8 +100,18 @@ impl HandState {
     }
 
     fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) {
-        self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
-        let settled = self.share >= 1.0 && (!plan.feedback || self.forces.is_settled(grasped));
+        let risen = self.elapsed() - SQUEEZE_TIME;
+        let shaking = if plan.feedback || matches!(plan.control, ObjectControl::Wrench(_)) {
+            None
+        } else {
+            shaking(risen)
+        };
+        self.share = match shaking {
+            Some(shaking) => 1.0 + shaking,
+            None => math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0),
+        };
+        let settled =
+            self.share >= 1.0 && shaking.is_none() && (!plan.feedback || self.forces.is_settled(grasped));
         self.settled = if settled { self.settled.saturating_add(1) } else { 0 };
         if self.settled >= SETTLED_TICKS {
             // Without feedback the rubbing force would not be known well enough.
@@ -161,6 +178,15 @@ impl HandState {
             self.fail(Failure::NothingBelow { distance: MOST_LOWERING }, Phase::Hold);
         }
     }
+}
+
+/// What is added to the share of the internal forces a `time` after they rose [s], while they are shaken.
+fn shaking(time: f32) -> Option<f32> {
+    if !(0.0..SHAKE_TIME).contains(&time) {
+        return None;
+    }
+    let (sine, _) = math::sin_cos(time * (core::f32::consts::TAU / SHAKE_PERIOD));
+    Some(SHAKE * (1.0 - time / SHAKE_TIME) * sine)
 }
 
 /// Unit vector along gravity; 0 without.

@@ -84,8 +84,7 @@ impl Calibration {
             let gain = fit.gain.ok().map(|gain| gain.value);
             let friction = fit.friction.ok();
             let values = JointCalibration {
-                torque_constant: gain
-                    .map(|gain| (gain * f64::from(joint.motor.torque_constant)) as f32),
+                torque_constant: gain.map(|gain| (gain * f64::from(joint.motor.torque_constant)) as f32),
                 coulomb: friction.map(|[coulomb, _]| coulomb.value as f32),
                 viscous: friction.map(|[_, viscous]| viscous.value as f32),
             };

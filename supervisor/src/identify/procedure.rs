@@ -90,7 +90,9 @@ pub trait Machine {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
     /// No hand that grasps.
-    #[error("{robot} is no hand that grasps: three fingers of three joints with a force sensor each are needed")]
+    #[error(
+        "{robot} is no hand that grasps: three fingers of three joints with a force sensor each are needed"
+    )]
     NotAHand {
         /// Its name.
         robot: String,
@@ -170,19 +172,17 @@ pub fn identify<M: Machine>(
     if !hand {
         return Err(IdentifyError::NotAHand { robot: model.name.to_string() }.into());
     }
-    let mut course = Course {
-        machine,
-        model,
-        fingers: fingers(model),
-        motion: 0,
-        torques: None,
-        latest: None,
-    };
+    let mut course =
+        Course { machine, model, fingers: fingers(model), motion: 0, torques: None, latest: None };
     course.sweep(settings.amplitude)?;
     for &strength in &settings.strengths {
         course.grip(plan, strength)?;
     }
-    Ok(course.fingers.iter().flat_map(|finger| finger.readings.iter().map(|readings| fit(readings))).collect())
+    Ok(course
+        .fingers
+        .iter()
+        .flat_map(|finger| finger.readings.iter().map(|readings| fit(readings)))
+        .collect())
 }
 
 fn fingers(model: &RobotModel) -> Vec<Finger> {
@@ -281,7 +281,8 @@ impl<M: Machine> Course<'_, M> {
         let model = self.model;
         let mut ranges = Vec::new();
         for (joint, &position) in model.joints.iter().zip(&start) {
-            let (lower, upper) = (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
+            let (lower, upper) =
+                (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
             if upper - lower < 2.0 * amplitude || !(lower..=upper).contains(&position) {
                 let joint = joint.name.to_string();
                 return Err(IdentifyError::NoRoom { joint, position, lower, upper, amplitude }.into());

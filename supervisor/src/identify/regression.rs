@@ -12,7 +12,7 @@ const MOVING: f64 = 0.03;
 /// As many readings are needed in each direction.
 const LEAST_READINGS: usize = 100;
 /// A larger standard deviation of the torque constant, over itself, is no result.
-const MOST_DEVIATION: f64 = 0.02;
+const MOST_DEVIATION: f64 = 0.01;
 /// A torque constant is believed from half of to twice what it was taken for.
 const BELIEVED: std::ops::Range<f64> = 0.5..2.0;
 
@@ -102,7 +102,8 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let moving: Vec<&Reading> = readings.iter().filter(|r| r.velocity.abs() > MOVING).collect();
     let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
     let back = moving.len() - forth;
-    let range = moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
+    let range =
+        moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
     let load_range = (range.1 - range.0).max(0.0);
     if forth < LEAST_READINGS || back < LEAST_READINGS {
         let still = Doubt::Still { forth, back };

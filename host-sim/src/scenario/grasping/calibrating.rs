@@ -6,9 +6,9 @@ use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::FingerBoard;
 use tesaki_supervisor::identify::{Calibration, Fit, Machine, Sense, Settings, identify};
 
+use super::T;
 use super::bench::{Bench, Held};
 use super::session::REST;
-use super::T;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
@@ -97,7 +97,15 @@ pub fn calibrate(
         Err(ScenarioError::Identify(error)) => {
             let time = f64::from(bench.motion.ticks()) * T;
             let why = stopped(setting.controller, &model, held.label, time);
-            return Err(if let ScenarioError::Fault { fault, .. } = &why && !fault.is_empty() { why } else { error.into() });
+            return Err(
+                if let ScenarioError::Fault { fault, .. } = &why
+                    && !fault.is_empty()
+                {
+                    why
+                } else {
+                    error.into()
+                },
+            );
         }
         fits => fits?,
     };
