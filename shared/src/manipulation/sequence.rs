@@ -194,3 +194,23 @@ fn down(hand: &Hand<'_>) -> Vector3<f32> {
     let size = math::sqrt(hand.gravity.norm_squared());
     if size > 0.0 { hand.gravity / size } else { Vector3::zeros() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shaking_fades_to_nothing_about_what_the_forces_should_be() {
+        assert!(shaking(-TICK).is_none() && shaking(SHAKE_TIME).is_none());
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
+        let ticks = (SHAKE_TIME / TICK) as u16;
+        let shares: heapless::Vec<f32, 1000> =
+            (0..ticks).filter_map(|tick| shaking((f32::from(tick) + 0.01) * TICK)).collect();
+        assert_eq!(shares.len(), usize::from(ticks));
+        let most = |part: &[f32]| part.iter().fold(0.0, |most, share| f32::max(most, share.abs()));
+        let (begin, end) = (most(&shares[..12]), most(&shares[shares.len() - 6..]));
+        assert!(begin > 0.4 && begin < SHAKE && end < 0.02, "{begin} {end}");
+        let mean = shares.iter().sum::<f32>() / f32::from(ticks);
+        assert!(mean.abs() < 0.01, "{mean}");
+    }
+}

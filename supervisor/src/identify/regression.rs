@@ -190,3 +190,68 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let residual = (squares / moving.len() as f64).sqrt();
     Fit { gain, friction, load_range, residual, readings: moving.len() }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    type Row = (usize, [f64; 5]);
+
+    /// Readings, and gain, Coulomb and viscous friction with their deviations, residual and number of readings from
+    /// `tests/oracles/identify.py`.
+    const ORACLE: (&[Row], [(f64, f64); 3], f64, usize) = include!("../../../tests/oracles/data/identify.in");
+
+    fn readings() -> Vec<Reading> {
+        let reading = |&(motion, [torque, load, velocity, own, next]): &Row| {
+            let mut weights = [0.0; MAX_CHAIN_JOINTS];
+            (weights[0], weights[1]) = (own, next);
+            Reading { motion, torque, load, velocity, weights }
+        };
+        ORACLE.0.iter().map(reading).collect()
+    }
+
+    fn doubt(change: impl Fn(&mut Reading)) -> Fit {
+        let mut readings = readings();
+        readings.iter_mut().for_each(change);
+        fit(&readings)
+    }
+
+    #[test]
+    fn agrees_with_numpy() {
+        let (_, wanted, residual, count) = ORACLE;
+        let fit = fit(&readings());
+        let [coulomb, viscous] = fit.friction.unwrap();
+        for (found, (value, deviation)) in [fit.gain.unwrap(), coulomb, viscous].iter().zip(wanted) {
+            assert!((found.value / value - 1.0).abs() < 1e-7, "{found:?} {value}");
+            assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
+        }
+        assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
+        // The readings were made with these.
+        let made = [1.13, 0.0217, 0.0016];
+        for ((value, deviation), made) in wanted.iter().zip(made) {
+            assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_loaded_or_does_not_move_is_said_so() {
+        // A hundredth of the load: up to 2 mN·m.
+        let fit = doubt(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
+        let said = fit.gain.unwrap_err().to_string();
+        assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
+        // Friction is known all the same.
+        assert!(fit.friction.is_ok());
+        let fit = doubt(|reading| reading.velocity = reading.velocity.abs());
+        let said = fit.friction.unwrap_err().to_string();
+        assert!(said.contains("480 readings forth and 0 back"), "{said}");
+        assert_eq!(fit.gain.unwrap_err(), fit.friction.unwrap_err());
+        assert!(matches!(super::fit(&[]).gain, Err(Doubt::Still { forth: 0, back: 0 })));
+        // A sensor with the wrong sign.
+        let fit = doubt(|reading| reading.load = -reading.load);
+        assert!(matches!(fit.gain, Err(Doubt::Implausible { .. })), "{fit:?}");
+        // A drive that brakes where it should push.
+        let fit = doubt(|reading| reading.velocity = -reading.velocity);
+        assert!(matches!(fit.friction, Err(Doubt::Implausible { .. })), "{fit:?}");
+    }
+}
