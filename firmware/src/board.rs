@@ -12,7 +12,7 @@ pub trait Board {
     /// Reads all sensors at the instant numbered `sequence`; `None` while they do not work.
     fn read(&mut self, sequence: u32) -> Option<SensorFrame>;
 
-    /// Passes the torques on to the drives.
+    /// Passes the torques on to the drives: as currents, torque over `motor.torque_constant` of the model.
     fn write(&mut self, actuators: &ActuatorFrame);
 
     /// Puts the power stages off, from any context: panic and CPU faults end here.

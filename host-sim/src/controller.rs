@@ -11,7 +11,7 @@ use tesaki_supervisor::{Board, BoardError};
 const CLIENT: u32 = 1;
 
 /// A board whose sensors and drives are the simulated ones.
-pub trait Controller: Board {
+pub trait Controller: FingerBoard {
     /// One control period.
     ///
     /// # Errors
@@ -116,6 +116,22 @@ impl Board for Watched<'_> {
             second.request(request.clone())?;
         }
         self.first.request(request)
+    }
+}
+
+impl FingerBoard for Watched<'_> {
+    fn post(&mut self, request: Request) -> Result<(), BoardError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let frame = RequestFrame { client: CLIENT, sequence: self.sequence, request: request.clone() };
+        self.record.push(LogRecord::Request(frame));
+        if let Some(second) = &mut self.second {
+            second.request(request.clone())?;
+        }
+        self.first.post(request)
+    }
+
+    fn listen(&mut self) -> Result<News, BoardError> {
+        self.first.listen()
     }
 }
 

@@ -21,6 +21,7 @@ use std::path::Path;
 use tesaki::protocol::LogRecord;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::grasp::GraspFileError;
+use tesaki_supervisor::identify::{CalibrationError, IdentifyError};
 use tesaki_supervisor::robot::RobotError;
 
 use crate::controller::Watched;
@@ -106,6 +107,12 @@ pub enum ScenarioError {
     /// The controller.
     #[error(transparent)]
     Board(#[from] BoardError),
+    /// The identification.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// What it found makes no sense.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// The node gave up.
     #[error("the controller stopped after {time:.2} s of {trial}: {fault}")]
     Fault {

@@ -5,6 +5,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
+use tesaki::node::Robot;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
@@ -33,6 +34,11 @@ pub trait ServedBoard {
     /// When the board is gone.
     fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError>;
 
+    /// The model that it uses, where that can be seen: its amplifiers turn torques into currents by it.
+    fn model(&self) -> Option<&RobotModel> {
+        None
+    }
+
     /// Presses the reset button.
     ///
     /// # Errors
@@ -48,6 +54,10 @@ impl ServedBoard for VirtualBoard {
 
     fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError> {
         Ok(self.tick(sensors, out))
+    }
+
+    fn model(&self) -> Option<&RobotModel> {
+        self.node().robot().map(Robot::model)
     }
 
     fn reset(&mut self) -> Result<(), BoardError> {
@@ -210,6 +220,9 @@ pub fn serve(
         spoiler.spoil(&mut sensors);
         let actuators = board.tick(&sensors, &mut answers)?;
         if actuators.torques.len() == model.joints.len() {
+            if let Some(model) = board.model() {
+                plant.configure_amplifiers(model);
+            }
             plant.apply(&actuators)?;
         } else {
             // A board without a model, or with that of another robot, moves nothing.

@@ -9,6 +9,7 @@ pub mod grasp;
 pub mod hand;
 #[cfg(unix)]
 pub mod hub;
+pub mod identify;
 mod link;
 pub mod mcap;
 #[cfg(feature = "cli")]

@@ -72,6 +72,11 @@ pub fn states(
 }
 
 impl DriveState {
+    /// The amplifier takes the motor for one with this torque constant from now on [N·m/A].
+    pub const fn believe(&mut self, torque_constant: f64) {
+        self.nominal_constant = torque_constant;
+    }
+
     /// A new torque, which takes effect after `delay` [s].
     pub fn command(&mut self, torque: f64, delay: f64) {
         self.lag.set(torque.clamp(-self.effort, self.effort), delay);

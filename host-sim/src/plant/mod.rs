@@ -241,6 +241,17 @@ impl Plant {
         Ok(())
     }
 
+    /// The amplifiers turn torques into currents by the motors' torque constants in `model`, as those of a board with that
+    /// model do, from now on. Before, they are those of the drives that the plant was built with, about which the true ones are
+    /// spread; the true ones stay.
+    pub fn configure_amplifiers(&mut self, model: &tesaki::model::RobotModel) {
+        for drive in &mut self.drives {
+            if let Some(joint) = model.joints.iter().find(|joint| joint.name == drive.joint.as_str()) {
+                drive.believe(joint.motor.torque_constant.into());
+            }
+        }
+    }
+
     /// Over how much time before a reading the force sensors take their mean [s].
     pub fn force_window(&self) -> f64 {
         self.forces.window()

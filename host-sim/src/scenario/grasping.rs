@@ -2,12 +2,14 @@
 //! recorded of it, and how firm a grip is against the least that would do.
 
 mod bench;
+mod calibrating;
 mod figures;
 mod firmness;
 mod log;
 mod session;
 
 pub use bench::{Bench, Held, PAPER_STRENGTH};
+pub use calibrating::calibrate;
 pub use figures::{components, moved, xyz};
 pub use firmness::{Firmness, firmness, internal_forces};
 pub use log::{Log, Sample, table};

@@ -1,8 +1,12 @@
 use core::f64::consts::TAU;
+use std::path::Path;
+
+use tesaki_supervisor::robot::RobotFolder;
 
 use crate::hand::{Hand, JOINTS, frame, largest};
 
 const COUNT: f64 = TAU / 65536.0;
+const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
 
 #[test]
 fn the_same_seed_gives_the_same_bits_and_another_does_not() {
@@ -110,6 +114,23 @@ fn torque_is_that_of_the_plants_own_motor() {
     for (torque, factors) in truth.torques.iter().zip(plant.factors()) {
         assert!((torque / 0.1 - factors.torque_constant).abs() < 1e-6);
     }
+}
+
+/// Amplifiers that know the true torque constants make the torques that they are told, of the same machine.
+#[test]
+fn amplifiers_make_a_current_by_the_models_torque_constants() {
+    let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
+    let mut plant = Hand::mismatched(2).build();
+    for (joint, factors) in model.joints.iter_mut().zip(plant.factors()) {
+        joint.motor.torque_constant *= factors.torque_constant as f32;
+    }
+    plant.configure_amplifiers(&model);
+    plant.apply(&frame([0.1; JOINTS])).unwrap();
+    assert!(
+        plant.truth().torques.iter().all(|torque| (torque / 0.1 - 1.0).abs() < 1e-6),
+        "{:?}",
+        plant.truth()
+    );
 }
 
 #[test]

@@ -301,6 +301,12 @@ impl Forces {
         self.steady.into()
     }
 
+    /// The smallest of the internal forces that were found last [N].
+    pub fn least_internal(&self) -> f32 {
+        let sizes = self.base.iter().map(|force| Vector3::from(*force).norm_squared());
+        math::sqrt(sizes.fold(f32::INFINITY, |least, size| if size < least { size } else { least }))
+    }
+
     /// Whether the measured normal forces are near the wanted ones.
     pub fn is_settled(&self, grasped: &Grasped<'_>) -> bool {
         let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);

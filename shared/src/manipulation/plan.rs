@@ -181,6 +181,11 @@ impl PlanField {
 }
 
 impl GraspPlan {
+    /// Whether nothing corrects the internal forces: the joints' servos hold the places, and the forces are fed forward.
+    pub(super) const fn only_feeds_forward(&self) -> bool {
+        !self.feedback && matches!(self.control, ObjectControl::Differential(_))
+    }
+
     /// Whether it makes sense, and whether its contacts can grip at all.
     ///
     /// # Errors

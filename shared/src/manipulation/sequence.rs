@@ -15,6 +15,16 @@ const SQUEEZE_TIME: f32 = 0.5;
 const OPEN_TIME: f32 = 0.3;
 /// Ticks with the forces as wanted that end the squeeze.
 const SETTLED_TICKS: u8 = 10;
+/// Internal forces that are only fed forward are then shaken, less and less. Dry friction of the joints, which has taken up to
+/// its whole size while the forces rose, is led round ever smaller loops of hysteresis and ends near none of it, as a magnet's
+/// remanence in a fading alternating field. First all swing together by this share of what they should be; then, by a share of
+/// the least of them, fingers 1 and 2 against each other, and their shares of what finger 3 presses with: forces in which
+/// other joints take part. Times and periods [s].
+const SHAKE: f32 = 0.5;
+const SHAKE_ACROSS: f32 = 0.2;
+const SHAKE_TIME: f32 = 1.1;
+const SHAKE_PERIOD: f32 = 0.06;
+const ACROSS_PERIODS: [f32; 2] = [0.06, 0.08];
 /// The squeeze has failed after this time [s].
 const SQUEEZE_TIMEOUT: f32 = 3.0;
 /// Change of the force by which fingers 1 and 2 rub while it rises, and while it falls [N/s]; and the distance that counts
@@ -82,7 +92,7 @@ impl HandState {
         fingers: &Fingers,
     ) -> Each<Vector3<f32>> {
         match self.phase {
-            Phase::Squeeze => self.squeeze(plan, grasped, fingers),
+            Phase::Squeeze => return self.squeeze(plan, grasped, fingers),
             Phase::Feel => return self.rub(fingers),
             Phase::Move if self.motion.is_done() => self.enter(Phase::Hold),
             Phase::Lower => self.lower(hand),
@@ -92,9 +102,20 @@ impl HandState {
         [Vector3::zeros(); 3]
     }
 
-    fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) {
-        self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
-        let settled = self.share >= 1.0 && (!plan.feedback || self.forces.is_settled(grasped));
+    fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) -> Each<Vector3<f32>> {
+        let risen = self.elapsed() - SQUEEZE_TIME;
+        let shakes = plan.only_feeds_forward();
+        let mut across = [Vector3::zeros(); 3];
+        let mut still = true;
+        if shakes && (0.0..2.0 * SHAKE_TIME).contains(&risen) {
+            (self.share, still) = (1.0 + SHAKE * shaking(risen, SHAKE_PERIOD), false);
+            let size = SHAKE_ACROSS * self.forces.least_internal();
+            let [pair, split] = ACROSS_PERIODS.map(|period| size * shaking(risen - SHAKE_TIME, period));
+            across = fingers.across(pair, split);
+        } else {
+            self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
+        }
+        let settled = self.share >= 1.0 && still && (!plan.feedback || self.forces.is_settled(grasped));
         self.settled = if settled { self.settled.saturating_add(1) } else { 0 };
         if self.settled >= SETTLED_TICKS {
             // Without feedback the rubbing force would not be known well enough.
@@ -105,6 +126,7 @@ impl HandState {
             let (_, force) = grasped.faintest();
             self.fail(Failure::NoGrip { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
         }
+        across
     }
 
     /// Fingers 1 and 2 press towards each other, harder and harder, an internal force that moves nothing; until one of
@@ -163,8 +185,38 @@ impl HandState {
     }
 }
 
+/// An oscillation of this period that fades from 1 at a `time` of 0 to nothing [s]; 0 before and after.
+fn shaking(time: f32, period: f32) -> f32 {
+    if !(0.0..SHAKE_TIME).contains(&time) {
+        return 0.0;
+    }
+    let (sine, _) = math::sin_cos(time * (core::f32::consts::TAU / period));
+    (1.0 - time / SHAKE_TIME) * sine
+}
+
 /// Unit vector along gravity; 0 without.
 fn down(hand: &Hand<'_>) -> Vector3<f32> {
     let size = math::sqrt(hand.gravity.norm_squared());
     if size > 0.0 { hand.gravity / size } else { Vector3::zeros() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shaking_fades_to_nothing_about_nothing() {
+        for period in ACROSS_PERIODS {
+            assert!(shaking(-TICK, period) == 0.0 && shaking(SHAKE_TIME, period) == 0.0);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
+            let ticks = (SHAKE_TIME / TICK) as u16;
+            let values: heapless::Vec<f32, 1000> =
+                (0..ticks).map(|tick| shaking((f32::from(tick) + 0.01) * TICK, period)).collect();
+            let most = |part: &[f32]| part.iter().fold(0.0, |most, value| f32::max(most, value.abs()));
+            let (begin, end) = (most(&values[..12]), most(&values[values.len() - 8..]));
+            assert!(begin > 0.8 && begin < 1.0 && end < 0.08, "{begin} {end}");
+            let mean = values.iter().sum::<f32>() / f32::from(ticks);
+            assert!(mean.abs() < 0.02, "{mean}");
+        }
+    }
 }

@@ -74,6 +74,19 @@ impl Fingers {
         }
     }
 
+    /// Forces that move nothing: fingers 1 and 2 press towards each other with the force `pair`, and finger 1 more, finger 2 less
+    /// towards finger 3, by `split` [N].
+    pub fn across(&self, pair: f32, split: f32) -> Each<Vector3<f32>> {
+        let [one, two, three] = self.tips;
+        let towards = |from: Vector3<f32>, to: Vector3<f32>| {
+            let way = to - from;
+            way / math::sqrt(way.norm_squared())
+        };
+        let (pair, first, second) =
+            (towards(one, two) * pair, towards(one, three) * split, towards(two, three) * -split);
+        [pair + first, second - pair, -first - second]
+    }
+
     /// Distance of the tips of fingers 1 and 2 [m].
     pub fn width(&self) -> f32 {
         let [one, two, _] = self.tips;
@@ -121,6 +134,14 @@ impl HandState {
     /// What the hand does.
     pub const fn phase(&self) -> Phase {
         self.phase
+    }
+
+    /// Whether the joints' servos are to forget now which torques they have learnt to need: when forces that are only fed
+    /// forward begin to rise. They have taken the touch for a disturbance, and would go on pressing with it.
+    pub fn forgets(&self) -> bool {
+        self.phase == Phase::Squeeze
+            && self.ticks == 0
+            && self.plan.is_some_and(|plan| plan.only_feeds_forward())
     }
 
     /// What the supervisor sees.

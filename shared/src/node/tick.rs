@@ -159,8 +159,8 @@ impl Node {
                 for (joint, (point, torque)) in joints.iter_mut().zip(of_fingers) {
                     (joint.streamed, joint.feedforward) = (*point, *torque);
                 }
-                if command.drive == Drive::Servo && *drive != Drive::Servo {
-                    // The servos were not at work: they begin anew.
+                if command.drive == Drive::Servo && (*drive != Drive::Servo || state.forgets()) {
+                    // The servos were not at work, or what they have learnt is the touch: they begin anew.
                     joints.iter_mut().for_each(|joint| joint.servo.restart(joint.position));
                 }
                 (*drive, self.state.streaming) = (command.drive, true);

@@ -34,6 +34,8 @@ pub struct Held<'a> {
 /// What all parts of a scenario share.
 pub struct Bench {
     pub robot: RobotFolder,
+    /// The machine's motors and encoders, as its maker sold them.
+    drives: Vec<Drive>,
     pub values: PlantValues,
     pub motion: Motion,
     seed: u64,
@@ -44,7 +46,8 @@ impl Bench {
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
         let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
-        Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed: setting.seed })
+        let drives = robot.model.joints.iter().map(Drive::from).collect();
+        Ok(Self { values: PlantValues::load(setting.robot)?, robot, drives, motion, seed: setting.seed })
     }
 
     /// The link that carries all others.
@@ -76,8 +79,9 @@ impl Bench {
         if held.paper {
             options.coulomb = Some(self.values.friction.paper);
         }
-        let drives: Vec<Drive> = self.robot.model.joints.iter().map(Drive::from).collect();
-        Ok((grasp.plan, Plant::new(&self.robot.urdf, &drives, &self.values, &options)?))
+        let mut plant = Plant::new(&self.robot.urdf, &self.drives, &self.values, &options)?;
+        plant.configure_amplifiers(&self.robot.model);
+        Ok((grasp.plan, plant))
     }
 
     /// The object on its support, off the place where it should be.

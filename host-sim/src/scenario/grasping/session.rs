@@ -17,7 +17,7 @@ use crate::scenario::{ScenarioError, Setting};
 /// Ticks from one message to the next: the controller gives up only after ten without.
 const TALK_EVERY: usize = 5;
 /// From homing to the tare, for the force sensors' first readings [s].
-const REST: f64 = 1.0;
+pub(super) const REST: f64 = 1.0;
 /// Most time from the command to grasp until the object is held [s].
 const GRASP_TIME: f64 = 20.0;
 /// Time of each motion of an object [s].

@@ -2,6 +2,7 @@
 
 mod eval;
 mod grasp;
+mod identify;
 mod impedance;
 
 use std::path::PathBuf;
@@ -14,6 +15,7 @@ use tesaki_supervisor::port::Address;
 
 pub use eval::{Eval, Grip, Kinematics};
 pub use grasp::{Grasp, Run, Step};
+pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 
 const EXIT_CODES: &str = "\
@@ -90,6 +92,8 @@ pub enum Command {
     /// Grasp an object with three fingers, lift, turn and shift it, and put it down
     #[command(subcommand)]
     Grasp(Grasp),
+    /// Find out torque constants and friction of a hand's joints, from motions free and under load
+    Identify(Identify),
     /// Let an arm yield at its tool like a mass on a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),
@@ -152,6 +156,9 @@ pub enum ModelCommand {
         /// Only the chain with this tip, for a board that has one finger of a hand, such as finger1_tip
         #[arg(long, value_name = "TIP")]
         chain: Option<String>,
+        /// Values of this very machine, as `tesaki identify` writes them
+        #[arg(long, value_name = "FILE")]
+        calibration: Option<PathBuf>,
     },
     /// Print the model that the board uses
     Show,

@@ -9,6 +9,7 @@ use tesaki::protocol::{Mode, Refusal};
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::arm::ImpedanceFileError;
 use tesaki_supervisor::grasp::GraspFileError;
+use tesaki_supervisor::identify::{CalibrationError, IdentifyError};
 use tesaki_supervisor::port::PortError;
 use tesaki_supervisor::robot::RobotError;
 use tesaki_supervisor::urdf::UrdfError;
@@ -48,6 +49,12 @@ pub enum Failure {
     /// A file that says how an arm is to yield.
     #[error(transparent)]
     ImpedanceFile(#[from] ImpedanceFileError),
+    /// A file with values of a machine.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The hand could not be identified.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
     /// The hand did not take hold of the object, or could not go on with it.
     #[error("{0}")]
     Grasp(String),
@@ -94,15 +101,19 @@ impl Failure {
             | Self::Urdf(_)
             | Self::GraspFile(_)
             | Self::ImpedanceFile(_)
+            | Self::Calibration(_)
             | Self::File { .. }
             | Self::Other(_) => 1,
-            Self::Usage(_) | Self::Board(BoardError::TooManyJoints(_)) => 2,
+            Self::Usage(_)
+            | Self::Board(BoardError::TooManyJoints(_))
+            | Self::Identify(IdentifyError::NotAHand { .. } | IdentifyError::NoRoom { .. }) => 2,
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,
             Self::Fault(_) => 5,
+            Self::Identify(IdentifyError::Stopped(_)) => 6,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
-            Self::Grasp(_) => 8,
+            Self::Grasp(_) | Self::Identify(IdentifyError::Grasp { .. }) => 8,
             Self::Pipe => 0,
         }
     }

@@ -7,6 +7,7 @@ mod doctor;
 mod eval;
 mod failure;
 mod grasp;
+mod identify;
 mod impedance;
 mod model;
 mod motion;
@@ -48,13 +49,16 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Move(aim) => motion::go(options, aim),
         Command::Reach(aim) => reach::run(options, aim),
         Command::Grasp(command) => grasp::run(options, command),
+        Command::Identify(aim) => identify::run(options, aim),
         Command::Impedance(command) => impedance::run(options, command),
         Command::Tare => motion::tare(options),
         Command::Home(home) => motion::home(options, home),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),
         Command::Model { command } => match command {
-            ModelCommand::Push { robot, chain } => model::push(options, robot, chain.as_deref()),
+            ModelCommand::Push { robot, chain, calibration } => {
+                model::push(options, robot, chain.as_deref(), calibration.as_deref())
+            }
             ModelCommand::Show => model::show(options),
             ModelCommand::Check { robot } => return check::run(options, robot),
         },

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki_supervisor::BoardError;
+use tesaki_supervisor::identify::Calibration;
 use tesaki_supervisor::robot::{RobotFolder, chain_model};
 
 use crate::args::Options;
@@ -12,8 +13,16 @@ use crate::failure::Failure;
 use crate::output;
 use crate::session::Session;
 
-pub fn push(options: &Options, robot: &Path, chain: Option<&str>) -> Result<(), Failure> {
+pub fn push(
+    options: &Options,
+    robot: &Path,
+    chain: Option<&str>,
+    calibration: Option<&Path>,
+) -> Result<(), Failure> {
     let mut model = RobotFolder::load(robot)?.model;
+    if let Some(path) = calibration {
+        Calibration::load(path)?.apply(&mut model)?;
+    }
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
         model = index.and_then(|index| chain_model(&model, index)).ok_or_else(|| {

@@ -167,7 +167,7 @@ impl Session {
 }
 
 /// An error for a set-point that was refused; one that came late, or twice over a bad line, is none.
-fn refused(reply: &Reply) -> Result<(), Failure> {
+pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
         Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => Ok(()),
         Reply::Refused(refusal) => Err(BoardError::Refused { action: "move", refusal }.into()),

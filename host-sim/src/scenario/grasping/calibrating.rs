@@ -1,0 +1,115 @@
+//! The identification of a hand's joints, as its user would do it.
+
+use tesaki::manipulation::GraspTelemetry;
+use tesaki::protocol::{Request, SetPoint, Stream};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::hand::FingerBoard;
+use tesaki_supervisor::identify::{Calibration, Fit, Machine, Sense, Settings, identify};
+
+use super::T;
+use super::bench::{Bench, Held};
+use super::session::REST;
+use crate::controller::{Controller, Watched};
+use crate::motion::Motion;
+use crate::plant::Plant;
+use crate::scenario::common::{introduce, stopped};
+use crate::scenario::{ScenarioError, Setting};
+
+/// A board with a simulated machine.
+struct Simulated<'a, 'b> {
+    controller: &'a mut Watched<'b>,
+    plant: Plant,
+    motion: &'a mut Motion,
+    progress: &'a dyn Fn(f64),
+    duration: f64,
+}
+
+impl Simulated<'_, '_> {
+    fn advance(&mut self) -> Result<(), ScenarioError> {
+        let sequence = self.motion.tick(&self.plant.truth());
+        let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
+        (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
+        Ok(self.plant.apply(&actuators)?)
+    }
+}
+
+impl Machine for Simulated<'_, '_> {
+    type Error = ScenarioError;
+
+    fn ask(&mut self, action: &'static str, request: Request) -> Result<(), ScenarioError> {
+        Ok(self.controller.ask(action, request)?)
+    }
+
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, ScenarioError> {
+        Ok(self.controller.read_grasp()?)
+    }
+
+    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, ScenarioError> {
+        self.controller.post(Request::SetPoint(set_point))?;
+        loop {
+            self.advance()?;
+            // Lost frames only make it wait.
+            let news = self.controller.listen()?;
+            if let (Some(telemetry), Some(tips)) = (news.telemetry, news.tips) {
+                return Ok(Sense { telemetry, tips });
+            }
+        }
+    }
+
+    fn progress(&mut self, text: &str) {
+        self.motion.note(text);
+    }
+}
+
+/// Identifies the joints of the machine that `held` is in front of, and has the bench's controller use what was found from now
+/// on. Returns it, a joint each.
+pub fn calibrate(
+    setting: &mut Setting<'_, '_>,
+    bench: &mut Bench,
+    held: &Held<'_>,
+) -> Result<Vec<Fit>, ScenarioError> {
+    let (plan, plant) = bench.place(held)?;
+    let model = bench.robot.model.clone();
+    introduce(setting.controller, &model)?;
+    let mut machine = Simulated {
+        controller: &mut *setting.controller,
+        plant,
+        motion: &mut bench.motion,
+        progress: setting.progress,
+        duration: setting.duration,
+    };
+    machine.motion.note(held.label);
+    machine.advance()?;
+    let homed: Vec<f32> = machine.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+    machine.controller.home(&homed)?;
+    for _ in 0..(REST / T).round() as usize {
+        machine.advance()?;
+    }
+    machine.controller.tare()?;
+    for stream in [Stream::Telemetry, Stream::Tips] {
+        machine.controller.set_rate(stream, 1)?;
+    }
+    let fits = identify(&mut machine, &model, &plan, &Settings::default());
+    for stream in [Stream::Telemetry, Stream::Tips] {
+        machine.controller.set_rate(stream, 0)?;
+    }
+    let fits = match fits {
+        Err(ScenarioError::Identify(error)) => {
+            let time = f64::from(bench.motion.ticks()) * T;
+            let why = stopped(setting.controller, &model, held.label, time);
+            return Err(
+                if let ScenarioError::Fault { fault, .. } = &why
+                    && !fault.is_empty()
+                {
+                    why
+                } else {
+                    error.into()
+                },
+            );
+        }
+        fits => fits?,
+    };
+    Calibration::identified(&model, &fits).apply(&mut bench.robot.model)?;
+    setting.controller.ask("disarm", Request::Disarm)?;
+    Ok(fits)
+}

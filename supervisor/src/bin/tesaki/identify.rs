@@ -1,0 +1,209 @@
+//! `identify`: torque constants and friction of a hand's joints.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use tesaki::manipulation::GraspTelemetry;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
+use tesaki_supervisor::identify::{Calibration, Estimate, Fit, Machine, Sense, Settings, identify};
+use tesaki_supervisor::{Board, grasp};
+
+use crate::args::{Identify, Options};
+use crate::failure::Failure;
+use crate::output;
+use crate::session::{Session, hex, interrupted, refused};
+
+/// A set-point whose telemetry does not come is sent again after this time: well inside the command timeout.
+const PATIENCE: Duration = Duration::from_millis(30);
+/// A board that is silent for longer has gone.
+const GONE: Duration = Duration::from_secs(5);
+
+pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
+    let plan = grasp::load(&aim.file)?;
+    if aim.grips.len() < 2 || !aim.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
+        return Err(Failure::Usage(format!(
+            "--grips: two or more forces above 0 N and up to the {} N of force_limit in {} are needed",
+            plan.force_limit,
+            aim.file.display()
+        )));
+    }
+    let mut session = Session::command(options)?;
+    let model = session.model()?;
+    let mode = session.board.status()?.node.mode;
+    session.require_no_fault(mode, Some(&model))?;
+    output::confirm(
+        options,
+        &format!(
+            "Every joint of {} will be swept by {} rad to either side, and then what is where {} says will be grasped and moved. \
+             Is there room?",
+            model.name,
+            aim.amplitude,
+            aim.file.display()
+        ),
+    )?;
+    let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
+    rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
+    let settings = Settings { amplitude: aim.amplitude, strengths: aim.grips.clone() };
+    let mut line = Line {
+        session,
+        options,
+        model: &model,
+        interrupted: interrupted()?,
+        seen_armed: false,
+        telemetry: None,
+    };
+    let found = identify(&mut line, &model, &plan, &settings);
+    let mut session = line.session;
+    if found.is_err() {
+        let _ = session.board.ask("disarm", Request::Disarm);
+    }
+    // As a monitor wants them.
+    let _ = session.board.set_rate(Stream::Telemetry, 2);
+    let _ = session.board.set_rate(Stream::Tips, 10);
+    let fits = found.map_err(|failure| failure.named(&model))?;
+    let calibration = Calibration::identified(&model, &fits);
+    let board = hex(&session.identity.board, "without a number");
+    let head = format!(
+        "{}, board {board}: what `tesaki identify` found of its joints, ± standard deviations.\n\
+         To use it: tesaki model push ROBOT --calibration THIS_FILE",
+        model.name
+    );
+    std::fs::write(&aim.out, calibration.text(&head, &model, &fits)).map_err(Failure::file(&aim.out))?;
+    output::result(options, &report(&model, &fits, &aim.out), || table(&model, &fits, &aim.out))
+}
+
+/// The results as JSON: `null` where nothing was identified, and why.
+fn report(model: &RobotModel, fits: &[Fit], out: &Path) -> serde_json::Value {
+    let number = |estimate: Estimate, scale: f64| json!({ "value": estimate.value * scale, "deviation": estimate.deviation * scale });
+    let joints: serde_json::Map<String, serde_json::Value> = model
+        .joints
+        .iter()
+        .zip(fits)
+        .map(|(joint, fit)| {
+            let scale = joint.motor.torque_constant.into();
+            let friction = fit.friction.ok();
+            let why = [fit.gain.err(), fit.friction.err()].into_iter().flatten().next();
+            let value = json!({
+                "torque_constant": fit.gain.ok().map(|gain| number(gain, scale)),
+                "coulomb": friction.map(|[coulomb, _]| number(coulomb, 1.0)),
+                "viscous": friction.map(|[_, viscous]| number(viscous, 1.0)),
+                "load_range": fit.load_range,
+                "residual": fit.residual,
+                "readings": fit.readings,
+                "not_identified": why.map(|why| why.to_string()),
+            });
+            (joint.name.to_string(), value)
+        })
+        .collect();
+    json!({ "file": out, "joints": joints })
+}
+
+fn table(model: &RobotModel, fits: &[Fit], out: &Path) -> String {
+    let mut text = format!(
+        "{:<18} {:>19} {:>17} {:>19} {:>12}\n",
+        "joint", "constant [N·m/A]", "coulomb [mN·m]", "viscous [mN·m·s]", "load [N·m]"
+    );
+    let mut notes = String::new();
+    for (joint, fit) in model.joints.iter().zip(fits) {
+        let constant = f64::from(joint.motor.torque_constant);
+        let gain = fit.gain.map_or_else(
+            |_| "-".to_owned(),
+            |gain| format!("{:.4} ± {:.4}", gain.value * constant, gain.deviation * constant),
+        );
+        let friction = |index: usize| {
+            fit.friction.map_or_else(
+                |_| "-".to_owned(),
+                |friction| {
+                    format!("{:.2} ± {:.2}", 1e3 * friction[index].value, 1e3 * friction[index].deviation)
+                },
+            )
+        };
+        let _ = writeln!(
+            text,
+            "{:<18} {gain:>19} {:>17} {:>19} {:>12.3}",
+            joint.name.as_str(),
+            friction(0),
+            friction(1),
+            fit.load_range
+        );
+        let doubts = [("torque constant", fit.gain.err()), ("friction", fit.friction.err())];
+        for (what, doubt) in doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?))) {
+            let _ = writeln!(notes, "{}: {what} not identified, because {doubt}", joint.name);
+        }
+    }
+    text.push_str(&notes);
+    let _ =
+        write!(text, "kept in {}; use it with `tesaki model push ROBOT --calibration {0}`", out.display());
+    text
+}
+
+/// A board on the line.
+struct Line<'a> {
+    session: Session,
+    options: &'a Options,
+    model: &'a RobotModel,
+    interrupted: Arc<AtomicBool>,
+    /// What was on its way while the board was being armed still says otherwise.
+    seen_armed: bool,
+    /// Whose tips have not come yet.
+    telemetry: Option<Telemetry>,
+}
+
+impl Machine for Line<'_> {
+    type Error = Failure;
+
+    fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Failure> {
+        if matches!(request, Request::Arm { .. }) {
+            self.seen_armed = false;
+        }
+        Ok(self.session.board.ask(action, request)?)
+    }
+
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, Failure> {
+        Ok(self.session.board.read_grasp()?)
+    }
+
+    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, Failure> {
+        let begun = Instant::now();
+        while begun.elapsed() < GONE {
+            if self.interrupted.load(Ordering::Relaxed) {
+                return Err(Failure::Other("interrupted: disarmed, and nothing was identified".to_owned()));
+            }
+            self.session.board.post(Request::SetPoint(set_point.clone()))?;
+            let deadline = Instant::now() + PATIENCE;
+            while let Some(event) = self.session.board.next_event(deadline)? {
+                match event {
+                    FromBoard::Telemetry(telemetry) => {
+                        if telemetry.mode == Mode::Fault {
+                            return Err(Failure::Fault(self.session.fault(Some(self.model))?));
+                        }
+                        self.seen_armed |= matches!(telemetry.mode, Mode::Armed(_));
+                        self.telemetry = self.seen_armed.then_some(telemetry);
+                    }
+                    FromBoard::Tips(tips) => {
+                        if let Some(telemetry) =
+                            self.telemetry.take_if(|telemetry| telemetry.tick == tips.tick)
+                        {
+                            return Ok(Sense { telemetry, tips });
+                        }
+                    }
+                    FromBoard::Reply(ReplyFrame { reply, .. }) => refused(&reply)?,
+                    _ => {}
+                }
+            }
+        }
+        Err(Failure::Late(format!(
+            "nothing came from the board for {} s: its own command timeout has stopped it",
+            GONE.as_secs()
+        )))
+    }
+
+    fn progress(&mut self, text: &str) {
+        output::notice(self.options, text);
+    }
+}

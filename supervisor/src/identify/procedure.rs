@@ -1,0 +1,407 @@
+//! The motions that identify a hand: each joint to and fro in free motion, then an object held firmly and less firmly, and
+//! moved with every joint to and fro under load.
+
+use nalgebra::{Vector3, Vector6};
+use tesaki::control::{JointPoint, ServoMode};
+use tesaki::kinematics::Chain;
+use tesaki::manipulation::{
+    Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
+};
+use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+use tesaki::protocol::{Mode, Request, SetPoint, Task, Telemetry, Tips};
+
+use super::regression::{Fit, Reading, fit};
+use crate::BoardError;
+use crate::trajectory::minimum_jerk;
+
+/// Control period [s].
+const TICK: f64 = 0.01;
+/// Times of a sweep from one end to the other [s]: two speeds, so that viscous friction shows.
+const SWEEPS: [f64; 2] = [1.0, 0.4];
+/// Sweeps to and fro at each.
+const REPEATS: usize = 2;
+/// Kept from the ends of a joint's range [rad].
+const CLEAR: f64 = 0.02;
+/// Ticks from one question after the object in the hand to the next.
+const ASK: usize = 5;
+/// Most time from the command to grasp, or to put down, to its end [s].
+const PATIENCE: f64 = 20.0;
+/// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned [rad].
+const LIFT: f64 = 0.010;
+const SHIFT: f64 = 0.006;
+const TURN: f64 = 0.06;
+/// Time of each such motion [s].
+const MOTION: f64 = 0.8;
+/// What friction of the object counts as, where the file says nothing: it is not felt for.
+const FRICTION: f32 = 0.4;
+
+/// What an identification may do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How far each joint is swept to either side of where it stands [rad].
+    pub amplitude: f64,
+    /// The grips: the largest of their normal forces [N].
+    pub strengths: Vec<f32>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { amplitude: 0.1, strengths: vec![2.0, 6.0, 4.0] }
+    }
+}
+
+/// What is known after a tick.
+#[derive(Clone, Debug)]
+pub struct Sense {
+    /// Of the joints.
+    pub telemetry: Telemetry,
+    /// Of the tips, in the same tick.
+    pub tips: Tips,
+}
+
+/// A board, and time that goes on.
+pub trait Machine {
+    /// Why it cannot go on.
+    type Error: From<BoardError> + From<IdentifyError>;
+
+    /// Asks the board for something, and waits for the answer.
+    ///
+    /// # Errors
+    /// When it refuses.
+    fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Self::Error>;
+
+    /// The object in the hand.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, Self::Error>;
+
+    /// Sends a set-point, and waits for what the board senses next.
+    ///
+    /// # Errors
+    /// When the board refuses, faults or falls silent.
+    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, Self::Error>;
+
+    /// Tells what is done now.
+    fn progress(&mut self, text: &str);
+}
+
+/// Why nothing is identified.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IdentifyError {
+    /// No hand that grasps.
+    #[error(
+        "{robot} is no hand that grasps: three fingers of three joints with a force sensor each are needed"
+    )]
+    NotAHand {
+        /// Its name.
+        robot: String,
+    },
+    /// A joint has no room.
+    #[error(
+        "{joint} stands at {position:.3} rad, and its range {lower:.3} to {upper:.3} rad has no room for a sweep of ±{amplitude} \
+         rad: a smaller --amplitude"
+    )]
+    NoRoom {
+        /// Which.
+        joint: String,
+        /// Where it is [rad].
+        position: f64,
+        /// Smallest angle [rad].
+        lower: f64,
+        /// Largest angle [rad].
+        upper: f64,
+        /// Asked for [rad].
+        amplitude: f64,
+    },
+    /// The hand did not do as told.
+    #[error("with a grip of {strength} N the hand {phase}, and not as asked{}", because(.failure))]
+    Grasp {
+        /// Which grip [N].
+        strength: f32,
+        /// What it does.
+        phase: Phase,
+        /// Why, if it says so.
+        failure: Option<Failure>,
+    },
+    /// The board is not armed any more.
+    #[error("the board is {0}: nothing was identified")]
+    Stopped(Mode),
+}
+
+fn because(failure: &Option<Failure>) -> String {
+    failure.as_ref().map_or_else(String::new, |failure| format!(": {failure}"))
+}
+
+/// A chain's mathematics, and what was read of its joints.
+struct Finger {
+    chain: Chain,
+    /// The same with one of its links weighing something.
+    links: Vec<Chain>,
+    first: usize,
+    readings: Vec<Vec<Reading>>,
+}
+
+/// Collects readings while the machine goes on.
+struct Course<'a, M> {
+    machine: &'a mut M,
+    model: &'a RobotModel,
+    fingers: Vec<Finger>,
+    motion: usize,
+    /// Torques of the last tick: they acted while what is sensed now came about.
+    torques: Option<Vec<f32>>,
+    latest: Option<Sense>,
+}
+
+/// Identifies torque constants and friction of the joints of a hand: one result a joint. The hand stands with open fingers
+/// around an object, homed and tared; `plan` says how to grasp it.
+///
+/// First each joint is swept to and fro by itself ([`Settings::amplitude`]). Then the object is grasped, lifted, shifted
+/// and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]), closed on the force sensors.
+///
+/// # Errors
+/// The machine's, or what hinders the identification; the board may be armed then.
+pub fn identify<M: Machine>(
+    machine: &mut M,
+    model: &RobotModel,
+    plan: &GraspPlan,
+    settings: &Settings,
+) -> Result<Vec<Fit>, M::Error> {
+    let hand = model.chains.len() == 3
+        && model.chains.iter().all(|chain| chain.joints == 3 && chain.force_sensor.is_some());
+    if !hand {
+        return Err(IdentifyError::NotAHand { robot: model.name.to_string() }.into());
+    }
+    let mut course =
+        Course { machine, model, fingers: fingers(model), motion: 0, torques: None, latest: None };
+    course.sweep(settings.amplitude)?;
+    for &strength in &settings.strengths {
+        course.grip(plan, strength)?;
+    }
+    Ok(course
+        .fingers
+        .iter()
+        .flat_map(|finger| finger.readings.iter().map(|readings| fit(readings)))
+        .collect())
+}
+
+fn fingers(model: &RobotModel) -> Vec<Finger> {
+    let chains = model.chains.iter().zip(model.chain_ranges());
+    let finger = |(chain, range): (&tesaki::model::ChainModel, std::ops::Range<usize>)| {
+        let joints = model.joints.get(range.clone()).unwrap_or_default();
+        let alone = |link: usize| {
+            let mut joints = joints.to_vec();
+            for (index, joint) in joints.iter_mut().enumerate() {
+                if index != link {
+                    joint.link.mass = 0.0;
+                    joint.link.inertia = [0.0; 6];
+                }
+            }
+            Chain::new(&joints, &chain.tip)
+        };
+        Finger {
+            chain: Chain::new(joints, &chain.tip),
+            links: (0..joints.len()).map(alone).collect(),
+            first: range.start,
+            readings: vec![Vec::new(); joints.len()],
+        }
+    };
+    chains.map(finger).collect()
+}
+
+impl Finger {
+    /// Takes in what was sensed after `torques` [N·m] had acted.
+    fn take(&mut self, motion: usize, gravity: &Vector3<f32>, torques: &[f32], sense: &Sense, chain: usize) {
+        let count = self.readings.len();
+        let joints: Vec<_> = sense.telemetry.joints.iter().skip(self.first).take(count).collect();
+        let Some(tip) = sense.tips.tips.get(chain) else { return };
+        if joints.len() < count {
+            return;
+        }
+        let angles: Vec<f32> = joints.iter().map(|joint| joint.position).collect();
+        let rest = [0.0; MAX_CHAIN_JOINTS];
+        let mut loads = [0.0; MAX_CHAIN_JOINTS];
+        let [fx, fy, fz] = tip.force;
+        let [mx, my, mz] = tip.torque;
+        let (none, wrench) = (Vector3::zeros(), Vector6::new(fx, fy, fz, mx, my, mz));
+        self.chain.inverse_dynamics_with_wrench(&none, &wrench, &angles, &rest, &rest, &mut loads[..count]);
+        let mut weights = [[0.0_f64; MAX_CHAIN_JOINTS]; MAX_CHAIN_JOINTS];
+        for (link, chain) in self.links.iter().enumerate() {
+            let mut torques = [0.0; MAX_CHAIN_JOINTS];
+            chain.inverse_dynamics(gravity, &angles, &rest, &rest, &mut torques[..count]);
+            for (weights, torque) in weights.iter_mut().zip(torques) {
+                weights[link] = torque.into();
+            }
+        }
+        for (index, readings) in self.readings.iter_mut().enumerate() {
+            let Some(&torque) = torques.get(self.first + index) else { return };
+            readings.push(Reading {
+                motion,
+                torque: torque.into(),
+                load: loads[index].into(),
+                velocity: joints[index].velocity.into(),
+                weights: weights[index],
+            });
+        }
+    }
+}
+
+impl<M: Machine> Course<'_, M> {
+    fn tick(&mut self, set_point: SetPoint) -> Result<(), M::Error> {
+        let sense = self.machine.tick(set_point)?;
+        let mode = sense.telemetry.mode;
+        if !matches!(mode, Mode::Armed(_)) {
+            return Err(IdentifyError::Stopped(mode).into());
+        }
+        if let Some(torques) = &self.torques {
+            let gravity = Vector3::from(self.model.gravity);
+            for (chain, finger) in self.fingers.iter_mut().enumerate() {
+                finger.take(self.motion, &gravity, torques, &sense, chain);
+            }
+        }
+        self.torques = Some(sense.telemetry.joints.iter().map(|joint| joint.torque).collect());
+        self.latest = Some(sense);
+        Ok(())
+    }
+
+    fn arm(&mut self, task: Task) -> Result<(), M::Error> {
+        self.torques = None;
+        self.machine.ask("arm", Request::Arm { task })
+    }
+
+    /// Each joint to and fro by itself, the others at rest.
+    fn sweep(&mut self, amplitude: f64) -> Result<(), M::Error> {
+        self.arm(Task::JointServo(ServoMode::Observer))?;
+        self.tick(SetPoint::Keep)?;
+        let start: Vec<f64> = self
+            .latest
+            .iter()
+            .flat_map(|sense| sense.telemetry.joints.iter().map(|joint| f64::from(joint.reference)))
+            .collect();
+        let model = self.model;
+        let mut ranges = Vec::new();
+        for (joint, &position) in model.joints.iter().zip(&start) {
+            let (lower, upper) =
+                (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
+            if upper - lower < 2.0 * amplitude || !(lower..=upper).contains(&position) {
+                let joint = joint.name.to_string();
+                return Err(IdentifyError::NoRoom { joint, position, lower, upper, amplitude }.into());
+            }
+            let low = (position - amplitude).max(lower).min(upper - 2.0 * amplitude);
+            ranges.push((low, low + 2.0 * amplitude));
+        }
+        for (index, (joint, &(low, high))) in model.joints.iter().zip(&ranges).enumerate() {
+            self.machine.progress(&format!("{} sweeps", joint.name));
+            let mut at = start[index];
+            let both = SWEEPS.iter().flat_map(|&time| std::iter::repeat_n(time, REPEATS));
+            let ways: Vec<(f64, f64)> = both.flat_map(|time| [(high, time), (low, time)]).collect();
+            for (to, time) in ways.into_iter().chain([(start[index], SWEEPS[0])]) {
+                self.motion += 1;
+                self.sweep_to(&start, index, (at, to), time)?;
+                at = to;
+            }
+        }
+        self.machine.ask("disarm", Request::Disarm)
+    }
+
+    fn sweep_to(
+        &mut self,
+        rest: &[f64],
+        joint: usize,
+        (from, to): (f64, f64),
+        time: f64,
+    ) -> Result<(), M::Error> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
+        let ticks = (time / TICK).round() as u32;
+        for tick in 1..=ticks {
+            let [value, rate, change] = minimum_jerk(f64::from(tick) / f64::from(ticks));
+            let way = to - from;
+            #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+            let point = |index: usize, &rest: &f64| {
+                if index != joint {
+                    return JointPoint { position: rest as f32, ..JointPoint::default() };
+                }
+                JointPoint {
+                    position: (from + way * value) as f32,
+                    velocity: (way * rate / time) as f32,
+                    acceleration: (way * change / (time * time)) as f32,
+                }
+            };
+            let points = rest.iter().enumerate().map(|(index, rest)| point(index, rest)).collect();
+            self.tick(SetPoint::Stream { points })?;
+        }
+        Ok(())
+    }
+
+    /// Grasps the object, moves it to and fro, and puts it down.
+    fn grip(&mut self, plan: &GraspPlan, strength: f32) -> Result<(), M::Error> {
+        self.machine.progress(&format!("a grip of {strength} N"));
+        let plan = GraspPlan {
+            internal: InternalForce::Normal { strength },
+            feedback: true,
+            friction: Some(plan.friction.unwrap_or(FRICTION)),
+            control: ObjectControl::Differential(ServoMode::Observer),
+            ..*plan
+        };
+        self.arm(Task::Grasp)?;
+        self.motion += 1;
+        self.machine.ask("grasp", Request::Grasp(GraspCommand::Grasp(plan)))?;
+        self.until(Phase::Hold, strength)?;
+        let gravity = Vector3::from(self.model.gravity).map(f64::from);
+        let up = if gravity.norm() > 0.0 { gravity * (-LIFT / gravity.norm()) } else { Vector3::zeros() };
+        let still = Vector3::zeros();
+        self.bring(up, still, strength)?;
+        for axis in 0..3 {
+            let unit = Vector3::ith(axis, 1.0);
+            for way in [SHIFT, -SHIFT] {
+                self.bring(up + unit * way, still, strength)?;
+            }
+            self.bring(up, still, strength)?;
+            for way in [TURN, -TURN] {
+                self.bring(up, unit * way, strength)?;
+            }
+            self.bring(up, still, strength)?;
+        }
+        self.motion += 1;
+        self.machine.ask("put the object down", Request::Grasp(GraspCommand::PutDown))?;
+        self.until(Phase::Ready, strength)?;
+        self.machine.ask("disarm", Request::Disarm)
+    }
+
+    fn bring(
+        &mut self,
+        translation: Vector3<f64>,
+        rotation: Vector3<f64>,
+        strength: f32,
+    ) -> Result<(), M::Error> {
+        self.motion += 1;
+        #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+        let single = |vector: Vector3<f64>| -> [f32; 3] { vector.map(|value| value as f32).into() };
+        #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+        let duration = MOTION as f32;
+        let (translation, rotation) = (single(translation), single(rotation));
+        let motion = GraspCommand::Move { translation, rotation, duration };
+        self.machine.ask("move the object", Request::Grasp(motion))?;
+        self.until(Phase::Hold, strength)
+    }
+
+    /// Lets time pass until the hand is in `wanted`.
+    fn until(&mut self, wanted: Phase, strength: f32) -> Result<(), M::Error> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
+        let most = (PATIENCE / TICK) as usize;
+        for tick in 1..=most {
+            self.tick(SetPoint::Keep)?;
+            if tick % ASK == 0 || tick == most {
+                let GraspTelemetry { phase, failure, .. } = self.machine.read_grasp()?;
+                if phase == wanted && failure.is_none() {
+                    return Ok(());
+                }
+                let over = tick == most || phase == wanted || phase == Phase::Ready;
+                if over {
+                    return Err(IdentifyError::Grasp { strength, phase, failure }.into());
+                }
+            }
+        }
+        Ok(())
+    }
+}

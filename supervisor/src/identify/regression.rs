@@ -1,0 +1,257 @@
+//! What a joint's torques say of its torque constant and friction: linear least squares.
+
+use nalgebra::{SMatrix, SVector, SymmetricEigen};
+use tesaki::model::MAX_CHAIN_JOINTS;
+
+/// Torque constant, Coulomb and viscous friction, and the weights of the links behind the joint.
+const COLUMNS: usize = 3 + MAX_CHAIN_JOINTS;
+/// Directions of the scaled problem with less than this share of the largest eigenvalue are left out.
+const RANK: f64 = 1e-8;
+/// Slower than this, the direction of a joint's motion is noise [rad/s].
+const MOVING: f64 = 0.03;
+/// As many readings are needed in each direction.
+const LEAST_READINGS: usize = 100;
+/// A larger standard deviation of the torque constant, over itself, is no result.
+const MOST_DEVIATION: f64 = 0.01;
+/// A torque constant is believed from half of to twice what it was taken for.
+const BELIEVED: std::ops::Range<f64> = 0.5..2.0;
+
+/// What was read of a joint at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// The motion in which it was, counted through: what was read in one motion may be wrong in the same way.
+    pub motion: usize,
+    /// Torque that the drive was told to make [N·m].
+    pub torque: f64,
+    /// Torque that the joint needs against what pushes the tip: `−Jᵀ w` [N·m].
+    pub load: f64,
+    /// Velocity [rad/s].
+    pub velocity: f64,
+    /// Torques that the joint needs against the weight of each link of its chain, by the model [N·m].
+    pub weights: [f64; MAX_CHAIN_JOINTS],
+}
+
+/// A value and its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+}
+
+/// What a joint is found to be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// True torque over what the drive was told; or why it is not known.
+    pub gain: Result<Estimate, Doubt>,
+    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad]; in told torque if the gain is not known. Or why not.
+    pub friction: Result<[Estimate; 2], Doubt>,
+    /// Largest load less the smallest [N·m].
+    pub load_range: f64,
+    /// Root mean square of what the fit leaves unexplained [N·m, told].
+    pub residual: f64,
+    /// Readings that counted.
+    pub readings: usize,
+}
+
+/// Why a value is not identified.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Doubt {
+    /// The joint did not move enough.
+    #[error(
+        "it hardly moved: {forth} readings forth and {back} back faster than {MOVING} rad/s, {LEAST_READINGS} of each \
+         are needed"
+    )]
+    Still {
+        /// Readings in the positive direction.
+        forth: usize,
+        /// In the negative one.
+        back: usize,
+    },
+    /// No force loaded it enough.
+    #[error(
+        "the forces on the tip loaded it by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most \
+         {:.0} % are of use",
+        100.0 * deviation,
+        100.0 * MOST_DEVIATION
+    )]
+    Unloaded {
+        /// Largest load less the smallest [N·m].
+        load_range: f64,
+        /// Standard deviation over the value.
+        deviation: f64,
+    },
+    /// The number cannot be.
+    #[error("{value:.3} {what} cannot be: are homing, tare, and the masses in the URDF right?")]
+    Implausible {
+        /// Of what.
+        what: &'static str,
+        /// The number.
+        value: f64,
+    },
+}
+
+/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ share · weight) / gain`, from the
+/// readings in which the joint moves: friction changes its sign with the direction, a load does not. Standard deviations
+/// are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion a cluster: neighbouring readings
+/// err together.
+pub fn fit(readings: &[Reading]) -> Fit {
+    type Square = SMatrix<f64, COLUMNS, COLUMNS>;
+    type Row = SVector<f64, COLUMNS>;
+    let moving: Vec<&Reading> = readings.iter().filter(|r| r.velocity.abs() > MOVING).collect();
+    let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
+    let back = moving.len() - forth;
+    let range =
+        moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
+    let load_range = (range.1 - range.0).max(0.0);
+    if forth < LEAST_READINGS || back < LEAST_READINGS {
+        let still = Doubt::Still { forth, back };
+        return Fit {
+            gain: Err(still),
+            friction: Err(still),
+            load_range,
+            residual: f64::NAN,
+            readings: moving.len(),
+        };
+    }
+    let row = |r: &Reading| {
+        let mut row = Row::zeros();
+        (row[0], row[1], row[2]) = (r.load, r.velocity.signum(), r.velocity);
+        row.as_mut_slice()[3..].copy_from_slice(&r.weights);
+        row
+    };
+    // Columns of the same size, so that units do not matter.
+    let mut scale = Row::zeros();
+    for r in &moving {
+        scale += row(r).map(|value| value * value);
+    }
+    let scale = scale.map(|sum| if sum > 0.0 { 1.0 / sum.sqrt() } else { 0.0 });
+    let (mut gram, mut right) = (Square::zeros(), Row::zeros());
+    for r in &moving {
+        let row = row(r).component_mul(&scale);
+        gram += row * row.transpose();
+        right += row * r.torque;
+    }
+    let eigen = SymmetricEigen::new(gram);
+    let least = RANK * eigen.eigenvalues.max();
+    let inverse = eigen.eigenvalues.map(|value| if value > least { 1.0 / value } else { 0.0 });
+    let bread = eigen.eigenvectors * Square::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    let solution = bread * right;
+    let (mut meat, mut score, mut squares) = (Square::zeros(), Row::zeros(), 0.0);
+    let mut clusters = 0_u32;
+    for (index, r) in moving.iter().enumerate() {
+        let row = row(r).component_mul(&scale);
+        let rest = r.torque - row.dot(&solution);
+        squares += rest * rest;
+        score += row * rest;
+        if moving.get(index + 1).is_none_or(|next| next.motion != r.motion) {
+            meat += score * score.transpose();
+            score = Row::zeros();
+            clusters += 1;
+        }
+    }
+    let clusters = f64::from(clusters);
+    let spread = if clusters > 1.0 { clusters / (clusters - 1.0) } else { f64::INFINITY };
+    let covariance = bread * meat * bread * spread;
+    let value = |i: usize| solution[i] * scale[i];
+    let variance = |i: usize, j: usize| covariance[(i, j)] * scale[i] * scale[j];
+
+    let inverse_gain = value(0);
+    let relative = if load_range > 0.0 { variance(0, 0).sqrt() / inverse_gain.abs() } else { f64::INFINITY };
+    let gain = if relative.is_nan() || relative > MOST_DEVIATION {
+        Err(Doubt::Unloaded { load_range, deviation: relative })
+    } else if !BELIEVED.contains(&(1.0 / inverse_gain)) {
+        Err(Doubt::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })
+    } else {
+        Ok(Estimate { value: 1.0 / inverse_gain, deviation: relative / inverse_gain })
+    };
+    let of_friction = |i: usize| match gain {
+        Err(_) => Estimate { value: value(i), deviation: variance(i, i).sqrt() },
+        Ok(_) => {
+            let ratio = value(i) / inverse_gain;
+            let square = variance(i, i) - 2.0 * ratio * variance(0, i) + ratio * ratio * variance(0, 0);
+            Estimate { value: ratio, deviation: square.max(0.0).sqrt() / inverse_gain }
+        }
+    };
+    let [coulomb, mut viscous] = [of_friction(1), of_friction(2)];
+    // What is lost in its own deviation is none.
+    if viscous.value < 0.0 && viscous.value > -3.0 * viscous.deviation {
+        viscous.value = 0.0;
+    }
+    let friction = if coulomb.value < 0.0 {
+        Err(Doubt::Implausible { what: "N·m of Coulomb friction", value: coulomb.value })
+    } else if viscous.value < 0.0 {
+        Err(Doubt::Implausible { what: "N·m·s/rad of viscous friction", value: viscous.value })
+    } else {
+        Ok([coulomb, viscous])
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
+    let residual = (squares / moving.len() as f64).sqrt();
+    Fit { gain, friction, load_range, residual, readings: moving.len() }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    type Row = (usize, [f64; 5]);
+
+    /// Readings, and gain, Coulomb and viscous friction with their deviations, residual and number of readings from
+    /// `tests/oracles/identify.py`.
+    const ORACLE: (&[Row], [(f64, f64); 3], f64, usize) = include!("../../../tests/oracles/data/identify.in");
+
+    fn readings() -> Vec<Reading> {
+        let reading = |&(motion, [torque, load, velocity, own, next]): &Row| {
+            let mut weights = [0.0; MAX_CHAIN_JOINTS];
+            (weights[0], weights[1]) = (own, next);
+            Reading { motion, torque, load, velocity, weights }
+        };
+        ORACLE.0.iter().map(reading).collect()
+    }
+
+    fn doubt(change: impl Fn(&mut Reading)) -> Fit {
+        let mut readings = readings();
+        readings.iter_mut().for_each(change);
+        fit(&readings)
+    }
+
+    #[test]
+    fn agrees_with_numpy() {
+        let (_, wanted, residual, count) = ORACLE;
+        let fit = fit(&readings());
+        let [coulomb, viscous] = fit.friction.unwrap();
+        for (found, (value, deviation)) in [fit.gain.unwrap(), coulomb, viscous].iter().zip(wanted) {
+            assert!((found.value / value - 1.0).abs() < 1e-7, "{found:?} {value}");
+            assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
+        }
+        assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
+        // The readings were made with these.
+        let made = [1.13, 0.0217, 0.0016];
+        for ((value, deviation), made) in wanted.iter().zip(made) {
+            assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_loaded_or_does_not_move_is_said_so() {
+        // A hundredth of the load: up to 2 mN·m.
+        let fit = doubt(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
+        let said = fit.gain.unwrap_err().to_string();
+        assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
+        // Friction is known all the same.
+        assert!(fit.friction.is_ok());
+        let fit = doubt(|reading| reading.velocity = reading.velocity.abs());
+        let said = fit.friction.unwrap_err().to_string();
+        assert!(said.contains("480 readings forth and 0 back"), "{said}");
+        assert_eq!(fit.gain.unwrap_err(), fit.friction.unwrap_err());
+        assert!(matches!(super::fit(&[]).gain, Err(Doubt::Still { forth: 0, back: 0 })));
+        // A sensor with the wrong sign.
+        let fit = doubt(|reading| reading.load = -reading.load);
+        assert!(matches!(fit.gain, Err(Doubt::Implausible { .. })), "{fit:?}");
+        // A drive that brakes where it should push.
+        let fit = doubt(|reading| reading.velocity = -reading.velocity);
+        assert!(matches!(fit.friction, Err(Doubt::Implausible { .. })), "{fit:?}");
+    }
+}
