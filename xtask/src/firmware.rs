@@ -12,10 +12,14 @@ use crate::tools::{self, ArmCompiler, TARGET};
 /// The image that is flashed.
 pub const IMAGE: &str = "tesaki-firmware";
 
+/// Where cargo builds.
+pub fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from)
+}
+
 /// Where a binary of the firmware lies once built.
 pub fn path(binary: &str) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from);
-    target.join(TARGET).join("firmware").join(binary)
+    target().join(TARGET).join("firmware").join(binary)
 }
 
 /// Builds `binary` with `features`.
@@ -67,14 +71,15 @@ pub fn run() -> Result<()> {
     let compiler = ArmCompiler::provide()?;
     tools::provide_qemu()?;
     let image = build(compiler, IMAGE, &[])?;
-    report(&image)
-}
-
-/// Prints what the image takes. The stack is measured: the image paints it at boot and tells how far it was used.
-pub fn report(image: &Path) -> Result<()> {
-    let Footprint { flash, ram } = footprint(image)?;
     let mut host_sim = Command::new("cargo");
     host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    report(&image, host_sim)
+}
+
+/// Prints what the image takes. The stack is measured with `host_sim`: the image paints it at boot and tells how far it was
+/// used.
+pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
+    let Footprint { flash, ram } = footprint(image)?;
     host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
     let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
