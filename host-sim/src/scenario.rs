@@ -5,6 +5,7 @@ mod arm7_bilateral;
 mod arm7_elbow;
 mod arm7_follow;
 mod arm7_release;
+mod arm7_straight;
 mod arm7_wall;
 mod common;
 mod grasping;
@@ -58,6 +59,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_grasp::SCENARIO,
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
+    arm7_straight::SCENARIO,
     arm7_wall::SCENARIO,
     arm7_bilateral::SCENARIO,
     arm7_follow::SCENARIO,

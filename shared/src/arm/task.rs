@@ -32,6 +32,10 @@ const REST_SPEED: f32 = 2e-3;
 const UNIT: f32 = 1e-3;
 /// Against nothing where the arm angle cannot be moved, as a square.
 const STIFF_ANGLE: f32 = 1e-4;
+/// So much of a joint's velocity limit is used.
+const SPEED_SHARE: f32 = 0.6;
+/// A joint comes to its limits no faster than this [1/s] times its distance from them.
+const LIMIT_APPROACH: f32 = 5.0;
 /// Iterations that find the weakest direction at the start.
 const START_ITERATIONS: usize = 16;
 
@@ -362,7 +366,9 @@ impl ArmState {
         };
         (self.velocity, self.acceleration) = (speed.into(), linear.into());
         let bias = posture.bias_acceleration(velocities.as_slice());
-        let accelerations = self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(wanted - bias));
+        let mut accelerations =
+            self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(wanted - bias));
+        self.keep_within_limits(arm, &mut accelerations);
 
         let friction = match settings.law {
             Law::Printed => 0.0,
@@ -502,6 +508,33 @@ impl ArmState {
             accelerations -= resolver.null(&velocities) * (2.0 * bandwidth);
         }
         accelerations
+    }
+
+    /// Changes the joint accelerations, where the joints would come too near to their limits, or be too fast.
+    fn keep_within_limits(&self, arm: &Arm<'_>, accelerations: &mut Joints) {
+        let mut scale = 1.0_f32;
+        let states = self.angles.iter().zip(&self.velocities);
+        for ((&angle, &velocity), (acceleration, joint)) in
+            states.zip(accelerations.iter_mut().zip(arm.joints))
+        {
+            let (limits, wanted) = (&joint.limits, velocity + TICK * *acceleration);
+            let (least, most) =
+                (LIMIT_APPROACH * (limits.lower - angle), LIMIT_APPROACH * (limits.upper - angle));
+            let next = math::clamp(wanted, least, most);
+            if next != wanted {
+                *acceleration = (next - velocity) * (1.0 / TICK);
+            }
+            let speed = SPEED_SHARE * limits.velocity;
+            if abs(next) * scale > speed {
+                scale = speed / abs(next);
+            }
+        }
+        if scale < 1.0 {
+            // All of them slower, so that the tool keeps its direction.
+            for (acceleration, &velocity) in accelerations.iter_mut().zip(&self.velocities) {
+                *acceleration = scale * *acceleration - (1.0 - scale) * velocity * (1.0 / TICK);
+            }
+        }
     }
 
     /// The ideal arm a period later, and the set-point, should no other come: it coasts to rest.

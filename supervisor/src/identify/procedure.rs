@@ -46,7 +46,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { amplitude: 0.1, strengths: vec![2.0, 6.0, 4.0] }
+        Self { amplitude: 0.1, strengths: vec![2.0, 5.0, 3.5] }
     }
 }
 

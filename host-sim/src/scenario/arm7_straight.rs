@@ -1,0 +1,148 @@
+//! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes the tool farther.
+
+use rapier3d::na::Vector3;
+use tesaki::arm::{ArmSettings, Redundancy};
+use tesaki_supervisor::trajectory::minimum_jerk;
+
+use super::arm::{Bench, Log, Machine, Sample, Session, YAW, settings};
+use super::common::capital;
+use super::grasping::{T, require_duration};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "arm7-straight",
+    title: "The elbow becomes straight",
+    about: "the tool is led 3 cm beyond the arm's reach, rests there, and comes back: through a singular posture and out of it",
+    robot: "arm7",
+    duration: 15.0,
+    lead: &[
+        "The set-point of the seven-joint arm's tool is led outwards within 1.5 s, along the line from the shoulder to the wrist, to 3 cm \
+         beyond the arm's reach; it stays for a second and comes back. On the way the elbow becomes straight: there no motion of the \
+         joints moves the tool along that line, and what the tool should do asks for accelerations without bound.",
+        "The solution is damped near singular postures, by the smallest singular value of the Jacobian. The tool stays behind where it \
+         cannot go; torques and speeds stay what they are elsewhere; and it is on its way again as soon as there is one. The machine \
+         differs from the controller's model by up to 20 %. (The wrist's other singular posture, folded by 90°, is beyond its limits.)",
+    ],
+    run,
+};
+
+/// From the shoulder to the wrist, the elbow straight, and how far the set-point is led beyond [m].
+const REACH: f64 = 0.56;
+const BEYOND: f64 = 0.03;
+/// From the wrist to the tool [m].
+const HAND: f64 = 0.10;
+const TIME: f64 = 1.5;
+const REST: f64 = 1.0;
+
+struct Trial {
+    name: &'static str,
+    label: &'static str,
+    redundancy: Redundancy,
+}
+
+const TRIALS: [Trial; 2] = [
+    Trial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
+    Trial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
+];
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut bench = Bench::load(setting)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for trial in &TRIALS {
+        let log = lead(setting, &mut bench, trial)?;
+        add_metrics(&mut summary, trial, &log);
+        figures.push(figure(trial, &log));
+        tables.push((format!("{}.csv", trial.name), log.table()));
+    }
+    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+}
+
+fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Log, ScenarioError> {
+    let settings = ArmSettings { redundancy: trial.redundancy, ..settings(30.0) };
+    let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, settings)?;
+    session.wait(1.0)?;
+    let (start, elbow) = session.start();
+    // The hand points along x and keeps that.
+    let wrist = Vector3::from(start.position).map(f64::from) - Vector3::x() * HAND;
+    let outwards = wrist.normalize() * (REACH + BEYOND - wrist.norm());
+    for (from, to) in [(0.0, 1.0), (1.0, 0.0)] {
+        for tick in 1..=(TIME / T).round() as usize {
+            let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
+            let mut at = start;
+            for axis in 0..3 {
+                let way = outwards[axis] * (to - from);
+                at.position[axis] += (outwards[axis] * from + way * share) as f32;
+                at.velocity[axis] = (way * rate / TIME) as f32;
+                at.acceleration[axis] = (way * change / (TIME * TIME)) as f32;
+            }
+            session.follow(at, elbow)?;
+        }
+        session.wait(REST)?;
+    }
+    session.end()
+}
+
+/// Largest change of a torque in a control period [N·m/s].
+fn largest_rate(log: &Log) -> f64 {
+    let changes = log.0.windows(2).flat_map(|pair| {
+        pair[0].torques.iter().zip(&pair[1].torques).map(|(before, after)| (after - before).abs() / T)
+    });
+    changes.fold(f64::NAN, f64::max)
+}
+
+fn largest_speed(log: &Log) -> f64 {
+    let changes = log.0.windows(2).flat_map(|pair| {
+        pair[0].joints.iter().zip(&pair[1].joints).map(|(before, after)| (after - before).abs() / T)
+    });
+    changes.fold(f64::NAN, f64::max)
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
+    let label = capital(trial.label);
+    let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
+    let all = 0.0..log.now();
+    let straight = -log.largest(&all, |sample| -sample.joints[3].abs());
+    let text = format!("{label}: the elbow at its straightest");
+    insert("straight", Metric::at_most(text, 1e3 * straight, 100.0, "mrad"));
+    let text = format!("{label}: largest speed of a joint, of 5 rad/s that the elbow may have");
+    insert("speed", Metric::at_most(text, largest_speed(log), 4.0, "rad/s"));
+    let text = format!("{label}: largest torque, of 60 N·m that the shoulder may have");
+    let torque =
+        |sample: &Sample| sample.torques.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
+    insert("torque", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
+    let text = format!("{label}: largest change of a torque");
+    insert("rate", Metric::at_most(text, largest_rate(log), 1000.0, "N·m/s"));
+    let text = format!("{label}: largest turn of the hand");
+    let turn = log
+        .0
+        .first()
+        .map_or(f64::NAN, |first| log.largest(&all, |sample| 1e3 * first.turn().angle_to(&sample.turn())));
+    insert("turn", Metric::reported(text, turn, "mrad"));
+    let back = log.0.last().map_or(f64::NAN, off);
+    let text = format!("{label}: off its place after coming back");
+    insert("back", Metric::at_most(text, back, 1.0, "mm"));
+}
+
+/// How far the tool is from where it should be [mm].
+fn off(sample: &Sample) -> f64 {
+    1e3 * (sample.position() - sample.aim).norm()
+}
+
+fn figure(trial: &Trial, log: &Log) -> Figure {
+    let caption = "How far the tool is from its set-point, the elbow's angle, and the torques.";
+    let series = |value: &dyn Fn(&Sample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
+    let time = series(&|sample| sample.time);
+    let tool = Panel::new("Tool", "behind", "mm").line(Line::solid("tool", 0, time.clone(), series(&off)));
+    let elbow = series(&|sample| sample.joints[3]);
+    let elbow = Panel::new("Elbow", "angle", "rad").line(Line::solid("elbow", 3, time.clone(), elbow));
+    let mut torques = Panel::new("Torques", "torque", "N·m");
+    for joint in 0..log.0.first().map_or(0, |first| first.torques.len()) {
+        let values = series(&|sample| sample.torques[joint]);
+        torques = torques.line(Line::solid(format!("{}", joint + 1), joint, time.clone(), values));
+    }
+    Figure::stacked(capital(trial.label), caption, "time", "s").panel(tool).panel(elbow).panel(torques)
+}
