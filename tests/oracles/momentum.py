@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-PERIOD, STEPS, TICKS, BANDWIDTH, VISCOUS, ROTOR = 0.01, 100, 90, 30.0, 0.3, 0.03
+PERIOD, STEPS, TICKS, BANDWIDTH, VISCOUS, ROTOR = 0.01, 100, 120, 30.0, 0.3, 0.03
 SHAPES = [
     ((0, -1, 0), 0.0, 0.5), ((-1, 0, 0), 0.0, 0.4), ((0, 0, 1), 0.0, 1.5), ((0, -1, 0), -0.3, 0.9),
     ((0, 0, 1), -0.26, 0.4), ((0, -1, 0), 0.0, 0.2), ((1, 0, 0), 0.0, 0.5),
@@ -31,7 +31,7 @@ data = model.createData()
 
 def wrench(time):
     """Of the world on the tool, in base axes: comes within 0.2 s, swings, goes within 0.1 s."""
-    on = np.clip((time - 0.2) / 0.2, 0, 1) * np.clip((0.8 - time) / 0.1, 0, 1)
+    on = np.clip((time - 0.5) / 0.2, 0, 1) * np.clip((1.1 - time) / 0.1, 0, 1)
     return on * np.array([8.0, -5.0 * np.cos(9 * time), 6.0, 0.3, 0.4 * np.sin(7 * time), -0.5])
 
 

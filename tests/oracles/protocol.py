@@ -255,6 +255,7 @@ BAD_SETTINGS = {
     "contact-force": uint(4) + real(-1.0),
     "reach": uint(5) + real(0.0),
     "force-bandwidth": uint(6) + reals([60.0, 50.0]),
+    "no-free-joint": uint(7),
 }
 
 

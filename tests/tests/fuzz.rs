@@ -320,7 +320,7 @@ fn any_settings(random: &mut Random) -> ArmSettings {
         ][random.below(3)],
         elbow_bandwidth: between(random, 0.1, 50.0),
         force: if random.one_in(3) {
-            ForceSource::Observer { bandwidth: between(random, 0.1, 50.0) }
+            ForceSource::Observer { bandwidth: between(random, 10.0, 50.0) }
         } else {
             ForceSource::Sensor
         },

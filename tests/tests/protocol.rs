@@ -152,7 +152,7 @@ variants! {
     SetPoint { Goal, Stream, Reach, Keep, Guide, Pose }
     Law { Printed, Following }
     Redundancy { None, Driven, ArmAngle }
-    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth }
+    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint }
     ImpedanceTerm { Mass, Damping, Stiffness }
     ArmError { Distance, Turn, NotFinite, NotAUnit, NoSettings, Elbow }
     GraspCommand { Grasp, Move, PutDown, Open }
@@ -502,7 +502,7 @@ const PUSHED: ArmTelemetry = ArmTelemetry {
     elbow: 0.25,
 };
 
-const BAD_SETTINGS: [(BadSettings, &str); 9] = [
+const BAD_SETTINGS: [(BadSettings, &str); 10] = [
     (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
@@ -512,6 +512,7 @@ const BAD_SETTINGS: [(BadSettings, &str); 9] = [
     (BadSettings::ContactForce { value: -1.0 }, "contact-force"),
     (BadSettings::Reach { value: 0.0 }, "reach"),
     (BadSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
+    (BadSettings::NoFreeJoint, "no-free-joint"),
 ];
 
 const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {

@@ -1,4 +1,3 @@
-use nalgebra::SVector;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +9,8 @@ use crate::{TICK, math};
 
 /// Ticks of rest after which what is left over counts as the model's error: 0.4 s.
 const REST_TICKS: u8 = 40;
+/// Readings of the angles that an acceleration takes.
+const READINGS: u8 = 3;
 
 /// Joint torques that the world exerts, without a force sensor: the change of the arm's momentum that neither its motors
 /// nor gravity, Coriolis forces and friction explain, through a filter of first order (De Luca and Mattone 2005).
@@ -29,8 +30,11 @@ pub(super) struct MomentumObserver {
     residual: [f32; MAX_CHAIN_JOINTS],
     /// What of it counts as the model's error [N·m].
     tare: [f32; MAX_CHAIN_JOINTS],
-    /// Ticks so far; counts no farther than to the tare.
-    ticks: u8,
+    /// Readings so far; counts no farther than [`READINGS`].
+    readings: u8,
+    /// Ticks of rest so far, and whether what was left over then was taken for the tare.
+    rested: u8,
+    tared: bool,
 }
 
 impl MomentumObserver {
@@ -40,7 +44,9 @@ impl MomentumObserver {
         torques: [[0.0; MAX_CHAIN_JOINTS]; 2],
         residual: [0.0; MAX_CHAIN_JOINTS],
         tare: [0.0; MAX_CHAIN_JOINTS],
-        ticks: 0,
+        readings: 0,
+        rested: 0,
+        tared: false,
     };
 
     /// The motors' mean torques in the period that begins [N·m].
@@ -48,19 +54,22 @@ impl MomentumObserver {
         self.torques = [*torques, self.torques[0]];
     }
 
-    /// Takes the joints' `angles` [rad]; friction acts against `velocities` [rad/s]. `bandwidth` of the filter [rad/s].
+    /// Takes the joints' `angles` [rad]; friction acts against `velocities` [rad/s]. `bandwidth` of the filter [rad/s];
+    /// `resting`: whether the arm is to stand still, so that it may tare.
     pub fn update(
         &mut self,
         arm: &Arm<'_>,
         angles: &[f32; MAX_CHAIN_JOINTS],
         velocities: &[f32; MAX_CHAIN_JOINTS],
         bandwidth: f32,
+        resting: bool,
     ) {
         let [last, before] = self.angles;
         self.angles = [*angles, last];
-        let ticks = self.ticks;
-        self.ticks = if ticks < REST_TICKS { ticks + 1 } else { REST_TICKS };
-        if ticks < 2 {
+        if self.readings < READINGS {
+            self.readings += 1;
+        }
+        if self.readings < READINGS {
             return;
         }
         let [now, last, before] = [*angles, last, before].map(Joints::from);
@@ -83,21 +92,22 @@ impl MomentumObserver {
             let needed = links + joint.motor.rotor_inertia * acceleration + friction;
             *residual += gain * (needed - 0.5 * (now + before) - *residual);
         }
-        if ticks + 1 == REST_TICKS {
+        if !self.tared {
+            self.rested = if resting { self.rested + 1 } else { 0 };
+            self.tared = self.rested >= REST_TICKS;
             self.tare();
         }
     }
 
-    /// What is left over now is the model's error.
+    /// What is left over now is the model's error. Before the arm has rested long enough it will be anyway.
     pub const fn tare(&mut self) {
-        (self.tare, self.ticks) = (self.residual, REST_TICKS);
+        if self.tared {
+            self.tare = self.residual;
+        }
     }
 
     /// The torques of the world on the joints [N·m]; none before the tare.
     pub fn torques(&self) -> Joints {
-        if self.ticks < REST_TICKS {
-            return SVector::zeros();
-        }
-        Joints::from(self.residual) - Joints::from(self.tare)
+        if self.tared { Joints::from(self.residual) - Joints::from(self.tare) } else { Joints::zeros() }
     }
 }

@@ -35,10 +35,10 @@ pub enum ForceSource {
     /// 0: the force sensor behind the tip.
     Sensor,
     /// 1: the motors' torques, less what the motion needs by the model: a momentum observer (De Luca and Mattone 2005).
-    /// Friction and weight that the model does not know look like pushes; what of them there is 0.4 s after arming, at
-    /// rest, is left out.
+    /// Friction and weight that the model does not know look like pushes; what of them there is once the arm has rested for
+    /// 0.4 s after arming is left out. Until then there is no force.
     Observer {
-        /// Of its filter [rad/s].
+        /// Of its filter: 10 to 50 rad/s.
         bandwidth: f32,
     },
 }
@@ -59,7 +59,8 @@ pub enum Law {
 pub enum Redundancy {
     /// 0: there is none: six joints. Of seven, the least motion of all.
     None,
-    /// 1: one joint follows [`ElbowPoint`] by itself, six take the tool (Arm7, section 2.2: shoulder yaw).
+    /// 1: of seven joints, one follows [`ElbowPoint`] by itself and six take the tool (Arm7, section 2.2: shoulder yaw).
+    /// Not the elbow: nothing else takes the wrist nearer to the shoulder.
     Driven {
         /// Which.
         joint: u8,
@@ -173,6 +174,8 @@ pub enum BadSettings {
         /// Largest.
         limit: f32,
     },
+    /// 7: six joints take the tool, and there is no seventh to be driven by itself.
+    NoFreeJoint,
 }
 
 impl fmt::Display for BadSettings {
@@ -186,6 +189,9 @@ impl fmt::Display for BadSettings {
                     joints - 1
                 )
             }
+            Self::NoFreeJoint => {
+                f.write_str("a joint can be driven by itself in an arm of seven joints: six take the tool")
+            }
             Self::NoArmAngle => f.write_str("only an arm of seven joints has an arm angle"),
             Self::ElbowBandwidth { value, limit } => {
                 write!(
@@ -196,7 +202,7 @@ impl fmt::Display for BadSettings {
             Self::ForceBandwidth { value, limit } => {
                 write!(
                     f,
-                    "the bandwidth of the force observer is {value} rad/s; possible is more than 0, and {limit} rad/s at most"
+                    "the bandwidth of the force observer is {value} rad/s; possible is {LEAST_FORCE_BANDWIDTH} to {limit} rad/s"
                 )
             }
             Self::ContactForce { value } => {
@@ -212,6 +218,8 @@ impl fmt::Display for BadSettings {
     }
 }
 
+/// Of the force observer: slower, it would not have settled when it is tared.
+const LEAST_FORCE_BANDWIDTH: f32 = 10.0;
 /// Half of what a control period allows.
 const MOST_BANDWIDTH: f32 = 50.0;
 
@@ -224,6 +232,7 @@ impl ArmSettings {
         self.impedance.validate().map_err(BadSettings::Impedance)?;
         match self.redundancy {
             Redundancy::None => {}
+            Redundancy::Driven { .. } if joints < MAX_CHAIN_JOINTS => return Err(BadSettings::NoFreeJoint),
             Redundancy::Driven { joint } if usize::from(joint) < joints => {}
             #[expect(clippy::cast_possible_truncation, reason = "at most seven")]
             Redundancy::Driven { joint } => return Err(BadSettings::Joint { joint, joints: joints as u8 }),
@@ -235,7 +244,7 @@ impl ArmSettings {
             return Err(BadSettings::ElbowBandwidth { value, limit: MOST_BANDWIDTH });
         }
         if let ForceSource::Observer { bandwidth: value } = self.force
-            && !(value > 0.0 && value <= MOST_BANDWIDTH)
+            && !(value >= LEAST_FORCE_BANDWIDTH && value <= MOST_BANDWIDTH)
         {
             return Err(BadSettings::ForceBandwidth { value, limit: MOST_BANDWIDTH });
         }

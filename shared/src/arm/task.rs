@@ -30,6 +30,9 @@ const REST_ERROR: f32 = 1e-4;
 const REST_SPEED: f32 = 2e-3;
 /// The norm of a unit quaternion is this near to 1.
 const UNIT: f32 = 1e-3;
+/// Farther off than this counts as this far [rad]: however the arm angle turns where it is hardly defined, near a vertical line
+/// from shoulder to wrist, the elbow follows calmly.
+const MOST_ELBOW_ERROR: f32 = 0.3;
 /// Against nothing where the arm angle cannot be moved, as a square.
 const STIFF_ANGLE: f32 = 1e-4;
 /// So much of a joint's velocity limit is used.
@@ -169,6 +172,8 @@ pub struct ArmState {
     impedance: Impedance,
     set_point: PosePoint,
     elbow: ElbowPoint,
+    /// Whether the elbow has no angle where the arm is: then it has no set-point either.
+    no_angle: bool,
     /// The ideal arm: angles and velocities at the next tick.
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
@@ -196,6 +201,7 @@ impl ArmState {
         impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
         set_point: NOWHERE,
         elbow: ElbowPoint { angle: 0.0, velocity: 0.0, acceleration: 0.0 },
+        no_angle: false,
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
@@ -228,9 +234,6 @@ impl ArmState {
         if before.is_none_or(|before| before.law != settings.law) {
             // The printed law learns nothing about disturbances, and what was learnt before it is out of date.
             self.observers = Self::NONE.observers;
-        }
-        if before.is_none_or(|before| before.force != settings.force) {
-            (self.momentum, self.observed) = (MomentumObserver::NONE, [0.0; 6]);
         }
         if before.is_none_or(|before| before.redundancy != settings.redundancy) {
             // The elbow stays where it is.
@@ -339,7 +342,8 @@ impl ArmState {
         let resolver = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
         self.direction = direction.into();
         if let ForceSource::Observer { bandwidth } = settings.force {
-            self.momentum.update(arm, &sense.angles, &self.velocities, bandwidth);
+            let resting = self.velocities.iter().all(|velocity| abs(*velocity) < REST_SPEED);
+            self.momentum.update(arm, &sense.angles, &self.velocities, bandwidth, resting);
             self.observed = resolver.wrench(&self.momentum.torques()).into();
         }
         let wrench = self.felt(sense);
@@ -406,6 +410,12 @@ impl ArmState {
         }
     }
 
+    /// Whether the force would come from another source under these settings: that is decided before the arm is armed.
+    pub fn changes_source(&self, settings: &ArmSettings) -> bool {
+        let source = |settings: &ArmSettings| core::mem::discriminant(&settings.force);
+        self.settings.is_some_and(|own| source(&own) != source(settings))
+    }
+
     /// What the observer of the force says now is what it says without contact. `false` if the force comes from a sensor.
     pub const fn tare(&mut self) -> bool {
         let observes = self.observes_force();
@@ -467,7 +477,7 @@ impl ArmState {
 
     /// Joint accelerations for the tool's, and for the elbow.
     fn resolve(
-        &self,
+        &mut self,
         arm: &Arm<'_>,
         settings: &ArmSettings,
         posture: &Posture,
@@ -477,11 +487,22 @@ impl ArmState {
     ) -> Joints {
         let bandwidth = settings.elbow_bandwidth;
         let velocities = Joints::from(self.velocities);
+        let angle = match settings.redundancy {
+            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
+            _ => None,
+        };
+        if let (Some(ArmAngle { angle, .. }), true) = (&angle, self.no_angle) {
+            // It has one again, and stays where it is until it is led.
+            self.elbow = ElbowPoint { angle: *angle, ..ElbowPoint::default() };
+        }
+        self.no_angle = angle.is_none();
         let elbow = self.elbow;
         let toward = |angle: f32, velocity: f32| {
             elbow.acceleration
                 + 2.0 * bandwidth * (elbow.velocity - velocity)
-                + bandwidth * bandwidth * shorter(elbow.angle - angle)
+                + bandwidth
+                    * bandwidth
+                    * math::clamp(shorter(elbow.angle - angle), -MOST_ELBOW_ERROR, MOST_ELBOW_ERROR)
         };
         if let Some(joint) = driven(settings.redundancy) {
             let of_joint = self.angles.get(joint).zip(self.velocities.get(joint));
@@ -494,10 +515,6 @@ impl ArmState {
             return accelerations;
         }
         let mut accelerations = resolver.solve(tool);
-        let angle = match settings.redundancy {
-            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
-            _ => None,
-        };
         if let Some(ArmAngle { angle, jacobian: row }) = angle {
             let missing = toward(angle, row.dot(&velocities)) - row.dot(&accelerations);
             let motion = resolver.null(&row);

@@ -12,9 +12,9 @@ use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
 
 const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
-const ARM: Request = Request::Arm { task: Task::Impedance };
+pub(super) const ARM: Request = Request::Arm { task: Task::Impedance };
 /// Elbow bent by 90°, the rest a little.
-const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];
+pub(super) const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];
 
 const SENSOR: ForceSensor = ForceSensor {
     force_resolution: 0.01,
@@ -32,7 +32,7 @@ fn feeling() -> RobotModel {
 }
 
 /// Disarmed and not tared, without settings.
-fn bench(model: &RobotModel) -> Bench {
+pub(super) fn bench(model: &RobotModel) -> Bench {
     let mut bench = Bench::new();
     bench.sensors.currents = [0; 7].into_iter().collect();
     bench.sensors.forces =
@@ -52,7 +52,7 @@ fn armed() -> Bench {
     bench
 }
 
-fn stand(bench: &mut Bench, angles: &[f32]) {
+pub(super) fn stand(bench: &mut Bench, angles: &[f32]) {
     bench.sensors.encoders =
         angles.iter().map(|angle| libm::roundf(angle * COUNTS_PER_RADIAN) as i32).collect();
 }
@@ -93,7 +93,7 @@ impl Machine {
     }
 }
 
-fn seen(bench: &mut Bench) -> ArmTelemetry {
+pub(super) fn seen(bench: &mut Bench) -> ArmTelemetry {
     let Reply::Arm(arm) = bench.ask(Request::ReadArm) else { panic!() };
     assert_eq!(Some(arm), bench.node.tool());
     arm
@@ -163,7 +163,7 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
     let deaf = ArmSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
     assert_eq!(
         refusal(bench.ask(Request::Impedance(deaf))).to_string(),
-        "the bandwidth of the force observer is 60 rad/s; possible is more than 0, and 50 rad/s at most"
+        "the bandwidth of the force observer is 60 rad/s; possible is 10 to 50 rad/s"
     );
     let observing = ArmSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
     assert_eq!(bench.ask(Request::Impedance(observing)), Reply::Done);

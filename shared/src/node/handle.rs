@@ -308,6 +308,9 @@ impl Node {
         if settings.force == ForceSource::Sensor && self.robot.force_sensors == 0 {
             return Err(Refusal::NoForceSensor);
         }
+        if self.state.mode != Mode::Disarmed && self.state.arm.changes_source(settings) {
+            return Err(Refusal::WrongMode(self.state.mode));
+        }
         self.state.arm.configure(&arm, settings).map_err(Refusal::Settings)?;
         self.state.silence = 0;
         Ok(())

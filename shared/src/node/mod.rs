@@ -46,6 +46,10 @@ mod tests;
 )]
 mod arm_tests;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod arm_loop_tests;
+
 pub use replay::{Difference, Replay, ReplayError};
 pub use robot::Robot;
 pub use state::State;
