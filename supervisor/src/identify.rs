@@ -14,5 +14,5 @@ mod procedure;
 mod regression;
 
 pub use calibration::{Calibration, CalibrationError, JointCalibration};
-pub use procedure::{IdentifyError, Machine, Sense, Settings, identify};
+pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
 pub use regression::{Doubt, Estimate, Fit, Reading, fit};

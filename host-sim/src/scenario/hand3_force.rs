@@ -12,7 +12,7 @@ use super::grasping::{
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
-use tesaki_supervisor::identify::Fit;
+use tesaki_supervisor::identify::Identification;
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
@@ -120,8 +120,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         };
         if trial.identified {
             let held = Held { label: "identification", ..held };
-            let fits = calibrate(setting, &mut bench, &held)?;
-            add_identified(&mut summary, &bench, &held, &fits)?;
+            let found = calibrate(setting, &mut bench, &held)?;
+            add_identified(&mut summary, &bench, &held, &found)?;
         }
         let mut session = Session::without_support(setting, &mut bench, &held)?;
         session.wait(HOLD)?;
@@ -199,11 +199,11 @@ fn add_identified(
     summary: &mut Summary,
     bench: &Bench,
     held: &Held<'_>,
-    fits: &[Fit],
+    found: &Identification,
 ) -> Result<(), ScenarioError> {
     let (_, plant) = bench.place(held)?;
     let [mut known, mut gain, mut coulomb] = [0.0_f64, f64::NAN, f64::NAN];
-    for ((fit, factors), joint) in fits.iter().zip(plant.factors()).zip(&bench.robot.model.joints) {
+    for ((fit, factors), joint) in found.fits.iter().zip(plant.factors()).zip(&bench.robot.model.joints) {
         let Ok(found) = fit.gain else { continue };
         known += 1.0;
         gain = gain.max(100.0 * (found.value / factors.torque_constant - 1.0).abs());
@@ -215,6 +215,12 @@ fn add_identified(
     }
     let known = Metric::reported("Identified: torque constants, of nine", known, "");
     summary.insert("identified_joints", known.note("the others are said to be loaded too little"));
+    let failed: Vec<String> = found.failed.iter().map(ToString::to_string).collect();
+    let text = "Identification: grips that could not be made";
+    summary.insert(
+        "identified_without",
+        Metric::reported(text, failed.len() as f64, "").note(failed.join("; ")),
+    );
     let text = "Identified: torque constant, largest error";
     summary.insert("identified_gain", Metric::reported(text, gain, "%"));
     let text = "Identified: Coulomb friction, largest error";

@@ -49,6 +49,8 @@ const SLIP_TIME: f32 = 0.4;
 const RELEASE_TIME: f32 = 0.3;
 /// Instructions that a tick may spend on the least grip; one step of the search it takes in any case.
 const GRIP_BUDGET: u32 = 9_000;
+/// Share of the friction that forces across the normals may take while they are shaken.
+const SHAKEN_SHARE: f32 = 0.8;
 /// Less normal force than this says nothing about friction [N].
 const FAINT: f32 = 0.1;
 
@@ -198,10 +200,11 @@ impl Forces {
             carried.iter_mut().zip(&found).for_each(|(carried, found)| *carried = *found);
         }
         let mut internal = self.internal(grasped, share, inverse, &carried);
+        let extra_share = room_for(map.contacts(), &internal, &carried, extra);
         let all = internal.iter_mut().zip(&carried).zip(extra).zip(map.contacts()).zip(&mut self.wanted);
         for ((((internal, carried), extra), contact), wanted) in all {
             // Nothing is crushed, whatever the internal force and the load are.
-            let force = *internal + extra + carried;
+            let force = *internal + extra * extra_share + carried;
             let push = contact.normal().dot(&force);
             let scale = if push > contact.limit() { contact.limit() / push } else { 1.0 };
             *wanted = (force * scale).into();
@@ -307,6 +310,39 @@ impl Forces {
         math::sqrt(sizes.fold(f32::INFINITY, |least, size| if size < least { size } else { least }))
     }
 
+    /// This share of the internal forces that were found last [N].
+    pub fn swung(&self, share: f32) -> Each<Vector3<f32>> {
+        self.base.map(|force| Vector3::from(force) * share)
+    }
+
+    /// By which share of themselves, at most `most`, the internal forces may swing to either side with no finger meeting
+    /// its limit.
+    pub fn swing(&self, contacts: &[Contact], mut most: f32) -> f32 {
+        for (contact, force) in contacts.iter().zip(&self.base) {
+            let push = contact.normal().dot(&Vector3::from(*force));
+            most = at_most(most, push, contact.limit() - push);
+        }
+        most
+    }
+
+    /// By how much, at most `most` [N], forces besides the internal ones may swing along `ways`, each by itself and to either
+    /// side, with no finger meeting its limit, and none coming near to sliding.
+    pub fn swing_across(&self, contacts: &[Contact], ways: &Each<[Vector3<f32>; 2]>, mut most: f32) -> f32 {
+        let friction = SHAKEN_SHARE * self.friction;
+        for ((contact, force), ways) in contacts.iter().zip(&self.base).zip(ways) {
+            let parts = |force: &Vector3<f32>| {
+                let along = contact.normal().dot(force);
+                (along, math::sqrt((force - contact.normal() * along).norm_squared()))
+            };
+            let (push, held) = parts(&Vector3::from(*force));
+            let [(along, beside), (more_along, more_beside)] = ways.each_ref().map(parts);
+            let (along, beside) = (abs(along) + abs(more_along), beside + more_beside);
+            most = at_most(most, along, contact.limit() - push);
+            most = at_most(most, beside + friction * along, friction * push - held);
+        }
+        most
+    }
+
     /// Whether the measured normal forces are near the wanted ones.
     pub fn is_settled(&self, grasped: &Grasped<'_>) -> bool {
         let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);
@@ -350,6 +386,27 @@ impl Grasped<'_> {
     }
 }
 
+/// The share of `extra` forces, the same for all fingers so that they move nothing, with which no finger meets its limit.
+fn room_for(
+    contacts: &[Contact],
+    internal: &Each<Vector3<f32>>,
+    carried: &Each<Vector3<f32>>,
+    extra: &Each<Vector3<f32>>,
+) -> f32 {
+    let mut share = 1.0;
+    for (((contact, internal), carried), extra) in contacts.iter().zip(internal).zip(carried).zip(extra) {
+        let room = contact.limit() - contact.normal().dot(&(internal + carried));
+        share = at_most(share, contact.normal().dot(extra), room);
+    }
+    share
+}
+
+/// `value`, or less of it, so that `rate` times it takes no more than the `room`.
+fn at_most(value: f32, rate: f32, room: f32) -> f32 {
+    let room = if room > 0.0 { room } else { 0.0 };
+    if value * rate > room { room / rate } else { value }
+}
+
 /// The grasp of contacts at `arms` from `origin` with these `normals`; `None` when they make none.
 pub(super) fn grasp_map(
     origin: Vector3<f32>,
@@ -364,4 +421,76 @@ pub(super) fn grasp_map(
         contacts.push(contact).ok()?;
     }
     GraspMap::try_new(&contacts, origin).ok()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// The paper's box, and fingers that press on it with the largest normal force `strength` [N].
+    fn grasp(strength: f32, friction: f32) -> ([Contact; 3], Forces) {
+        let at = |x, y, normal| Contact::try_new(Vector3::new(x, y, 0.0), normal, friction, 9.0).unwrap();
+        let along = Vector3::x();
+        let contacts = [at(-0.049, 0.04, along), at(-0.049, -0.04, along), at(0.049, 0.0, -along)];
+        let half = 0.5 * strength;
+        let base = [[half, 0.0, 0.0], [half, 0.0, 0.0], [-strength, 0.0, 0.0]];
+        (contacts, Forces { base, ..Forces::new(friction) })
+    }
+
+    /// Fingers 1 and 2 towards each other, and towards finger 3, as 98 mm along and 40 mm across make it.
+    fn ways() -> Each<[Vector3<f32>; 2]> {
+        let (along, across) = (0.925_85, 0.377_90);
+        [
+            [-Vector3::y(), Vector3::new(along, -across, 0.0)],
+            [Vector3::y(), Vector3::new(-along, -across, 0.0)],
+            [Vector3::zeros(), Vector3::new(0.0, 2.0 * across, 0.0)],
+        ]
+    }
+
+    #[test]
+    fn swinging_forces_meet_no_limit() {
+        let (contacts, forces) = grasp(4.0, 0.4);
+        assert!((forces.swing(&contacts, 0.5) - 0.5).abs() < 1e-6);
+        // From 8 N to the limit of 9 N it is an eighth.
+        let (contacts, forces) = grasp(8.0, 0.4);
+        let share = forces.swing(&contacts, 0.5);
+        assert!((share - 0.125).abs() < 1e-6, "{share}");
+        let swung = forces.swung(share);
+        assert!((swung[2] - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6, "{swung:?}");
+        let (contacts, forces) = grasp(9.5, 0.4);
+        assert!(forces.swing(&contacts, 0.5).abs() < 1e-6);
+
+        // With a load, what is too much goes from all fingers alike: finger 3 has room for 0.5 N of 1 N.
+        let carried = [Vector3::zeros(), Vector3::zeros(), Vector3::new(-0.5, 0.3, 0.0)];
+        let (contacts, forces) = grasp(8.0, 0.4);
+        let internal = forces.swung(1.0);
+        let room = room_for(&contacts, &internal, &carried, &swung);
+        assert!((room - 0.5).abs() < 1e-6, "{room}");
+        // The other way there is room for all.
+        let back = swung.map(|force| -force);
+        assert!((room_for(&contacts, &internal, &carried, &back) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn swinging_across_lets_nothing_slide() {
+        let (contacts, forces) = grasp(4.0, 0.8);
+        assert!((forces.swing_across(&contacts, &ways(), 0.4) - 0.4).abs() < 1e-6);
+        // Of fingers 1 and 2, 0.8 · 0.05 · (2 − 0.92585 s) = 1.37790 s.
+        let (contacts, forces) = grasp(4.0, 0.05);
+        let size = forces.swing_across(&contacts, &ways(), 0.4);
+        assert!((size - 0.056_540).abs() < 1e-5, "{size}");
+        for signs in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
+            for ((contact, force), ways) in contacts.iter().zip(&forces.base).zip(&ways()) {
+                let force = Vector3::from(*force) + (ways[0] * signs[0] + ways[1] * signs[1]) * size;
+                let push = contact.normal().dot(&force);
+                let beside = (force - contact.normal() * push).norm();
+                assert!(push < 9.0 && beside <= 0.8 * 0.05 * push + 1e-6, "{push} {beside}");
+            }
+        }
+        // Much friction, little room: 9 N less 8.9 N over 0.92585.
+        let (contacts, forces) = grasp(17.8, 1.0);
+        let size = forces.swing_across(&contacts[..2], &ways(), 1.0);
+        assert!((size - 0.108_01).abs() < 1e-4, "{size}");
+    }
 }

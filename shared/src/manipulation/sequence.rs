@@ -8,6 +8,7 @@ use super::pose::PoseMotion;
 use super::task::Fingers;
 use super::{Each, Failure, Hand, HandState, Loss, Phase};
 use crate::TICK;
+use crate::grasp::Contact;
 use crate::math;
 
 /// Time in which the internal forces rise and fall [s].
@@ -19,7 +20,7 @@ const SETTLED_TICKS: u8 = 10;
 /// its whole size while the forces rose, is led round ever smaller loops of hysteresis and ends near none of it, as a magnet's
 /// remanence in a fading alternating field. First all swing together by this share of what they should be; then, by a share of
 /// the least of them, fingers 1 and 2 against each other, and their shares of what finger 3 presses with: forces in which
-/// other joints take part. Times and periods [s].
+/// other joints take part. Less where a finger would meet its limit, or slide. Times and periods [s].
 const SHAKE: f32 = 0.5;
 const SHAKE_ACROSS: f32 = 0.2;
 const SHAKE_TIME: f32 = 1.1;
@@ -105,13 +106,18 @@ impl HandState {
     fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) -> Each<Vector3<f32>> {
         let risen = self.elapsed() - SQUEEZE_TIME;
         let shakes = plan.only_feeds_forward();
-        let mut across = [Vector3::zeros(); 3];
+        let contacts = grasped.map.contacts();
+        let mut extra = [Vector3::zeros(); 3];
         let mut still = true;
-        if shakes && (0.0..2.0 * SHAKE_TIME).contains(&risen) {
-            (self.share, still) = (1.0 + SHAKE * shaking(risen, SHAKE_PERIOD), false);
-            let size = SHAKE_ACROSS * self.forces.least_internal();
+        if shakes && (0.0..SHAKE_TIME).contains(&risen) {
+            (self.share, still) = (1.0, false);
+            extra = self.forces.swung(self.forces.swing(contacts, SHAKE) * shaking(risen, SHAKE_PERIOD));
+        } else if shakes && (SHAKE_TIME..2.0 * SHAKE_TIME).contains(&risen) {
+            still = false;
+            let ways = across(contacts);
+            let size = self.forces.swing_across(contacts, &ways, SHAKE_ACROSS * self.forces.least_internal());
             let [pair, split] = ACROSS_PERIODS.map(|period| size * shaking(risen - SHAKE_TIME, period));
-            across = fingers.across(pair, split);
+            extra = ways.map(|[first, second]| first * pair + second * split);
         } else {
             self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
         }
@@ -126,7 +132,7 @@ impl HandState {
             let (_, force) = grasped.faintest();
             self.fail(Failure::NoGrip { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
         }
-        across
+        extra
     }
 
     /// Fingers 1 and 2 press towards each other, harder and harder, an internal force that moves nothing; until one of
@@ -194,6 +200,18 @@ fn shaking(time: f32, period: f32) -> f32 {
     (1.0 - time / SHAKE_TIME) * sine
 }
 
+/// Forces of each finger that together move nothing: fingers 1 and 2 press towards each other; and finger 1 more, finger 2 less
+/// towards finger 3. Each with 1 N, on the lines from contact to contact.
+fn across(contacts: &[Contact]) -> Each<[Vector3<f32>; 2]> {
+    let [one, two, three] = contacts else { return [[Vector3::zeros(); 2]; 3] };
+    let towards = |from: &Contact, to: &Contact| {
+        let way = to.position() - from.position();
+        way / math::sqrt(way.norm_squared())
+    };
+    let (pair, first, second) = (towards(one, two), towards(one, three), towards(two, three));
+    [[pair, first], [-pair, -second], [Vector3::zeros(), second - first]]
+}
+
 /// Unit vector along gravity; 0 without.
 fn down(hand: &Hand<'_>) -> Vector3<f32> {
     let size = math::sqrt(hand.gravity.norm_squared());
@@ -201,8 +219,40 @@ fn down(hand: &Hand<'_>) -> Vector3<f32> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
+
+    #[test]
+    fn forces_across_move_nothing() {
+        // The paper's box. From finger 1 to finger 3 it is 98 mm along and 40 mm across: of 1 N 0.92585 N and 0.37790 N.
+        let at = |x, y, normal| Contact::try_new(Vector3::new(x, y, 0.01), normal, 0.4, 9.0).unwrap();
+        let along = Vector3::x();
+        let contacts = [at(-0.049, 0.04, along), at(-0.049, -0.04, along), at(0.049, 0.0, -along)];
+        let ways = across(&contacts);
+        let wanted = [
+            [[0.0, -1.0, 0.0], [0.925_85, -0.377_90, 0.0]],
+            [[0.0, 1.0, 0.0], [-0.925_85, -0.377_90, 0.0]],
+            [[0.0; 3], [0.0, 0.755_80, 0.0]],
+        ];
+        for (found, wanted) in ways.iter().flatten().zip(wanted.iter().flatten()) {
+            assert!((found - Vector3::from(*wanted)).norm() < 1e-5, "{found} {wanted:?}");
+        }
+        // And of contacts that lie and point anywhere, about any place.
+        let at = |x, y, z| Contact::try_new(Vector3::new(x, y, z), Vector3::new(y, z, x), 0.4, 9.0).unwrap();
+        let contacts = [at(0.03, 0.05, -0.02), at(-0.06, 0.01, 0.04), at(0.02, -0.07, 0.03)];
+        let ways = across(&contacts);
+        let about = Vector3::new(0.3, -0.2, 0.1);
+        for kind in 0..2 {
+            let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
+            for (contact, ways) in contacts.iter().zip(&ways) {
+                force += ways[kind];
+                moment += (contact.position() - about).cross(&ways[kind]);
+            }
+            assert!(force.norm() < 1e-6 && moment.norm() < 1e-6, "{force} {moment}");
+            assert!(ways[0][kind].norm() > 0.99);
+        }
+    }
 
     #[test]
     fn shaking_fades_to_nothing_about_nothing() {

@@ -74,19 +74,6 @@ impl Fingers {
         }
     }
 
-    /// Forces that move nothing: fingers 1 and 2 press towards each other with the force `pair`, and finger 1 more, finger 2 less
-    /// towards finger 3, by `split` [N].
-    pub fn across(&self, pair: f32, split: f32) -> Each<Vector3<f32>> {
-        let [one, two, three] = self.tips;
-        let towards = |from: Vector3<f32>, to: Vector3<f32>| {
-            let way = to - from;
-            way / math::sqrt(way.norm_squared())
-        };
-        let (pair, first, second) =
-            (towards(one, two) * pair, towards(one, three) * split, towards(two, three) * -split);
-        [pair + first, second - pair, -first - second]
-    }
-
     /// Distance of the tips of fingers 1 and 2 [m].
     pub fn width(&self) -> f32 {
         let [one, two, _] = self.tips;

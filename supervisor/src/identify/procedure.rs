@@ -46,7 +46,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { amplitude: 0.1, strengths: vec![2.0, 5.0, 3.5] }
+        Self { amplitude: 0.1, strengths: vec![2.0, 6.0, 4.0] }
     }
 }
 
@@ -84,6 +84,25 @@ pub trait Machine {
 
     /// Tells what is done now.
     fn progress(&mut self, text: &str);
+}
+
+/// What was identified.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identification {
+    /// One result a joint.
+    pub fits: Vec<Fit>,
+    /// Grips that the hand could not make; the others were enough.
+    pub failed: Vec<FailedGrip>,
+}
+
+/// A grip that the hand could not make: it opened, and the object stands where it stood.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("a grip of {strength} N was not made: {failure}")]
+pub struct FailedGrip {
+    /// Which [N].
+    pub strength: f32,
+    /// Why.
+    pub failure: Failure,
 }
 
 /// Why nothing is identified.
@@ -124,6 +143,16 @@ pub enum IdentifyError {
         /// Why, if it says so.
         failure: Option<Failure>,
     },
+    /// Too few different loads.
+    #[error(
+        "{}: two different grips are needed, and {made} could be made; others with --grips", list(.failed)
+    )]
+    TooFewGrips {
+        /// Those that failed.
+        failed: Vec<FailedGrip>,
+        /// How many different ones did not.
+        made: usize,
+    },
     /// The board is not armed any more.
     #[error("the board is {0}: nothing was identified")]
     Stopped(Mode),
@@ -131,6 +160,10 @@ pub enum IdentifyError {
 
 fn because(failure: &Option<Failure>) -> String {
     failure.as_ref().map_or_else(String::new, |failure| format!(": {failure}"))
+}
+
+fn list(failed: &[FailedGrip]) -> String {
+    failed.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// A chain's mathematics, and what was read of its joints.
@@ -148,8 +181,7 @@ struct Course<'a, M> {
     model: &'a RobotModel,
     fingers: Vec<Finger>,
     motion: usize,
-    /// Torques of the last tick: they acted while what is sensed now came about.
-    torques: Option<Vec<f32>>,
+    /// What was sensed last: the torques of a tick act while what the next one senses comes about.
     latest: Option<Sense>,
 }
 
@@ -157,7 +189,8 @@ struct Course<'a, M> {
 /// around an object, homed and tared; `plan` says how to grasp it.
 ///
 /// First each joint is swept to and fro by itself ([`Settings::amplitude`]). Then the object is grasped, lifted, shifted
-/// and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]), closed on the force sensors.
+/// and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]), closed on the force sensors. A grip that the hand could not
+/// make is left out if there are two others, of different strengths.
 ///
 /// # Errors
 /// The machine's, or what hinders the identification; the board may be armed then.
@@ -166,23 +199,31 @@ pub fn identify<M: Machine>(
     model: &RobotModel,
     plan: &GraspPlan,
     settings: &Settings,
-) -> Result<Vec<Fit>, M::Error> {
+) -> Result<Identification, M::Error> {
     let hand = model.chains.len() == 3
         && model.chains.iter().all(|chain| chain.joints == 3 && chain.force_sensor.is_some());
     if !hand {
         return Err(IdentifyError::NotAHand { robot: model.name.to_string() }.into());
     }
-    let mut course =
-        Course { machine, model, fingers: fingers(model), motion: 0, torques: None, latest: None };
+    let mut course = Course { machine, model, fingers: fingers(model), motion: 0, latest: None };
     course.sweep(settings.amplitude)?;
+    let (mut made, mut failed) = (Vec::new(), Vec::new());
     for &strength in &settings.strengths {
-        course.grip(plan, strength)?;
+        match course.grip(plan, strength)? {
+            Ok(()) if !made.contains(&strength) => made.push(strength),
+            Ok(()) => {}
+            Err(failure) => {
+                let grip = FailedGrip { strength, failure };
+                course.machine.progress(&grip.to_string());
+                failed.push(grip);
+            }
+        }
     }
-    Ok(course
-        .fingers
-        .iter()
-        .flat_map(|finger| finger.readings.iter().map(|readings| fit(readings)))
-        .collect())
+    if !failed.is_empty() && made.len() < 2 {
+        return Err(IdentifyError::TooFewGrips { failed, made: made.len() }.into());
+    }
+    let readings = course.fingers.iter().flat_map(|finger| &finger.readings);
+    Ok(Identification { fits: readings.map(|readings| fit(readings)).collect(), failed })
 }
 
 fn fingers(model: &RobotModel) -> Vec<Finger> {
@@ -253,19 +294,22 @@ impl<M: Machine> Course<'_, M> {
         if !matches!(mode, Mode::Armed(_)) {
             return Err(IdentifyError::Stopped(mode).into());
         }
-        if let Some(torques) = &self.torques {
+        // A frame may have been lost: the torques before the last ones say nothing about what is sensed now.
+        let before =
+            self.latest.take_if(|latest| sense.telemetry.tick == latest.telemetry.tick.wrapping_add(1));
+        if let Some(Sense { telemetry, .. }) = before {
+            let torques: Vec<f32> = telemetry.joints.iter().map(|joint| joint.torque).collect();
             let gravity = Vector3::from(self.model.gravity);
             for (chain, finger) in self.fingers.iter_mut().enumerate() {
-                finger.take(self.motion, &gravity, torques, &sense, chain);
+                finger.take(self.motion, &gravity, &torques, &sense, chain);
             }
         }
-        self.torques = Some(sense.telemetry.joints.iter().map(|joint| joint.torque).collect());
         self.latest = Some(sense);
         Ok(())
     }
 
     fn arm(&mut self, task: Task) -> Result<(), M::Error> {
-        self.torques = None;
+        self.latest = None;
         self.machine.ask("arm", Request::Arm { task })
     }
 
@@ -333,8 +377,8 @@ impl<M: Machine> Course<'_, M> {
         Ok(())
     }
 
-    /// Grasps the object, moves it to and fro, and puts it down.
-    fn grip(&mut self, plan: &GraspPlan, strength: f32) -> Result<(), M::Error> {
+    /// Grasps the object, moves it to and fro, and puts it down; or says why it could not be gripped.
+    fn grip(&mut self, plan: &GraspPlan, strength: f32) -> Result<Result<(), Failure>, M::Error> {
         self.machine.progress(&format!("a grip of {strength} N"));
         let plan = GraspPlan {
             internal: InternalForce::Normal { strength },
@@ -346,7 +390,16 @@ impl<M: Machine> Course<'_, M> {
         self.arm(Task::Grasp)?;
         self.motion += 1;
         self.machine.ask("grasp", Request::Grasp(GraspCommand::Grasp(plan)))?;
-        self.until(Phase::Hold, strength)?;
+        let (phase, failure) = self.settle(Phase::Hold)?;
+        match failure {
+            None if phase == Phase::Hold => {}
+            // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
+            Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => {
+                self.machine.ask("disarm", Request::Disarm)?;
+                return Ok(Err(failure));
+            }
+            _ => return Err(IdentifyError::Grasp { strength, phase, failure }.into()),
+        }
         let gravity = Vector3::from(self.model.gravity).map(f64::from);
         let up = if gravity.norm() > 0.0 { gravity * (-LIFT / gravity.norm()) } else { Vector3::zeros() };
         let still = Vector3::zeros();
@@ -365,7 +418,8 @@ impl<M: Machine> Course<'_, M> {
         self.motion += 1;
         self.machine.ask("put the object down", Request::Grasp(GraspCommand::PutDown))?;
         self.until(Phase::Ready, strength)?;
-        self.machine.ask("disarm", Request::Disarm)
+        self.machine.ask("disarm", Request::Disarm)?;
+        Ok(Ok(()))
     }
 
     fn bring(
@@ -387,21 +441,26 @@ impl<M: Machine> Course<'_, M> {
 
     /// Lets time pass until the hand is in `wanted`.
     fn until(&mut self, wanted: Phase, strength: f32) -> Result<(), M::Error> {
+        let (phase, failure) = self.settle(wanted)?;
+        if phase == wanted && failure.is_none() {
+            return Ok(());
+        }
+        Err(IdentifyError::Grasp { strength, phase, failure }.into())
+    }
+
+    /// Lets time pass until the hand is in `wanted`, or ready, or too much of it has passed.
+    fn settle(&mut self, wanted: Phase) -> Result<(Phase, Option<Failure>), M::Error> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let most = (PATIENCE / TICK) as usize;
-        for tick in 1..=most {
+        for tick in 1.. {
             self.tick(SetPoint::Keep)?;
-            if tick % ASK == 0 || tick == most {
+            if tick % ASK == 0 || tick >= most {
                 let GraspTelemetry { phase, failure, .. } = self.machine.read_grasp()?;
-                if phase == wanted && failure.is_none() {
-                    return Ok(());
-                }
-                let over = tick == most || phase == wanted || phase == Phase::Ready;
-                if over {
-                    return Err(IdentifyError::Grasp { strength, phase, failure }.into());
+                if tick >= most || phase == wanted || phase == Phase::Ready {
+                    return Ok((phase, failure));
                 }
             }
         }
-        Ok(())
+        unreachable!("there are so many ticks")
     }
 }

@@ -4,7 +4,7 @@ use tesaki::manipulation::GraspTelemetry;
 use tesaki::protocol::{Request, SetPoint, Stream};
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::FingerBoard;
-use tesaki_supervisor::identify::{Calibration, Fit, Machine, Sense, Settings, identify};
+use tesaki_supervisor::identify::{Calibration, Identification, Machine, Sense, Settings, identify};
 
 use super::T;
 use super::bench::{Bench, Held};
@@ -62,12 +62,12 @@ impl Machine for Simulated<'_, '_> {
 }
 
 /// Identifies the joints of the machine that `held` is in front of, and has the bench's controller use what was found from now
-/// on. Returns it, a joint each.
+/// on. Returns it.
 pub fn calibrate(
     setting: &mut Setting<'_, '_>,
     bench: &mut Bench,
     held: &Held<'_>,
-) -> Result<Vec<Fit>, ScenarioError> {
+) -> Result<Identification, ScenarioError> {
     let (plan, plant) = bench.place(held)?;
     let model = bench.robot.model.clone();
     introduce(setting.controller, &model)?;
@@ -89,11 +89,11 @@ pub fn calibrate(
     for stream in [Stream::Telemetry, Stream::Tips] {
         machine.controller.set_rate(stream, 1)?;
     }
-    let fits = identify(&mut machine, &model, &plan, &Settings::default());
+    let found = identify(&mut machine, &model, &plan, &Settings::default());
     for stream in [Stream::Telemetry, Stream::Tips] {
         machine.controller.set_rate(stream, 0)?;
     }
-    let fits = match fits {
+    let found = match found {
         Err(ScenarioError::Identify(error)) => {
             let time = f64::from(bench.motion.ticks()) * T;
             let why = stopped(setting.controller, &model, held.label, time);
@@ -107,9 +107,9 @@ pub fn calibrate(
                 },
             );
         }
-        fits => fits?,
+        found => found?,
     };
-    Calibration::identified(&model, &fits).apply(&mut bench.robot.model)?;
+    Calibration::identified(&model, &found.fits).apply(&mut bench.robot.model)?;
     setting.controller.ask("disarm", Request::Disarm)?;
-    Ok(fits)
+    Ok(found)
 }

@@ -113,7 +113,8 @@ impl Failure {
             Self::Identify(IdentifyError::Stopped(_)) => 6,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
-            Self::Grasp(_) | Self::Identify(IdentifyError::Grasp { .. }) => 8,
+            Self::Grasp(_)
+            | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
             Self::Pipe => 0,
         }
     }

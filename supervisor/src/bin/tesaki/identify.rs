@@ -10,7 +10,9 @@ use serde_json::json;
 use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
-use tesaki_supervisor::identify::{Calibration, Estimate, Fit, Machine, Sense, Settings, identify};
+use tesaki_supervisor::identify::{
+    Calibration, Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identify,
+};
 use tesaki_supervisor::{Board, grasp};
 
 use crate::args::{Identify, Options};
@@ -25,9 +27,10 @@ const GONE: Duration = Duration::from_secs(5);
 
 pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let plan = grasp::load(&aim.file)?;
-    if aim.grips.len() < 2 || !aim.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
+    let different = aim.grips.iter().skip(1).any(|&grip| (grip - aim.grips[0]).abs() > 0.0);
+    if !different || !aim.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
         return Err(Failure::Usage(format!(
-            "--grips: two or more forces above 0 N and up to the {} N of force_limit in {} are needed",
+            "--grips: two or more different forces above 0 N and up to the {} N of force_limit in {} are needed",
             plan.force_limit,
             aim.file.display()
         )));
@@ -36,6 +39,12 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
+    // Two minutes of work are not to end here.
+    let new = !aim.out.exists();
+    std::fs::OpenOptions::new().append(true).create(true).open(&aim.out).map_err(Failure::file(&aim.out))?;
+    if new {
+        let _ = std::fs::remove_file(&aim.out);
+    }
     output::confirm(
         options,
         &format!(
@@ -65,20 +74,30 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     // As a monitor wants them.
     let _ = session.board.set_rate(Stream::Telemetry, 2);
     let _ = session.board.set_rate(Stream::Tips, 10);
-    let fits = found.map_err(|failure| failure.named(&model))?;
+    let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = Calibration::identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");
-    let head = format!(
+    let mut head = format!(
         "{}, board {board}: what `tesaki identify` found of its joints, ± standard deviations.\n\
          To use it: tesaki model push ROBOT --calibration THIS_FILE",
         model.name
     );
-    std::fs::write(&aim.out, calibration.text(&head, &model, &fits)).map_err(Failure::file(&aim.out))?;
-    output::result(options, &report(&model, &fits, &aim.out), || table(&model, &fits, &aim.out))
+    for grip in &failed {
+        let _ = write!(head, "\nWithout one of the grips: {grip}");
+    }
+    let text = calibration.text(&head, &model, &fits);
+    let kept = std::fs::write(&aim.out, &text).map_err(Failure::file(&aim.out));
+    let out = kept.is_ok().then_some(aim.out.as_path());
+    output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;
+    if kept.is_err() {
+        // It can be copied from here.
+        output::notice(options, &text);
+    }
+    kept
 }
 
 /// The results as JSON: `null` where nothing was identified, and why.
-fn report(model: &RobotModel, fits: &[Fit], out: &Path) -> serde_json::Value {
+fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&Path>) -> serde_json::Value {
     let number = |estimate: Estimate, scale: f64| json!({ "value": estimate.value * scale, "deviation": estimate.deviation * scale });
     let joints: serde_json::Map<String, serde_json::Value> = model
         .joints
@@ -100,10 +119,14 @@ fn report(model: &RobotModel, fits: &[Fit], out: &Path) -> serde_json::Value {
             (joint.name.to_string(), value)
         })
         .collect();
-    json!({ "file": out, "joints": joints })
+    let failed: Vec<_> = failed
+        .iter()
+        .map(|grip| json!({ "strength": output::exact(&grip.strength), "why": grip.failure.to_string() }))
+        .collect();
+    json!({ "file": out, "joints": joints, "failed_grips": failed })
 }
 
-fn table(model: &RobotModel, fits: &[Fit], out: &Path) -> String {
+fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&Path>) -> String {
     let mut text = format!(
         "{:<18} {:>19} {:>17} {:>19} {:>12}\n",
         "joint", "constant [N·m/A]", "coulomb [mN·m]", "viscous [mN·m·s]", "load [N·m]"
@@ -137,8 +160,19 @@ fn table(model: &RobotModel, fits: &[Fit], out: &Path) -> String {
         }
     }
     text.push_str(&notes);
-    let _ =
-        write!(text, "kept in {}; use it with `tesaki model push ROBOT --calibration {0}`", out.display());
+    for grip in failed {
+        let _ = writeln!(text, "{grip}; the other grips were enough");
+    }
+    match out {
+        Some(out) => {
+            let _ = write!(
+                text,
+                "kept in {}; use it with `tesaki model push ROBOT --calibration {0}`",
+                out.display()
+            );
+        }
+        None => text.push_str("not kept in a file"),
+    }
     text
 }
 

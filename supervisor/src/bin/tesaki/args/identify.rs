@@ -27,8 +27,9 @@ pub struct Identify {
     /// How far each joint is swept to either side [rad]
     #[arg(long, default_value = "0.1", value_parser = amplitude)]
     pub amplitude: f64,
-    /// The grips: the largest of the normal forces of each [N], two or more
-    #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = [2.0, 5.0, 3.5])]
+    /// The grips: the largest of the normal forces of each [N], two or more different ones; one that
+    /// the hand cannot make is left out if two others are enough
+    #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = [2.0, 6.0, 4.0])]
     pub grips: Vec<f32>,
 }
 
