@@ -15,9 +15,9 @@ const UNIT: f32 = 1e-3;
 const CLOCKS: f32 = 2e-3;
 /// After so long without a sample nothing is left of the motion before [s].
 const RESTS: f32 = 0.3;
-/// After so long without a sample its time is forgotten [s]: a small part of the half hour after which [`Instant`]s cannot be
+/// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which [`Instant`]s cannot be
 /// told apart.
-const FORGOTTEN: f32 = 10.0;
+const FORGOTTEN: i32 = 10_000_000;
 /// No hand is farther from where the master counts from [m].
 const FARTHEST: f32 = 100.0;
 /// No elbow is turned farther [rad].
@@ -35,10 +35,11 @@ impl Instant {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// Before a clock that has gone on, or was set, can make it seem a later one: it stays [`FORGOTTEN`] ago.
+    /// A time longer ago than [`FORGOTTEN`] stays that long ago, so that a clock that wraps around does not make it seem later
+    /// than now. So does one as far ahead, which only a clock that was set can make.
     fn forget(&mut self, now: Self) {
-        if !(-FORGOTTEN..=FORGOTTEN).contains(&now.since(*self)) {
-            self.0 = now.0.wrapping_sub((FORGOTTEN * 1e6) as u32);
+        if !(-FORGOTTEN..=FORGOTTEN).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
+            self.0 = now.0.wrapping_sub(FORGOTTEN.cast_unsigned());
         }
     }
 }

@@ -402,7 +402,8 @@ fn the_set_point_is_finite_with_whatever_settings_and_samples_are_allowed() {
 #[test]
 fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
     let human = FollowerSettings::HUMAN;
-    let spoil: [(&str, [f32; 2], fn(&mut FollowerSettings, f32)); 6] = [
+    type Spoil = fn(&mut FollowerSettings, f32);
+    let spoil: [(&str, [f32; 2], Spoil); 6] = [
         ("wander", [0.01, 1e4], |settings, value| settings.position.wander = value),
         ("tremor", [1e-6, 0.1], |settings, value| settings.rotation.tremor = value),
         ("noise", [1e-6, 0.1], |settings, value| settings.elbow.noise = value),
