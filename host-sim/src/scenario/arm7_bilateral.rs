@@ -150,10 +150,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
 
-/// What travels to the arm: where the handle is [m], and the energy that the operator has put in [J].
-type Forth = (Vector3<f64>, f32);
-/// What travels back: the force on the handle [N], and the energy that the arm has put in [J].
-type Back = (Vector3<f32>, f32);
+/// What travels to the arm: where the handle is [m], and the energy that the operator has put in [µJ].
+type Forth = (Vector3<f64>, i64);
+/// What travels back: the force on the handle [N], and the energy that the arm has put in [µJ].
+type Back = (Vector3<f32>, i64);
 
 fn touch(
     setting: &mut Setting<'_, '_>,
@@ -203,7 +203,7 @@ fn touch(
         made.ticks.push(Tick {
             handle: master.handle(&motion).pose.translation.vector.x - start.x,
             force: f64::from(felt.x),
-            energy: f64::from(ends.master.balance() + ends.slave.balance()),
+            energy: 1e-6 * (ends.master.balance() + ends.slave.balance()) as f64,
         });
     }
     made.samples = session.end()?.0;
@@ -223,14 +223,14 @@ struct Ends {
     /// On the handle: what came back, and the damping.
     force: Vector3<f32>,
     damping: Vector3<f32>,
-    slave_gave: f32,
+    slave_gave: i64,
     /// Where the arm is to go, and where it was told to be.
     target: Vector3<f64>,
     reference: Vector3<f64>,
     /// The last way, and with what the link pushed the arm.
     way: Vector3<f32>,
     push: Vector3<f32>,
-    master_gave: f32,
+    master_gave: i64,
 }
 
 impl Ends {
@@ -246,12 +246,12 @@ impl Ends {
             velocity: zero,
             force: zero,
             damping: zero,
-            slave_gave: 0.0,
+            slave_gave: 0,
             target: start,
             reference: start,
             way: zero,
             push: zero,
-            master_gave: 0.0,
+            master_gave: 0,
         }
     }
 

@@ -8,7 +8,7 @@ use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
 use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, PosePoint, Redundancy};
 use crate::kinematics::Chain;
-use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, RobotModel};
+use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
 
 const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
@@ -260,6 +260,35 @@ fn an_arm_follows_its_set_point_and_yields_to_a_push() {
     assert!(!back.contact && back.error[..3].iter().all(|value| value.abs() < 1e-3), "{back:?}");
 }
 
+/// Pulled until it faults.
+fn pulled_away(wrench: [f32; 6]) -> Machine {
+    let mut machine = Machine::armed();
+    let narrow = ArmSettings { reach: [0.1, 0.3], ..SOFT };
+    assert_eq!(machine.bench.ask(Request::Impedance(narrow)), Reply::Done);
+    assert!((0..500).any(|_| {
+        machine.bench.ask(KEEP);
+        !machine.tick(wrench)
+    }));
+    machine
+}
+
+/// The torques of the first tick and of the hundredth after the fault, with a joint displaced by so much, and the sensor
+/// pushed.
+fn held(wrench: [f32; 6], joint: usize, displacement: f32, push: [i32; 6]) -> [Vec<f32, MAX_JOINTS>; 2] {
+    let Machine { mut bench, .. } = pulled_away(wrench);
+    bench.sensors.encoders[joint] += libm::roundf(displacement * COUNTS_PER_RADIAN) as i32;
+    let mut tick = || {
+        // Noise keeps the sensor alive.
+        let noise = bench.sensors.sequence as i32 % 2;
+        bench.sensors.forces[0] = push.map(|count| count + noise);
+        let output = bench.tick();
+        assert!(output.enabled && bench.node.mode() == Mode::Fault);
+        output.torques
+    };
+    let first = tick();
+    [first, (0..99).map(|_| tick()).last().unwrap()]
+}
+
 #[test]
 fn a_tool_that_is_pulled_away_is_a_fault_and_the_arm_holds() {
     let cases = [
@@ -267,23 +296,26 @@ fn a_tool_that_is_pulled_away_is_a_fault_and_the_arm_holds() {
         ([0.0, 2.0, 0.0, 0.0, 0.0, 4.0], FaultCause::ToolTurned, 0.3),
     ];
     for (wrench, cause, limit) in cases {
-        let mut machine = Machine::armed();
-        let narrow = ArmSettings { reach: [0.1, 0.3], ..SOFT };
-        assert_eq!(machine.bench.ask(Request::Impedance(narrow)), Reply::Done);
-        assert!((0..500).any(|_| {
-            machine.bench.ask(KEEP);
-            !machine.tick(wrench)
-        }));
+        let mut machine = pulled_away(wrench);
         let found = fault(&machine.bench);
         assert_eq!((found.cause, found.joint, found.limit), (cause, None, limit));
         assert!(found.value > limit && found.value < 1.3 * limit, "{found}");
         assert!(found.to_string().contains(cause.description()), "{found}");
-        // It holds where it is, and no longer yields.
         assert_eq!(machine.bench.node.mode(), Mode::Fault);
-        let before = seen(&mut machine.bench).position;
-        let output = machine.bench.tick();
-        assert!(output.enabled && output.torques.iter().all(|torque| torque.is_finite()));
-        assert_eq!(seen(&mut machine.bench).position, before);
+        // It no longer yields: however the tool is pushed, the torques are the same.
+        let still = held(wrench, 0, 0.0, [0; 6]);
+        assert_eq!(held(wrench, 0, 0.0, [3000, -2000, 4000, 0, 500, -500]), still);
+        // It holds where it is: a joint that is displaced is pushed back, no less than by a spring of the servo's bandwidth,
+        // at once by no more than brings it back within a period, and harder when that does not help.
+        let observer = arm7().joints[0].servo.observer;
+        let least = observer.inertia * observer.bandwidth * observer.bandwidth;
+        for (joint, displacement) in [(0, 0.02), (1, -0.02), (3, 0.02), (3, -0.02), (6, 0.02)] {
+            let displaced = held(wrench, joint, displacement, [0; 6]);
+            let back = |at: usize| (still[at][joint] - displaced[at][joint]) / displacement;
+            let (first, last) = (back(0), back(1));
+            let most = observer.inertia / (TICK * TICK);
+            assert!((least..=most).contains(&first) && last > first, "{joint}: {first} {last}");
+        }
         let Reply::Faults(log) = machine.bench.ask(Request::ReadFaults) else { panic!() };
         assert_eq!(machine.bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
         assert_eq!(machine.bench.ask(ARM), Reply::Done);

@@ -72,7 +72,7 @@ impl fmt::Display for Refused {
     }
 }
 
-/// A number of [`FollowerSettings`](super::FollowerSettings) that is not positive and finite, or beyond its limit.
+/// A number of [`FollowerSettings`](super::FollowerSettings) that is beyond its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BadFollower {
@@ -80,6 +80,8 @@ pub struct BadFollower {
     pub field: &'static str,
     /// As given.
     pub value: f32,
+    /// Smallest.
+    pub least: f32,
     /// Largest.
     pub limit: f32,
 }
@@ -88,7 +90,7 @@ impl core::error::Error for BadFollower {}
 
 impl fmt::Display for BadFollower {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, limit } = self;
-        write!(f, "{field} is {value}; it must be more than 0, and {limit} at most")
+        let Self { field, value, least, limit } = self;
+        write!(f, "{field} is {value}; it must be {least} at least, and {limit} at most")
     }
 }

@@ -14,7 +14,14 @@ const UNIT: f32 = 1e-3;
 /// Clocks that are set to each other differ by less than this [s].
 const CLOCKS: f32 = 2e-3;
 /// After so long without a sample nothing is left of the motion before [s].
-const FORGOTTEN: f32 = 0.3;
+const RESTS: f32 = 0.3;
+/// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which [`Instant`]s cannot be
+/// told apart.
+const FORGOTTEN: i32 = 10_000_000;
+/// No hand is farther from where the master counts from [m].
+const FARTHEST: f32 = 100.0;
+/// No elbow is turned farther [rad].
+const MOST_TURNED: f32 = 100.0;
 
 /// A time of the clock that master and slave share: microseconds, which may wrap around.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -26,6 +33,14 @@ impl Instant {
     #[expect(clippy::cast_precision_loss, reason = "exact below 16 s")]
     pub const fn since(self, other: Self) -> f32 {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
+    }
+
+    /// A time longer ago than [`FORGOTTEN`] stays that long ago, so that a clock that wraps around does not make it seem later
+    /// than now. So does one as far ahead, which only a clock that was set can make.
+    fn forget(&mut self, now: Self) {
+        if !(-FORGOTTEN..=FORGOTTEN).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
+            self.0 = now.0.wrapping_sub(FORGOTTEN.cast_unsigned());
+        }
     }
 }
 
@@ -40,6 +55,9 @@ pub struct MasterSample {
     pub rotation: [f32; 4],
 }
 
+/// A setting: its name, its value, the least and the most that it may be.
+pub(super) type Number = (&'static str, f32, [f32; 2]);
+
 /// How a slave is to follow.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -50,11 +68,12 @@ pub struct FollowerSettings {
     pub rotation: HandModel,
     /// Of the elbow's angle.
     pub elbow: HandModel,
-    /// The tool's way for the hand's.
+    /// The tool's way for the hand's: 0.001 to 100.
     pub scale: f32,
-    /// A sample that is farther from where the hand should be is refused [m, rad]. Less than half a turn.
+    /// A sample that is farther from where the hand should be is refused [m, rad]: 0.1 mm to 10 m, 0.1 mrad to 3 rad,
+    /// less than half a turn.
     pub jump: [f32; 2],
-    /// A sample that is older is refused [s].
+    /// A sample that is older is refused [s]: 0.001 to 1.
     pub oldest: f32,
     /// Of the tool's set-point [m/s, m/s²].
     pub travel: Pace,
@@ -165,25 +184,20 @@ impl Follower {
     /// # Errors
     /// The first number that is wrong.
     pub fn try_new(settings: FollowerSettings) -> Result<Self, BadFollower> {
-        let most = f32::MAX;
         let models = [&settings.position, &settings.rotation, &settings.elbow];
-        let of_models = models.into_iter().flat_map(|model| {
-            [("wander", model.wander, most), ("tremor", model.tremor, most), ("noise", model.noise, most)]
-        });
+        let of_models = models.into_iter().flat_map(HandModel::numbers);
         let paces = [&settings.travel, &settings.turn, &settings.swing];
-        let of_paces = paces
-            .into_iter()
-            .flat_map(|pace| [("speed", pace.speed, most), ("acceleration", pace.acceleration, most)]);
+        let of_paces = paces.into_iter().flat_map(Pace::numbers);
         let [distance, angle] = settings.jump;
         let others = [
-            ("scale", settings.scale, 100.0),
-            ("jump of the position", distance, most),
-            ("jump of the orientation", angle, 3.0),
-            ("oldest", settings.oldest, 1.0),
+            ("scale", settings.scale, [1e-3, 100.0]),
+            ("jump of the position", distance, [1e-4, 10.0]),
+            ("jump of the orientation", angle, [1e-4, 3.0]),
+            ("oldest", settings.oldest, [1e-3, 1.0]),
         ];
-        let wrong = |&(_, value, limit): &(&str, f32, f32)| !(value > 0.0 && value <= limit);
+        let wrong = |&(_, value, [least, most]): &Number| !(least..=most).contains(&value);
         match of_models.chain(of_paces).chain(others).find(wrong) {
-            Some((field, value, limit)) => Err(BadFollower { field, value, limit }),
+            Some((field, value, [least, limit])) => Err(BadFollower { field, value, least, limit }),
             None => Ok(Self { settings }),
         }
     }
@@ -210,6 +224,10 @@ impl Follower {
         let rotation = UnitQuaternion::new_unchecked(rotation * (1.0 / norm));
         let place = Vector3::from(sample.position);
         let passed = self.passed(now, sample.time, state.hand.map(|hand| hand.time))?;
+        let value = math::sqrt(place.norm_squared());
+        if value > FARTHEST {
+            return Err(Refused::Distance { value, limit: FARTHEST });
+        }
 
         let known = match (state.hand, passed) {
             (Some(hand), Some(passed)) => self.known(state, &hand, passed, &place, &rotation)?,
@@ -251,6 +269,9 @@ impl Follower {
         }
         let (model, sample) = (&self.settings.elbow, Vector1::new(angle));
         let passed = self.passed(now, time, state.elbow.map(|elbow| elbow.time))?;
+        if math::abs(angle) > MOST_TURNED {
+            return Err(Refused::Turn { value: math::abs(angle), limit: MOST_TURNED });
+        }
         let mut estimate = Estimate::new(model, &sample);
         if let (Some(elbow), Some(passed)) = (state.elbow, passed) {
             let value = math::abs(angle - elbow.angle.ahead(passed).place.x);
@@ -258,7 +279,7 @@ impl Follower {
             if value > limit && state.is_closed() {
                 return Err(Refused::Turn { value, limit });
             }
-            if value <= limit && passed <= FORGOTTEN {
+            if value <= limit && passed <= RESTS {
                 estimate = elbow.angle;
                 estimate.advance(model, passed);
                 estimate.correct(model, &sample);
@@ -274,7 +295,7 @@ impl Follower {
     /// # Errors
     /// Nobody knows where the hand is.
     pub fn close(&self, state: &mut FollowerState, now: Instant) -> Result<(), Refused> {
-        let recent = |time: Instant| now.since(time) <= self.settings.oldest;
+        let recent = |time: Instant| (-CLOCKS..=self.settings.oldest).contains(&now.since(time));
         let hand = state.hand.filter(|hand| recent(hand.time)).ok_or(Refused::NoSample)?;
         let elbow = state.elbow.filter(|elbow| recent(elbow.time));
         state.grip = Some(Grip {
@@ -293,6 +314,11 @@ impl Follower {
     /// The set-points for the control period that begins `now`. Called once a period.
     pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowPoint) {
         let FollowerSettings { travel, turn: turning, swing, scale, .. } = &self.settings;
+        let times = [
+            state.hand.as_mut().map(|hand| &mut hand.time),
+            state.elbow.as_mut().map(|elbow| &mut elbow.time),
+        ];
+        times.into_iter().flatten().for_each(|time| time.forget(now));
         let (acceleration, spin_up) = match (&state.grip, &state.hand) {
             (Some(grip), Some(hand)) => {
                 let (moving, spinning) = hand.ahead(now.since(hand.time));
@@ -369,7 +395,7 @@ impl Follower {
         let angle = math::sqrt(turn(&turned(&hand.rotation, &spinning.place), rotation).norm_squared());
         let [far, twisted] = self.settings.jump;
         if distance <= far && angle <= twisted {
-            return Ok((passed <= FORGOTTEN).then_some(*hand));
+            return Ok((passed <= RESTS).then_some(*hand));
         }
         // With an open clutch the hand may be anywhere.
         match state.is_closed() {

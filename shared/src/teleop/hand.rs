@@ -4,6 +4,7 @@ use nalgebra::{SMatrix, SVector};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::follower::Number;
 use crate::math;
 
 /// Physiological tremor is between 8 and 12 Hz [rad/s].
@@ -29,12 +30,22 @@ const REST_TIME: f32 = 0.08;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HandModel {
     /// How the jerk wanders: in a second by this much [m/s³, rad/s³], and in `t` by `√t` of it. The more, the sooner a new
-    /// motion is seen, and the more of the tremor is taken for motion.
+    /// motion is seen, and the more of the tremor is taken for motion. 0.01 to 10⁴.
     pub wander: f32,
-    /// Root mean square of the tremor [m, rad]. A little more than there is does no harm.
+    /// Root mean square of the tremor [m, rad]. A little more than there is does no harm. 10⁻⁶ to 0.1.
     pub tremor: f32,
-    /// Standard deviation of a sample [m, rad].
+    /// Standard deviation of a sample [m, rad]: 10⁻⁶ to 0.1.
     pub noise: f32,
+}
+
+impl HandModel {
+    pub(super) const fn numbers(&self) -> [Number; 3] {
+        [
+            ("wander", self.wander, [0.01, 1e4]),
+            ("tremor", self.tremor, [1e-6, 0.1]),
+            ("noise", self.noise, [1e-6, 0.1]),
+        ]
+    }
 }
 
 /// What moves: place, velocity and acceleration along each axis.

@@ -2,6 +2,7 @@ use nalgebra::SVector;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::follower::Number;
 use crate::{TICK, math};
 
 /// How fast a set-point comes to where it should be [rad/s]: nearly as fast as a period allows. Slower, it would add its
@@ -12,9 +13,9 @@ const BANDWIDTH: f32 = 120.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pace {
-    /// [m/s, rad/s]
+    /// [m/s, rad/s]: 0.001 to 100.
     pub speed: f32,
-    /// [m/s², rad/s²]
+    /// [m/s², rad/s²]: 0.001 to 10⁴.
     pub acceleration: f32,
 }
 
@@ -28,6 +29,10 @@ pub(super) struct Aim<const N: usize> {
 }
 
 impl Pace {
+    pub(super) const fn numbers(&self) -> [Number; 2] {
+        [("speed", self.speed, [1e-3, 100.0]), ("acceleration", self.acceleration, [1e-3, 1e4])]
+    }
+
     /// The acceleration, held for a control period, of a set-point that moves at `velocity`.
     ///
     /// Near its aim, feedback on way and speed with two equal poles at `γ = e^(−ω·T)`, as that of

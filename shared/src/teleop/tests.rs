@@ -277,7 +277,166 @@ fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
     assert_eq!(run.close(), Err(Refused::NoSample));
     let bad = FollowerSettings { scale: 0.0, ..FollowerSettings::HUMAN };
     let error = Follower::try_new(bad).unwrap_err().to_string();
-    assert_eq!(error, "scale is 0; it must be more than 0, and 100 at most");
+    assert_eq!(error, "scale is 0; it must be 0.001 at least, and 100 at most");
     let bad = FollowerSettings { jump: [0.1, 3.2], ..FollowerSettings::HUMAN };
     assert_eq!(Follower::try_new(bad).unwrap_err().field, "jump of the orientation");
+}
+
+#[test]
+fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
+    for pause in [30_u32, 36, 50, 71, 72, 100] {
+        for closed in [true, false] {
+            let mut run = Run::new();
+            run.until(0.6, &resting, &always);
+            let time = Instant(run.now().0.wrapping_sub(DELAY));
+            let now = run.now();
+            run.follower.take_elbow(&mut run.state, now, time, 0.5).unwrap();
+            if closed {
+                run.close().unwrap();
+            }
+            let start = run.now().0;
+            for second in 1..=pause * 60 {
+                let now = Instant(start.wrapping_add(second * 1_000_000));
+                run.follower.tick(&mut run.state, now);
+            }
+            let now = Instant(start.wrapping_add(pause * 60_000_000));
+            assert_eq!(run.follower.close(&mut run.state.clone(), now), Err(Refused::NoSample), "{pause}");
+            let time = Instant(now.0.wrapping_sub(DELAY));
+            let (place, rotation) = resting(0.0);
+            let mut take = |place: Vector3<f32>, elbow: f32| {
+                let sample = MasterSample { time, position: place.into(), rotation: rotation.coords.into() };
+                let taken = run.follower.take(&mut run.state, now, &sample);
+                taken.and_then(|()| run.follower.take_elbow(&mut run.state, now, time, elbow))
+            };
+            // However long it was: a closed clutch does not follow a hand that is elsewhere now.
+            if closed {
+                let far = take(place + Vector3::y(), 0.5);
+                assert!(matches!(far, Err(Refused::Distance { .. })), "{pause}: {far:?}");
+            }
+            assert_eq!(take(place, 0.5), Ok(()), "{pause}");
+            assert_eq!(run.follower.close(&mut run.state, now), Ok(()));
+        }
+    }
+}
+
+#[test]
+fn a_clutch_does_not_close_on_a_sample_of_an_hour_ago() {
+    let mut run = Run::new();
+    run.until(0.5, &resting, &always);
+    // No tick in between.
+    run.now += 3_000_000_000;
+    assert_eq!(run.close(), Err(Refused::NoSample));
+}
+
+#[test]
+fn a_clock_that_was_set_back_stops_nothing_for_long() {
+    let mut run = following();
+    let now = Instant(run.now().0.wrapping_sub(3_600_000_000 / 4));
+    run.follower.tick(&mut run.state, now);
+    let (place, rotation) = resting(0.0);
+    let sample = MasterSample { time: now, position: place.into(), rotation: rotation.coords.into() };
+    assert_eq!(run.follower.take(&mut run.state, now, &sample), Ok(()));
+}
+
+/// What the settings may be at least and at most.
+fn extremes() -> Vec<FollowerSettings> {
+    let ends =
+        |bit: u32, index: u32, [least, most]: [f32; 2]| if bit >> index & 1 == 1 { most } else { least };
+    (0..256_u32)
+        .map(|bits| {
+            let (wander, tremor) = (ends(bits, 0, [0.01, 1e4]), ends(bits, 1, [1e-6, 0.1]));
+            let model = HandModel { wander, tremor, noise: ends(bits, 2, [1e-6, 0.1]) };
+            let (speed, acceleration) = (ends(bits, 3, [1e-3, 100.0]), ends(bits, 4, [1e-3, 1e4]));
+            let pace = Pace { speed, acceleration };
+            FollowerSettings {
+                position: model,
+                rotation: model,
+                elbow: model,
+                scale: ends(bits, 5, [1e-3, 100.0]),
+                jump: [ends(bits, 6, [1e-4, 10.0]), ends(bits, 7, [1e-4, 3.0])],
+                oldest: 1.0,
+                travel: pace,
+                turn: pace,
+                swing: pace,
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn the_set_point_is_finite_with_whatever_settings_and_samples_are_allowed() {
+    for settings in extremes() {
+        let follower = Follower::try_new(settings).unwrap();
+        for every in [1, 2, 30] {
+            let mut state = FollowerState::at([0.0; 3], NOT_TURNED, 0.2);
+            for step in 0..1000_u32 {
+                let now = Instant(step * 10_000);
+                let time = step as f32 * TICK;
+                let place = Vector3::new(99.0, 0.0, 0.0) + waving(time).0;
+                let (position, rotation) = (place.into(), waving(time).1.coords.into());
+                // Two at a time, a microsecond apart.
+                for late in [1, 0] {
+                    if step % every == 0 && step > 0 {
+                        let time = Instant(now.0 - late);
+                        let _ = follower.take(&mut state, now, &MasterSample { time, position, rotation });
+                        let _ = follower.take_elbow(&mut state, now, time, 0.3);
+                    }
+                }
+                if step % 250 == 60 {
+                    let _ = follower.close(&mut state, now);
+                } else if step % 250 == 240 {
+                    follower.open(&mut state);
+                }
+                let (point, elbow) = follower.tick(&mut state, now);
+                let PosePoint { position, rotation, velocity, acceleration } = point;
+                let numbers = [&position[..], &rotation, &velocity, &acceleration].concat();
+                assert!(
+                    numbers.iter().chain([&elbow.angle, &elbow.velocity]).all(|number| number.is_finite()),
+                    "{step}: {point:?} {settings:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
+    let human = FollowerSettings::HUMAN;
+    type Spoil = fn(&mut FollowerSettings, f32);
+    let spoil: [(&str, [f32; 2], Spoil); 6] = [
+        ("wander", [0.01, 1e4], |settings, value| settings.position.wander = value),
+        ("tremor", [1e-6, 0.1], |settings, value| settings.rotation.tremor = value),
+        ("noise", [1e-6, 0.1], |settings, value| settings.elbow.noise = value),
+        ("speed", [1e-3, 100.0], |settings, value| settings.travel.speed = value),
+        ("acceleration", [1e-3, 1e4], |settings, value| settings.swing.acceleration = value),
+        ("jump of the position", [1e-4, 10.0], |settings, value| settings.jump[0] = value),
+    ];
+    for (field, [least, limit], spoil) in spoil {
+        let mut settings = human;
+        for value in [least, limit] {
+            spoil(&mut settings, value);
+            assert!(Follower::try_new(settings).is_ok(), "{field}");
+        }
+        for value in [1.01 * limit, 1e30, f32::INFINITY, f32::NAN, 0.99 * least, 0.0, -least] {
+            spoil(&mut settings, value);
+            let bad = Follower::try_new(settings).unwrap_err();
+            assert_eq!((bad.field, bad.least, bad.limit), (field, least, limit), "{value}");
+        }
+    }
+    let settings = FollowerSettings { position: HandModel { tremor: 1e30, ..human.position }, ..human };
+    let text = Follower::try_new(settings).unwrap_err().to_string();
+    assert!(
+        text.starts_with("tremor is 1000")
+            && text.ends_with("; it must be 0.000001 at least, and 0.1 at most"),
+        "{text}"
+    );
+
+    let mut run = Run::new();
+    run.now += 100_000;
+    let (place, rotation) = resting(0.0);
+    let far = run.take(0, (place + Vector3::x() * 1e38, rotation)).unwrap_err();
+    assert!(matches!(far, Refused::Distance { limit: 100.0, .. }), "{far:?}");
+    let now = run.now();
+    let twisted = run.follower.take_elbow(&mut run.state, now, now, -1e38).unwrap_err();
+    assert_eq!(twisted, Refused::Turn { value: 1e38, limit: 100.0 });
 }
