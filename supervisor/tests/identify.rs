@@ -121,8 +121,8 @@ impl Machine for Stub {
     }
 
     fn tick(&mut self, _: SetPoint) -> Result<Sense, Trouble> {
-        self.tick += 1 + u32::from(self.tick % self.loses == 0);
-        let velocity = if self.tick / 7 % 2 == 0 { 0.1 } else { -0.1 };
+        self.tick += 1 + u32::from(self.tick.is_multiple_of(self.loses));
+        let velocity = if (self.tick / 7).is_multiple_of(2) { 0.1 } else { -0.1 };
         let torque = force(self.tick + 1);
         let joint = |&position: &f32| JointTelemetry { position, velocity, reference: position, torque };
         let tip = TipTelemetry { force: [0.0, 0.0, force(self.tick)], ..TipTelemetry::default() };

@@ -244,7 +244,7 @@ impl ArmSettings {
             return Err(BadSettings::ElbowBandwidth { value, limit: MOST_BANDWIDTH });
         }
         if let ForceSource::Observer { bandwidth: value } = self.force
-            && !(value >= LEAST_FORCE_BANDWIDTH && value <= MOST_BANDWIDTH)
+            && !(LEAST_FORCE_BANDWIDTH..=MOST_BANDWIDTH).contains(&value)
         {
             return Err(BadSettings::ForceBandwidth { value, limit: MOST_BANDWIDTH });
         }

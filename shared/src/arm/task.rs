@@ -538,9 +538,8 @@ impl ArmState {
             let (least, most) =
                 (LIMIT_APPROACH * (limits.lower - angle), LIMIT_APPROACH * (limits.upper - angle));
             let next = math::clamp(wanted, least, most);
-            if next != wanted {
-                *acceleration = (next - velocity) * (1.0 / TICK);
-            }
+            // Added, so that nothing is rounded where nothing is to be changed.
+            *acceleration += (next - wanted) * (1.0 / TICK);
             let speed = SPEED_SHARE * limits.velocity;
             if abs(next) * scale > speed {
                 scale = speed / abs(next);
