@@ -37,13 +37,18 @@ impl Link {
     /// Takes `rotation`, the orientation of the link before, to that of this link at `angle` [rad].
     #[inline(always)]
     pub fn turn(&self, rotation: &mut Matrix3<f32>, angle: f32) {
-        let (sine, cosine) = math::sin_cos(angle);
-        let at_zero = *rotation * self.rotation;
-        let (x, y) = (at_zero.column(0), at_zero.column(1));
-        rotation.set_column(0, &(x * cosine + y * sine));
-        rotation.set_column(1, &(y * cosine - x * sine));
-        rotation.set_column(2, &at_zero.column(2));
+        *rotation *= self.rotation;
+        turn_about_z(rotation, angle);
     }
+}
+
+/// Turns a frame about its own z by `angle` [rad].
+#[inline(always)]
+fn turn_about_z(rotation: &mut Matrix3<f32>, angle: f32) {
+    let (sine, cosine) = math::sin_cos(angle);
+    let (x, y) = (rotation.column(0).into_owned(), rotation.column(1).into_owned());
+    rotation.set_column(0, &(x * cosine + y * sine));
+    rotation.set_column(1, &(y * cosine - x * sine));
 }
 
 impl Chain {
@@ -102,16 +107,24 @@ impl Chain {
     /// count as 0.
     pub fn posture(&self, q: &[f32]) -> Posture {
         let mut joints = Vec::new();
-        let (mut rotation, mut origin) = (Matrix3::identity(), Vector3::zeros());
-        for (index, link) in self.links.iter().enumerate() {
+        let (mut rotation, mut origin, mut first) = (Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
+        let mut links = self.links.iter().enumerate();
+        let angle = |index: usize| q.get(index).copied().unwrap_or(0.0);
+        if let Some((index, link)) = links.next() {
+            (rotation, first) = (link.rotation, link.translation);
+            turn_about_z(&mut rotation, angle(index));
+            let _ = joints.push((rotation.column(2).into_owned(), origin));
+        }
+        for (index, link) in links {
             origin += rotation * link.translation;
-            link.turn(&mut rotation, q.get(index).copied().unwrap_or(0.0));
+            link.turn(&mut rotation, angle(index));
             // Cannot fail: there are no more links than places.
             let _ = joints.push((rotation.column(2).into_owned(), origin));
         }
-        let translation = Translation3::from(origin + rotation * self.tip.translation.vector);
+        let reach = origin + rotation * self.tip.translation.vector;
+        let translation = Translation3::from(first + reach);
         let rotation = Rotation3::from_matrix_unchecked(rotation * self.tip.rotation.matrix());
-        Posture { joints, tip: IsometryMatrix3::from_parts(translation, rotation) }
+        Posture { joints, reach, tip: IsometryMatrix3::from_parts(translation, rotation) }
     }
 
     /// Number of joints.

@@ -102,7 +102,8 @@ impl Finger {
         let [(axis, first), (across, second), (bend, third)] = posture.joints[..] else {
             return Err(NotAFinger::Joints(chain.len()));
         };
-        let tip = posture.tip.translation.vector;
+        let tip = posture.reach;
+        let base = chain.links.first().map_or(Vector3::zeros(), |link| link.translation);
         if abs(axis.dot(&across)) > SHAPE_TOLERANCE {
             return Err(NotAFinger::NotAcross);
         }
@@ -126,7 +127,7 @@ impl Finger {
         let height = axis * (second - first).dot(&axis);
         let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, axis.cross(&x), axis]));
         Ok(Self {
-            root: IsometryMatrix3::from_parts(Translation3::from(first + height), rotation),
+            root: IsometryMatrix3::from_parts(Translation3::from(base + first + height), rotation),
             offset: (second - first).dot(&x),
             lengths,
             straight: (a + b) * (a + b),

@@ -26,8 +26,11 @@ pub struct TipPoint {
 /// A chain at certain joint angles.
 #[derive(Clone, Debug)]
 pub struct Posture {
-    /// Axis (a unit vector) and origin [m] of each joint.
+    /// Axis (a unit vector) of each joint and its origin from that of the first [m]: how far away the base's own is costs no
+    /// digits.
     pub(super) joints: Vec<(Vector3<f32>, Vector3<f32>), MAX_CHAIN_JOINTS>,
+    /// The tip's place from there [m].
+    pub(super) reach: Vector3<f32>,
     pub(super) tip: IsometryMatrix3<f32>,
 }
 
@@ -37,7 +40,7 @@ impl Posture {
         &self.tip
     }
 
-    /// Axis (a unit vector) and origin [m] of a joint.
+    /// Axis (a unit vector) of a joint and its origin from that of the first joint [m].
     pub fn joint(&self, joint: usize) -> Option<&(Vector3<f32>, Vector3<f32>)> {
         self.joints.get(joint)
     }
@@ -46,7 +49,7 @@ impl Posture {
     pub fn jacobian(&self) -> Jacobian {
         let mut jacobian = Jacobian::zeros();
         for (mut column, (axis, origin)) in jacobian.column_iter_mut().zip(&self.joints) {
-            let linear = axis.cross(&(self.tip.translation.vector - origin));
+            let linear = axis.cross(&(self.reach - origin));
             column.fixed_rows_mut::<3>(0).copy_from(&linear);
             column.fixed_rows_mut::<3>(3).copy_from(axis);
         }
@@ -92,7 +95,7 @@ impl Posture {
             alpha += omega.cross(&own);
             omega += own;
         }
-        let step = self.tip.translation.vector - previous;
+        let step = self.reach - previous;
         acceleration += alpha.cross(&step) + omega.cross(&omega.cross(&step));
         Vector6::new(acceleration.x, acceleration.y, acceleration.z, alpha.x, alpha.y, alpha.z)
     }
