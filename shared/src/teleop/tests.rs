@@ -296,10 +296,10 @@ fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
             }
             let start = run.now().0;
             for second in 1..=pause * 60 {
-                let now = Instant(start.wrapping_add(second * 1_000_000));
+                let now = Instant(start.wrapping_add(second.wrapping_mul(1_000_000)));
                 run.follower.tick(&mut run.state, now);
             }
-            let now = Instant(start.wrapping_add(pause * 60_000_000));
+            let now = Instant(start.wrapping_add(pause.wrapping_mul(60_000_000)));
             assert_eq!(run.follower.close(&mut run.state.clone(), now), Err(Refused::NoSample), "{pause}");
             let time = Instant(now.0.wrapping_sub(DELAY));
             let (place, rotation) = resting(0.0);
