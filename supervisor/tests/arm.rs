@@ -72,6 +72,11 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
         said.contains("the bandwidth of the elbow is 200 rad/s") && said.contains("50 rad/s at most"),
         "{said}"
     );
+    let said = complaint("force = \"sensor\"", "force = { observer = 90.0 }");
+    assert!(
+        said.contains("the bandwidth of the force observer is 90 rad/s; possible is 10 to 50 rad/s"),
+        "{said}"
+    );
     let said = complaint("contact_force = 1.5", "contact_force = nan");
     assert!(said.contains("the contact force is NaN N"), "{said}");
     let said = complaint("translation = 0.3", "translation = -0.3");
@@ -81,7 +86,7 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
 #[test]
 fn other_mistakes_are_told_with_line_and_key() {
     let said = complaint("contact_force", "contact_froce");
-    assert!(said.contains("contact_froce") && said.contains("line 5"), "{said}");
+    assert!(said.contains("contact_froce") && said.contains("line 6"), "{said}");
     let said = complaint("\"arm-angle\"", "\"elbow\"");
     assert!(said.contains("elbow") && said.contains("arm-angle") && said.contains("line 3"), "{said}");
     let said = complaint("translation = 300.0", "translation = [300.0, 300.0]");
