@@ -14,9 +14,10 @@ pub fn out(step: &str) -> PathBuf {
     Path::new("target").join("xtask").join(step)
 }
 
+/// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test` tries others.
 fn cargo(arguments: &[&str]) -> Command {
     let mut command = Command::new("cargo");
-    command.args(arguments);
+    command.args(arguments).env("PROPTEST_RNG_SEED", "1");
     command
 }
 
