@@ -21,25 +21,14 @@ use tesaki::arm::{ArmSettings, BadSettings, ForceSource, Law, Redundancy};
 use tesaki::control::Impedance;
 use tesaki::model::RobotModel;
 
+use crate::file::{self, FileError};
+
 /// Why an impedance cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ImpedanceFileError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// It is no impedance.
-    #[error("{}: {message}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, with line and column.
-        message: String,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The robot has no such joint.
     #[error("{}: redundancy: {robot} has no joint {joint:?}; its joints are {names}", path.display())]
     Joint {
@@ -140,10 +129,7 @@ impl Axes {
 /// What is wrong with the file, and where.
 pub fn load(path: &Path, model: &RobotModel) -> Result<ArmSettings, ImpedanceFileError> {
     let place = || path.to_path_buf();
-    let text =
-        std::fs::read_to_string(path).map_err(|source| ImpedanceFileError::Read { path: place(), source })?;
-    let file: File = toml::from_str(&text)
-        .map_err(|error| ImpedanceFileError::Toml { path: place(), message: error.to_string() })?;
+    let file: File = file::read(path)?;
     let redundancy = match file.redundancy {
         FileRedundancy::None => Redundancy::None,
         FileRedundancy::ArmAngle => Redundancy::ArmAngle,

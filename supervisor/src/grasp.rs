@@ -26,25 +26,14 @@ use tesaki::manipulation::{
     BadPlan, FINGERS, GraspPlan, InternalForce, ObjectControl, PlannedContact, WrenchGains,
 };
 
+use crate::file::{self, FileError};
+
 /// Why a grasp cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum GraspFileError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// It is no grasp.
-    #[error("{}: {message}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, with line and column.
-        message: String,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// It has another number of contacts than a hand has fingers.
     #[error("{}: {got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]", path.display())]
     Contacts {
@@ -153,10 +142,7 @@ pub fn load(path: &Path) -> Result<GraspPlan, GraspFileError> {
 /// What is wrong with the file, and where.
 pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
     let place = || path.to_path_buf();
-    let text =
-        std::fs::read_to_string(path).map_err(|source| GraspFileError::Read { path: place(), source })?;
-    let file: File = toml::from_str(&text)
-        .map_err(|error| GraspFileError::Toml { path: place(), message: error.to_string() })?;
+    let file: File = file::read(path)?;
     let got = file.contact.len();
     let contacts: [Contact; FINGERS] =
         file.contact.as_slice().try_into().map_err(|_| GraspFileError::Contacts { path: place(), got })?;

@@ -4,6 +4,7 @@
 pub mod arm;
 mod board;
 pub mod fault_injector;
+mod file;
 pub mod finding;
 pub mod grasp;
 pub mod hand;
@@ -21,4 +22,5 @@ pub mod trajectory;
 pub mod urdf;
 
 pub use board::{Board, BoardError};
+pub use file::FileError;
 pub use link::{ByteLink, LinkBoard};

@@ -16,6 +16,7 @@
 //! [`ArmState::tick`] is a function of its state and of what the arm senses.
 
 mod elbow;
+mod error;
 mod momentum;
 mod resolve;
 mod settings;
@@ -32,5 +33,6 @@ mod task;
 pub(crate) mod tests;
 
 pub use elbow::ArmAngle;
+pub use error::ArmError;
 pub use settings::{ArmSettings, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
-pub use task::{Arm, ArmCommand, ArmError, ArmSense, ArmState, ArmTelemetry};
+pub use task::{Arm, ArmCommand, ArmSense, ArmState, ArmTelemetry};

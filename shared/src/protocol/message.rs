@@ -603,7 +603,9 @@ impl fmt::Display for Refusal {
                 f,
                 "joint {joint}: {value} rad/s² is more than its torque can do, {limit} rad/s²: a slower trajectory"
             ),
-            Self::NoForceSensor => f.write_str("the robot has no force sensor"),
+            Self::NoForceSensor => f.write_str(
+                "the robot has no force sensor: there is nothing to tare, and an arm's force has to be found in its motors' torques"
+            ),
             Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite place"),
             Self::NotAHand => {
                 write!(

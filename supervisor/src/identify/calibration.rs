@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::model::RobotModel;
 
 use super::regression::Fit;
+use crate::file::{self, FileError};
 
 /// What one machine has other than its kind: over the values of `robot.urdf` and `controller.toml`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -34,21 +35,8 @@ pub struct JointCalibration {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// The file cannot be read.
-    #[error("{}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// It is none.
-    #[error("{}: {message}", path.display())]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, with line and column.
-        message: String,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// It is of another robot.
     #[error("[joints.{joint}] belongs to no joint of {robot}; its joints are {joints}")]
     Stranger {
@@ -70,11 +58,7 @@ impl Calibration {
     /// # Errors
     /// What is wrong, and where.
     pub fn load(path: &Path) -> Result<Self, CalibrationError> {
-        let place = || path.to_path_buf();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| CalibrationError::Read { path: place(), source })?;
-        toml::from_str(&text)
-            .map_err(|error| CalibrationError::Toml { path: place(), message: error.to_string() })
+        Ok(file::read(path)?)
     }
 
     /// The values that were identified, of the joints of `model`, whose torque constants the drives had.

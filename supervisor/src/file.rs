@@ -1,0 +1,33 @@
+//! Files that people write: what is wrong with one is told with its path, and by line and column.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+
+/// Why a TOML file cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// It is not there, or not to be opened.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It does not hold what it should.
+    #[error("{}: {message}", path.display())]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with line and column.
+        message: String,
+    },
+}
+
+/// What a TOML file holds.
+pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
+    let place = || path.to_path_buf();
+    let text = std::fs::read_to_string(path).map_err(|source| FileError::Read { path: place(), source })?;
+    toml::from_str(&text).map_err(|error| FileError::Toml { path: place(), message: error.to_string() })
+}
