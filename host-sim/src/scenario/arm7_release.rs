@@ -15,11 +15,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "An arm let go",
     about: "the tool is held 3 cm off its place, along each axis, and let go, under the paper's law and under ours",
     robot: "arm7",
-    duration: 72.0,
+    duration: 96.0,
     lead: &[
         "The tool of the seven-joint arm, elbow at 90°, has the impedance M 1.5 kg, K 300 N/m, and B 7.5 or 30 N·s/m. Somebody \
          takes it, leads it 3 cm along an axis, holds it there and lets it go just before the force sensor is read. What follows is \
-         compared with the exact motion of a mass on a spring and a damper from then on.",
+         compared with the exact motion of a mass on a spring and a damper from then on. Let go between two readings, the arm hears of it \
+         half a control period late.",
         "Three machines: one that is as the controller's model says, but for sensors with noise and a friction of a \
          tenth of a newton at the tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and \
          the same under the paper's law as printed, which reckons with the measured state, holds its acceleration for a period, and \
@@ -44,23 +45,35 @@ struct Trial {
     label: &'static str,
     machine: Machine,
     law: Law,
+    /// How long before a reading of the force sensor the tool is let go [s]; `None`: just before.
+    before: Option<f64>,
     /// [mm]
     limit: Option<f64>,
 }
 
-const TRIALS: [Trial; 3] = [
+const TRIALS: [Trial; 4] = [
     Trial {
         name: "true",
         label: "true model",
         machine: Machine::True,
         law: Law::Following,
+        before: None,
         limit: Some(0.3),
+    },
+    Trial {
+        name: "between",
+        label: "true model, let go between two readings",
+        machine: Machine::True,
+        law: Law::Following,
+        before: Some(0.5 * T),
+        limit: None,
     },
     Trial {
         name: "ours",
         label: "mismatched",
         machine: Machine::Mismatched,
         law: Law::Following,
+        before: None,
         limit: Some(1.5),
     },
     Trial {
@@ -68,6 +81,7 @@ const TRIALS: [Trial; 3] = [
         label: "the paper's law",
         machine: Machine::Mismatched,
         law: Law::Printed,
+        before: None,
         limit: None,
     },
 ];
@@ -159,12 +173,12 @@ fn release(
     place[axis] += OFF;
     session.plant.hold_tip(0, Hold::firm(place.into(), aim.rotation.map(f64::from), WAY))?;
     session.wait(WAY + HELD)?;
-    let window = session.plant.force_window();
-    session.plant.release_tip(0, T - LEAD * window)?;
+    let before = trial.before.unwrap_or(LEAD * session.plant.force_window());
+    session.plant.release_tip(0, T - before)?;
     session.tick()?;
     let time = session.log.now();
     session.wait(AFTER)?;
-    Ok(Release { axis, damping: damping.into(), log: session.end()?, time, before: LEAD * window })
+    Ok(Release { axis, damping: damping.into(), log: session.end()?, time, before })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
