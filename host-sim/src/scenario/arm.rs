@@ -49,6 +49,19 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
     }
 }
 
+/// A way to lead the elbow.
+pub struct ElbowTrial {
+    pub name: &'static str,
+    pub label: &'static str,
+    pub redundancy: Redundancy,
+}
+
+/// As in the paper, and by all seven joints.
+pub const ELBOW_TRIALS: [ElbowTrial; 2] = [
+    ElbowTrial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
+    ElbowTrial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
+];
+
 /// How the machine differs from what the controller knows of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Machine {

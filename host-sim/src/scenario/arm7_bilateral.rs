@@ -46,7 +46,7 @@ const DAMPING: f64 = 20.0;
 const MOST_MADE: f64 = 100.0;
 /// The handle has settled within this [m].
 const BAND: f64 = 0.002;
-/// Without the reserve, what the first contact owes keeps the arm waiting, in one machine of ten for seconds.
+/// Without the reserve, what the first contact owes can keep the arm waiting.
 /// The master's damping stays below what a hand of 1.5 kg with 10 ms of hold allows, 150 N·s/m.
 const LIMITS: PortLimits = PortLimits { damping: 100.0, reserve: 0.02 };
 

@@ -2,10 +2,10 @@
 //! holding the hand, and by the arm angle with all seven.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, ElbowPoint, Redundancy};
+use tesaki::arm::{ArmSettings, ElbowPoint};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, Log, Machine, Sample, Session, YAW, impedance, settings};
+use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, impedance, settings};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -31,23 +31,12 @@ const SWING: f64 = std::f64::consts::PI / 6.0;
 const TIME: f64 = 1.0;
 const REST: f64 = 1.5;
 
-struct Trial {
-    name: &'static str,
-    label: &'static str,
-    redundancy: Redundancy,
-}
-
-const TRIALS: [Trial; 2] = [
-    Trial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
-    Trial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
-];
-
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut bench = Bench::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    for trial in &TRIALS {
+    for trial in &ELBOW_TRIALS {
         let log = swing(setting, &mut bench, trial)?;
         add_metrics(&mut summary, trial, &log);
         figures.push(figure(trial, &log));
@@ -57,7 +46,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
 
-fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Log, ScenarioError> {
+fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
     let firm = ArmSettings {
         impedance: impedance(1.5, 30.0, 300.0),
         redundancy: trial.redundancy,
@@ -96,7 +85,7 @@ fn away(samples: &[Sample]) -> Vec<(f64, f64)> {
     samples.iter().map(off).collect()
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
+fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
     let label = capital(trial.label);
     let off = away(swings(log));
     let largest = |value: fn(&(f64, f64)) -> f64| off.iter().map(value).fold(f64::NAN, f64::max);
@@ -126,7 +115,7 @@ fn elbow(sample: &Sample) -> [f64; 3] {
     [-down.z * pitch.sin(), down.y, down.z * pitch.cos()]
 }
 
-fn figure(trial: &Trial, log: &Log) -> Figure {
+fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
     let caption =
         "How far the hand is from where it was before the first swing, and the joint angles since then.";
     let samples = swings(log);

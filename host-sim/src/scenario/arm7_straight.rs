@@ -1,10 +1,10 @@
 //! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes the tool farther.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, Redundancy};
+use tesaki::arm::ArmSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, Log, Machine, Sample, Session, YAW, settings};
+use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, settings};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -35,23 +35,12 @@ const HAND: f64 = 0.10;
 const TIME: f64 = 1.5;
 const REST: f64 = 1.0;
 
-struct Trial {
-    name: &'static str,
-    label: &'static str,
-    redundancy: Redundancy,
-}
-
-const TRIALS: [Trial; 2] = [
-    Trial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
-    Trial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
-];
-
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut bench = Bench::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    for trial in &TRIALS {
+    for trial in &ELBOW_TRIALS {
         let log = lead(setting, &mut bench, trial)?;
         add_metrics(&mut summary, trial, &log);
         figures.push(figure(trial, &log));
@@ -61,7 +50,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
 
-fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Log, ScenarioError> {
+fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
     let settings = ArmSettings { redundancy: trial.redundancy, ..settings(30.0) };
     let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, settings)?;
     session.wait(1.0)?;
@@ -86,22 +75,15 @@ fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Resu
     session.end()
 }
 
-/// Largest change of a torque in a control period [N·m/s].
-fn largest_rate(log: &Log) -> f64 {
+/// Largest rate at which a value of any joint changes from one control period to the next [1/s].
+fn largest_rate(log: &Log, values: impl Fn(&Sample) -> &[f64]) -> f64 {
     let changes = log.0.windows(2).flat_map(|pair| {
-        pair[0].torques.iter().zip(&pair[1].torques).map(|(before, after)| (after - before).abs() / T)
+        values(&pair[0]).iter().zip(values(&pair[1])).map(|(before, after)| (after - before).abs() / T)
     });
     changes.fold(f64::NAN, f64::max)
 }
 
-fn largest_speed(log: &Log) -> f64 {
-    let changes = log.0.windows(2).flat_map(|pair| {
-        pair[0].joints.iter().zip(&pair[1].joints).map(|(before, after)| (after - before).abs() / T)
-    });
-    changes.fold(f64::NAN, f64::max)
-}
-
-fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
+fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
     let label = capital(trial.label);
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     let all = 0.0..log.now();
@@ -109,13 +91,13 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
     let text = format!("{label}: the elbow at its straightest");
     insert("straight", Metric::at_most(text, 1e3 * straight, 100.0, "mrad"));
     let text = format!("{label}: largest speed of a joint, of 5 rad/s that the elbow may have");
-    insert("speed", Metric::at_most(text, largest_speed(log), 4.0, "rad/s"));
+    insert("speed", Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"));
     let text = format!("{label}: largest torque, of 60 N·m that the shoulder may have");
     let torque =
         |sample: &Sample| sample.torques.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
     insert("torque", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
     let text = format!("{label}: largest change of a torque");
-    insert("rate", Metric::at_most(text, largest_rate(log), 1000.0, "N·m/s"));
+    insert("rate", Metric::at_most(text, largest_rate(log, |sample| &sample.torques), 1000.0, "N·m/s"));
     let text = format!("{label}: largest turn of the hand");
     let turn = log
         .0
@@ -132,7 +114,7 @@ fn off(sample: &Sample) -> f64 {
     1e3 * (sample.position() - sample.aim).norm()
 }
 
-fn figure(trial: &Trial, log: &Log) -> Figure {
+fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
     let caption = "How far the tool is from its set-point, the elbow's angle, and the torques.";
     let series = |value: &dyn Fn(&Sample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
     let time = series(&|sample| sample.time);
