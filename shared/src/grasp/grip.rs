@@ -35,6 +35,8 @@ const SMALLEST: f32 = 0.01;
 pub struct LeastGrip {
     pub(super) margin: f32,
     pub(super) least: f32,
+    /// What an answer may leave open.
+    pub(super) open: f32,
 }
 
 /// The last solution's twist, from which the next search starts, and the search that a call has left off.
@@ -56,8 +58,8 @@ impl GripState {
 pub struct Grip {
     /// The contacts' forces on the object [N].
     pub forces: ContactForces,
-    /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4. A load below a
-    /// hundredth of the least normal force counts as that much.
+    /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4, or what
+    /// [`LeastGrip::within`] allows. A load below a hundredth of the least normal force counts as that much.
     pub rest: f32,
     /// Newton steps taken, in all calls.
     pub steps: u8,
@@ -115,7 +117,15 @@ impl LeastGrip {
         if !(least >= 0.0 && least.is_finite()) {
             return Err(BadGrip::Least(least));
         }
-        Ok(Self { margin, least })
+        Ok(Self { margin, least, open: 0.0 })
+    }
+
+    /// The same, content with forces that leave up to this `share` of the load missing, and twice that of the sum of squares
+    /// unknown. A load that is measured changes from tick to tick: a search for all digits that makes a step a tick runs after
+    /// it for ever, while each of its steps is good enough.
+    #[must_use]
+    pub const fn within(self, share: f32) -> Self {
+        Self { open: share, ..self }
     }
 
     /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the opposite of what
@@ -163,6 +173,7 @@ impl LeastGrip {
             cones: map.contacts().iter().map(cone).collect(),
             load: stack(&(force / unit), &(moment / unit)),
             size: if size > SMALLEST * unit { size / unit } else { SMALLEST },
+            open: self.open,
             work: Cell::new(0),
         };
         let proves = |y: &Vector6<f32>| {

@@ -12,7 +12,7 @@ type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-const FREE: LeastGrip = LeastGrip { margin: 0.0, least: 0.0 };
+const FREE: LeastGrip = LeastGrip { margin: 0.0, least: 0.0, open: 0.0 };
 
 /// An object of 40 mm between two fingers that face each other along x.
 fn pinch(friction: f32, limit: f32) -> GraspMap {
@@ -268,6 +268,45 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
         let _ = grip.advance(&map, &(load * 0.7), &mut state, 0);
     }
     assert!(open <= 3, "{open}");
+}
+
+/// The paper's box while weights are put on it, as sensors with noise tell of it, and a step of the search a tick.
+#[test]
+fn a_load_that_is_measured_is_followed() {
+    let mut random = Random(17);
+    let mut noise = || random.between(-0.02, 0.02);
+    let grip = LeastGrip::try_new(0.2, 0.3).unwrap().within(0.02);
+    let map = hand3_grasp(0.5);
+    let (mut state, mut waiting, mut answers) = (GripState::default(), 0, 0);
+    // Where it is at first.
+    grip.solve(&map, &lift(0.2), &mut state).unwrap();
+    for tick in 0..1000_u16 {
+        let weight = 0.2 + 6.0 * (f32::from(tick % 200) / 30.0).min(1.0);
+        let load =
+            Vector6::new(noise(), noise(), weight + noise(), 0.1 * noise(), 0.1 * noise(), 0.1 * noise());
+        match grip.advance(&map, &load, &mut state, 0) {
+            Ok(found) => {
+                assert!(
+                    found.rest <= 0.02 && violation(&grip, &map, &load, &found.forces) < 0.0201,
+                    "{tick}"
+                );
+                let best = solve(&LeastGrip::try_new(0.2, 0.3).unwrap(), &map, &load).unwrap();
+                let sum = |grip: &Grip| grip.forces.iter().map(Vector3::norm_squared).sum::<f32>();
+                assert!(
+                    (sum(&found) / sum(&best) - 1.0).abs() < 0.06,
+                    "{tick}: {}",
+                    sum(&found) / sum(&best)
+                );
+                (waiting, answers) = (0, answers + 1);
+            }
+            Err(NoGrip::Unfinished { .. }) => {
+                waiting += 1;
+                assert!(waiting <= 3, "{tick}");
+            }
+            Err(error) => panic!("{tick}: {error}"),
+        }
+    }
+    assert!(answers > 900, "{answers}");
 }
 
 #[test]

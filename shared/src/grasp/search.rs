@@ -38,7 +38,7 @@ const LEAST_PIVOT: f32 = 1e-7;
 /// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
 const SLOPE: f32 = 0.5;
 /// Most shortenings of a step, and most times that one is made longer by the factor.
-const SHORTER: u32 = 6;
+const SHORTER: u32 = 4;
 const LONGER: usize = 3;
 const FACTOR: f32 = 4.0;
 /// Farther out than this, in units of the load, sums of single precision say nothing.
@@ -81,6 +81,8 @@ pub(super) struct Search<'a> {
     pub load: Vector6<f32>,
     /// Size of the load.
     pub size: f32,
+    /// The share of it that may be missing.
+    pub open: f32,
     /// What it took so far, in instructions.
     pub work: Cell<u32>,
 }
@@ -173,7 +175,8 @@ impl Search<'_> {
                 SETTLE..LAST => changes(&point) <= LOOSE,
                 _ => true,
             };
-            if wanted && missing <= ENOUGH {
+            let will_do = missing <= self.open && changes(&point) <= 2.0 * self.open;
+            if will_do || wanted && missing <= ENOUGH {
                 return Ok(point);
             }
             let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| {
