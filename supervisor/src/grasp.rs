@@ -5,7 +5,7 @@
 //! touch_force = 0.1                 # N
 //! force_limit = 9.0                 # N, of a fingertip
 //! # friction = 0.5                  # left out: the hand finds out by rubbing
-//! internal = { least = { margin = 0.2, least = 0.3, moving = 1.0 } }
+//! internal = { least = { margin = 0.2, least = 0.22, moving = 0.6 } }
 //!
 //! [object]                          # the frame of the contacts, in the base frame
 //! position = [0.090, 0.0, 0.085]    # m
@@ -113,7 +113,7 @@ const fn yes() -> bool {
 
 impl Default for Internal {
     fn default() -> Self {
-        Self::Least { margin: 0.2, least: 0.3, moving: 1.0 }
+        Self::Least { margin: 0.2, least: 0.22, moving: 0.6 }
     }
 }
 

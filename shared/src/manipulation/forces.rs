@@ -14,8 +14,9 @@ const LOAD_SHARE: f32 = 0.5;
 const PAST_SHARE: f32 = 0.12;
 /// And in that which the object's weight is taken for: some 0.5 s.
 const STEADY_SHARE: f32 = 0.02;
-/// Share of the load that is fed forward. All of it would let the object float: what the fingers press with, they feel.
-const LOAD_FEEDFORWARD: f32 = 0.7;
+/// Share of the load that is fed forward, once nothing else carries it. All of it would let a heavy object float on joints that
+/// are stronger than they are thought to be: what moves it, they feel.
+const LOAD_FEEDFORWARD: f32 = 0.9;
 /// A change of the load beyond this is no noise [N].
 const SURGE_NOISE: f32 = 0.09;
 /// What is held ready for a load that grows, over its growth since a while ago.
@@ -23,9 +24,17 @@ const SURGE_LEAD: f32 = 1.3;
 /// Time in which what was held ready for a growing load is given up [s].
 const SURGE_TIME: f32 = 0.25;
 /// Rate at which measured internal forces correct the commanded ones [1/s].
-const FEEDBACK_RATE: f32 = 15.0;
+const FEEDBACK_RATE: f32 = 30.0;
 /// Most of that correction [N].
 const MOST_FEEDBACK: f32 = 5.0;
+/// The least grip is let be while it is firmer than wanted by no more than this share and this force [N]: forces that are
+/// corrected for ever by joints with dry friction swing, and slide when they swing low.
+const FIRM_SHARE: f32 = 0.1;
+const FIRM: f32 = 0.05;
+/// While a load grows each finger presses harder by this force for each newton that is held ready, at most by so much [N]:
+/// dry friction of the joints takes the first of a force that rises.
+const BRACE: f32 = 4.0;
+const MOST_BRACE: f32 = 0.5;
 /// A contact whose tangential force is more than this share of what friction gives is about to slide.
 const NEAR_SLIDING: f32 = 0.97;
 /// And by more than this, which may be noise [N].
@@ -47,6 +56,8 @@ const MOST_RESERVE: f32 = 2.0;
 const SLIP_TIME: f32 = 0.4;
 /// Time in which a grip that is firmer than needed fades [s].
 const RELEASE_TIME: f32 = 0.3;
+/// Share of the load by which the least grip may be wrong: what is measured of the load is no better.
+const GRIP_OPEN: f32 = 0.02;
 /// Instructions that a tick may spend on the least grip; one step of the search it takes in any case.
 const GRIP_BUDGET: u32 = 9_000;
 /// Share of the friction that forces across the normals may take while they are shaken.
@@ -186,20 +197,21 @@ impl Forces {
 
     /// The forces wanted for the load, with `share` of the internal ones (0 to 1) and `extra` forces besides [N]. Returns
     /// the internal ones, corrected by what is measured of them: what the joints are to press with so that the grip is as
-    /// wanted.
+    /// wanted; and those that carry the load.
     pub fn want(
         &mut self,
         grasped: &Grasped<'_>,
         inverse: &WrenchInverse<'_>,
         share: f32,
         extra: &Each<Vector3<f32>>,
-    ) -> Each<Vector3<f32>> {
+    ) -> (Each<Vector3<f32>>, Each<Vector3<f32>>) {
         let map = grasped.map;
         let mut carried = [Vector3::zeros(); 3];
         if let Ok(found) = inverse.forces(&self.load.into()) {
             carried.iter_mut().zip(&found).for_each(|(carried, found)| *carried = *found);
         }
-        let mut internal = self.internal(grasped, share, inverse, &carried);
+        let own = grasped.three.torques(&carried);
+        let mut internal = self.internal(grasped, share, inverse, &own);
         let extra_share = room_for(map.contacts(), &internal, &carried, extra);
         let all = internal.iter_mut().zip(&carried).zip(extra).zip(map.contacts()).zip(&mut self.wanted);
         for ((((internal, carried), extra), contact), wanted) in all {
@@ -210,7 +222,8 @@ impl Forces {
             *wanted = (force * scale).into();
             *internal = force * scale - carried;
         }
-        if grasped.feedback {
+        let rests = matches!(grasped.internal, InternalForce::Least { .. }) && self.is_firm(grasped);
+        if grasped.feedback && !rests {
             let mut missing: Each<Vector3<f32>> = self.wanted.map(Into::into);
             missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
             inverse.remove_wrench(&mut missing);
@@ -221,29 +234,42 @@ impl Forces {
                 *correction = math::clamp(next, -MOST_FEEDBACK, MOST_FEEDBACK);
             }
         }
-        internal.iter_mut().zip(&self.correction).for_each(|(force, more)| *force += Vector3::from(*more));
-        internal
+        let mut corrected = internal;
+        corrected.iter_mut().zip(&self.correction).for_each(|(force, more)| *force += Vector3::from(*more));
+        let possible = grasped.share_of_torques(&corrected, &own, 1.0);
+        if possible < 1.0 {
+            // What the joints cannot is neither asked for nor added up.
+            let all = corrected.iter_mut().zip(&internal).zip(&mut self.correction);
+            all.for_each(|((force, internal), correction)| {
+                *force *= possible;
+                *correction = (*force - internal).into();
+            });
+        }
+        (corrected, carried)
     }
 
-    /// Internal forces as planned, for the load that there is and may come.
+    /// Internal forces as planned, for the load that there is and may come; carrying it takes torques of `own` [N·m].
     fn internal(
         &mut self,
         grasped: &Grasped<'_>,
         share: f32,
         inverse: &WrenchInverse<'_>,
-        carried: &Each<Vector3<f32>>,
+        own: &Each<Vector3<f32>>,
     ) -> Each<Vector3<f32>> {
         let map = grasped.map;
         let mut forces = [Vector3::zeros(); 3];
         self.overloaded = false;
         match grasped.internal {
             InternalForce::Least { margin, least, moving } => {
-                let least = share * if grasped.firmly { moving } else { least };
+                let [x, y, z, ..] = self.surge;
+                let brace = BRACE * math::sqrt(x * x + y * y + z * z);
+                let brace = if brace < MOST_BRACE { brace } else { MOST_BRACE };
+                let least = share * if grasped.firmly { moving } else { least } / self.friction + brace;
                 let load = if grasped.lifted { self.load } else { self.past };
                 let load = Vector6::from(load) + Vector6::from(self.surge);
                 let size = math::sqrt(load.norm_squared());
                 let mut more = 1.0 + self.reserve;
-                let grip = LeastGrip::try_new(margin, least);
+                let grip = LeastGrip::try_new(margin, least).map(|grip| grip.within(GRIP_OPEN));
                 match grip.map(|grip| grip.advance(map, &load, &mut self.grip, GRIP_BUDGET)) {
                     Ok(Ok(grip)) => {
                         forces.iter_mut().zip(&grip.forces).for_each(|(force, found)| *force = *found);
@@ -259,20 +285,20 @@ impl Forces {
                     _ => {}
                 }
                 forces = self.base.map(Vector3::from);
-                let own = math::sqrt(forces.iter().map(Vector3::norm_squared).sum());
-                if size > self.base_load && own > f32::MIN_POSITIVE {
+                let strength = math::sqrt(forces.iter().map(Vector3::norm_squared).sum());
+                if size > self.base_load && strength > f32::MIN_POSITIVE {
                     // They are for a smaller load.
-                    let unit = if own > self.base_load { own } else { self.base_load };
+                    let unit = if strength > self.base_load { strength } else { self.base_load };
                     more *= 1.0 + (size - self.base_load) / unit;
                 }
                 // A grip that became firm fades slowly: while a load goes, forces are not exact.
                 let floor = self.firmness * (1.0 - TICK / RELEASE_TIME);
-                if own * more < floor && own > f32::MIN_POSITIVE {
-                    more = floor / own;
+                if strength * more < floor && strength > f32::MIN_POSITIVE {
+                    more = floor / strength;
                 }
-                let most = grasped.most(&forces, carried, more);
+                let most = grasped.most(&forces, own, more);
                 forces.iter_mut().for_each(|force| *force *= most);
-                self.firmness = own * most;
+                self.firmness = strength * most;
             }
             // Where contacts have moved so far that a form has no answer, the last one stays: nothing is let go.
             InternalForce::Normal { strength } => {
@@ -294,9 +320,9 @@ impl Forces {
         forces
     }
 
-    /// The share of the load that is fed forward [N, N·m].
-    pub fn carried(&self, grasped: &Grasped<'_>) -> Vector6<f32> {
-        if grasped.lifted { Vector6::from(self.load) * LOAD_FEEDFORWARD } else { Vector6::zeros() }
+    /// The share of the load that is fed forward.
+    pub const fn fed_forward(grasped: &Grasped<'_>) -> f32 {
+        if grasped.lifted { LOAD_FEEDFORWARD } else { 0.0 }
     }
 
     /// What the fingers have carried for a while [N, N·m].
@@ -343,6 +369,16 @@ impl Forces {
         most
     }
 
+    /// Whether every finger presses as hard as it should, and none much harder.
+    fn is_firm(&self, grasped: &Grasped<'_>) -> bool {
+        let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);
+        contacts.into_iter().all(|((contact, measured), wanted)| {
+            let (wanted, measured) =
+                (contact.normal().dot(&Vector3::from(*wanted)), contact.normal().dot(measured));
+            measured >= wanted && measured < wanted * (1.0 + FIRM_SHARE) + FIRM
+        })
+    }
+
     /// Whether the measured normal forces are near the wanted ones.
     pub fn is_settled(&self, grasped: &Grasped<'_>) -> bool {
         let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);
@@ -355,8 +391,8 @@ impl Forces {
 }
 
 impl Grasped<'_> {
-    /// How many times these internal `forces`, beside those `carried` [N], the fingers can press with; at most `more`.
-    fn most(&self, forces: &Each<Vector3<f32>>, carried: &Each<Vector3<f32>>, more: f32) -> f32 {
+    /// How many times these internal `forces` [N] the fingers can press with, beside torques of `own` [N·m]; at most `more`.
+    fn most(&self, forces: &Each<Vector3<f32>>, own: &Each<Vector3<f32>>, more: f32) -> f32 {
         let mut most = more;
         for (contact, force) in self.map.contacts().iter().zip(forces) {
             let push = contact.normal().dot(force);
@@ -364,7 +400,12 @@ impl Grasped<'_> {
                 most = contact.limit() / push;
             }
         }
-        let (own, added) = (self.three.torques(carried), self.three.torques(forces));
+        self.share_of_torques(forces, own, most)
+    }
+
+    /// How many times these `forces` [N] the joints can make, beside torques of `own` [N·m]; at most `most`.
+    fn share_of_torques(&self, forces: &Each<Vector3<f32>>, own: &Each<Vector3<f32>>, mut most: f32) -> f32 {
+        let added = self.three.torques(forces);
         for ((own, added), limits) in own.iter().zip(&added).zip(&self.torque_limits) {
             for ((&own, &added), &limit) in own.iter().zip(added).zip(limits) {
                 // In the direction in which the added torque goes.
@@ -446,6 +487,83 @@ mod tests {
             [Vector3::y(), Vector3::new(-along, -across, 0.0)],
             [Vector3::zeros(), Vector3::new(0.0, 2.0 * across, 0.0)],
         ]
+    }
+
+    /// A tick with the box held by fingers whose joints push along the axes, 0.1 N·m for a newton, and make up to `torque` [N·m];
+    /// they press with `measured` [N].
+    fn tick(forces: &mut Forces, torque: f32, measured: &Each<Vector3<f32>>) -> Each<Vector3<f32>> {
+        let (contacts, _) = grasp(0.0, forces.friction);
+        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+        let mut jacobian = crate::kinematics::Jacobian::zeros();
+        (0..3).for_each(|axis| jacobian[(axis, axis)] = 0.1);
+        let grasped = Grasped {
+            map: &map,
+            measured,
+            shifts: &[0.0; 3],
+            internal: InternalForce::Least { margin: 0.2, least: 0.22, moving: 0.6 },
+            feedback: true,
+            held: true,
+            lifted: true,
+            firmly: false,
+            three: &ThreeFingers::new(&[(jacobian, Vector3::zeros()); 3]),
+            torque_limits: [[torque; 3]; 3],
+        };
+        forces.feel(&grasped);
+        forces.want(&grasped, &map.inverse(), 1.0, &[Vector3::zeros(); 3]).0
+    }
+
+    /// Forces of fingers that press with `strength` and carry a `weight` [N].
+    fn pressing(strength: f32, weight: f32) -> Each<Vector3<f32>> {
+        let [one, three] = [0.25, 0.5].map(|share| Vector3::new(0.0, 0.0, share * weight));
+        let push = Vector3::new(strength, 0.0, 0.0);
+        [one + push * 0.5, one + push * 0.5, three - push]
+    }
+
+    #[test]
+    fn a_grip_that_is_firm_enough_is_let_be() {
+        let (_, mut forces) = grasp(0.0, 0.5);
+        // 0.22 N along the surface take 0.44 N of fingers 1 and 2, and finger 3 has both their forces against it.
+        for _ in 0..300 {
+            tick(&mut forces, 1.0, &pressing(0.9, 0.3));
+        }
+        let wanted = forces.wanted.map(|force| force[0]);
+        assert!((wanted[0] - 0.44).abs() < 2e-3 && (wanted[2] + 0.88).abs() < 4e-3, "{wanted:?}");
+        let correction = forces.correction;
+        tick(&mut forces, 1.0, &pressing(0.98, 0.3));
+        assert_eq!(correction, forces.correction);
+        tick(&mut forces, 1.0, &pressing(1.2, 0.3));
+        assert!(forces.correction[2][0] > correction[2][0], "released");
+        let correction = forces.correction;
+        tick(&mut forces, 1.0, &pressing(0.8, 0.3));
+        assert!(forces.correction[2][0] < correction[2][0], "pressed harder");
+    }
+
+    #[test]
+    fn a_load_that_grows_is_met_with_a_firmer_grip_at_once() {
+        let (_, mut forces) = grasp(0.0, 0.5);
+        for _ in 0..300 {
+            tick(&mut forces, 1.0, &pressing(0.9, 0.3));
+        }
+        // 10 N/s, felt two ticks later.
+        for weight in [0.4, 0.5] {
+            tick(&mut forces, 1.0, &pressing(0.9, weight));
+        }
+        let wanted = forces.wanted.map(|force| force[0]);
+        // By 4 N for each of the 0.12 N and more that are held ready, and without any, 0.5 N hold 0.63 N against 0.94 N.
+        assert!(wanted[0] > 0.44 + 0.4 && wanted[2] < -0.88 - 0.8, "{wanted:?}");
+    }
+
+    #[test]
+    fn what_the_joints_cannot_is_neither_asked_for_nor_added_up() {
+        let (_, mut forces) = grasp(0.0, 0.5);
+        // Of 3 N finger 3 carries a half, and has to press with 3.75 N, 0.375 N·m. Motors that are weaker than they say bring 3.2 N.
+        let mut asked = 0.0;
+        for _ in 0..300 {
+            asked = tick(&mut forces, 0.4, &pressing(3.2, 3.0))[2].x;
+            assert!(asked > -4.0001, "{asked}");
+        }
+        let correction = forces.correction[2][0];
+        assert!((asked + 4.0).abs() < 1e-3 && (correction + 0.25).abs() < 0.02, "{asked} {correction}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Fingers that hold an object: its pose, their forces, and what the joints are to do for both.
 
-use nalgebra::{IsometryMatrix3, Vector3, Vector6};
+use nalgebra::Vector3;
 
-use super::forces::{Grasped, grasp_map};
+use super::forces::{Forces, Grasped, grasp_map};
 use super::plan::{GraspPlan, ObjectControl};
 use super::pose::PosePoint;
 use super::task::{Fingers, pairs};
@@ -60,15 +60,27 @@ impl HandState {
         self.watch(plan, &grasped, fingers, &object)?;
         let extra = self.proceed(hand, plan, &grasped, fingers);
         let inverse = map.inverse();
-        let mut forces = self.forces.want(&grasped, &inverse, self.share, &extra);
+        let (mut forces, carried) = self.forces.want(&grasped, &inverse, self.share, &extra);
         if self.phase == Phase::Open {
             forces.iter_mut().for_each(|force| *force *= self.share);
         }
         let wanted = self.motion.advance();
-        let (carried, drive) = self.carry(plan, &grasped, &object, &wanted);
-        if let Ok(carry) = inverse.forces(&carried) {
-            forces.iter_mut().zip(&carry).for_each(|(force, carry)| *force += carry);
-        }
+        let drive = match &plan.control {
+            // The joints' servos hold the object where it should be, and so carry its load; what the sensors feel of it
+            // helps them to be quick.
+            ObjectControl::Differential(_) => {
+                let share = Forces::fed_forward(&grasped);
+                forces.iter_mut().zip(&carried).for_each(|(force, carried)| *force += carried * share);
+                Drive::Servo
+            }
+            ObjectControl::Wrench(gains) => {
+                let pull = wrench(gains, &mut self.integral, &object, &wanted.frame);
+                if let Ok(carry) = inverse.forces(&(self.forces.weight() + pull)) {
+                    forces.iter_mut().zip(&carry).for_each(|(force, carry)| *force += carry);
+                }
+                Drive::Torque { damping: gains.damping, compensated: gains.compensated }
+            }
+        };
         let mut command =
             HandCommand { torques: three.torques(&forces).map(Into::into), drive, ..self.stand() };
         if let Err(finger) = self.follow(hand, &three, &arms, &wanted, &mut command) {
@@ -77,25 +89,6 @@ impl HandState {
             self.fail(Failure::OutOfReach { finger }, Phase::Hold);
         }
         Ok(command)
-    }
-
-    /// The wrench that the joints press with besides the internal forces, about the object's origin [N, N·m]; and who brings
-    /// the joints to their places.
-    fn carry(
-        &mut self,
-        plan: &GraspPlan,
-        grasped: &Grasped<'_>,
-        object: &IsometryMatrix3<f32>,
-        wanted: &PosePoint,
-    ) -> (Vector6<f32>, Drive) {
-        let ObjectControl::Wrench(gains) = plan.control else {
-            // The joints' servos hold the object where it should be, and so carry its load; what the sensors feel of it
-            // helps them to be quick.
-            return (self.forces.carried(grasped), Drive::Servo);
-        };
-        let pull = wrench(&gains, &mut self.integral, object, &wanted.frame);
-        let drive = Drive::Torque { damping: gains.damping, compensated: gains.compensated };
-        (self.forces.weight() + pull, drive)
     }
 
     /// The joints' way with the object, Hand3 (22) to (25) with positions in closed form: nothing drifts.

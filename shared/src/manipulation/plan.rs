@@ -50,8 +50,9 @@ pub enum InternalForce {
     Least {
         /// Share of the friction that stays unused.
         margin: f32,
-        /// The least normal force of each finger while the object is held still, and while it is moved [N]: joints that
-        /// begin to move press by their friction more or less than they should.
+        /// What each finger can hold along the surface at least, while the object is held still and while it is moved [N]: a
+        /// load may grow by so much before the grip must, and joints that begin to move press by their friction more or
+        /// less than they should. It presses with at least that over the coefficient of friction.
         least: f32,
         /// See `least`.
         moving: f32,
@@ -173,7 +174,7 @@ impl PlanField {
             Self::Friction => ("coefficient of friction", ""),
             Self::ForceLimit => ("force limit", "N"),
             Self::Margin => ("margin of friction", ""),
-            Self::Least => ("least normal force", "N"),
+            Self::Least => ("least force along the surface", "N"),
             Self::Strength => ("internal force", "N"),
             Self::Gain => ("gain", ""),
         }
@@ -487,7 +488,7 @@ mod tests {
             (PlanField::Clearance, "the clearance is 2 m; possible is 0.5 to 1 m"),
             (PlanField::TouchForce, "the touch force is 2 N; possible is 0.5 to 1 N"),
             (PlanField::ForceLimit, "the force limit is 2 N; possible is 0.5 to 1 N"),
-            (PlanField::Least, "the least normal force is 2 N; possible is 0.5 to 1 N"),
+            (PlanField::Least, "the least force along the surface is 2 N; possible is 0.5 to 1 N"),
             (PlanField::Strength, "the internal force is 2 N; possible is 0.5 to 1 N"),
         ];
         for (field, text) in texts {
