@@ -115,7 +115,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let held = Held {
             label: trial.label,
             object: "box",
-            change: &|plan| trial.change(plan),
+            change: &|grasp| trial.change(&mut grasp.plan),
             paper: trial.paper_law,
         };
         if trial.identified {

@@ -4,9 +4,10 @@
 use std::ops::Range;
 
 use rapier3d::na::{Vector3, Vector6};
+use tesaki_supervisor::grasp::PlacedGrasp;
 
 use super::grasping::{
-    Bench, Firmness, Held, Log, Session, components, firmness, internal_forces, require_duration, table,
+    Bench, Firmness, Held, Log, Session, UP, components, firmness, internal_forces, require_duration, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::{Load, Push};
@@ -19,7 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 35.0,
     lead: &[
-        "The hand finds and grasps the box of 23 g, feels its friction by rubbing, and lifts it by 1 cm. Weights of 50, \
+        "The hand finds and grasps the box of 23 g, feels its friction by rubbing, and lifts it by 1 cm, to the paper's place. Weights of 50, \
          100, 200 and 300 g are put on the middle of its top and taken off, each within 0.3 s and one at a time; then \
          all of them are put on, one after the other, 650 g in the end, and taken off; then it is pushed from the side \
          with 0.3 N. The hand does not know of any of this but through its force sensors.",
@@ -91,7 +92,15 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
         firmness(&model, sample, &load, limit)
     };
-    let held = Held { label: "weights", object: "box", change: &|_| {}, paper: false };
+    // So that it is held at the paper's place when it has been lifted.
+    let down = gravity * (UP / gravity.norm());
+    let change = |grasp: &mut PlacedGrasp| {
+        grasp.position = (Vector3::from(grasp.position) + down).into();
+        for contact in &mut grasp.plan.contacts {
+            contact.position = (Vector3::from(contact.position) + down.map(|part| part as f32)).into();
+        }
+    };
+    let held = Held { label: "weights", object: "box", change: &change, paper: false };
     let mut session = Session::begin(setting, &mut bench, &held)?;
     session.lift()?;
     let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0) };

@@ -26,7 +26,7 @@ pub struct Held<'a> {
     /// The name of its files in `objects/` and `grasps/`.
     pub object: &'a str,
     /// Changes what the grasp file says.
-    pub change: &'a dyn Fn(&mut GraspPlan),
+    pub change: &'a dyn Fn(&mut PlacedGrasp),
     /// Whether the joints have the friction that the paper's losses imply, and the object is held under the paper's law.
     pub paper: bool,
 }
@@ -69,7 +69,7 @@ impl Bench {
             grasp.plan.internal = InternalForce::Normal { strength: PAPER_STRENGTH as f32 };
             grasp.plan.feedback = false;
         }
-        (held.change)(&mut grasp.plan);
+        (held.change)(&mut grasp);
         let path = self.robot.path.join(format!("objects/{}.toml", held.object));
         let text = std::fs::read_to_string(&path)
             .map_err(|error| PlantError::Read { path, reason: error.to_string() })?;
