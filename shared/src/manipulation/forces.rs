@@ -224,9 +224,7 @@ impl Forces {
         }
         let rests = matches!(grasped.internal, InternalForce::Least { .. }) && self.is_firm(grasped);
         if grasped.feedback && !rests {
-            let mut missing: Each<Vector3<f32>> = self.wanted.map(Into::into);
-            missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
-            inverse.remove_wrench(&mut missing);
+            let missing = self.missing(grasped, inverse);
             let parts =
                 self.correction.iter_mut().flatten().zip(missing.iter().flat_map(|force| force.iter()));
             for (correction, missing) in parts {
@@ -379,14 +377,22 @@ impl Forces {
         })
     }
 
-    /// Whether the measured normal forces are near the wanted ones.
-    pub fn is_settled(&self, grasped: &Grasped<'_>) -> bool {
-        let contacts = grasped.map.contacts().iter().zip(grasped.measured).zip(&self.wanted);
-        contacts.into_iter().all(|((contact, measured), wanted)| {
-            let (wanted, measured) =
-                (contact.normal().dot(&Vector3::from(*wanted)), contact.normal().dot(measured));
-            abs(measured - wanted) < 0.1 * wanted + 0.1
+    /// Whether the internal forces are near the wanted ones, along the normals. What a support carries is none of theirs.
+    pub fn is_settled(&self, grasped: &Grasped<'_>, inverse: &WrenchInverse<'_>) -> bool {
+        let missing = self.missing(grasped, inverse);
+        let contacts = grasped.map.contacts().iter().zip(&missing).zip(&self.wanted);
+        contacts.into_iter().all(|((contact, missing), wanted)| {
+            let wanted = contact.normal().dot(&Vector3::from(*wanted));
+            abs(contact.normal().dot(missing)) < 0.1 * wanted + 0.1
         })
+    }
+
+    /// What the measured forces miss of the internal ones wanted [N].
+    fn missing(&self, grasped: &Grasped<'_>, inverse: &WrenchInverse<'_>) -> Each<Vector3<f32>> {
+        let mut missing: Each<Vector3<f32>> = self.wanted.map(Into::into);
+        missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
+        inverse.remove_wrench(&mut missing);
+        missing
     }
 }
 
@@ -489,15 +495,14 @@ mod tests {
         ]
     }
 
-    /// A tick with the box held by fingers whose joints push along the axes, 0.1 N·m for a newton, and make up to `torque` [N·m];
-    /// they press with `measured` [N].
-    fn tick(forces: &mut Forces, torque: f32, measured: &Each<Vector3<f32>>) -> Each<Vector3<f32>> {
-        let (contacts, _) = grasp(0.0, forces.friction);
-        let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+    /// The box held by fingers whose joints push along the axes, 0.1 N·m for a newton, and make up to `torque` [N·m]; they press
+    /// with `measured` [N].
+    fn grasped<T>(torque: f32, measured: &Each<Vector3<f32>>, act: impl FnOnce(&Grasped<'_>) -> T) -> T {
+        let (contacts, _) = grasp(0.0, 0.5);
         let mut jacobian = crate::kinematics::Jacobian::zeros();
         (0..3).for_each(|axis| jacobian[(axis, axis)] = 0.1);
-        let grasped = Grasped {
-            map: &map,
+        act(&Grasped {
+            map: &GraspMap::try_new(&contacts, Vector3::zeros()).unwrap(),
             measured,
             shifts: &[0.0; 3],
             internal: InternalForce::Least { margin: 0.2, least: 0.22, moving: 0.6 },
@@ -507,9 +512,28 @@ mod tests {
             firmly: false,
             three: &ThreeFingers::new(&[(jacobian, Vector3::zeros()); 3]),
             torque_limits: [[torque; 3]; 3],
-        };
-        forces.feel(&grasped);
-        forces.want(&grasped, &map.inverse(), 1.0, &[Vector3::zeros(); 3]).0
+        })
+    }
+
+    fn tick(forces: &mut Forces, torque: f32, measured: &Each<Vector3<f32>>) -> Each<Vector3<f32>> {
+        grasped(torque, measured, |grasped| {
+            forces.feel(grasped);
+            forces.want(grasped, &grasped.map.inverse(), 1.0, &[Vector3::zeros(); 3]).0
+        })
+    }
+
+    #[test]
+    fn what_a_support_carries_is_no_force_that_is_missing() {
+        let wanted = pressing(2.0, 0.0).map(Into::into);
+        let forces = Forces { wanted, ..Forces::new(0.5) };
+        let is_settled =
+            |measured| grasped(1.0, &measured, |grasped| forces.is_settled(grasped, &grasped.map.inverse()));
+        // Something pushes the box with 1.5 N, which the fingers share: they press against each other as they should.
+        let [one, two, three] = pressing(2.0, 0.0);
+        let pushed = Vector3::new(0.5, 0.0, 0.0);
+        assert!(is_settled([one, two, three]));
+        assert!(is_settled([one + pushed, two + pushed, three + pushed]));
+        assert!(!is_settled([one * 0.7, two * 0.7, three * 0.7]));
     }
 
     /// Forces of fingers that press with `strength` and carry a `weight` [N].

@@ -58,8 +58,8 @@ impl HandState {
         };
         self.forces.feel(&grasped);
         self.watch(plan, &grasped, fingers, &object)?;
-        let extra = self.proceed(hand, plan, &grasped, fingers);
         let inverse = map.inverse();
+        let extra = self.proceed(hand, plan, &grasped, &inverse, fingers);
         let (mut forces, carried) = self.forces.want(&grasped, &inverse, self.share, &extra);
         if self.phase == Phase::Open {
             forces.iter_mut().for_each(|force| *force *= self.share);

@@ -8,7 +8,7 @@ use super::pose::PoseMotion;
 use super::task::Fingers;
 use super::{Each, Failure, Hand, HandState, Loss, Phase};
 use crate::TICK;
-use crate::grasp::Contact;
+use crate::grasp::{Contact, WrenchInverse};
 use crate::math;
 
 /// Time in which the internal forces rise and fall [s].
@@ -90,10 +90,11 @@ impl HandState {
         hand: &Hand<'_>,
         plan: &GraspPlan,
         grasped: &Grasped<'_>,
+        inverse: &WrenchInverse<'_>,
         fingers: &Fingers,
     ) -> Each<Vector3<f32>> {
         match self.phase {
-            Phase::Squeeze => return self.squeeze(plan, grasped, fingers),
+            Phase::Squeeze => return self.squeeze(plan, grasped, inverse, fingers),
             Phase::Feel => return self.rub(fingers),
             Phase::Move if self.motion.is_done() => self.enter(Phase::Hold),
             Phase::Lower => self.lower(hand),
@@ -103,7 +104,13 @@ impl HandState {
         [Vector3::zeros(); 3]
     }
 
-    fn squeeze(&mut self, plan: &GraspPlan, grasped: &Grasped<'_>, fingers: &Fingers) -> Each<Vector3<f32>> {
+    fn squeeze(
+        &mut self,
+        plan: &GraspPlan,
+        grasped: &Grasped<'_>,
+        inverse: &WrenchInverse<'_>,
+        fingers: &Fingers,
+    ) -> Each<Vector3<f32>> {
         let risen = self.elapsed() - SQUEEZE_TIME;
         let shakes = plan.only_feeds_forward();
         let contacts = grasped.map.contacts();
@@ -121,7 +128,8 @@ impl HandState {
         } else {
             self.share = math::clamp(self.share + TICK / SQUEEZE_TIME, 0.0, 1.0);
         }
-        let settled = self.share >= 1.0 && still && (!plan.feedback || self.forces.is_settled(grasped));
+        let settled =
+            self.share >= 1.0 && still && (!plan.feedback || self.forces.is_settled(grasped, inverse));
         self.settled = if settled { self.settled.saturating_add(1) } else { 0 };
         if self.settled >= SETTLED_TICKS {
             // Without feedback the rubbing force would not be known well enough.
