@@ -470,7 +470,7 @@ fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
         |rig: &Rig<Native>| rig.plant.contacts().iter().map(|contact| contact.slip_path).fold(0.0, f64::max);
     let now = rig.tick().unwrap();
     let (wanted_before, pressed_before, way_before) = (wanted(&now), pressed(&rig), way(&rig));
-    rig.plant.load(Load { mass: 0.2, point: [0.0, 0.0, 0.03], ramp: 0.02 }).unwrap();
+    rig.plant.load(Load { mass: 0.4, point: [0.0, 0.0, 0.03], ramp: 0.02 }).unwrap();
     let (mut slid, mut firmer, mut firm) = (None::<u32>, None::<u32>, None::<u32>);
     for tick in 0..100 {
         let now = rig.tick().unwrap();
