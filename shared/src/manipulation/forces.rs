@@ -240,7 +240,9 @@ impl Forces {
             let all = corrected.iter_mut().zip(&internal).zip(&mut self.correction);
             all.for_each(|((force, internal), correction)| {
                 *force *= possible;
-                *correction = (*force - internal).into();
+                if grasped.feedback {
+                    *correction = (*force - internal).into();
+                }
             });
         }
         (corrected, carried)
