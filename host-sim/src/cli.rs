@@ -311,6 +311,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
     let outcome = scenario.run(&mut setting)?;
     let mut summary = outcome.summary.clone();
     summary.controller = options.controller.name().to_owned();
+    summary = summary.frames_sha256(watched.frames_sha256());
     if in_qemu {
         let board = watched.status()?.board;
         let stack =

@@ -7,6 +7,8 @@ use tesaki::protocol::{
 use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError};
 
+use crate::digest::FramesDigest;
+
 /// The only client of a node in this process.
 const CLIENT: u32 = 1;
 
@@ -82,6 +84,8 @@ pub struct Watched<'a> {
     pub alike: u64,
     /// The first tick in which they did not, with both answers.
     pub difference: Option<(u32, ActuatorFrame, ActuatorFrame)>,
+    /// Of all answers of the first.
+    digest: FramesDigest,
     record: Vec<LogRecord>,
     sequence: u16,
 }
@@ -93,12 +97,25 @@ impl<'a> Watched<'a> {
         let identity = BoardStatus::default().identity;
         let start = LogStart { schema: SCHEMA_KEY, identity, unix_time: 0 };
         let record = vec![LogRecord::Start(start)];
-        Self { first, second, alike: 0, difference: None, record, sequence: 0 }
+        Self {
+            first,
+            second,
+            alike: 0,
+            difference: None,
+            digest: FramesDigest::default(),
+            record,
+            sequence: 0,
+        }
     }
 
     /// Whether all ticks so far were alike; `None` when nothing is compared.
     pub fn identical(&self) -> Option<bool> {
         self.second.is_some().then(|| self.difference.is_none() && self.alike > 0)
+    }
+
+    /// Digest of all actuator frames and replies so far.
+    pub fn frames_sha256(&self) -> String {
+        self.digest.hex()
     }
 
     /// Everything that went in and came out, in order.
@@ -115,7 +132,9 @@ impl Board for Watched<'_> {
         if let Some(second) = &mut self.second {
             second.request(request.clone())?;
         }
-        self.first.request(request)
+        let reply = self.first.request(request)?;
+        self.digest.reply(&reply);
+        Ok(reply)
     }
 }
 
@@ -138,6 +157,7 @@ impl FingerBoard for Watched<'_> {
 impl Controller for Watched<'_> {
     fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
         let actuators = self.first.tick(sensors)?;
+        self.digest.frame(&actuators);
         if let Some(second) = &mut self.second {
             let other = second.tick(sensors)?;
             if bytes(&actuators) == bytes(&other) {

@@ -9,6 +9,7 @@
 
 pub mod boards;
 pub mod controller;
+pub mod digest;
 pub mod grasp_scene;
 pub mod motion;
 pub mod operator;

@@ -138,7 +138,7 @@ impl Serialize for Metric {
 
 /// What one run of one seed came to.
 ///
-/// As JSON: `{"scenario", "controller", "seed", "ticks", "elf_sha256"?, "identical"?, "metrics": {name: {"value",
+/// As JSON: `{"scenario", "controller", "seed", "ticks", "frames_sha256"?, "elf_sha256"?, "identical"?, "metrics": {name: {"value",
 /// "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
 /// left out where there is nothing to say, and `null` for a value that is not a number.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,6 +151,8 @@ pub struct Summary {
     pub seed: u64,
     /// Control periods that were run.
     pub ticks: u64,
+    /// Digest of all that the controller answered ([`FramesDigest`](crate::digest::FramesDigest)).
+    pub frames_sha256: Option<String>,
     /// Hash of the firmware image that ran, if one did.
     pub elf_sha256: Option<String>,
     /// Whether image and native controller put out the same bytes, if both ran.
@@ -166,6 +168,7 @@ impl Summary {
             controller: controller.into(),
             seed,
             ticks: 0,
+            frames_sha256: None,
             elf_sha256: None,
             identical: None,
             metrics: Vec::new(),
@@ -176,6 +179,13 @@ impl Summary {
     #[must_use]
     pub fn ticks(mut self, ticks: u64) -> Self {
         self.ticks = ticks;
+        self
+    }
+
+    /// The same with the digest of all that the controller answered.
+    #[must_use]
+    pub fn frames_sha256(mut self, digest: impl Into<String>) -> Self {
+        self.frames_sha256 = Some(digest.into());
         self
     }
 
@@ -241,12 +251,17 @@ impl Serialize for Metrics<'_> {
 
 impl Serialize for Summary {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let optional = usize::from(self.elf_sha256.is_some()) + usize::from(self.identical.is_some());
+        let optional = [self.frames_sha256.is_some(), self.elf_sha256.is_some(), self.identical.is_some()];
+        let optional = optional.iter().filter(|there| **there).count();
         let mut s = serializer.serialize_struct("Summary", 6 + optional)?;
         s.serialize_field("scenario", &self.scenario)?;
         s.serialize_field("controller", &self.controller)?;
         s.serialize_field("seed", &self.seed)?;
         s.serialize_field("ticks", &self.ticks)?;
+        match &self.frames_sha256 {
+            Some(digest) => s.serialize_field("frames_sha256", digest)?,
+            None => s.skip_field("frames_sha256")?,
+        }
         match &self.elf_sha256 {
             Some(hash) => s.serialize_field("elf_sha256", hash)?,
             None => s.skip_field("elf_sha256")?,
@@ -289,6 +304,7 @@ mod tests {
     fn a_summary_has_the_documented_shape() {
         let summary = Summary::new("hand3-servo", "qemu", 3)
             .ticks(600)
+            .frames_sha256("cd")
             .elf_sha256("ab")
             .identical(true)
             .metric("peak", Metric::at_most("Peak", 8.5, 12.0, "mrad"))
@@ -296,7 +312,7 @@ mod tests {
         assert_eq!(
             serde_json::to_string(&summary).expect("a summary is a plain value"),
             concat!(
-                r#"{"scenario":"hand3-servo","controller":"qemu","seed":3,"ticks":600,"elf_sha256":"ab","#,
+                r#"{"scenario":"hand3-servo","controller":"qemu","seed":3,"ticks":600,"frames_sha256":"cd","elf_sha256":"ab","#,
                 r#""identical":true,"metrics":{"peak":{"value":8.5,"unit":"mrad","limit":12.0,"pass":true},"#,
                 r#""torque":{"value":0.5,"unit":"N·m","limit":null,"pass":true}},"pass":true}"#
             )
