@@ -17,9 +17,9 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use tesaki::arm::{ArmSettings, BadSettings, ForceSource, Law, Redundancy};
 use tesaki::control::Impedance;
 use tesaki::model::RobotModel;
+use tesaki::task::impedance::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 
 use crate::file::{self, FileError};
 
@@ -47,7 +47,7 @@ pub enum ImpedanceFileError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: BadSettings,
+        problem: InvalidSettings,
     },
 }
 
@@ -83,11 +83,11 @@ enum Three {
 }
 
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 enum FileLaw {
-    Printed,
+    Direct,
     #[default]
-    Following,
+    ModelFollowing,
 }
 
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
@@ -127,7 +127,7 @@ impl Axes {
 ///
 /// # Errors
 /// What is wrong with the file, and where.
-pub fn load(path: &Path, model: &RobotModel) -> Result<ArmSettings, ImpedanceFileError> {
+pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, ImpedanceFileError> {
     let place = || path.to_path_buf();
     let file: File = file::read(path)?;
     let redundancy = match file.redundancy {
@@ -144,18 +144,18 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ArmSettings, ImpedanceFil
                     names: names.join(", "),
                 }
             })?;
-            Redundancy::Driven { joint }
+            Redundancy::DrivenJoint { joint }
         }
     };
-    let settings = ArmSettings {
+    let settings = ImpedanceSettings {
         impedance: Impedance {
             mass: file.mass.six(),
             damping: file.damping.six(),
             stiffness: file.stiffness.six(),
         },
         law: match file.law {
-            FileLaw::Printed => Law::Printed,
-            FileLaw::Following => Law::Following,
+            FileLaw::Direct => Law::Direct,
+            FileLaw::ModelFollowing => Law::ModelFollowing,
         },
         redundancy,
         elbow_bandwidth: file.elbow_bandwidth,

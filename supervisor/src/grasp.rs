@@ -22,8 +22,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use tesaki::control::ServoMode;
-use tesaki::manipulation::{
-    BadPlan, FINGERS, GraspPlan, InternalForce, ObjectControl, PlannedContact, WrenchGains,
+use tesaki::task::grasping::{
+    FINGERS, GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlannedContact, WrenchGains,
 };
 
 use crate::file::{self, FileError};
@@ -48,7 +48,7 @@ pub enum GraspFileError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: BadPlan,
+        problem: InvalidPlan,
     },
 }
 

@@ -21,6 +21,6 @@ pub mod robot;
 pub mod trajectory;
 pub mod urdf;
 
-pub use board::{Board, BoardError};
+pub use board::{Board, BoardError, Exported};
 pub use file::FileError;
 pub use link::{ByteLink, LinkBoard};

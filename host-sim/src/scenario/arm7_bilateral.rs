@@ -1,7 +1,8 @@
 //! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the link make energy?
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ElbowPoint, PosePoint};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{Port, PortLimits};
 
 use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
@@ -164,7 +165,7 @@ fn touch(
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
     let mut made = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
-    let heavy = ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
+    let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
     let mut session = Session::begin(setting, bench, &made.label(), Machine::Mismatched, heavy)?;
     let (point, elbow) = session.start();
     let start = Vector3::from(point.position).map(f64::from);
@@ -215,7 +216,7 @@ struct Ends {
     master: Port,
     slave: Port,
     guarded: bool,
-    elbow: ElbowPoint,
+    elbow: ElbowSetpoint,
     point: PosePoint,
     /// Where the handle is, and its velocity.
     handle: Vector3<f64>,
@@ -234,7 +235,7 @@ struct Ends {
 }
 
 impl Ends {
-    fn new(start: Vector3<f64>, elbow: ElbowPoint, point: PosePoint, guarded: bool) -> Self {
+    fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, guarded: bool) -> Self {
         let zero = Vector3::zeros();
         Self {
             master: Port::new(),

@@ -2,7 +2,8 @@
 //! holding the hand, and by the arm angle with all seven.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, ElbowPoint};
+use tesaki::kinematics::ElbowSetpoint;
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, impedance, settings};
@@ -47,7 +48,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
-    let firm = ArmSettings {
+    let firm = ImpedanceSettings {
         impedance: impedance(1.5, 30.0, 300.0),
         redundancy: trial.redundancy,
         ..settings(30.0)
@@ -59,7 +60,7 @@ fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -
         for tick in 1..=(TIME / T).round() as usize {
             let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let way = to - from;
-            let at = ElbowPoint {
+            let at = ElbowSetpoint {
                 angle: elbow.angle + (from + way * share) as f32,
                 velocity: (way * rate / TIME) as f32,
                 acceleration: (way * change / (TIME * TIME)) as f32,

@@ -3,7 +3,8 @@
 mod trace;
 
 use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ElbowPoint, Law, PosePoint};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::task::impedance::{ImpedanceSettings, Law};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
 use self::trace::{Trace, sides};
@@ -85,7 +86,7 @@ struct Trial {
 const OURS: Trial = Trial {
     name: "ours",
     label: "ours",
-    law: Law::Following,
+    law: Law::ModelFollowing,
     course: Course::Sine,
     link: GOOD_LINK,
     tremor: TREMOR,
@@ -96,7 +97,7 @@ const OURS: Trial = Trial {
 const TRIALS: [Trial; 6] = [
     OURS,
     Trial { name: "strokes", label: "ours, strokes", course: Course::Strokes, ..OURS },
-    Trial { name: "paper", label: "the paper's law", law: Law::Printed, limits: None, ..OURS },
+    Trial { name: "paper", label: "the paper's law", law: Law::Direct, limits: None, ..OURS },
     Trial { name: "tremor", label: "ours, twice the tremor", tremor: 2.0 * TREMOR, limits: None, ..OURS },
     Trial { name: "loss", label: "ours, a bad link", link: BAD_LINK, limits: None, ..OURS },
     Trial {
@@ -169,14 +170,14 @@ impl Operator {
 enum Slave {
     Ours(Follower, Box<FollowerState>),
     /// The last sample is where the spring is at rest.
-    Paper(PosePoint, ElbowPoint),
+    Paper(PosePoint, ElbowSetpoint),
 }
 
 impl Slave {
-    fn new(law: Law, (aim, elbow): (PosePoint, ElbowPoint)) -> Self {
+    fn new(law: Law, (aim, elbow): (PosePoint, ElbowSetpoint)) -> Self {
         match law {
-            Law::Printed => Self::Paper(aim, elbow),
-            Law::Following => {
+            Law::Direct => Self::Paper(aim, elbow),
+            Law::ModelFollowing => {
                 let follower =
                     Follower::try_new(FollowerSettings::HUMAN).expect("its own settings are valid");
                 Self::Ours(follower, Box::new(FollowerState::at(aim.position, aim.rotation, elbow.angle)))
@@ -217,7 +218,7 @@ impl Slave {
         }
     }
 
-    fn tick(&mut self, time: f64) -> (PosePoint, ElbowPoint) {
+    fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
         match self {
             Self::Ours(follower, state) => follower.tick(state, instant(time)),
             Self::Paper(aim, elbow) => (*aim, *elbow),
@@ -247,9 +248,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn follow(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
-    let machine = if trial.law == Law::Printed { Machine::Paper } else { Machine::Mismatched };
-    let damping = if trial.law == Law::Printed { PAPER_DAMPING } else { DAMPING };
-    let settings = ArmSettings { law: trial.law, ..settings(damping) };
+    let machine = if trial.law == Law::Direct { Machine::Paper } else { Machine::Mismatched };
+    let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
+    let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let mut session = Session::begin(setting, bench, trial.label, machine, settings)?;
     session.wait(0.5)?;
     let now = session.plant.tips().swap_remove(0);
@@ -304,7 +305,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
         let at_ends = Metric::reported(text("largest error along x at the reversals"), reversals, "mm");
         let at_rest = Metric::reported(text("error at rest"), still, "mm");
         match (law, limits) {
-            (Law::Printed, _) => {
+            (Law::Direct, _) => {
                 insert("largest", most);
                 insert("reversals", at_ends.paper("7 mm"));
                 let along = trace.mean_error(&rest).x.abs();
@@ -323,7 +324,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
             }
         }
     }
-    if *law == Law::Following {
+    if *law == Law::ModelFollowing {
         let predicted = trace.largest(&moving, |moment| moment.predicted().norm());
         let own = trace.largest(&moving, |moment| moment.own().norm());
         if trial.clutch.is_none() {
@@ -340,7 +341,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
     let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
     let limit = f64::from(FollowerSettings::HUMAN.travel.acceleration);
     let acceleration = Metric {
-        limit: (*law == Law::Following).then_some(limit),
+        limit: (*law == Law::ModelFollowing).then_some(limit),
         ..Metric::reported(text("largest acceleration of the set-point"), acceleration, "m/s²")
     };
     insert("acceleration", acceleration);

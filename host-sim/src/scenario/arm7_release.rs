@@ -1,7 +1,7 @@
 //! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance says?
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, Law};
+use tesaki::task::impedance::{ImpedanceSettings, Law};
 
 use super::arm::{Bench, Log, Machine, Session, settings};
 use super::common::capital;
@@ -56,7 +56,7 @@ const TRIALS: [Trial; 4] = [
         name: "true",
         label: "true model",
         machine: Machine::True,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: None,
         limit: Some(0.3),
     },
@@ -64,7 +64,7 @@ const TRIALS: [Trial; 4] = [
         name: "between",
         label: "true model, let go between two readings",
         machine: Machine::True,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: Some(0.5 * T),
         limit: None,
     },
@@ -72,7 +72,7 @@ const TRIALS: [Trial; 4] = [
         name: "ours",
         label: "mismatched",
         machine: Machine::Mismatched,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: None,
         limit: Some(1.5),
     },
@@ -80,7 +80,7 @@ const TRIALS: [Trial; 4] = [
         name: "paper",
         label: "the paper's law",
         machine: Machine::Mismatched,
-        law: Law::Printed,
+        law: Law::Direct,
         before: None,
         limit: None,
     },
@@ -164,7 +164,7 @@ fn release(
     damping: f32,
     axis: usize,
 ) -> Result<Release, ScenarioError> {
-    let settings = ArmSettings { law: trial.law, ..settings(damping) };
+    let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let label = format!("{}, B {damping} N·s/m, {}", trial.label, AXES[axis]);
     let mut session = Session::begin(setting, bench, &label, trial.machine, settings)?;
     session.wait(0.5)?;

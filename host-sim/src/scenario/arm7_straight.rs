@@ -1,7 +1,7 @@
 //! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes the tool farther.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::ArmSettings;
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, settings};
@@ -51,7 +51,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
-    let settings = ArmSettings { redundancy: trial.redundancy, ..settings(30.0) };
+    let settings = ImpedanceSettings { redundancy: trial.redundancy, ..settings(30.0) };
     let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, settings)?;
     session.wait(1.0)?;
     let (start, elbow) = session.start();

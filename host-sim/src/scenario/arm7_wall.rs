@@ -1,6 +1,7 @@
 //! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance says?
 
-use tesaki::arm::{ArmSettings, ForceSource, PosePoint};
+use tesaki::kinematics::PosePoint;
+use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Log, Machine, Session, impedance, settings};
@@ -131,7 +132,7 @@ fn meet(
     let mut contact =
         Contact { stiffness, force, log: Log::default(), felt: f64::NAN, arrived: 0.0, left: 0.0, end: 0.0 };
     let mut heavy =
-        ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
+        ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
     if contact.is_observed() {
         heavy.contact_force = DOUBT;
     }

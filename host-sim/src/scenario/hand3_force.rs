@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspPlan, InternalForce};
+use tesaki::task::grasping::{GraspPlan, InternalForce};
 
 use super::common::capital;
 use super::grasping::{

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspCommand, Phase};
+use tesaki::task::grasping::{GraspCommand, Phase};
 
 use super::common::capital;
 use super::grasping::{Bench, Held, Log, MOVE, Session, require_duration, table, xyz};

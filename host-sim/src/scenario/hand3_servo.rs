@@ -245,7 +245,7 @@ fn run_trial(
         plant.apply(&actuators)?;
         progress(f64::from(tick + 1) / f64::from(ticks));
     }
-    controller.ask("disarm", tesaki::protocol::Request::Disarm)?;
+    controller.disable()?;
     Ok(recording)
 }
 

@@ -36,22 +36,3 @@ pub enum ServoMode {
     /// 1: state feedback on an observer of velocity and disturbance.
     Observer,
 }
-
-/// What a joint's torque is made of, besides the command's own.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub enum Drive {
-    /// 0: the joint's servo, with gravity, inertia and friction fed forward.
-    Servo,
-    /// 1: damping of so much torque per speed [N·m·s/rad]; gravity and friction fed forward when `compensated`.
-    Torque {
-        /// Hand3 (20), `K_d`.
-        damping: f32,
-        /// Whether weight and friction of the fingers are fed forward.
-        compensated: bool,
-    },
-    /// 2: the torque that the whole arm's dynamics need for the accelerations that a task asks for.
-    Acceleration {
-        /// Share of the friction that is fed forward.
-        friction: f32,
-    },
-}

@@ -11,6 +11,7 @@ mod chain;
 mod finger;
 mod inverse;
 mod posture;
+mod setpoint;
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
@@ -21,3 +22,4 @@ pub(crate) use chain::Link;
 pub use finger::{Finger, FingerError, FingerSolutions, NotAFinger};
 pub use inverse::{BadJoint, InverseKinematics, NotSolved, Options, Solved, Target};
 pub use posture::{Jacobian, Posture, TipPoint};
+pub use setpoint::{ElbowSetpoint, PosePoint};

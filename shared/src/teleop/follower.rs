@@ -6,7 +6,7 @@ use super::hand::{Estimate, Moving};
 use super::pace::Aim;
 use super::turn::{turn, turned};
 use super::{BadFollower, HandModel, Pace, Refused};
-use crate::arm::{ElbowPoint, PosePoint};
+use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::{TICK, math};
 
 /// The norm of a unit quaternion is this near to 1.
@@ -312,7 +312,7 @@ impl Follower {
     }
 
     /// The set-points for the control period that begins `now`. Called once a period.
-    pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowPoint) {
+    pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowSetpoint) {
         let FollowerSettings { travel, turn: turning, swing, scale, .. } = &self.settings;
         let times = [
             state.hand.as_mut().map(|hand| &mut hand.time),
@@ -355,7 +355,7 @@ impl Follower {
             velocity: joined(&state.velocity, &state.spin),
             acceleration: joined(&acceleration, &spin_up),
         };
-        let elbow = ElbowPoint {
+        let elbow = ElbowSetpoint {
             angle: state.elbow_angle.x,
             velocity: state.elbow_rate.x,
             acceleration: elbow_acceleration.x,

@@ -1,7 +1,7 @@
 //! A hand with open fingers around something that stands nearly where it is thought to be.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
-use tesaki::manipulation::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
 use tesaki_supervisor::grasp::{PlacedGrasp, load_placed};
 use tesaki_supervisor::robot::RobotFolder;
 
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use crate::controller::{Native, Watched};
 
-    /// Each object has a grasp that the hand can wait in front of, and stands clear of the open fingers.
+    /// PerFinger object has a grasp that the hand can wait in front of, and stands clear of the open fingers.
     #[test]
     fn the_open_hand_touches_nothing() {
         let robot = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));

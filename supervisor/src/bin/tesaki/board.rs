@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
+use tesaki::task::TaskKind;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{self, Address, Reopening};
@@ -36,13 +37,11 @@ pub fn list(options: &Options) -> Result<(), Failure> {
 
 /// What the capabilities mean.
 fn capabilities(bits: u32) -> String {
-    let known = [
-        (Identity::PLANT_LINK, "plant link"),
-        (Identity::POWER_STAGES, "power stages"),
-        (Identity::JOINT_SERVO, "joint servo"),
-        (Identity::GRASP, "grasp"),
-    ];
-    let names: Vec<&str> = known.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
+    let board = [(Identity::PLANT_LINK, "plant link"), (Identity::POWER_STAGES, "power stages")]
+        .map(|(bit, name)| (bit, name.to_owned()));
+    let tasks = TaskKind::ALL.iter().map(|&task| (Identity::task(task), task.to_string()));
+    let known = board.into_iter().chain(tasks);
+    let names: Vec<String> = known.filter(|(bit, _)| bits & bit != 0).map(|(_, name)| name).collect();
     names.join(", ")
 }
 
@@ -98,7 +97,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
 
 pub fn disarm(options: &Options) -> Result<(), Failure> {
     let mut session = Session::open(options)?;
-    session.board.ask("disarm", Request::Disarm)?;
+    session.board.disable()?;
     let mode = session.board.status()?.node.mode;
     output::result(options, &json!({ "mode": mode }), || format!("outputs off; the board is {mode}"))
 }

@@ -6,6 +6,10 @@ use std::process::ExitCode;
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
+use tesaki::robot::Concerns;
+use tesaki::task::TaskRefusal;
+use tesaki::task::grasping::GraspRefusal;
+use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::arm::ImpedanceFileError;
 use tesaki_supervisor::grasp::GraspFileError;
@@ -84,7 +88,14 @@ fn hint(error: &BoardError) -> &'static str {
         BoardError::Refused { refusal: Refusal::NotHomed { .. }, .. } => {
             " (`tesaki home JOINT=ANGLE … --others 0`)"
         }
-        BoardError::Refused { refusal: Refusal::NotTared { .. }, .. } => " (`tesaki tare`)",
+        BoardError::Refused {
+            refusal:
+                Refusal::Task(
+                    TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
+                    | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
+                ),
+            ..
+        } => " (`tesaki tare`)",
         BoardError::Refused {
             refusal: Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault),
             ..

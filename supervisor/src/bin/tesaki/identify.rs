@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::task::grasping::GraspTelemetry;
 use tesaki_supervisor::identify::{
     Calibration, Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identify,
 };
@@ -69,7 +69,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let found = identify(&mut line, &model, &plan, &settings);
     let mut session = line.session;
     if found.is_err() {
-        let _ = session.board.ask("disarm", Request::Disarm);
+        let _ = session.board.disable();
     }
     // As a monitor wants them.
     let _ = session.board.set_rate(Stream::Telemetry, 2);
@@ -192,7 +192,7 @@ impl Machine for Line<'_> {
     type Error = Failure;
 
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Failure> {
-        if matches!(request, Request::Arm { .. }) {
+        if matches!(request, Request::Enable(_)) {
             self.seen_armed = false;
         }
         Ok(self.session.board.ask(action, request)?)
@@ -202,13 +202,13 @@ impl Machine for Line<'_> {
         Ok(self.session.board.read_grasp()?)
     }
 
-    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, Failure> {
+    fn tick(&mut self, request: Request) -> Result<Sense, Failure> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
                 return Err(Failure::Other("interrupted: disarmed, and nothing was identified".to_owned()));
             }
-            self.session.board.post(Request::SetPoint(set_point.clone()))?;
+            self.session.board.post(request.clone())?;
             let deadline = Instant::now() + PATIENCE;
             while let Some(event) = self.session.board.next_event(deadline)? {
                 match event {
@@ -216,7 +216,7 @@ impl Machine for Line<'_> {
                         if telemetry.mode == Mode::Fault {
                             return Err(Failure::Fault(self.session.fault(Some(self.model))?));
                         }
-                        self.seen_armed |= matches!(telemetry.mode, Mode::Armed(_));
+                        self.seen_armed |= matches!(telemetry.mode, Mode::Enabled(_));
                         self.telemetry = self.seen_armed.then_some(telemetry);
                     }
                     FromBoard::Tips(tips) => {

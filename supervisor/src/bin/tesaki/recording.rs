@@ -175,7 +175,7 @@ impl Log {
         self.write(&LogRecord::Start(LogStart { schema: SCHEMA_KEY, identity, unix_time }))?;
         self.model = None;
         match session.board.export(Item::Model) {
-            Ok((model, _)) => self.push(&model)?,
+            Ok(model) => self.push(&model.bytes)?,
             Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {}
             Err(error) => return Err(error.into()),
         }
@@ -237,13 +237,13 @@ impl Log {
 
     /// The state of the node now. Entries from before it that are still to come will be left out.
     fn state(&mut self, session: &mut Session) -> Result<(), LogError> {
-        let (state, index) = session.board.export(Item::State)?;
+        let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
         for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
             let data = heapless::Vec::from_slice(data).unwrap_or_default();
             self.write(&LogRecord::State { offset, data })?;
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
-        self.write(&LogRecord::Restore { length, checksum: checksum(&state) })?;
+        self.write(&LogRecord::Restore { length, checksum: checksum(&state), key })?;
         (self.last, self.in_step) = (index, false);
         Ok(())
     }

@@ -4,12 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tesaki::arm::ArmTelemetry;
-use tesaki::manipulation::GraspTelemetry;
+use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    Fault, FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry,
-    Tips,
+    FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
+    Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
@@ -30,10 +29,8 @@ pub struct Session {
     pub identity: Identity,
     /// Where it is.
     pub place: String,
-    /// The latest of what is in the hand, when it was asked for without waiting.
-    pub grasp: Option<GraspTelemetry>,
-    /// The same of the arm.
-    pub arm: Option<ArmTelemetry>,
+    /// The latest of the task, when it was asked for without waiting.
+    pub task: Option<TaskReport>,
     /// Whether this program has the command.
     commands: bool,
 }
@@ -55,7 +52,7 @@ impl Session {
         let mut board = dial(options)?;
         let identity = board.hello()?;
         let place = place(&board);
-        Ok(Self { board, identity, place, grasp: None, arm: None, commands: false })
+        Ok(Self { board, identity, place, task: None, commands: false })
     }
 
     /// The same, and takes command.
@@ -132,8 +129,7 @@ impl Session {
         while let Some(event) = self.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => return Ok(telemetry),
-                FromBoard::Reply(ReplyFrame { reply: Reply::Grasp(grasp), .. }) => self.grasp = Some(grasp),
-                FromBoard::Reply(ReplyFrame { reply: Reply::Arm(arm), .. }) => self.arm = Some(arm),
+                FromBoard::Reply(ReplyFrame { reply: Reply::Task(report), .. }) => self.task = Some(report),
                 FromBoard::Reply(reply) => refused(&reply.reply)?,
                 _ => {}
             }

@@ -38,7 +38,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             Some(Key::Quit) => break,
             // Anyone may stop the machine; the answer shows in the view.
             Some(Key::Stop) => drop(session.board.post(Request::Stop)?),
-            Some(Key::Disarm) => drop(session.board.post(Request::Disarm)?),
+            Some(Key::Disarm) => drop(session.board.post(Request::Disable)?),
             Some(Key::ReadFaults) => {
                 watch.read_faults(&mut session)?;
                 overlay = if overlay == Some(Overlay::Faults) { None } else { Some(Overlay::Faults) };
@@ -156,8 +156,8 @@ impl Watch {
         self.view.time = f64::from(telemetry.tick) * 0.01;
         self.view.mode = telemetry.mode.to_string();
         (self.view.state, self.view.hint) = match telemetry.mode {
-            Mode::Disarmed => (State::Disarmed, String::new()),
-            Mode::Armed(_) => (State::Armed, "space stops the machine".to_owned()),
+            Mode::Disabled => (State::Disarmed, String::new()),
+            Mode::Enabled(_) => (State::Armed, "space stops the machine".to_owned()),
             Mode::Fault => (State::Fault, "`tesaki faults --clear` leads back to disarmed".to_owned()),
         };
         for (view, joint) in self.view.joints.iter_mut().zip(&telemetry.joints) {

@@ -1,3 +1,5 @@
+//! Causes of faults, and their log.
+
 use core::fmt;
 
 use heapless::Vec;

@@ -2,7 +2,7 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{Each, Frame};
+use super::{Frame, PerFinger};
 use crate::grasp::{NoObjectFrame, object_frame};
 use crate::math;
 
@@ -25,15 +25,15 @@ pub(super) struct Tracker {
     /// Its rotation in the last tick, in base axes [rad].
     spin: [f32; 3],
     /// Middles of the tips in the object frame [m].
-    pub anchors: Each<[f32; 3]>,
+    pub anchors: PerFinger<[f32; 3]>,
     /// Normals into the object, in the object frame.
-    pub normals: Each<[f32; 3]>,
+    pub normals: PerFinger<[f32; 3]>,
     /// The middles of the tips as they are, a mean of some ticks [m].
-    pub places: Each<[f32; 3]>,
+    pub places: PerFinger<[f32; 3]>,
     /// How far each tip is from its anchor along the surface that the others make [m].
-    pub shifts: Each<f32>,
+    pub shifts: PerFinger<f32>,
     /// Lengths of the triangle's sides at the beginning [m].
-    sides: Each<f32>,
+    sides: PerFinger<f32>,
 }
 
 /// How a finger stands and has moved.
@@ -57,7 +57,10 @@ impl Tracker {
     };
 
     /// The object that the tips touch now, with these normals [base axes, unit vectors].
-    pub fn begin(tips: &Each<Vector3<f32>>, normals: &Each<Vector3<f32>>) -> Result<Self, NoObjectFrame> {
+    pub fn begin(
+        tips: &PerFinger<Vector3<f32>>,
+        normals: &PerFinger<Vector3<f32>>,
+    ) -> Result<Self, NoObjectFrame> {
         let object = object_frame(tips)?;
         let anchors = tips.map(|tip| object.inverse_transform_point(&tip.into()).coords.into());
         Ok(Self {
@@ -74,8 +77,8 @@ impl Tracker {
     /// Where the object is, now that the tips are here. `radii` of the tips [m].
     pub fn update(
         &mut self,
-        tips: &Each<TipMotion>,
-        radii: &Each<f32>,
+        tips: &PerFinger<TipMotion>,
+        radii: &PerFinger<f32>,
     ) -> Result<IsometryMatrix3<f32>, NoObjectFrame> {
         let before = self.object.isometry();
         let spin = Vector3::from(self.spin);
@@ -116,7 +119,7 @@ impl Tracker {
     }
 
     /// By how much the triangle's sides differ from what they were, the most of them [m].
-    pub fn deformation(&self, tips: &Each<Vector3<f32>>) -> f32 {
+    pub fn deformation(&self, tips: &PerFinger<Vector3<f32>>) -> f32 {
         let now = sides(tips);
         self.sides.iter().zip(now).fold(0.0, |most, (before, now)| {
             let change = math::abs(now - before);
@@ -128,8 +131,8 @@ impl Tracker {
     pub fn contacts(
         &self,
         frame: &IsometryMatrix3<f32>,
-        radii: &Each<f32>,
-    ) -> (Each<Vector3<f32>>, Each<Vector3<f32>>) {
+        radii: &PerFinger<f32>,
+    ) -> (PerFinger<Vector3<f32>>, PerFinger<Vector3<f32>>) {
         let normals = self.normals.map(|normal| frame.rotation * Vector3::from(normal));
         let mut arms = self.anchors.map(|anchor| frame.rotation * Vector3::from(anchor));
         arms.iter_mut()
@@ -139,7 +142,7 @@ impl Tracker {
     }
 }
 
-fn sides([one, two, three]: &Each<Vector3<f32>>) -> Each<f32> {
+fn sides([one, two, three]: &PerFinger<Vector3<f32>>) -> PerFinger<f32> {
     [two - three, one - three, one - two].map(|side| math::sqrt(side.norm_squared()))
 }
 
@@ -151,11 +154,11 @@ mod tests {
     const RADIUS: f32 = 0.008;
 
     /// Fingers 1 and 2 at x = −57 mm, finger 3 opposite: middles of tips that touch a box of 98 mm.
-    fn tips() -> Each<Vector3<f32>> {
+    fn tips() -> PerFinger<Vector3<f32>> {
         [Vector3::new(-0.057, 0.04, 0.1), Vector3::new(-0.057, -0.04, 0.1), Vector3::new(0.057, 0.0, 0.1)]
     }
 
-    fn normals() -> Each<Vector3<f32>> {
+    fn normals() -> PerFinger<Vector3<f32>> {
         [Vector3::x(), Vector3::x(), -Vector3::x()]
     }
 

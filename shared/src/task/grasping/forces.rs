@@ -3,7 +3,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::plan::NORMAL_TOLERANCE;
-use super::{Each, InternalForce};
+use super::{InternalForce, PerFinger};
 use crate::TICK;
 use crate::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip, ThreeFingers, WrenchInverse};
 use crate::math::{self, abs};
@@ -79,19 +79,19 @@ pub(super) struct Forces {
     /// Share of the internal forces that is added after a slip.
     reserve: f32,
     /// The internal forces that were found last [N], and the size of the load for which, moments counted as forces [N, N·m].
-    base: Each<[f32; 3]>,
+    base: PerFinger<[f32; 3]>,
     base_load: f32,
     /// Size of the internal forces of the last tick [N].
     firmness: f32,
     /// The coefficient of friction that is counted on.
     pub friction: f32,
     /// Wanted forces, and what the measured ones add to them [N].
-    pub wanted: Each<[f32; 3]>,
-    correction: Each<[f32; 3]>,
+    pub wanted: PerFinger<[f32; 3]>,
+    correction: PerFinger<[f32; 3]>,
     /// Tangential over normal force of each contact.
-    pub ratios: Each<f32>,
+    pub ratios: PerFinger<f32>,
     /// How far the tips were from where the others say, a tick ago [m].
-    shifts: Each<f32>,
+    shifts: PerFinger<f32>,
     grip: GripState,
     /// No forces within the limits hold the load: the grip is as firm as allowed.
     pub overloaded: bool,
@@ -103,9 +103,9 @@ pub(super) struct Forces {
 pub(super) struct Grasped<'a> {
     pub map: &'a GraspMap,
     /// Forces of the tips on the object [N].
-    pub measured: &'a Each<Vector3<f32>>,
+    pub measured: &'a PerFinger<Vector3<f32>>,
     /// How far the tips are from where the others say [m].
-    pub shifts: &'a Each<f32>,
+    pub shifts: &'a PerFinger<f32>,
     pub internal: InternalForce,
     pub feedback: bool,
     /// Whether the fingers hold the object, and not yet, or no longer, only press on what stands by itself.
@@ -118,7 +118,7 @@ pub(super) struct Grasped<'a> {
     /// What the forces are made with.
     pub three: &'a ThreeFingers,
     /// Joint torques that they may take [N·m].
-    pub torque_limits: Each<[f32; 3]>,
+    pub torque_limits: PerFinger<[f32; 3]>,
 }
 
 impl Forces {
@@ -203,8 +203,8 @@ impl Forces {
         grasped: &Grasped<'_>,
         inverse: &WrenchInverse<'_>,
         share: f32,
-        extra: &Each<Vector3<f32>>,
-    ) -> (Each<Vector3<f32>>, Each<Vector3<f32>>) {
+        extra: &PerFinger<Vector3<f32>>,
+    ) -> (PerFinger<Vector3<f32>>, PerFinger<Vector3<f32>>) {
         let map = grasped.map;
         let mut carried = [Vector3::zeros(); 3];
         if let Ok(found) = inverse.forces(&self.load.into()) {
@@ -254,8 +254,8 @@ impl Forces {
         grasped: &Grasped<'_>,
         share: f32,
         inverse: &WrenchInverse<'_>,
-        own: &Each<Vector3<f32>>,
-    ) -> Each<Vector3<f32>> {
+        own: &PerFinger<Vector3<f32>>,
+    ) -> PerFinger<Vector3<f32>> {
         let map = grasped.map;
         let mut forces = [Vector3::zeros(); 3];
         self.overloaded = false;
@@ -337,7 +337,7 @@ impl Forces {
     }
 
     /// This share of the internal forces that were found last [N].
-    pub fn swung(&self, share: f32) -> Each<Vector3<f32>> {
+    pub fn swung(&self, share: f32) -> PerFinger<Vector3<f32>> {
         self.base.map(|force| Vector3::from(force) * share)
     }
 
@@ -353,7 +353,12 @@ impl Forces {
 
     /// By how much, at most `most` [N], forces besides the internal ones may swing along `ways`, each by itself and to either
     /// side, with no finger meeting its limit, and none coming near to sliding.
-    pub fn swing_across(&self, contacts: &[Contact], ways: &Each<[Vector3<f32>; 2]>, mut most: f32) -> f32 {
+    pub fn swing_across(
+        &self,
+        contacts: &[Contact],
+        ways: &PerFinger<[Vector3<f32>; 2]>,
+        mut most: f32,
+    ) -> f32 {
         let friction = SHAKEN_SHARE * self.friction;
         for ((contact, force), ways) in contacts.iter().zip(&self.base).zip(ways) {
             let parts = |force: &Vector3<f32>| {
@@ -390,8 +395,8 @@ impl Forces {
     }
 
     /// What the measured forces miss of the internal ones wanted [N].
-    fn missing(&self, grasped: &Grasped<'_>, inverse: &WrenchInverse<'_>) -> Each<Vector3<f32>> {
-        let mut missing: Each<Vector3<f32>> = self.wanted.map(Into::into);
+    fn missing(&self, grasped: &Grasped<'_>, inverse: &WrenchInverse<'_>) -> PerFinger<Vector3<f32>> {
+        let mut missing: PerFinger<Vector3<f32>> = self.wanted.map(Into::into);
         missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
         inverse.remove_wrench(&mut missing);
         missing
@@ -400,7 +405,7 @@ impl Forces {
 
 impl Grasped<'_> {
     /// How many times these internal `forces` [N] the fingers can press with, beside torques of `own` [N·m]; at most `more`.
-    fn most(&self, forces: &Each<Vector3<f32>>, own: &Each<Vector3<f32>>, more: f32) -> f32 {
+    fn most(&self, forces: &PerFinger<Vector3<f32>>, own: &PerFinger<Vector3<f32>>, more: f32) -> f32 {
         let mut most = more;
         for (contact, force) in self.map.contacts().iter().zip(forces) {
             let push = contact.normal().dot(force);
@@ -412,7 +417,12 @@ impl Grasped<'_> {
     }
 
     /// How many times these `forces` [N] the joints can make, beside torques of `own` [N·m]; at most `most`.
-    fn share_of_torques(&self, forces: &Each<Vector3<f32>>, own: &Each<Vector3<f32>>, mut most: f32) -> f32 {
+    fn share_of_torques(
+        &self,
+        forces: &PerFinger<Vector3<f32>>,
+        own: &PerFinger<Vector3<f32>>,
+        mut most: f32,
+    ) -> f32 {
         let added = self.three.torques(forces);
         for ((own, added), limits) in own.iter().zip(&added).zip(&self.torque_limits) {
             for ((&own, &added), &limit) in own.iter().zip(added).zip(limits) {
@@ -438,9 +448,9 @@ impl Grasped<'_> {
 /// The share of `extra` forces, the same for all fingers so that they move nothing, with which no finger meets its limit.
 fn room_for(
     contacts: &[Contact],
-    internal: &Each<Vector3<f32>>,
-    carried: &Each<Vector3<f32>>,
-    extra: &Each<Vector3<f32>>,
+    internal: &PerFinger<Vector3<f32>>,
+    carried: &PerFinger<Vector3<f32>>,
+    extra: &PerFinger<Vector3<f32>>,
 ) -> f32 {
     let mut share = 1.0;
     for (((contact, internal), carried), extra) in contacts.iter().zip(internal).zip(carried).zip(extra) {
@@ -459,10 +469,10 @@ fn at_most(value: f32, rate: f32, room: f32) -> f32 {
 /// The grasp of contacts at `arms` from `origin` with these `normals`; `None` when they make none.
 pub(super) fn grasp_map(
     origin: Vector3<f32>,
-    arms: &Each<Vector3<f32>>,
-    normals: &Each<Vector3<f32>>,
+    arms: &PerFinger<Vector3<f32>>,
+    normals: &PerFinger<Vector3<f32>>,
     friction: f32,
-    limits: &Each<f32>,
+    limits: &PerFinger<f32>,
 ) -> Option<GraspMap> {
     let mut contacts = heapless::Vec::<Contact, 3>::new();
     for ((arm, normal), limit) in arms.iter().zip(normals).zip(limits) {
@@ -488,7 +498,7 @@ mod tests {
     }
 
     /// Fingers 1 and 2 towards each other, and towards finger 3, as 98 mm along and 40 mm across make it.
-    fn ways() -> Each<[Vector3<f32>; 2]> {
+    fn ways() -> PerFinger<[Vector3<f32>; 2]> {
         let (along, across) = (0.925_85, 0.377_90);
         [
             [-Vector3::y(), Vector3::new(along, -across, 0.0)],
@@ -499,7 +509,7 @@ mod tests {
 
     /// The box held by fingers whose joints push along the axes, 0.1 N·m for a newton, and make up to `torque` [N·m]; they press
     /// with `measured` [N].
-    fn grasped<T>(torque: f32, measured: &Each<Vector3<f32>>, act: impl FnOnce(&Grasped<'_>) -> T) -> T {
+    fn grasped<T>(torque: f32, measured: &PerFinger<Vector3<f32>>, act: impl FnOnce(&Grasped<'_>) -> T) -> T {
         let (contacts, _) = grasp(0.0, 0.5);
         let mut jacobian = crate::kinematics::Jacobian::zeros();
         (0..3).for_each(|axis| jacobian[(axis, axis)] = 0.1);
@@ -517,7 +527,7 @@ mod tests {
         })
     }
 
-    fn tick(forces: &mut Forces, torque: f32, measured: &Each<Vector3<f32>>) -> Each<Vector3<f32>> {
+    fn tick(forces: &mut Forces, torque: f32, measured: &PerFinger<Vector3<f32>>) -> PerFinger<Vector3<f32>> {
         grasped(torque, measured, |grasped| {
             forces.feel(grasped);
             forces.want(grasped, &grasped.map.inverse(), 1.0, &[Vector3::zeros(); 3]).0
@@ -539,7 +549,7 @@ mod tests {
     }
 
     /// Forces of fingers that press with `strength` and carry a `weight` [N].
-    fn pressing(strength: f32, weight: f32) -> Each<Vector3<f32>> {
+    fn pressing(strength: f32, weight: f32) -> PerFinger<Vector3<f32>> {
         let [one, three] = [0.25, 0.5].map(|share| Vector3::new(0.0, 0.0, share * weight));
         let push = Vector3::new(strength, 0.0, 0.0);
         [one + push * 0.5, one + push * 0.5, three - push]

@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::fault::FaultCause;
 use crate::kinematics::Posture;
 use crate::math::{self, abs};
 use crate::model::ForceSensor;
-use crate::protocol::FaultCause;
 
 /// Ticks without a change of any of the six counts: noise alone changes those of a live sensor.
 const STUCK_TICKS: u16 = 50;
@@ -16,7 +16,7 @@ const MEAN_SHARE: f32 = 1.0 / 16.0;
 
 /// What the force sensor of a tip reads.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
-pub(super) struct TipState {
+pub(super) struct ForceSensorState {
     counts: [i32; 6],
     /// Ticks since one of the counts changed.
     still: u16,
@@ -24,37 +24,25 @@ pub(super) struct TipState {
     mean: [f32; 6],
     /// What is taken off: the mean when the sensor was tared.
     tare: [f32; 6],
-    pub tared: bool,
     /// Whether there was a reading.
     read: bool,
-    /// Of the world on the tip, in base axes [N, N·m].
-    pub force: [f32; 3],
-    pub torque: [f32; 3],
 }
 
-impl TipState {
+impl ForceSensorState {
     pub const fn new() -> Self {
-        Self {
-            counts: [0; 6],
-            still: 0,
-            mean: [0.0; 6],
-            tare: [0.0; 6],
-            tared: false,
-            read: false,
-            force: [0.0; 3],
-            torque: [0.0; 3],
-        }
+        Self { counts: [0; 6], still: 0, mean: [0.0; 6], tare: [0.0; 6], read: false }
     }
 
-    /// Takes over the counts of a tip in `posture`, under `gravity` [m/s², base frame]; says what is wrong with them:
-    /// cause, value, limit.
+    /// Takes over the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns force and torque
+    /// of the world on the tip, in base axes [N, N·m], and what is wrong with them: cause, value, limit.
     pub fn read(
         &mut self,
         sensor: &ForceSensor,
         counts: &[i32; 6],
         posture: &Posture,
         gravity: &Vector3<f32>,
-    ) -> Option<(FaultCause, f32, f32)> {
+        tared: bool,
+    ) -> ([f32; 6], Option<(FaultCause, f32, f32)>) {
         let same = self.read && self.counts == *counts;
         self.still = if same { self.still.saturating_add(1) } else { 0 };
         self.counts = *counts;
@@ -76,13 +64,21 @@ impl TipState {
         let mut wrench = reading;
         wrench.iter_mut().zip(&self.tare).for_each(|(value, tare)| *value -= tare);
         let [fx, fy, fz, tx, ty, tz] = wrench;
-        let force = rotation * Vector3::new(fx, fy, fz);
-        self.force = force.into();
-        self.torque = (rotation * Vector3::new(tx, ty, tz)).into();
+        let (force, torque) = (rotation * Vector3::new(fx, fy, fz), rotation * Vector3::new(tx, ty, tz));
+        let wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z];
+        (wrench, self.inspect(sensor, &force, tared))
+    }
 
+    /// What is wrong with the last reading.
+    fn inspect(
+        &self,
+        sensor: &ForceSensor,
+        force: &Vector3<f32>,
+        tared: bool,
+    ) -> Option<(FaultCause, f32, f32)> {
         #[expect(clippy::cast_precision_loss, reason = "figures for people")]
         {
-            if let Some(&count) = counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
+            if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
                 return Some((FaultCause::ForceSaturated, abs(count as f32), sensor.saturation as f32));
             }
             if self.still >= STUCK_TICKS {
@@ -90,15 +86,12 @@ impl TipState {
             }
         }
         let size = math::sqrt(force.norm_squared());
-        (self.tared && size > sensor.force_limit).then_some((
-            FaultCause::ForceLimit,
-            size,
-            sensor.force_limit,
-        ))
+        let beyond = tared && size > sensor.force_limit;
+        beyond.then_some((FaultCause::ForceLimit, size, sensor.force_limit))
     }
 
     /// What it reads now is what it reads without contact.
     pub fn take_tare(&mut self) {
-        (self.tare, self.tared) = (self.mean, true);
+        self.tare = self.mean;
     }
 }

@@ -10,9 +10,9 @@ pub(super) type Joints = SVector<f32, MAX_CHAIN_JOINTS>;
 /// Smallest singular value below which the solution is damped, and the damping at a singular value of 0. Rows in metres
 /// and radians as they are: an arm is some half a metre long.
 const NEARLY_SINGULAR: f32 = 0.06;
-const MOST_DAMPING: f32 = 0.04;
+const MAX_DAMPING: f32 = 0.04;
 /// Against rounding.
-const LEAST_PIVOT: f32 = 1e-7;
+const MIN_PIVOT: f32 = 1e-7;
 
 /// Joint accelerations for a motion of the tool: the damped least-squares solution (Nakamura and Hanafusa 1986), the
 /// damping grown from nothing as the smallest singular value falls, so that away from singular postures it is exact.
@@ -36,7 +36,7 @@ impl Resolver {
             column.fill(0.0);
         }
         let ratio = *weakest * (1.0 / NEARLY_SINGULAR);
-        let damping = if ratio < 1.0 { MOST_DAMPING * MOST_DAMPING * (1.0 - ratio * ratio) } else { 0.0 };
+        let damping = if ratio < 1.0 { MAX_DAMPING * MAX_DAMPING * (1.0 - ratio * ratio) } else { 0.0 };
         let mut gram = SMatrix::<f32, 6, 6>::zeros();
         for row in 0..6 {
             // Only the lower triangle is read.
@@ -49,7 +49,7 @@ impl Resolver {
             }
             gram[(row, row)] += damping;
         }
-        let factors = Ldlt::new(&gram, LEAST_PIVOT);
+        let factors = Ldlt::new(&gram, MIN_PIVOT);
         // One step of the inverse iteration.
         let next = factors.solve(direction);
         let size = math::sqrt(next.norm_squared());

@@ -5,34 +5,35 @@ use nalgebra::Vector3;
 use super::forces::{Forces, Grasped, grasp_map};
 use super::plan::{GraspPlan, ObjectControl};
 use super::pose::PosePoint;
-use super::task::{Fingers, pairs};
+use super::state::{Fingers, pairs};
 use super::tracker::TipMotion;
 use super::wrench::wrench;
-use super::{Each, Failure, FingerSense, Hand, HandCommand, HandState, Loss, Phase};
-use crate::control::{Drive, JointPoint};
+use super::{Failure, FingerSense, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
+use crate::control::JointPoint;
 use crate::grasp::{ThreeFingers, largest_push};
+use crate::robot::Actuation;
 
 /// Share of the joints' torques that forces on the object may take. The rest is for weight, friction and motion.
 const TORQUE_SHARE: f32 = 0.9;
 
-impl HandState {
+impl GraspState {
     /// Everything with an object in the hand, and letting go of it.
     pub(super) fn hold(
         &mut self,
         hand: &Hand<'_>,
         plan: &GraspPlan,
-        senses: &Each<FingerSense>,
-        fingers: &Fingers,
-    ) -> Result<HandCommand, Loss> {
+        senses: &PerFinger<FingerSense<'_>>,
+        fingers: &Fingers<'_>,
+    ) -> Result<HandOutput, GraspFault> {
         // Of each finger the Jacobian, and its contact from the tip.
-        let mut blocks = fingers.postures.each_ref().map(|posture| (posture.jacobian(), Vector3::zeros()));
+        let mut blocks = fingers.postures.map(|posture| (posture.jacobian(), Vector3::zeros()));
         let turns = pairs(&blocks, senses);
         let mut tips = fingers.tips.map(|place| TipMotion { place, rotation: Vector3::zeros() });
         for (tip, (((jacobian, _), sense), before)) in tips.iter_mut().zip(turns.iter().zip(&self.angles)) {
             let change = Vector3::from(sense.angles) - Vector3::from(*before);
             tip.rotation = jacobian.fixed_view::<3, 3>(3, 0) * change;
         }
-        let object = self.tracker.update(&tips, &fingers.radii).map_err(|_| Loss::NoFrame)?;
+        let object = self.tracker.update(&tips, &fingers.radii).map_err(|_| GraspFault::NoFrame)?;
         let (arms, normals) = self.tracker.contacts(&object, &fingers.radii);
         for ((_, arm), (normal, radius)) in blocks.iter_mut().zip(normals.iter().zip(fingers.radii)) {
             *arm = normal * radius;
@@ -41,7 +42,7 @@ impl HandState {
         let torque_limits = hand.fingers.map(|finger| finger.torque_limits.map(|limit| limit * TORQUE_SHARE));
         let limits = limits(plan, &three, &normals, &torque_limits);
         let map = grasp_map(object.translation.vector, &arms, &normals, self.forces.friction, &limits)
-            .ok_or(Loss::NoFrame)?;
+            .ok_or(GraspFault::NoFrame)?;
         let shifts = self.tracker.shifts;
         let grasped = Grasped {
             map: &map,
@@ -49,7 +50,7 @@ impl HandState {
             shifts: &shifts,
             internal: plan.internal,
             // A finger that slides would make the correction run away.
-            feedback: plan.feedback && self.phase != Phase::Feel,
+            feedback: plan.feedback && self.phase != Phase::ProbeFriction,
             held: matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower),
             lifted: self.is_lifted(hand),
             firmly: !(self.phase == Phase::Hold && self.motion.is_done()),
@@ -65,24 +66,24 @@ impl HandState {
             forces.iter_mut().for_each(|force| *force *= self.share);
         }
         let wanted = self.motion.advance();
-        let drive = match &plan.control {
+        let actuation = match &plan.control {
             // The joints' servos hold the object where it should be, and so carry its load; what the sensors feel of it
             // helps them to be quick.
             ObjectControl::Differential(_) => {
                 let share = Forces::fed_forward(&grasped);
                 forces.iter_mut().zip(&carried).for_each(|(force, carried)| *force += carried * share);
-                Drive::Servo
+                Actuation::Servo
             }
             ObjectControl::Wrench(gains) => {
                 let pull = wrench(gains, &mut self.integral, &object, &wanted.frame);
                 if let Ok(carry) = inverse.forces(&(self.forces.weight() + pull)) {
                     forces.iter_mut().zip(&carry).for_each(|(force, carry)| *force += carry);
                 }
-                Drive::Torque { damping: gains.damping, compensated: gains.compensated }
+                Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
             }
         };
         let mut command =
-            HandCommand { torques: three.torques(&forces).map(Into::into), drive, ..self.stand() };
+            HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
         if let Err(finger) = self.follow(hand, &three, &arms, &wanted, &mut command) {
             // It cannot go on; what it holds it keeps holding.
             self.motion.stop();
@@ -99,9 +100,9 @@ impl HandState {
         &mut self,
         hand: &Hand<'_>,
         three: &ThreeFingers,
-        arms: &Each<Vector3<f32>>,
+        arms: &PerFinger<Vector3<f32>>,
         wanted: &PosePoint,
-        command: &mut HandCommand,
+        command: &mut HandOutput,
     ) -> Result<(), u8> {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
         if !self.motion.is_done() {
@@ -111,7 +112,7 @@ impl HandState {
         // Where the tips are in the object, so that their places to each other are left to the forces; while they rub or
         // let go, where they were.
         let shape = match self.phase {
-            Phase::Feel | Phase::Open => &self.tracker.anchors,
+            Phase::ProbeFriction | Phase::Open => &self.tracker.anchors,
             _ => &self.tracker.places,
         };
         let ways = hand.fingers.iter().zip(shape).zip(&mut self.reference).zip(&mut command.points);
@@ -136,9 +137,9 @@ impl HandState {
 fn limits(
     plan: &GraspPlan,
     three: &ThreeFingers,
-    normals: &Each<Vector3<f32>>,
-    torque_limits: &Each<[f32; 3]>,
-) -> Each<f32> {
+    normals: &PerFinger<Vector3<f32>>,
+    torque_limits: &PerFinger<[f32; 3]>,
+) -> PerFinger<f32> {
     let zero = Vector3::zeros();
     let mut limits = [plan.force_limit; 3];
     let fingers = three.blocks().iter().zip(normals).zip(torque_limits);

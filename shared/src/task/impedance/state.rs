@@ -5,14 +5,15 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
-use super::resolve::{Joints, Resolver};
-use super::settings::{ArmSettings, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
-use super::{ArmAngle, ArmError};
+use super::redundancy::{Joints, Resolver};
+use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use super::{ArmAngle, SetpointError};
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance, JointPoint, ObserverState};
-use crate::kinematics::{Chain, Jacobian, Posture};
+use crate::kinematics::{Chain, ElbowSetpoint, Jacobian, PosePoint, Posture};
 use crate::math::{self, abs};
 use crate::model::{JointModel, MAX_CHAIN_JOINTS};
+use crate::robot::{Measured, Robot};
 
 /// Share of the way to a new impedance that is gone in a tick: no torque jumps.
 const BLEND: f32 = 0.05;
@@ -31,14 +32,14 @@ const REST_SPEED: f32 = 2e-3;
 const UNIT: f32 = 1e-3;
 /// Farther off than this counts as this far [rad]: however the arm angle turns where it is hardly defined, near a vertical line
 /// from shoulder to wrist, the elbow follows calmly.
-const MOST_ELBOW_ERROR: f32 = 0.3;
+const MAX_ELBOW_ERROR: f32 = 0.3;
 /// Against nothing where the arm angle cannot be moved, as a square.
 const STIFF_ANGLE: f32 = 1e-4;
 /// So much of a joint's velocity limit is used.
 const SPEED_SHARE: f32 = 0.6;
 /// A joint comes to its limits no faster than this [1/s] times its distance from them.
 const LIMIT_APPROACH: f32 = 5.0;
-/// Iterations that find the weakest direction at the start.
+/// Iterations that find the sigma_min direction at the start.
 const START_ITERATIONS: usize = 16;
 
 /// What the control knows of the arm.
@@ -54,6 +55,22 @@ pub struct Arm<'a> {
     pub observer: &'a ErrorObserver,
 }
 
+impl<'a> Arm<'a> {
+    /// The arm that `robot` is; `None` unless it is a single chain of six or seven joints.
+    pub fn of(robot: &'a Robot) -> Option<Self> {
+        let [config] = robot.chains() else { return None };
+        if config.chain.len() < 6 {
+            return None;
+        }
+        Some(Self {
+            chain: &config.chain,
+            joints: &robot.model().joints,
+            gravity: robot.gravity(),
+            observer: robot.tracking()?,
+        })
+    }
+}
+
 /// What the arm senses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArmSense {
@@ -65,9 +82,21 @@ pub struct ArmSense {
     pub wrench: [f32; 6],
 }
 
+impl ArmSense {
+    /// Of a robot that is an arm. Entries beyond its joints mean nothing.
+    pub fn of(measured: &Measured) -> Self {
+        let mut sense = Self { wrench: measured.wrenches[0], ..Self::default() };
+        let values = sense.angles.iter_mut().zip(&mut sense.velocities);
+        for ((angle, velocity), measured) in values.zip(measured.positions.iter().zip(&measured.velocities)) {
+            (*angle, *velocity) = (*measured.0, *measured.1);
+        }
+        sense
+    }
+}
+
 /// What the joints are to do until the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ArmCommand {
+pub struct ArmOutput {
     /// Where each joint should be now.
     pub points: [JointPoint; MAX_CHAIN_JOINTS],
     /// Acceleration beyond that of the point, to bring the joint there [rad/s²].
@@ -80,9 +109,7 @@ pub struct ArmCommand {
 
 /// What a supervisor sees of an arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub struct ArmTelemetry {
-    /// The tick.
-    pub tick: u32,
+pub struct ImpedanceTelemetry {
     /// Position of the tool [m].
     pub position: [f32; 3],
     /// Its orientation as a unit quaternion, `[x, y, z, w]`.
@@ -95,19 +122,32 @@ pub struct ArmTelemetry {
     /// Whether that counted as a contact in that tick.
     pub contact: bool,
     /// Smallest singular value of the Jacobian that takes the tool, likewise: less than 0.06 is nearly singular.
-    pub weakest: f32,
+    pub sigma_min: f32,
     /// Angle of the elbow: of the driven joint or of the arm [rad].
     pub elbow: f32,
 }
 
+impl ImpedanceTelemetry {
+    /// Of no arm.
+    pub const NONE: Self = Self {
+        position: [0.0; 3],
+        rotation: NOWHERE.rotation,
+        error: [0.0; 6],
+        wrench: [0.0; 6],
+        contact: false,
+        sigma_min: 0.0,
+        elbow: 0.0,
+    };
+}
+
 /// State of an arm's impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
-pub struct ArmState {
-    settings: Option<ArmSettings>,
+pub struct ImpedanceState {
+    settings: ImpedanceSettings,
     /// As it is now, on the way to that of the settings.
     impedance: Impedance,
     set_point: PosePoint,
-    elbow: ElbowPoint,
+    elbow: ElbowSetpoint,
     /// Whether the elbow has no angle where the arm is: then it has no set-point either.
     no_angle: bool,
     /// The ideal arm: angles and velocities at the next tick.
@@ -122,7 +162,7 @@ pub struct ArmState {
     acceleration: [f32; 3],
     /// Weakest direction of the tool and its singular value.
     direction: [f32; 6],
-    weakest: f32,
+    sigma_min: f32,
     /// For telemetry.
     error: [f32; 6],
     /// The force without a sensor: the observer, and what it said in the last tick.
@@ -130,13 +170,13 @@ pub struct ArmState {
     observed: [f32; 6],
 }
 
-impl ArmState {
+impl ImpedanceState {
     /// Without settings.
     pub const NONE: Self = Self {
-        settings: None,
-        impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
+        settings: ImpedanceSettings::NONE,
+        impedance: ImpedanceSettings::NONE.impedance,
         set_point: NOWHERE,
-        elbow: ElbowPoint { angle: 0.0, velocity: 0.0, acceleration: 0.0 },
+        elbow: ElbowSetpoint { angle: 0.0, velocity: 0.0, acceleration: 0.0 },
         no_angle: false,
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
@@ -146,74 +186,66 @@ impl ArmState {
         velocity: [0.0; 3],
         acceleration: [0.0; 3],
         direction: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        weakest: 0.0,
+        sigma_min: 0.0,
         error: [0.0; 6],
         momentum: MomentumObserver::NONE,
         observed: [0.0; 6],
     };
 
-    /// Whether it was told how to behave.
-    pub const fn is_configured(&self) -> bool {
-        self.settings.is_some()
-    }
-
-    /// How the arm is to behave from now on; a new impedance is approached within a second.
+    /// How the arm behaves from now on; a new impedance is approached within a second.
     ///
     /// # Errors
     /// The first thing that is wrong; nothing has changed then.
-    pub fn configure(&mut self, arm: &Arm<'_>, settings: &ArmSettings) -> Result<(), BadSettings> {
+    pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
         settings.validate(arm.chain.len())?;
-        let before = self.settings.replace(*settings);
-        if before.is_none() {
-            self.impedance = settings.impedance;
-        }
-        if before.is_none_or(|before| before.law != settings.law) {
-            // The printed law learns nothing about disturbances, and what was learnt before it is out of date.
+        let before = core::mem::replace(&mut self.settings, *settings);
+        if before.law != settings.law {
+            // The direct law learns nothing about disturbances, and what was learnt before it is out of date.
             self.observers = Self::NONE.observers;
         }
-        if before.is_none_or(|before| before.redundancy != settings.redundancy) {
+        if before.redundancy != settings.redundancy {
             // The elbow stays where it is.
             let posture = arm.chain.posture(&self.angles);
             let angle = self.elbow_angle(arm, &posture, &self.angles);
-            self.elbow = ElbowPoint { angle, ..ElbowPoint::default() };
-            self.find_weakest(&posture);
+            self.elbow = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
+            self.find_sigma_min(&posture);
         }
         Ok(())
     }
 
-    /// At rest at these angles, which are the aim, too.
-    ///
-    /// # Errors
-    /// Without settings.
-    pub fn begin(&mut self, arm: &Arm<'_>, angles: &[f32; MAX_CHAIN_JOINTS]) -> Result<(), ArmError> {
-        let settings = self.settings.ok_or(ArmError::NoSettings)?;
-        *self =
-            Self { settings: Some(settings), impedance: settings.impedance, angles: *angles, ..Self::NONE };
+    /// Begins at rest at these angles [rad], which are the set-point, too, with valid settings.
+    pub fn begin(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings, angles: &[f32; MAX_CHAIN_JOINTS]) {
+        self.clone_from(&Self::NONE);
+        (self.settings, self.impedance, self.angles) = (*settings, settings.impedance, *angles);
         let posture = arm.chain.posture(angles);
         let tip = posture.tip();
         let rotation = UnitQuaternion::from_rotation_matrix(&tip.rotation);
         let position = tip.translation.vector.into();
         self.set_point = PosePoint { position, rotation: rotation.coords.into(), ..NOWHERE };
         self.elbow.angle = self.elbow_angle(arm, &posture, angles);
-        self.find_weakest(&posture);
-        Ok(())
+        self.find_sigma_min(&posture);
     }
 
-    /// Where the tool should be, and the elbow.
+    /// Sets where the tool and the elbow should be.
     ///
     /// # Errors
-    /// What is wrong with it; the aim stays what it was.
-    pub fn aim(&mut self, arm: &Arm<'_>, point: &PosePoint, elbow: &ElbowPoint) -> Result<(), ArmError> {
-        let settings = self.settings.ok_or(ArmError::NoSettings)?;
+    /// What is wrong with it; the set-point stays what it was.
+    pub fn set_target(
+        &mut self,
+        arm: &Arm<'_>,
+        point: &PosePoint,
+        elbow: &ElbowSetpoint,
+    ) -> Result<(), SetpointError> {
+        let settings = self.settings;
         let numbers =
             point.position.iter().chain(&point.rotation).chain(&point.velocity).chain(&point.acceleration);
         let of_elbow = [elbow.angle, elbow.velocity, elbow.acceleration];
         if !numbers.chain(&of_elbow).all(|number| number.is_finite()) {
-            return Err(ArmError::NotFinite);
+            return Err(SetpointError::NotFinite);
         }
         let norm = math::sqrt(point.rotation.iter().map(|part| part * part).sum());
         if norm.is_nan() || abs(norm - 1.0) > UNIT {
-            return Err(ArmError::NotAUnit { norm });
+            return Err(SetpointError::NotUnit { norm });
         }
         let posture = arm.chain.posture(&self.angles);
         // Neither now nor a tick later may it be out of reach: that bounds its speed and acceleration, too.
@@ -228,7 +260,7 @@ impl ArmState {
                 // The shorter way round; more turns than one are none of an elbow's.
                 let value = value.min(abs(value - TAU));
                 if value.is_nan() || value > limit {
-                    return Err(ArmError::Elbow { value, limit });
+                    return Err(SetpointError::Elbow { value, limit });
                 }
             }
         }
@@ -241,19 +273,17 @@ impl ArmState {
         self.acceleration.into()
     }
 
-    /// What a supervisor sees, given what the arm senses.
-    pub fn telemetry(&self, arm: &Arm<'_>, sense: &ArmSense, tick: u32) -> ArmTelemetry {
-        let posture = arm.chain.posture(&sense.angles);
+    /// What a supervisor sees, given what the arm senses, and its posture there.
+    pub fn telemetry(&self, arm: &Arm<'_>, sense: &ArmSense, posture: &Posture) -> ImpedanceTelemetry {
         let tip = posture.tip();
-        ArmTelemetry {
-            tick,
+        ImpedanceTelemetry {
             position: tip.translation.vector.into(),
             rotation: UnitQuaternion::from_rotation_matrix(&tip.rotation).coords.into(),
             error: self.error,
             wrench: self.felt(sense).into(),
             contact: self.contact,
-            weakest: self.weakest,
-            elbow: self.elbow_angle(arm, &posture, &sense.angles),
+            sigma_min: self.sigma_min,
+            elbow: self.elbow_angle(arm, posture, &sense.angles),
         }
     }
 
@@ -261,12 +291,12 @@ impl ArmState {
     ///
     /// # Errors
     /// Why the arm has to stop.
-    pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmCommand, ArmError> {
-        let settings = self.settings.ok_or(ArmError::NoSettings)?;
+    pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmOutput, SetpointError> {
+        let settings = self.settings;
         self.impedance.approach(&settings.impedance, BLEND);
         let wrench = self.felt(sense);
         if !wrench.iter().all(|value| value.is_finite()) {
-            return Err(ArmError::NotFinite);
+            return Err(SetpointError::NotFinite);
         }
         let measured = self.feel_contact(&settings, &wrench);
         self.observe(arm, &settings, sense, measured);
@@ -275,7 +305,7 @@ impl ArmState {
         let jacobian = posture.jacobian();
         let driven = driven(settings.redundancy);
         let mut direction = self.direction.into();
-        let resolver = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
+        let resolver = Resolver::new(jacobian, driven, &mut direction, &mut self.sigma_min);
         self.direction = direction.into();
         if let ForceSource::Observer { bandwidth } = settings.force {
             let resting = self.velocities.iter().all(|velocity| abs(*velocity) < REST_SPEED);
@@ -291,12 +321,12 @@ impl ArmState {
         let velocities = Joints::from(self.velocities);
         let speed = jacobian * velocities;
         let velocity = speed - Vector6::from(self.set_point.velocity);
-        let pushed = self.contact || settings.law == Law::Printed;
+        let pushed = self.contact || settings.law == Law::Direct;
         let force = if pushed { wrench } else { Vector6::zeros() };
         let wanted = Vector6::from(self.set_point.acceleration)
             + match settings.law {
-                Law::Printed => self.impedance.acceleration(&error, &velocity, &force),
-                Law::Following => matched.acceleration(&error, &velocity, &force),
+                Law::Direct => self.impedance.acceleration(&error, &velocity, &force),
+                Law::ModelFollowing => matched.acceleration(&error, &velocity, &force),
             };
         let speed = speed.fixed_rows::<3>(0).into_owned();
         let linear = if pushed {
@@ -311,18 +341,18 @@ impl ArmState {
         self.keep_within_limits(arm, &mut accelerations);
 
         let friction = match settings.law {
-            Law::Printed => 0.0,
-            Law::Following if self.contact => CONTACT_FRICTION,
-            Law::Following => 1.0,
+            Law::Direct => 0.0,
+            Law::ModelFollowing if self.contact => CONTACT_FRICTION,
+            Law::ModelFollowing => 1.0,
         };
         let against = jacobian.tr_mul(&-force);
-        let mut command = ArmCommand { friction, ..ArmCommand::default() };
+        let mut command = ArmOutput { friction, ..ArmOutput::default() };
         command.torques = against.into();
         let states = self.angles.iter().zip(&self.velocities).zip(accelerations.iter());
         for (point, ((&position, &velocity), &acceleration)) in command.points.iter_mut().zip(states) {
             *point = JointPoint { position, velocity, acceleration };
         }
-        if settings.law == Law::Following {
+        if settings.law == Law::ModelFollowing {
             for (feedback, state) in command.feedback.iter_mut().zip(&self.observers) {
                 *feedback = arm.observer.feedback(state);
             }
@@ -333,7 +363,7 @@ impl ArmState {
 
     /// Closes the tick: what the limits added to the acceleration of each joint [rad/s²], and the mean torques of the motors
     /// until the next tick [N·m].
-    pub fn settle(
+    pub fn applied(
         &mut self,
         arm: &Arm<'_>,
         added: &[f32; MAX_CHAIN_JOINTS],
@@ -347,9 +377,9 @@ impl ArmState {
     }
 
     /// Whether the force would come from another source under these settings: that is decided before the arm is armed.
-    pub fn changes_source(&self, settings: &ArmSettings) -> bool {
-        let source = |settings: &ArmSettings| core::mem::discriminant(&settings.force);
-        self.settings.is_some_and(|own| source(&own) != source(settings))
+    pub fn changes_source(&self, settings: &ImpedanceSettings) -> bool {
+        let source = |settings: &ImpedanceSettings| core::mem::discriminant(&settings.force);
+        source(&self.settings) != source(settings)
     }
 
     /// What the observer of the force says now is what it says without contact. `false` if the force comes from a sensor.
@@ -363,7 +393,7 @@ impl ArmState {
 
     /// Whether the force is taken from the motors' torques.
     pub const fn observes_force(&self) -> bool {
-        matches!(self.settings, Some(ArmSettings { force: ForceSource::Observer { .. }, .. }))
+        matches!(self.settings.force, ForceSource::Observer { .. })
     }
 
     /// What pushes the tool [N, N·m].
@@ -373,7 +403,7 @@ impl ArmState {
 
     /// Whether something pushes the tool; returns whether the measured state counts: as long as something does, and once
     /// more when it ends.
-    fn feel_contact(&mut self, settings: &ArmSettings, wrench: &Vector6<f32>) -> bool {
+    fn feel_contact(&mut self, settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> bool {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.force, force);
         let limit = settings.contact_force * settings.contact_force;
@@ -386,8 +416,8 @@ impl ArmState {
     }
 
     /// Compares the ideal arm with the real one. Where the measured state counts, the ideal arm is brought there.
-    fn observe(&mut self, arm: &Arm<'_>, settings: &ArmSettings, sense: &ArmSense, counts: bool) {
-        if settings.law == Law::Printed {
+    fn observe(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings, sense: &ArmSense, counts: bool) {
+        if settings.law == Law::Direct {
             (self.angles, self.velocities) = (sense.angles, sense.velocities);
             return;
         }
@@ -415,7 +445,7 @@ impl ArmState {
     fn resolve(
         &mut self,
         arm: &Arm<'_>,
-        settings: &ArmSettings,
+        settings: &ImpedanceSettings,
         posture: &Posture,
         resolver: &Resolver,
         jacobian: &Jacobian,
@@ -429,7 +459,7 @@ impl ArmState {
         };
         if let (Some(ArmAngle { angle, .. }), true) = (&angle, self.no_angle) {
             // It has one again, and stays where it is until it is led.
-            self.elbow = ElbowPoint { angle: *angle, ..ElbowPoint::default() };
+            self.elbow = ElbowSetpoint { angle: *angle, ..ElbowSetpoint::default() };
         }
         self.no_angle = angle.is_none();
         let elbow = self.elbow;
@@ -438,7 +468,7 @@ impl ArmState {
                 + 2.0 * bandwidth * (elbow.velocity - velocity)
                 + bandwidth
                     * bandwidth
-                    * math::clamp(shorter(elbow.angle - angle), -MOST_ELBOW_ERROR, MOST_ELBOW_ERROR)
+                    * math::clamp(shorter(elbow.angle - angle), -MAX_ELBOW_ERROR, MAX_ELBOW_ERROR)
         };
         if let Some(joint) = driven(settings.redundancy) {
             let of_joint = self.angles.get(joint).zip(self.velocities.get(joint));
@@ -501,19 +531,19 @@ impl ArmState {
 
     /// Of an arm at `angles`, which is `posture`.
     fn elbow_angle(&self, arm: &Arm<'_>, posture: &Posture, angles: &[f32; MAX_CHAIN_JOINTS]) -> f32 {
-        match self.settings.map(|settings| settings.redundancy) {
-            Some(Redundancy::Driven { joint }) => angles.get(usize::from(joint)).copied().unwrap_or(0.0),
-            Some(Redundancy::ArmAngle) => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
-            _ => 0.0,
+        match self.settings.redundancy {
+            Redundancy::DrivenJoint { joint } => angles.get(usize::from(joint)).copied().unwrap_or(0.0),
+            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
+            Redundancy::None => 0.0,
         }
     }
 
-    fn find_weakest(&mut self, posture: &Posture) {
+    fn find_sigma_min(&mut self, posture: &Posture) {
         let jacobian = posture.jacobian();
-        let driven = self.settings.and_then(|settings| driven(settings.redundancy));
+        let driven = driven(self.settings.redundancy);
         let mut direction = Vector6::repeat(math::sqrt(1.0 / 6.0));
         for _ in 0..START_ITERATIONS {
-            let _ = Resolver::new(jacobian, driven, &mut direction, &mut self.weakest);
+            let _ = Resolver::new(jacobian, driven, &mut direction, &mut self.sigma_min);
         }
         self.direction = direction.into();
     }
@@ -528,7 +558,7 @@ const NOWHERE: PosePoint = PosePoint {
 
 fn driven(redundancy: Redundancy) -> Option<usize> {
     match redundancy {
-        Redundancy::Driven { joint } => Some(joint.into()),
+        Redundancy::DrivenJoint { joint } => Some(joint.into()),
         _ => None,
     }
 }
@@ -553,17 +583,17 @@ fn matrix(&[x, y, z, w]: &[f32; 4]) -> Matrix3<f32> {
 fn displacement(
     tool: &IsometryMatrix3<f32>,
     point: &PosePoint,
-    settings: &ArmSettings,
-) -> Result<Vector6<f32>, ArmError> {
+    settings: &ImpedanceSettings,
+) -> Result<Vector6<f32>, SetpointError> {
     let [far, twisted] = settings.reach;
     let way = tool.translation.vector - Vector3::from(point.position);
     let turn = math::rotation_vector(&(tool.rotation.matrix() * matrix(&point.rotation).transpose()));
     let (distance, angle) = (math::sqrt(way.norm_squared()), math::sqrt(turn.norm_squared()));
     if distance.is_nan() || distance > far {
-        return Err(ArmError::Distance { value: distance, limit: far });
+        return Err(SetpointError::Distance { value: distance, limit: far });
     }
     if angle.is_nan() || angle > twisted {
-        return Err(ArmError::Turn { value: angle, limit: twisted });
+        return Err(SetpointError::Rotation { value: angle, limit: twisted });
     }
     Ok(Vector6::new(way.x, way.y, way.z, turn.x, turn.y, turn.z))
 }

@@ -7,19 +7,20 @@
 //!     force sensor ─┘      └── its own state ◄────────────┘──► observer of the difference to the real one
 //! ```
 //!
-//! [`Law::Printed`] is the paper's loop: the state is the measured one. [`Law::Following`] carries an *ideal arm* along,
+//! [`Law::Direct`] is the paper's loop: the state is the measured one. [`Law::ModelFollowing`] carries an *ideal arm* along,
 //! a state of joint angles and velocities that moves exactly as the target impedance says, and the real arm follows it
 //! under an observer of the disturbances, so that neither friction nor a wrong model change how the tool moves. While
 //! something pushes the tool, the ideal arm is where the real one is (*contact*): then the tool is as soft as it was asked
 //! to be, and what it touches may be hard.
 //!
-//! [`ArmState::tick`] is a function of its state and of what the arm senses.
+//! [`ImpedanceState::tick`] is a function of its state and of what the arm senses.
 
 mod elbow;
 mod error;
 mod momentum;
-mod resolve;
+mod redundancy;
 mod settings;
+mod state;
 mod task;
 
 #[cfg(test)]
@@ -33,6 +34,7 @@ mod task;
 pub(crate) mod tests;
 
 pub use elbow::ArmAngle;
-pub use error::ArmError;
-pub use settings::{ArmSettings, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
-pub use task::{Arm, ArmCommand, ArmSense, ArmState, ArmTelemetry};
+pub use error::{ImpedanceRefusal, SetpointError};
+pub use settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+pub use state::{Arm, ArmOutput, ArmSense, ImpedanceState, ImpedanceTelemetry};
+pub use task::{ImpedanceCommand, ImpedanceControl};

@@ -1,16 +1,14 @@
 use core::fmt;
 
-use nalgebra::Quaternion;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::control::{BadImpedance, Impedance};
 use crate::model::MAX_CHAIN_JOINTS;
-use crate::{TICK, math};
 
 /// How an arm is to behave.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub struct ArmSettings {
+pub struct ImpedanceSettings {
     /// How the tool yields.
     pub impedance: Impedance,
     /// How that is brought about.
@@ -26,6 +24,19 @@ pub struct ArmSettings {
     pub contact_force: f32,
     /// The tool may be this far from its set-point [m, rad]: farther is a fault, and a set-point farther off is refused.
     pub reach: [f32; 2],
+}
+
+impl ImpedanceSettings {
+    /// Of an arm that is not controlled yet.
+    pub(super) const NONE: Self = Self {
+        impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
+        law: Law::Direct,
+        redundancy: Redundancy::None,
+        elbow_bandwidth: 1.0,
+        force: ForceSource::Sensor,
+        contact_force: 1.0,
+        reach: [0.0; 2],
+    };
 }
 
 /// Where the force on the tool is known from.
@@ -48,9 +59,9 @@ pub enum ForceSource {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Law {
     /// 0: as the paper has it: measured state, the acceleration held for a period, no friction compensated.
-    Printed,
+    Direct,
     /// 1: an ideal arm moves as the impedance says and the real one follows it; in contact the measured state counts.
-    Following,
+    ModelFollowing,
 }
 
 /// What becomes of the joint that the tool's pose leaves free.
@@ -59,86 +70,21 @@ pub enum Law {
 pub enum Redundancy {
     /// 0: there is none: six joints. Of seven, the least motion of all.
     None,
-    /// 1: of seven joints, one follows [`ElbowPoint`] by itself and six take the tool (Arm7, section 2.2: shoulder yaw).
+    /// 1: of seven joints, one follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by itself and six take the tool (Arm7, section 2.2: shoulder yaw).
     /// Not the elbow: nothing else takes the wrist nearer to the shoulder.
-    Driven {
+    DrivenJoint {
         /// Which.
         joint: u8,
     },
-    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowPoint`] by motions of all seven joints that leave the tool in
+    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by motions of all seven joints that leave the tool in
     /// peace.
     ArmAngle,
 }
 
-/// Where the tool should be, how fast, and how that changes. In the base frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub struct PosePoint {
-    /// Position [m].
-    pub position: [f32; 3],
-    /// Orientation as a unit quaternion, `[x, y, z, w]`.
-    pub rotation: [f32; 4],
-    /// `[v; ω]` [m/s, rad/s].
-    pub velocity: [f32; 6],
-    /// Its derivative [m/s², rad/s²].
-    pub acceleration: [f32; 6],
-}
-
-/// Where the elbow should be: angle of the driven joint, or the arm angle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ElbowPoint {
-    /// [rad]
-    pub angle: f32,
-    /// [rad/s]
-    pub velocity: f32,
-    /// [rad/s²]
-    pub acceleration: f32,
-}
-
-/// Share of its velocity that a set-point keeps in a period without a new one: it comes to rest within some 0.2 s.
-const COAST: f32 = 0.8;
-
-impl PosePoint {
-    /// A control period later without a new one.
-    #[must_use]
-    pub(super) fn coasted(&self) -> Self {
-        let mut next = Self { acceleration: [0.0; 6], ..*self };
-        let [vx, vy, vz, wx, wy, wz] = self.velocity;
-        next.position.iter_mut().zip([vx, vy, vz]).for_each(|(place, speed)| *place += speed * TICK);
-        if [wx, wy, wz].iter().any(|rate| *rate != 0.0) {
-            // Half the way as a quaternion; a period's turn is small, and what the norm loses is given back.
-            let [x, y, z, w] = self.rotation;
-            let turn = Quaternion::new(0.0, wx, wy, wz) * Quaternion::new(w, x, y, z) * (0.5 * TICK);
-            let turned = Quaternion::new(w, x, y, z) + turn;
-            let scale = 1.0 / math::sqrt(turned.norm_squared());
-            next.rotation = (turned * scale).coords.into();
-        }
-        next.velocity.iter_mut().for_each(|speed| *speed *= COAST);
-        next
-    }
-
-    /// Where it is a control period later, its acceleration included.
-    #[must_use]
-    pub(super) fn ahead(&self) -> Self {
-        let mut faster = *self;
-        let speeds = faster.velocity.iter_mut().zip(&self.acceleration);
-        speeds.for_each(|(speed, acceleration)| *speed += acceleration * TICK);
-        faster.coasted()
-    }
-}
-
-impl ElbowPoint {
-    /// A control period later without a new one.
-    #[must_use]
-    pub(super) const fn coasted(&self) -> Self {
-        Self { angle: self.angle + self.velocity * TICK, velocity: COAST * self.velocity, acceleration: 0.0 }
-    }
-}
-
-/// What is wrong with [`ArmSettings`].
+/// What is wrong with [`ImpedanceSettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum BadSettings {
+pub enum InvalidSettings {
     /// 0
     Impedance(BadImpedance),
     /// 1: the arm has no such joint.
@@ -178,7 +124,7 @@ pub enum BadSettings {
     NoFreeJoint,
 }
 
-impl fmt::Display for BadSettings {
+impl fmt::Display for InvalidSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Impedance(bad) => bad.fmt(f),
@@ -202,7 +148,7 @@ impl fmt::Display for BadSettings {
             Self::ForceBandwidth { value, limit } => {
                 write!(
                     f,
-                    "the bandwidth of the force observer is {value} rad/s; possible is {LEAST_FORCE_BANDWIDTH} to {limit} rad/s"
+                    "the bandwidth of the force observer is {value} rad/s; possible is {MIN_FORCE_BANDWIDTH} to {limit} rad/s"
                 )
             }
             Self::ContactForce { value } => {
@@ -219,42 +165,46 @@ impl fmt::Display for BadSettings {
 }
 
 /// Of the force observer: slower, it would not have settled when it is tared.
-const LEAST_FORCE_BANDWIDTH: f32 = 10.0;
+const MIN_FORCE_BANDWIDTH: f32 = 10.0;
 /// Half of what a control period allows.
-const MOST_BANDWIDTH: f32 = 50.0;
+const MAX_BANDWIDTH: f32 = 50.0;
 
-impl ArmSettings {
+impl ImpedanceSettings {
     /// Whether an arm of so many joints can behave like that.
     ///
     /// # Errors
     /// The first thing that is wrong.
-    pub fn validate(&self, joints: usize) -> Result<(), BadSettings> {
-        self.impedance.validate().map_err(BadSettings::Impedance)?;
+    pub fn validate(&self, joints: usize) -> Result<(), InvalidSettings> {
+        self.impedance.validate().map_err(InvalidSettings::Impedance)?;
         match self.redundancy {
             Redundancy::None => {}
-            Redundancy::Driven { .. } if joints < MAX_CHAIN_JOINTS => return Err(BadSettings::NoFreeJoint),
-            Redundancy::Driven { joint } if usize::from(joint) < joints => {}
+            Redundancy::DrivenJoint { .. } if joints < MAX_CHAIN_JOINTS => {
+                return Err(InvalidSettings::NoFreeJoint);
+            }
+            Redundancy::DrivenJoint { joint } if usize::from(joint) < joints => {}
             #[expect(clippy::cast_possible_truncation, reason = "at most seven")]
-            Redundancy::Driven { joint } => return Err(BadSettings::Joint { joint, joints: joints as u8 }),
+            Redundancy::DrivenJoint { joint } => {
+                return Err(InvalidSettings::Joint { joint, joints: joints as u8 });
+            }
             Redundancy::ArmAngle if joints == MAX_CHAIN_JOINTS => {}
-            Redundancy::ArmAngle => return Err(BadSettings::NoArmAngle),
+            Redundancy::ArmAngle => return Err(InvalidSettings::NoArmAngle),
         }
         let value = self.elbow_bandwidth;
-        if !(value > 0.0 && value <= MOST_BANDWIDTH) {
-            return Err(BadSettings::ElbowBandwidth { value, limit: MOST_BANDWIDTH });
+        if !(value > 0.0 && value <= MAX_BANDWIDTH) {
+            return Err(InvalidSettings::ElbowBandwidth { value, limit: MAX_BANDWIDTH });
         }
         if let ForceSource::Observer { bandwidth: value } = self.force
-            && !(LEAST_FORCE_BANDWIDTH..=MOST_BANDWIDTH).contains(&value)
+            && !(MIN_FORCE_BANDWIDTH..=MAX_BANDWIDTH).contains(&value)
         {
-            return Err(BadSettings::ForceBandwidth { value, limit: MOST_BANDWIDTH });
+            return Err(InvalidSettings::ForceBandwidth { value, limit: MAX_BANDWIDTH });
         }
         let value = self.contact_force;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(BadSettings::ContactForce { value });
+            return Err(InvalidSettings::ContactForce { value });
         }
         for (value, most) in self.reach.into_iter().zip([f32::MAX, 3.0]) {
             if !(value > 0.0 && value <= most) {
-                return Err(BadSettings::Reach { value });
+                return Err(InvalidSettings::Reach { value });
             }
         }
         Ok(())

@@ -2,19 +2,20 @@ use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::approach::{APPROACH_SPEED, Line};
 use super::forces::Forces;
-use super::free::{APPROACH_SPEED, Line};
 use super::plan::ASSUMED_FRICTION;
 use super::pose::PoseMotion;
 use super::tracker::Tracker;
 use super::{
-    Each, Failure, FingerSense, Frame, GraspCommand, GraspPlan, GraspTelemetry, Hand, HandCommand, Loss,
-    Phase, Unable,
+    Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspTelemetry, Hand,
+    HandOutput, PerFinger, Phase,
 };
 use crate::TICK;
-use crate::control::{Drive, JointPoint};
+use crate::control::JointPoint;
 use crate::kinematics::{FingerError, Posture};
 use crate::math;
+use crate::robot::Actuation;
 
 /// Fastest motion of an object that may be asked for [m/s, rad/s].
 const MOST_SPEED: f32 = 0.2;
@@ -24,7 +25,7 @@ pub(super) const PEAK: f32 = 1.875;
 
 /// Everything that a hand remembers between two ticks.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
-pub struct HandState {
+pub struct GraspState {
     pub(super) phase: Phase,
     pub(super) failure: Option<Failure>,
     pub(super) plan: Option<GraspPlan>,
@@ -34,10 +35,10 @@ pub struct HandState {
     /// Ticks in a row without contact.
     pub(super) lost: u8,
     /// Commanded angles, and measured ones of the last tick [rad].
-    pub(super) reference: Each<[f32; 3]>,
-    pub(super) angles: Each<[f32; 3]>,
+    pub(super) reference: PerFinger<[f32; 3]>,
+    pub(super) angles: PerFinger<[f32; 3]>,
     /// The straight ways of the tips, and their time [s].
-    pub(super) lines: Each<Line>,
+    pub(super) lines: PerFinger<Line>,
     pub(super) line_time: f32,
     pub(super) tracker: Tracker,
     pub(super) forces: Forces,
@@ -55,19 +56,18 @@ pub struct HandState {
 }
 
 /// What a tick knows of the fingers.
-pub(super) struct Fingers {
-    pub postures: Each<Posture>,
-    pub tips: Each<Vector3<f32>>,
-    pub forces: Each<Vector3<f32>>,
-    pub radii: Each<f32>,
+pub(super) struct Fingers<'a> {
+    pub postures: PerFinger<&'a Posture>,
+    pub tips: PerFinger<Vector3<f32>>,
+    pub forces: PerFinger<Vector3<f32>>,
+    pub radii: PerFinger<f32>,
 }
 
-impl Fingers {
-    fn new(hand: &Hand<'_>, senses: &Each<FingerSense>) -> Self {
-        let postures =
-            pairs(&hand.fingers, senses).map(|(finger, sense)| finger.chain.posture(&sense.angles));
+impl<'a> Fingers<'a> {
+    fn new(hand: &Hand<'_>, senses: &PerFinger<FingerSense<'a>>) -> Self {
+        let postures = senses.map(|sense| sense.posture);
         Self {
-            tips: postures.each_ref().map(|posture| posture.tip().translation.vector),
+            tips: postures.map(|posture| posture.tip().translation.vector),
             postures,
             forces: senses.each_ref().map(|sense| sense.force.into()),
             radii: hand.fingers.map(|finger| finger.radius),
@@ -82,12 +82,15 @@ impl Fingers {
 }
 
 /// Of two lists the pairs.
-pub(super) const fn pairs<'a, A, B>(first: &'a Each<A>, second: &'a Each<B>) -> Each<(&'a A, &'a B)> {
+pub(super) const fn pairs<'a, A, B>(
+    first: &'a PerFinger<A>,
+    second: &'a PerFinger<B>,
+) -> PerFinger<(&'a A, &'a B)> {
     let ([a, b, c], [p, q, r]) = (first, second);
     [(a, p), (b, q), (c, r)]
 }
 
-impl HandState {
+impl GraspState {
     /// Nothing is held, and no finger moves.
     pub const NONE: Self = Self {
         phase: Phase::Ready,
@@ -112,10 +115,15 @@ impl HandState {
     };
 
     /// Fingers that stand at these angles [rad].
-    pub const fn at(angles: Each<[f32; 3]>) -> Self {
+    pub const fn at(angles: PerFinger<[f32; 3]>) -> Self {
         let mut state = Self::NONE;
-        (state.reference, state.angles) = (angles, angles);
+        state.stand_at(angles);
         state
+    }
+
+    /// The fingers stand at these angles [rad].
+    pub(super) const fn stand_at(&mut self, angles: PerFinger<[f32; 3]>) {
+        (self.reference, self.angles) = (angles, angles);
     }
 
     /// What the hand does.
@@ -123,20 +131,19 @@ impl HandState {
         self.phase
     }
 
-    /// Whether the joints' servos are to forget now which torques they have learnt to need: when forces that are only fed
-    /// forward begin to rise. They have taken the touch for a disturbance, and would go on pressing with it.
-    pub fn forgets(&self) -> bool {
+    /// Whether the joint servos begin anew now: when forces that are only fed forward begin to rise. They have learnt the
+    /// touch as a disturbance, and would go on pressing with it.
+    pub fn restarts_servos(&self) -> bool {
         self.phase == Phase::Squeeze
             && self.ticks == 0
             && self.plan.is_some_and(|plan| plan.only_feeds_forward())
     }
 
     /// What the supervisor sees.
-    pub fn telemetry(&self, tick: u32) -> GraspTelemetry {
+    pub fn telemetry(&self) -> GraspTelemetry {
         let object = self.tracker.object.isometry();
         let quaternion = nalgebra::UnitQuaternion::from_rotation_matrix(&object.rotation);
         GraspTelemetry {
-            tick,
             phase: self.phase,
             failure: self.failure,
             position: object.translation.vector.into(),
@@ -153,7 +160,7 @@ impl HandState {
     ///
     /// # Errors
     /// Why it cannot; nothing has changed.
-    pub fn command(&mut self, hand: &Hand<'_>, command: &GraspCommand) -> Result<(), Unable> {
+    pub fn command(&mut self, hand: &Hand<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         match command {
             GraspCommand::Grasp(plan) => self.begin(hand, plan),
             GraspCommand::Move { translation, rotation, duration } => {
@@ -167,7 +174,7 @@ impl HandState {
             }
             GraspCommand::Open => {
                 if self.phase == Phase::Ready {
-                    return Err(Unable::Busy(self.phase));
+                    return Err(GraspRefusal::Busy(self.phase));
                 }
                 self.failure = None;
                 if self.phase != Phase::Open {
@@ -178,9 +185,9 @@ impl HandState {
         }
     }
 
-    fn require(&self, phases: &[Phase]) -> Result<(), Unable> {
+    fn require(&self, phases: &[Phase]) -> Result<(), GraspRefusal> {
         if !phases.contains(&self.phase) {
-            return Err(Unable::Busy(self.phase));
+            return Err(GraspRefusal::Busy(self.phase));
         }
         Ok(())
     }
@@ -194,11 +201,11 @@ impl HandState {
         self.enter(next);
     }
 
-    fn begin(&mut self, hand: &Hand<'_>, plan: &GraspPlan) -> Result<(), Unable> {
+    fn begin(&mut self, hand: &Hand<'_>, plan: &GraspPlan) -> Result<(), GraspRefusal> {
         if self.phase != Phase::Ready {
-            return Err(Unable::Busy(self.phase));
+            return Err(GraspRefusal::Busy(self.phase));
         }
-        plan.validate().map_err(Unable::Plan)?;
+        plan.validate().map_err(GraspRefusal::Plan)?;
         let mut plan = *plan;
         let mut lines = self.lines;
         let mut longest = 0.0_f32;
@@ -213,9 +220,9 @@ impl HandState {
             for place in [before, at + normal * plan.clearance] {
                 finger.inverse.nearest(&place, reference).map_err(|error| match error {
                     FingerError::OutOfReach { nearest } => {
-                        Unable::OutOfReach { finger: index, nearest: nearest.into() }
+                        GraspRefusal::OutOfReach { finger: index, nearest: nearest.into() }
                     }
-                    _ => Unable::OutOfReach { finger: index, nearest: place.into() },
+                    _ => GraspRefusal::OutOfReach { finger: index, nearest: place.into() },
                 })?;
             }
             let start = finger.chain.posture(reference).tip().translation.vector;
@@ -239,11 +246,11 @@ impl HandState {
         translation: &[f32; 3],
         rotation: &[f32; 3],
         duration: f32,
-    ) -> Result<(), Unable> {
+    ) -> Result<(), GraspRefusal> {
         self.require(&[Phase::Hold, Phase::Move])?;
         let (shift, turn) = (Vector3::from(*translation), Vector3::from(*rotation));
         if !(shift.sum() + turn.sum() + duration).is_finite() || duration < TICK {
-            return Err(Unable::NotFinite);
+            return Err(GraspRefusal::NotFinite);
         }
         let origin = self.origin.isometry();
         let target = IsometryMatrix3::from_parts(
@@ -257,7 +264,7 @@ impl HandState {
         for (value, limit) in [(way, MOST_SPEED), (angle, MOST_TURN)] {
             let value = PEAK * value / duration;
             if value > limit {
-                return Err(Unable::TooFast { value, limit });
+                return Err(GraspRefusal::TooFast { value, limit });
             }
         }
         for (index, ((finger, anchor), reference)) in
@@ -269,7 +276,7 @@ impl HandState {
                     FingerError::OutOfReach { nearest } => nearest.into(),
                     _ => place.into(),
                 };
-                Unable::OutOfReach { finger: index, nearest }
+                GraspRefusal::OutOfReach { finger: index, nearest }
             })?;
         }
         self.motion = PoseMotion::between(&now, &target, duration);
@@ -289,7 +296,11 @@ impl HandState {
     ///
     /// # Errors
     /// The object was lost.
-    pub fn tick(&mut self, hand: &Hand<'_>, senses: &Each<FingerSense>) -> Result<HandCommand, Loss> {
+    pub fn tick(
+        &mut self,
+        hand: &Hand<'_>,
+        senses: &PerFinger<FingerSense<'_>>,
+    ) -> Result<HandOutput, GraspFault> {
         self.ticks = self.ticks.saturating_add(1);
         let fingers = Fingers::new(hand, senses);
         let command = match (self.phase, self.plan) {
@@ -304,12 +315,12 @@ impl HandState {
     }
 
     /// The fingers stand where they were told to be.
-    pub(super) fn stand(&self) -> HandCommand {
+    pub(super) fn stand(&self) -> HandOutput {
         let rest = |position| JointPoint { position, velocity: 0.0, acceleration: 0.0 };
-        HandCommand {
+        HandOutput {
             points: self.reference.map(|angles| angles.map(rest)),
             torques: [[0.0; 3]; 3],
-            drive: Drive::Servo,
+            actuation: Actuation::Servo,
         }
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::Each;
+use super::PerFinger;
 use crate::control::ServoMode;
 use crate::grasp::{BadContact, Contact, GraspMap, GripState, LeastGrip, NoGrasp, NoGrip, NoNormalGrip};
 
@@ -17,7 +17,7 @@ pub(super) const NORMAL_TOLERANCE: f32 = 0.1;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GraspPlan {
     /// Where the fingers are to touch, as far as known.
-    pub contacts: Each<PlannedContact>,
+    pub contacts: PerFinger<PlannedContact>,
     /// How far in front of it a fingertip begins to feel for the surface, and how far behind it gives up [m].
     pub clearance: f32,
     /// A normal force that means contact [N].
@@ -115,7 +115,7 @@ pub enum GraspCommand {
 /// Why a plan is none.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum BadPlan {
+pub enum InvalidPlan {
     /// 0: a number outside of what makes sense.
     Value {
         /// Which.
@@ -191,12 +191,12 @@ impl GraspPlan {
     ///
     /// # Errors
     /// The first thing that is wrong.
-    pub fn validate(&self) -> Result<(), BadPlan> {
+    pub fn validate(&self) -> Result<(), InvalidPlan> {
         let within = |field, value: f32, lower: f32, upper: f32| {
             if value >= lower && value <= upper {
                 return Ok(());
             }
-            Err(BadPlan::Value { field, value, lower, upper })
+            Err(InvalidPlan::Value { field, value, lower, upper })
         };
         within(PlanField::Clearance, self.clearance, 0.001, 0.05)?;
         within(PlanField::ForceLimit, self.force_limit, 0.1, 100.0)?;
@@ -227,7 +227,7 @@ impl GraspPlan {
         self.can_grip()
     }
 
-    fn can_grip(&self) -> Result<(), BadPlan> {
+    fn can_grip(&self) -> Result<(), InvalidPlan> {
         let friction = self.friction.unwrap_or(ASSUMED_FRICTION);
         let mut contacts = heapless::Vec::<Contact, 3>::new();
         for (finger, contact) in (0..).zip(&self.contacts) {
@@ -235,38 +235,40 @@ impl GraspPlan {
             let contact =
                 Contact::try_new(position, normal, friction, self.force_limit).map_err(|error| {
                     let (field, value) = match error {
-                        BadContact::Position | BadContact::Normal => return BadPlan::Contact { finger },
+                        BadContact::Position | BadContact::Normal => return InvalidPlan::Contact { finger },
                         BadContact::Friction(value) => (PlanField::Friction, value),
                         BadContact::Limit(value) => (PlanField::ForceLimit, value),
                     };
-                    BadPlan::Value { field, value, lower: 0.0, upper: f32::INFINITY }
+                    InvalidPlan::Value { field, value, lower: 0.0, upper: f32::INFINITY }
                 })?;
             let _ = contacts.push(contact); // three places for three contacts
         }
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).map_err(|error| match error {
-            NoGrasp::Coincident { .. } | NoGrasp::Contacts(_) | NoGrasp::Origin => BadPlan::NoTriangle,
+            NoGrasp::Coincident { .. } | NoGrasp::Contacts(_) | NoGrasp::Origin => InvalidPlan::NoTriangle,
         })?;
         if map.inverse().conditioning().rank < 6 {
-            return Err(BadPlan::NoTriangle);
+            return Err(InvalidPlan::NoTriangle);
         }
         match self.internal {
             InternalForce::Normal { .. } => match map.normal_grip(NORMAL_TOLERANCE) {
                 Ok(_) => Ok(()),
-                Err(NoNormalGrip::Unbalanced { rest }) => Err(BadPlan::Unbalanced { rest }),
-                Err(NoNormalGrip::Ambiguous | NoNormalGrip::NotPushing { .. }) => Err(BadPlan::CannotGrip),
+                Err(NoNormalGrip::Unbalanced { rest }) => Err(InvalidPlan::Unbalanced { rest }),
+                Err(NoNormalGrip::Ambiguous | NoNormalGrip::NotPushing { .. }) => {
+                    Err(InvalidPlan::CannotGrip)
+                }
             },
             InternalForce::Least { .. } | InternalForce::Pairwise { .. } => {
-                let grip = LeastGrip::try_new(0.0, self.touch_force).map_err(|_| BadPlan::CannotGrip)?;
+                let grip = LeastGrip::try_new(0.0, self.touch_force).map_err(|_| InvalidPlan::CannotGrip)?;
                 match grip.solve(&map, &Vector6::zeros(), &mut GripState::default()) {
                     Ok(_) | Err(NoGrip::NotConverged { .. }) => Ok(()),
-                    Err(_) => Err(BadPlan::CannotGrip),
+                    Err(_) => Err(InvalidPlan::CannotGrip),
                 }
             }
         }
     }
 }
 
-impl fmt::Display for BadPlan {
+impl fmt::Display for InvalidPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Value { field, value, lower, upper } => {
@@ -296,7 +298,7 @@ impl fmt::Display for BadPlan {
     }
 }
 
-impl core::error::Error for BadPlan {}
+impl core::error::Error for InvalidPlan {}
 
 #[cfg(test)]
 mod tests {
@@ -398,7 +400,7 @@ mod tests {
         for &(spoil, field, value, lower, upper) in cases {
             let mut plan = plan();
             spoil(&mut plan);
-            assert_eq!(plan.validate(), Err(BadPlan::Value { field, value, lower, upper }), "{plan:?}");
+            assert_eq!(plan.validate(), Err(InvalidPlan::Value { field, value, lower, upper }), "{plan:?}");
         }
         for spoil in [
             (|p| p.clearance = f32::NAN) as Spoil,
@@ -411,7 +413,7 @@ mod tests {
             let mut plan = plan();
             spoil(&mut plan);
             assert!(
-                matches!(plan.validate(), Err(BadPlan::Value { value, .. }) if value.is_nan()),
+                matches!(plan.validate(), Err(InvalidPlan::Value { value, .. }) if value.is_nan()),
                 "{plan:?}"
             );
         }
@@ -429,7 +431,7 @@ mod tests {
             for finger in 0..3_u8 {
                 let mut plan = plan();
                 spoil(&mut plan.contacts[usize::from(finger)]);
-                assert_eq!(plan.validate(), Err(BadPlan::Contact { finger }), "{plan:?}");
+                assert_eq!(plan.validate(), Err(InvalidPlan::Contact { finger }), "{plan:?}");
             }
         }
     }
@@ -439,12 +441,12 @@ mod tests {
         for internal in [plan().internal, NORMAL, PAIRWISE] {
             let mut in_line = GraspPlan { internal, ..plan() };
             in_line.contacts[2].position = [-0.04, 0.0, 0.1];
-            assert_eq!(in_line.validate(), Err(BadPlan::NoTriangle));
+            assert_eq!(in_line.validate(), Err(InvalidPlan::NoTriangle));
             let mut same = GraspPlan { internal, ..plan() };
             same.contacts[1].position = same.contacts[0].position;
-            assert_eq!(same.validate(), Err(BadPlan::NoTriangle));
+            assert_eq!(same.validate(), Err(InvalidPlan::NoTriangle));
             same.contacts[2].position = same.contacts[0].position;
-            assert_eq!(same.validate(), Err(BadPlan::NoTriangle));
+            assert_eq!(same.validate(), Err(InvalidPlan::NoTriangle));
         }
     }
 
@@ -453,14 +455,14 @@ mod tests {
         for internal in [plan().internal, PAIRWISE] {
             let mut parallel = GraspPlan { internal, ..plan() };
             parallel.contacts[2].normal = [1.0, 0.0, 0.0];
-            assert_eq!(parallel.validate(), Err(BadPlan::CannotGrip), "{internal:?}");
+            assert_eq!(parallel.validate(), Err(InvalidPlan::CannotGrip), "{internal:?}");
         }
         // From finger 3 to finger 1 it is 30 mm across and 80 mm along: a friction of 0.375 is enough to grip with
         // these two alone; with finger 3 60 mm beside the middle it is 90 mm across to the farther one.
         let mut beside = plan();
         beside.contacts[2].position[1] = 0.09;
         beside.friction = Some(0.05);
-        assert_eq!(beside.validate(), Err(BadPlan::CannotGrip));
+        assert_eq!(beside.validate(), Err(InvalidPlan::CannotGrip));
         beside.friction = Some(2.0);
         assert_eq!(beside.validate(), Ok(()));
     }
@@ -470,20 +472,23 @@ mod tests {
         // Of normals of which two point one way and one across them, something remains.
         let mut across = GraspPlan { internal: NORMAL, ..plan() };
         across.contacts[2].normal = [-1.0, 0.0, 1.0];
-        let Err(BadPlan::Unbalanced { rest }) = across.validate() else { panic!("{:?}", across.validate()) };
+        let Err(InvalidPlan::Unbalanced { rest }) = across.validate() else {
+            panic!("{:?}", across.validate())
+        };
         assert!(rest > NORMAL_TOLERANCE && rest < 1.0, "{rest}");
         // As far as measured contacts are off, it does.
         across.contacts[2].normal = [-1.0, 0.0, 0.05];
         assert_eq!(across.validate(), Ok(()));
         // Other forms do not need that.
         across.contacts[2].normal = [-1.0, 0.0, 0.3];
-        assert!(matches!(across.validate(), Err(BadPlan::Unbalanced { .. })));
+        assert!(matches!(across.validate(), Err(InvalidPlan::Unbalanced { .. })));
         assert_eq!(GraspPlan { internal: PAIRWISE, ..across }.validate(), Ok(()));
     }
 
     #[test]
     fn bad_plans_of_the_protocol_say_what_is_wrong_and_between_which_limits() {
-        let value = |field, value, lower, upper| BadPlan::Value { field, value, lower, upper }.to_string();
+        let value =
+            |field, value, lower, upper| InvalidPlan::Value { field, value, lower, upper }.to_string();
         let texts = [
             (PlanField::Clearance, "the clearance is 2 m; possible is 0.5 to 1 m"),
             (PlanField::TouchForce, "the touch force is 2 N; possible is 0.5 to 1 N"),
@@ -502,16 +507,16 @@ mod tests {
             assert_eq!(value(field, 2.0, 0.5, 1.0), format!("the {name} is 2; possible is 0.5 to 1"));
         }
         assert_eq!(
-            BadPlan::Contact { finger: 0 }.to_string(),
+            InvalidPlan::Contact { finger: 0 }.to_string(),
             "the contact of finger 1: position or normal is not finite, or the normal has no length"
         );
-        assert_eq!(BadPlan::NoTriangle.to_string(), "the contacts are at the same place or in line");
+        assert_eq!(InvalidPlan::NoTriangle.to_string(), "the contacts are at the same place or in line");
         assert_eq!(
-            BadPlan::CannotGrip.to_string(),
+            InvalidPlan::CannotGrip.to_string(),
             "no forces of the fingers balance each other within the friction: the normals must point towards each other"
         );
         assert_eq!(
-            BadPlan::Unbalanced { rest: 0.25 }.to_string(),
+            InvalidPlan::Unbalanced { rest: 0.25 }.to_string(),
             "forces along the normals do not balance, 0.25 of them remains: finger 3 must be opposite the middle between \
              fingers 1 and 2, or another internal force be chosen"
         );

@@ -2,7 +2,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::Arm;
-use super::resolve::Joints;
+use super::redundancy::Joints;
 use crate::control::{FrictionFeedforward, FrictionState};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::{TICK, math};

@@ -6,7 +6,7 @@ use heapless::Vec;
 use nalgebra::{SVector, UnitQuaternion, Vector3, Vector6};
 
 use super::momentum::MomentumObserver;
-use super::resolve::{Joints, Resolver};
+use super::redundancy::{Joints, Resolver};
 use super::*;
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance};
@@ -64,13 +64,13 @@ pub fn arm7() -> RobotModel {
 }
 
 /// 1.5 kg, 30 N·s/m, 300 N/m; the arm angle stays.
-pub const SOFT: ArmSettings = ArmSettings {
+pub const SOFT: ImpedanceSettings = ImpedanceSettings {
     impedance: Impedance {
         mass: [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
         damping: [30.0, 30.0, 30.0, 1.0, 1.0, 1.0],
         stiffness: [300.0, 300.0, 300.0, 10.0, 10.0, 10.0],
     },
-    law: Law::Following,
+    law: Law::ModelFollowing,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
     force: ForceSource::Sensor,
@@ -114,8 +114,8 @@ impl Machine {
         self.chain.posture(angles).jacobian()
     }
 
-    fn state(&self, settings: &ArmSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ArmState {
-        let mut state = ArmState::NONE;
+    fn state(&self, settings: &ImpedanceSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ImpedanceState {
+        let mut state = ImpedanceState::NONE;
         state.configure(&self.arm(), settings).unwrap();
         state.begin(&self.arm(), angles).unwrap();
         state
@@ -135,7 +135,7 @@ impl Machine {
 }
 
 /// One that feels nothing, its joints at the angles of `command`'s points a tick later.
-fn follow(command: &ArmCommand) -> ArmSense {
+fn follow(command: &ArmOutput) -> ArmSense {
     let mut sense = ArmSense::default();
     let all = sense.angles.iter_mut().zip(&mut sense.velocities).zip(&command.points);
     all.for_each(|((angle, velocity), point)| {
@@ -145,7 +145,7 @@ fn follow(command: &ArmCommand) -> ArmSense {
     sense
 }
 
-fn accelerations(command: &ArmCommand) -> Joints {
+fn accelerations(command: &ArmOutput) -> Joints {
     Joints::from(command.points.map(|point| point.acceleration))
 }
 
@@ -257,7 +257,7 @@ fn near_a_straight_elbow_and_a_folded_wrist_the_joints_stay_calm() {
 #[test]
 fn the_orientation_takes_the_shorter_way() {
     let machine = Machine::new();
-    let settings = ArmSettings { reach: [0.1, 3.0], ..SOFT };
+    let settings = ImpedanceSettings { reach: [0.1, 3.0], ..SOFT };
     let angles = POSTURES[0];
     for angle in [2.99_f32, -2.99] {
         for sign in [1.0, -1.0] {
@@ -277,10 +277,10 @@ fn the_orientation_takes_the_shorter_way() {
 }
 
 /// The elbow where it is.
-fn elbow(machine: &Machine, state: &ArmState) -> ElbowPoint {
+fn elbow(machine: &Machine, state: &ImpedanceState) -> ElbowSetpoint {
     let sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
     let angle = state.telemetry(&machine.arm(), &sense, 0).elbow;
-    ElbowPoint { angle, ..ElbowPoint::default() }
+    ElbowSetpoint { angle, ..ElbowSetpoint::default() }
 }
 
 #[test]
@@ -291,7 +291,7 @@ fn a_set_point_without_a_successor_comes_to_rest() {
         velocity: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
         acceleration: [5.0; 6],
     };
-    let mut elbow = ElbowPoint { angle: 0.0, velocity: 1.0, acceleration: 5.0 };
+    let mut elbow = ElbowSetpoint { angle: 0.0, velocity: 1.0, acceleration: 5.0 };
     for _ in 0..100 {
         (point, elbow) = (point.coasted(), elbow.coasted());
     }
@@ -313,7 +313,7 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
     let mut state = machine.state(&SOFT, &POSTURES[0]);
     let (here, elbow) = (machine.point(&POSTURES[0]), elbow(&machine, &state));
     let [x, y, z] = here.position;
-    let refused = |point: PosePoint, elbow: ElbowPoint, text: &str| {
+    let refused = |point: PosePoint, elbow: ElbowSetpoint, text: &str| {
         let mut state = state;
         let before = postcard::to_stdvec(&state).unwrap();
         let error = state.aim(&machine.arm(), &point, &elbow).unwrap_err().to_string();
@@ -337,20 +337,20 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
         refused(PosePoint { acceleration: fast(100.0 * most.min(1e30)), ..here }, elbow, "m from the tool");
         let velocity = [0.0, 0.0, 0.0, 0.0, 0.0, 20.0 * most.min(1e30)];
         refused(PosePoint { velocity, ..here }, elbow, "turned by");
-        refused(here, ElbowPoint { angle: most, ..elbow }, "rad from the elbow; at most 1 rad is allowed");
-        refused(here, ElbowPoint { velocity: 10.0 * most, ..elbow }, "");
+        refused(here, ElbowSetpoint { angle: most, ..elbow }, "rad from the elbow; at most 1 rad is allowed");
+        refused(here, ElbowSetpoint { velocity: 10.0 * most, ..elbow }, "");
     }
     let all = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
-    state.aim(&machine.arm(), &all, &ElbowPoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
+    state.aim(&machine.arm(), &all, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
     assert_eq!(
-        { ArmState::NONE }.aim(&machine.arm(), &here, &elbow).unwrap_err().to_string(),
+        { ImpedanceState::NONE }.aim(&machine.arm(), &here, &elbow).unwrap_err().to_string(),
         "the arm has no impedance yet: send its settings first"
     );
 }
 
 #[test]
 fn settings_that_make_no_sense_are_refused_by_name() {
-    let refused = |change: fn(&mut ArmSettings), text: &str| {
+    let refused = |change: fn(&mut ImpedanceSettings), text: &str| {
         let mut settings = SOFT;
         change(&mut settings);
         let error = settings.validate(7).unwrap_err();
@@ -363,22 +363,22 @@ fn settings_that_make_no_sense_are_refused_by_name() {
     refused(|s| s.impedance.damping[2] = -1.0, "the damping along z is -1 N·s/m");
     refused(|s| s.impedance.stiffness[4] = -1.0, "the stiffness about y is -1 N·m/rad");
     refused(|s| s.impedance.stiffness[4] = f32::NAN, "the stiffness about y is NaN");
-    refused(|s| s.redundancy = Redundancy::Driven { joint: 7 }, "joint 7 is to be driven by itself");
+    refused(|s| s.redundancy = Redundancy::DrivenJoint { joint: 7 }, "joint 7 is to be driven by itself");
     refused(|s| s.elbow_bandwidth = 0.0, "the bandwidth of the elbow is 0 rad/s");
     refused(|s| s.elbow_bandwidth = f32::INFINITY, "50 rad/s at most");
     refused(|s| s.contact_force = f32::NAN, "the contact force is NaN N");
     refused(|s| s.reach[0] = -1.0, "the reach is -1");
     refused(|s| s.reach[1] = PI, "less than half a turn");
-    assert_eq!(SOFT.validate(6).unwrap_err(), BadSettings::NoArmAngle);
+    assert_eq!(SOFT.validate(6).unwrap_err(), InvalidSettings::NoArmAngle);
     assert!(SOFT.validate(7).is_ok());
 }
 
 #[test]
 fn a_force_that_is_no_number_stops_the_arm() {
     let machine = Machine::new();
-    for law in [Law::Printed, Law::Following] {
+    for law in [Law::Direct, Law::ModelFollowing] {
         for value in [f32::NAN, f32::INFINITY] {
-            let mut state = machine.state(&ArmSettings { law, ..SOFT }, &POSTURES[0]);
+            let mut state = machine.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
             let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
             sense.wrench[4] = value;
             assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), ArmError::NotFinite);
@@ -473,9 +473,9 @@ fn another_law_forgets_what_the_observers_learnt() {
         state.settle(&arm, &[0.0; MAX_CHAIN_JOINTS], &[0.0; MAX_CHAIN_JOINTS]);
     }
     let most =
-        |command: &ArmCommand| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        |command: &ArmOutput| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
     let learnt = most(&state.tick(&arm, &sense).unwrap());
-    state.configure(&arm, &ArmSettings { law: Law::Printed, ..SOFT }).unwrap();
+    state.configure(&arm, &ImpedanceSettings { law: Law::Direct, ..SOFT }).unwrap();
     assert_eq!(state.tick(&arm, &sense).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);
     state.configure(&arm, &SOFT).unwrap();
     // From here on it is a joint that does not move for a tick, not one that has not for ten.

@@ -5,8 +5,8 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use super::forces::{Forces, Grasped};
 use super::plan::{ASSUMED_FRICTION, GraspPlan};
 use super::pose::PoseMotion;
-use super::task::Fingers;
-use super::{Each, Failure, Hand, HandState, Loss, Phase};
+use super::state::Fingers;
+use super::{Failure, GraspFault, GraspState, Hand, PerFinger, Phase};
 use crate::TICK;
 use crate::grasp::{Contact, WrenchInverse};
 use crate::math;
@@ -54,32 +54,32 @@ const LOST_TICKS: u8 = 10;
 const DEFORMED: f32 = 0.012;
 const TAKEN: f32 = 0.015;
 
-impl HandState {
+impl GraspState {
     /// Whether the object is still there.
     pub(super) fn watch(
         &mut self,
         plan: &GraspPlan,
         grasped: &Grasped<'_>,
-        fingers: &Fingers,
+        fingers: &Fingers<'_>,
         object: &IsometryMatrix3<f32>,
-    ) -> Result<(), Loss> {
-        if !matches!(self.phase, Phase::Feel | Phase::Hold | Phase::Move | Phase::Lower) {
+    ) -> Result<(), GraspFault> {
+        if !matches!(self.phase, Phase::ProbeFriction | Phase::Hold | Phase::Move | Phase::Lower) {
             return Ok(());
         }
         let limit = NO_CONTACT * plan.touch_force;
         let (finger, force) = grasped.faintest();
         self.lost = if force < limit { self.lost.saturating_add(1) } else { 0 };
         if self.lost >= LOST_TICKS {
-            return Err(Loss::Contact { finger, force, limit });
+            return Err(GraspFault::Contact { finger, force, limit });
         }
         let distance = self.tracker.deformation(&fingers.tips);
         if distance > DEFORMED {
-            return Err(Loss::Deformed { distance, limit: DEFORMED });
+            return Err(GraspFault::Deformed { distance, limit: DEFORMED });
         }
         let away = object.translation.vector - self.motion.point().frame.translation.vector;
         let distance = math::sqrt(away.norm_squared());
         if distance > TAKEN {
-            return Err(Loss::Moved { distance, limit: TAKEN });
+            return Err(GraspFault::Moved { distance, limit: TAKEN });
         }
         Ok(())
     }
@@ -91,11 +91,11 @@ impl HandState {
         plan: &GraspPlan,
         grasped: &Grasped<'_>,
         inverse: &WrenchInverse<'_>,
-        fingers: &Fingers,
-    ) -> Each<Vector3<f32>> {
+        fingers: &Fingers<'_>,
+    ) -> PerFinger<Vector3<f32>> {
         match self.phase {
             Phase::Squeeze => return self.squeeze(plan, grasped, inverse, fingers),
-            Phase::Feel => return self.rub(fingers),
+            Phase::ProbeFriction => return self.rub(fingers),
             Phase::Move if self.motion.is_done() => self.enter(Phase::Hold),
             Phase::Lower => self.lower(hand),
             Phase::Open => self.share = math::clamp(self.share - TICK / OPEN_TIME, 0.0, 1.0),
@@ -109,8 +109,8 @@ impl HandState {
         plan: &GraspPlan,
         grasped: &Grasped<'_>,
         inverse: &WrenchInverse<'_>,
-        fingers: &Fingers,
-    ) -> Each<Vector3<f32>> {
+        fingers: &Fingers<'_>,
+    ) -> PerFinger<Vector3<f32>> {
         let risen = self.elapsed() - SQUEEZE_TIME;
         let shakes = plan.only_feeds_forward();
         let contacts = grasped.map.contacts();
@@ -135,7 +135,7 @@ impl HandState {
             // Without feedback the rubbing force would not be known well enough.
             let feels = plan.friction.is_none() && plan.feedback;
             (self.rub, self.distance) = (0.0, fingers.width());
-            self.enter(if feels { Phase::Feel } else { Phase::Hold });
+            self.enter(if feels { Phase::ProbeFriction } else { Phase::Hold });
         } else if self.elapsed() > SQUEEZE_TIMEOUT {
             let (_, force) = grasped.faintest();
             self.fail(Failure::NoGrip { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
@@ -145,7 +145,7 @@ impl HandState {
 
     /// Fingers 1 and 2 press towards each other, harder and harder, an internal force that moves nothing; until one of
     /// them slides.
-    fn rub(&mut self, fingers: &Fingers) -> Each<Vector3<f32>> {
+    fn rub(&mut self, fingers: &Fingers<'_>) -> PerFinger<Vector3<f32>> {
         if self.settled == 0 {
             self.rub += RUB_RATE * TICK;
             let [first, second, _] = self.forces.ratios;
@@ -209,8 +209,8 @@ fn shaking(time: f32, period: f32) -> f32 {
 }
 
 /// Forces of each finger that together move nothing: fingers 1 and 2 press towards each other; and finger 1 more, finger 2 less
-/// towards finger 3. Each with 1 N, on the lines from contact to contact.
-fn across(contacts: &[Contact]) -> Each<[Vector3<f32>; 2]> {
+/// towards finger 3. PerFinger with 1 N, on the lines from contact to contact.
+fn across(contacts: &[Contact]) -> PerFinger<[Vector3<f32>; 2]> {
     let [one, two, three] = contacts else { return [[Vector3::zeros(); 2]; 3] };
     let towards = |from: &Contact, to: &Contact| {
         let way = to.position() - from.position();

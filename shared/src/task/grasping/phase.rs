@@ -3,7 +3,8 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{BadPlan, Each};
+use super::{InvalidPlan, PerFinger};
+use crate::robot::Concerns;
 
 /// What a hand is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -18,7 +19,7 @@ pub enum Phase {
     /// 3: the grip becomes as firm as planned.
     Squeeze,
     /// 4: fingers 1 and 2 press towards each other until one slides: the friction.
-    Feel,
+    ProbeFriction,
     /// 5: the object is held still.
     Hold,
     /// 6: the object is moved.
@@ -68,7 +69,7 @@ pub enum Failure {
 
 /// The object is not in the hand as it was: a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Loss {
+pub enum GraspFault {
     /// A finger pushes with less than it must [N].
     Contact {
         /// The finger, 0 to 2.
@@ -99,21 +100,28 @@ pub enum Loss {
 /// Why a command cannot be carried out; nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Unable {
-    /// 0: not now.
+pub enum GraspRefusal {
+    /// 0: the robot is not a hand of three fingers with three joints and a force sensor each.
+    NotAHand,
+    /// 1: the force sensor of the chain was not tared since power-on, or since the model was committed.
+    NotTared {
+        /// The chain.
+        chain: u8,
+    },
+    /// 2: not in this phase.
     Busy(Phase),
-    /// 1: the plan is none.
-    Plan(BadPlan),
-    /// 2: a fingertip cannot get there.
+    /// 3: the plan is not valid.
+    Plan(InvalidPlan),
+    /// 4: a fingertip cannot get there.
     OutOfReach {
         /// The finger, 0 to 2.
         finger: u8,
         /// The nearest place that it can reach, were it not for the limits of its joints [m, base frame].
         nearest: [f32; 3],
     },
-    /// 3: a motion that is not finite, or takes no time.
+    /// 5: a motion that is not finite, or takes no time.
     NotFinite,
-    /// 4: the motion is too fast.
+    /// 6: the motion is too fast.
     TooFast {
         /// Its peak speed [m/s], or the share of the largest one for a rotation [rad/s].
         value: f32,
@@ -122,9 +130,25 @@ pub enum Unable {
     },
 }
 
-impl fmt::Display for Unable {
+impl Concerns for GraspRefusal {
+    fn chain(&self) -> Option<u8> {
+        match *self {
+            Self::NotTared { chain } | Self::OutOfReach { finger: chain, .. } => Some(chain),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for GraspRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::NotAHand => f.write_str(
+                "the robot is not a hand of three fingers, each with three joints and a force sensor",
+            ),
+            Self::NotTared { chain } => write!(
+                f,
+                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while nothing touches the tips"
+            ),
             Self::Busy(phase) => write!(f, "not possible while the hand {phase}"),
             Self::Plan(plan) => plan.fmt(f),
             Self::OutOfReach { finger, nearest: [x, y, z] } => write!(
@@ -143,7 +167,7 @@ impl fmt::Display for Unable {
     }
 }
 
-impl core::error::Error for Unable {}
+impl core::error::Error for GraspRefusal {}
 
 impl fmt::Display for Phase {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -152,7 +176,7 @@ impl fmt::Display for Phase {
             Self::Approach => "approaches an object",
             Self::Touch => "feels for an object",
             Self::Squeeze => "takes hold of an object",
-            Self::Feel => "feels the friction of an object",
+            Self::ProbeFriction => "feels the friction of an object",
             Self::Hold => "holds an object",
             Self::Move => "moves an object",
             Self::Lower => "lowers an object",
@@ -187,8 +211,6 @@ impl fmt::Display for Failure {
 /// What the supervisor sees of a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GraspTelemetry {
-    /// The last tick.
-    pub tick: u32,
     /// What the hand does.
     pub phase: Phase,
     /// What went wrong last, since the last command.
@@ -200,7 +222,7 @@ pub struct GraspTelemetry {
     /// Wrench of the fingers on the object about that origin, in base axes [N, N·m].
     pub load: [f32; 6],
     /// Wanted force of each finger on the object, in base axes [N].
-    pub wanted: Each<[f32; 3]>,
+    pub wanted: PerFinger<[f32; 3]>,
     /// Coefficient of friction that is counted on.
     pub friction: f32,
     /// Ticks in which a contact slid.
@@ -212,7 +234,7 @@ pub struct GraspTelemetry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manipulation::PlanField;
+    use crate::task::grasping::PlanField;
 
     #[test]
     fn a_phase_of_the_protocol_completes_what_the_hand_does() {
@@ -221,7 +243,7 @@ mod tests {
             (Phase::Approach, "approaches an object"),
             (Phase::Touch, "feels for an object"),
             (Phase::Squeeze, "takes hold of an object"),
-            (Phase::Feel, "feels the friction of an object"),
+            (Phase::ProbeFriction, "feels the friction of an object"),
             (Phase::Hold, "holds an object"),
             (Phase::Move, "moves an object"),
             (Phase::Lower, "lowers an object"),
@@ -229,7 +251,7 @@ mod tests {
         ];
         for (phase, text) in texts {
             assert_eq!(phase.to_string(), text);
-            assert_eq!(Unable::Busy(phase).to_string(), format!("not possible while the hand {text}"));
+            assert_eq!(GraspRefusal::Busy(phase).to_string(), format!("not possible while the hand {text}"));
         }
     }
 
@@ -261,18 +283,18 @@ mod tests {
 
     #[test]
     fn what_the_protocol_refuses_to_a_hand_is_said_with_what_it_could() {
-        let plan = BadPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 };
+        let plan = InvalidPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 };
         let texts = [
             (
-                Unable::OutOfReach { finger: 2, nearest: [0.1, 0.0, -0.25] },
+                GraspRefusal::OutOfReach { finger: 2, nearest: [0.1, 0.0, -0.25] },
                 "finger 3 does not reach so far; without its joints' limits it would reach (0.1, 0, -0.25) m",
             ),
-            (Unable::NotFinite, "the motion is not finite, or takes no time"),
+            (GraspRefusal::NotFinite, "the motion is not finite, or takes no time"),
             (
-                Unable::TooFast { value: 0.375, limit: 0.2 },
+                GraspRefusal::TooFast { value: 0.375, limit: 0.2 },
                 "the motion's peak speed is 0.375 m/s or rad/s, at most 0.2: give it more time",
             ),
-            (Unable::Plan(plan), "the clearance is 0.5 m; possible is 0.001 to 0.05 m"),
+            (GraspRefusal::Plan(plan), "the clearance is 0.5 m; possible is 0.001 to 0.05 m"),
         ];
         for (unable, text) in texts {
             assert_eq!(unable.to_string(), text);

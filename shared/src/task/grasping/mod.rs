@@ -8,8 +8,8 @@
 //!                                                   └─┘ Move
 //! ```
 //!
-//! [`HandState::tick`] is a function of its state and of what the fingers sense ([`FingerSense`]); it says where each joint
-//! is to be and which torque it is to add for the forces on the object ([`HandCommand`]). It runs on the board that has
+//! [`GraspState::tick`] is a function of its state and of what the fingers sense ([`FingerSense`]); it says where each joint
+//! is to be and which torque it is to add for the forces on the object ([`HandOutput`]). It runs on the board that has
 //! all nine joints, or on a PC over three boards with a finger each: the joint servos under it are the same.
 //!
 //! Glossary
@@ -20,28 +20,31 @@
 //! - *internal forces*: those that move nothing. Positions are controlled in the six directions in which the object moves,
 //!   forces in the three in which it does not.
 
+mod approach;
 mod forces;
-mod free;
 mod hand;
-mod held;
+mod hold;
 mod phase;
+mod phases;
 mod plan;
 mod pose;
-mod sequence;
+mod state;
 mod task;
 mod tracker;
 mod wrench;
 
-pub use hand::{FingerSense, Hand, HandCommand, HandFinger};
-pub use phase::{Failure, GraspTelemetry, Loss, Phase, Unable};
+pub use hand::{FingerSense, Hand, HandFinger, HandOutput};
+pub use phase::{Failure, GraspFault, GraspRefusal, GraspTelemetry, Phase};
 pub use plan::{
-    BadPlan, GraspCommand, GraspPlan, InternalForce, ObjectControl, PlanField, PlannedContact, WrenchGains,
+    GraspCommand, GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlanField, PlannedContact,
+    WrenchGains,
 };
 pub use pose::Frame;
-pub use task::HandState;
+pub use state::GraspState;
+pub use task::Grasping;
 
 /// Fingers of a hand that grasps.
 pub const FINGERS: usize = 3;
 
 /// A value for each finger.
-pub type Each<T> = [T; FINGERS];
+pub type PerFinger<T> = [T; FINGERS];

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::GraspPlan;
 use super::pose::PoseMotion;
-use super::task::{Fingers, PEAK, pairs};
+use super::state::{Fingers, PEAK, pairs};
 use super::tracker::Tracker;
-use super::{Each, Failure, Hand, HandCommand, HandState, Loss, Phase};
+use super::{Failure, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::kinematics::TipPoint;
 use crate::math;
@@ -47,9 +47,14 @@ impl Line {
     }
 }
 
-impl HandState {
+impl GraspState {
     /// On the straight ways to the places in front of the contacts.
-    pub(super) fn approach(&mut self, hand: &Hand<'_>, plan: &GraspPlan, fingers: &Fingers) -> HandCommand {
+    pub(super) fn approach(
+        &mut self,
+        hand: &Hand<'_>,
+        plan: &GraspPlan,
+        fingers: &Fingers<'_>,
+    ) -> HandOutput {
         let met = (0..).zip(&fingers.forces).find_map(|(finger, force)| {
             let force = math::sqrt(force.norm_squared());
             (force > OBSTACLE * plan.touch_force).then_some(Failure::Obstructed { finger, force })
@@ -75,8 +80,8 @@ impl HandState {
         &mut self,
         hand: &Hand<'_>,
         plan: &GraspPlan,
-        fingers: &Fingers,
-    ) -> Result<HandCommand, Loss> {
+        fingers: &Fingers<'_>,
+    ) -> Result<HandOutput, GraspFault> {
         let felt = self.elapsed() * TOUCH_SPEED;
         let most = 2.0 * plan.clearance;
         let (mut all, mut missed) = (true, None);
@@ -104,7 +109,7 @@ impl HandState {
             self.fail(Failure::NothingThere { finger, distance: most }, Phase::Open);
         } else if all {
             let normals = plan.contacts.map(|contact| Vector3::from(contact.normal));
-            self.tracker = Tracker::begin(&fingers.tips, &normals).map_err(|_| Loss::NoFrame)?;
+            self.tracker = Tracker::begin(&fingers.tips, &normals).map_err(|_| GraspFault::NoFrame)?;
             self.origin = self.tracker.object;
             self.motion = PoseMotion::resting(self.origin);
             self.enter(Phase::Squeeze);
@@ -116,7 +121,7 @@ impl HandState {
     }
 
     /// Back from the surface, once nothing is held any more.
-    pub(super) fn open(&mut self, hand: &Hand<'_>, plan: &GraspPlan, fingers: &Fingers) -> HandCommand {
+    pub(super) fn open(&mut self, hand: &Hand<'_>, plan: &GraspPlan, fingers: &Fingers<'_>) -> HandOutput {
         if self.settled == 0 {
             (self.settled, self.ticks) = (1, 1);
             let normals = if self.tracker.is_begun() {
@@ -138,7 +143,7 @@ impl HandState {
     }
 
     /// Where the tips are to be on their straight ways, with velocities and accelerations.
-    fn on_lines(&self) -> Each<[Vector3<f32>; 3]> {
+    fn on_lines(&self) -> PerFinger<[Vector3<f32>; 3]> {
         let inverse = 1.0 / self.line_time;
         let [value, first, second] = minimum_jerk(self.elapsed() * inverse);
         self.lines.map(|line| {
@@ -152,7 +157,7 @@ impl HandState {
     ///
     /// # Errors
     /// The finger that does not get there.
-    fn lead(&mut self, hand: &Hand<'_>, places: &Each<[Vector3<f32>; 3]>) -> Result<HandCommand, u8> {
+    fn lead(&mut self, hand: &Hand<'_>, places: &PerFinger<[Vector3<f32>; 3]>) -> Result<HandOutput, u8> {
         let mut command = self.stand();
         let fingers = hand.fingers.iter().zip(&mut self.reference).zip(&mut command.points);
         for (index, (((finger, reference), points), [place, velocity, acceleration])) in
