@@ -29,26 +29,12 @@ mod transfer;
 #[allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
-    clippy::float_cmp,
-    clippy::indexing_slicing,
-    reason = "tests"
-)]
-mod tests;
-
-#[cfg(test)]
-#[allow(
-    clippy::unwrap_used,
-    clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
     clippy::float_cmp,
     clippy::indexing_slicing,
     reason = "tests"
 )]
-mod arm_tests;
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
-mod arm_loop_tests;
+mod tests;
 
 pub use replay::{Difference, Replay, ReplayError};
 pub use robot::Robot;

@@ -3,7 +3,8 @@
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::tests::{Bench, KEEP, refusal};
+use super::bench::{Bench, COUNTS_PER_RADIAN, refusal};
+use super::grasp::KEEP;
 use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
 use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, PosePoint, Redundancy};
@@ -11,7 +12,6 @@ use crate::kinematics::Chain;
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
 
-const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 pub(super) const ARM: Request = Request::Arm { task: Task::Impedance };
 /// Elbow bent by 90°, the rest a little.
 pub(super) const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];

@@ -2,8 +2,8 @@
 
 use nalgebra::{SVector, Vector3, Vector6};
 
-use super::arm_tests::{ANGLES, ARM, bench, seen, stand};
-use super::tests::Bench;
+use super::arm::{ANGLES, ARM, bench, seen, stand};
+use super::bench::Bench;
 use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
 use crate::arm::{ArmSettings, ForceSource};
