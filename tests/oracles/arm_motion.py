@@ -23,8 +23,8 @@ from data_file import write
 COLUMNS = """
 Stiffness by rows [N m/rad]; damping by rows [N m s/rad]; motions.
 Motions: name, stiffness [N/m] and damping [N s/m] of the wall, a row for each tick of 10 ms.
-Rows: feed-forward torques [N m], references [rad], positions [rad], place of the hand's end [m],
-mean force of the wall over the period before [N].
+Rows: feed-forward torques [N m], references [rad], positions [rad], place of the hand's end [m], mean
+force of the wall over the period before [N].
 """
 
 HERE = Path(__file__).parent

@@ -19,14 +19,15 @@ import numpy as np
 from data_file import write
 
 PINCH_COLUMNS = """
-Motions: name; squeeze [N]; box above the tips [m]; force [N], point [m], begin, ramp and hold [s] of a push;
+Motions: name; squeeze [N]; box above the tips [m]; force [N], point [m], begin, ramp and hold [s] of a
+push;
 a row for each tick of 10 ms.
 Rows, of the box: position [m], orientation as quaternion x y z w.
 """
 HAND_COLUMNS = """
 Stiffness [N m/rad], viscous friction [N m s/rad], a row for each tick of 10 ms.
-Rows: feed-forward torques [N m], references [rad], position [m] and orientation of the box as quaternion x y z w,
-positions of the joints [rad].
+Rows: feed-forward torques [N m], references [rad], position [m] and orientation of the box as quaternion
+x y z w, positions of the joints [rad].
 """
 
 HERE = Path(__file__).parent

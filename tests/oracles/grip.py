@@ -22,8 +22,8 @@ import numpy as np
 from data_file import write
 
 COLUMNS = """
-Grasps: margin [1], least normal force [N], load [N, N m], contacts, half the least sum of squares [N^2] if the load
-can be held, whether the load is on the boundary of what can.
+Grasps: margin [1], least normal force [N], load [N, N m], contacts, half the least sum of squares [N^2]
+if the load can be held, whether the load is on the boundary of what can.
 Contacts: position [m], normal, friction [1], force limit [N].
 """
 

@@ -12,7 +12,8 @@ import numpy as np
 from data_file import write
 
 COLUMNS = """
-Readings; (value, standard deviation) of the gain [1], the Coulomb friction [N m] and the viscous friction [N m s/rad];
+Readings; (value, standard deviation) of the gain [1], the Coulomb friction [N m] and the viscous
+friction [N m s/rad];
 residual [N m]; number of readings that move.
 Readings: motion, [torque [N m], load [N m], velocity [rad/s], two weights of the links [N m]].
 """

@@ -21,11 +21,13 @@ from kinematics import CHAINS, chain_model, fold, jacobian, quaternion, unit
 from data_file import write
 
 COLUMNS = """
-Chains: name; gravity [m/s^2]; joints; frame of the tip in the last joint's (translation [m], rotation); motions.
-Joints: translation [m], rotation as quaternion x y z w, axis, mass [kg], centre of mass [m],
-inertia xx yy zz xy xz yz [kg m^2], rotor inertia [kg m^2].
-Motions: angles [rad], velocities [rad/s], accelerations [rad/s^2], wrench on the tip in base axes [N, N m],
-torques without the wrench, torques with it, torques without acceleration [N m], mass matrix by rows [kg m^2].
+Chains: name; gravity [m/s^2]; joints; frame of the tip in the last joint's (translation [m], rotation);
+motions.
+Joints: translation [m], rotation as quaternion x y z w, axis, mass [kg], centre of mass [m], inertia xx
+yy zz xy xz yz [kg m^2], rotor inertia [kg m^2].
+Motions: angles [rad], velocities [rad/s], accelerations [rad/s^2], wrench on the tip in base axes [N, N
+m], torques without the wrench, torques with it, torques without acceleration [N m], mass matrix by rows
+[kg m^2].
 """
 
 FINGERS = ("hand3_finger1", "allegro_thumb")

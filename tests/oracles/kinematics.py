@@ -26,8 +26,8 @@ from data_file import write
 COLUMNS = """
 Chains: name; joints (translation [m], rotation as quaternion x y z w, axis);
 frame of the tip in the last joint's (translation [m], rotation); states.
-States: angles [rad], velocities [rad/s], tip position [m], rotation matrix by rows, Jacobian by rows [m, 1],
-bias acceleration [m/s^2, rad/s^2].
+States: angles [rad], velocities [rad/s], tip position [m], rotation matrix by rows, Jacobian by rows [m,
+1], bias acceleration [m/s^2, rad/s^2].
 """
 
 HERE = Path(__file__).parent

@@ -7,7 +7,8 @@ from rosbags.typesys import Stores, get_typestore
 from data_file import write
 
 COLUMNS = """
-Messages of sensor_msgs/msg/JointState in CDR, in hexadecimal; positions [rad], velocities [rad/s], efforts [N m].
+Messages of sensor_msgs/msg/JointState in CDR, in hexadecimal; positions [rad], velocities [rad/s],
+efforts [N m].
 """
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

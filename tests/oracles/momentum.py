@@ -11,7 +11,8 @@ from data_file import write
 
 COLUMNS = """
 The arm of seven joints under a push on its tool, a row for each tick of 10 ms.
-Rows: angles [rad], torques held from then on [N m], filtered joint torques of the push half a period ago [N m].
+Rows: angles [rad], torques held from then on [N m], filtered joint torques of the push half a period ago
+[N m].
 """
 
 PERIOD, STEPS, TICKS, BANDWIDTH, VISCOUS, ROTOR = 0.01, 100, 120, 30.0, 0.3, 0.03

@@ -19,7 +19,8 @@ import numpy as np
 from data_file import write
 
 COLUMNS = """
-Motions: name, gravity [m/s^2], viscous friction [N m s/rad], stiffness [N m/rad], a row for each tick of 10 ms.
+Motions: name, gravity [m/s^2], viscous friction [N m s/rad], stiffness [N m/rad], a row for each tick of
+10 ms.
 Rows, of nine joints: feed-forward torque [N m], reference [rad], position [rad].
 """
 

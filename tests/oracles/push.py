@@ -12,8 +12,8 @@ import numpy as np
 from data_file import write
 
 COLUMNS = """
-Rows: block of the Jacobian by rows [m], normal, friction [1], torques used [N m], limits [N m],
-largest normal force [N], the force that attains it [N].
+Rows: block of the Jacobian by rows [m], normal, friction [1], torques used [N m], limits [N m], largest
+normal force [N], the force that attains it [N].
 """
 
 
