@@ -1,4 +1,5 @@
-//! The program `tesaki` against a simulated board: what people type, what they read, and the exit codes for scripts.
+//! The program `tesaki` against a simulated board: what people type, what they read, and the exit codes for
+//! scripts.
 #![cfg(all(unix, feature = "cli"))]
 #![allow(clippy::unwrap_used, reason = "tests")]
 

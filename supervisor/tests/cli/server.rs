@@ -103,7 +103,8 @@ impl Server {
         server
     }
 
-    /// Homes, and allows a busy machine more than the 100 ms between two commands that a real one has to keep.
+    /// Homes, and allows a busy machine more than the 100 ms between two commands that a real one has to
+    /// keep.
     pub fn home(&self) {
         let home: Vec<&str> = self.home.iter().map(String::as_str).collect();
         self.succeeds(&home);

@@ -1,7 +1,5 @@
 //! The simulated hand with a box in front of it, and one board or three that control it.
 
-use std::path::{Path, PathBuf};
-
 use tesaki::control::ServoMode;
 use tesaki::manipulation::{GraspCommand, GraspPlan, GraspTelemetry, Phase};
 use tesaki::protocol::{FaultCause, SensorFlags, SensorFrame, Task};
@@ -13,12 +11,9 @@ use tesaki_supervisor::Board;
 use tesaki_supervisor::grasp::load_placed;
 use tesaki_supervisor::hand::{FingerBoard, HandError, HandOfBoards};
 use tesaki_supervisor::robot::RobotFolder;
+use tesaki_tests::{robot, robot_folder};
 
 use super::links::Cable;
-
-fn hand3() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
-}
 
 /// What happens to a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,14 +55,14 @@ pub struct Rig<B> {
 
 impl<B: FingerBoard + Controller> Rig<B> {
     pub fn new(seed: u64, boards: Option<[B; 3]>) -> Self {
-        let robot = RobotFolder::load(&hand3()).unwrap();
-        let grasp = load_placed(&hand3().join("grasps/box.toml")).unwrap();
+        let robot = robot("hand3");
+        let grasp = load_placed(&robot_folder("hand3").join("grasps/box.toml")).unwrap();
         let mut options = PlantOptions::mismatched(seed);
         options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
-        let text = std::fs::read_to_string(hand3().join("objects/box.toml")).unwrap();
+        let text = std::fs::read_to_string(robot_folder("hand3").join("objects/box.toml")).unwrap();
         options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(&hand3()).unwrap();
+        let values = PlantValues::load(&robot_folder("hand3")).unwrap();
         let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
         let control = match boards {
             None => Control::One(Box::default()),

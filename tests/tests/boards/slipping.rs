@@ -6,8 +6,8 @@ use tesaki_sim::plant::{ContactTruth, Load};
 
 use super::rig::{Rig, distance, natives};
 
-/// Ticks from the one in which a contact begins to slide under a sudden weight to the ones in which the wanted grip and
-/// the true one are a tenth firmer, and how far contacts slid [m].
+/// Ticks from the one in which a contact begins to slide under a sudden weight to the ones in which the
+/// wanted grip and the true one are a tenth firmer, and how far contacts slid [m].
 fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
     // What rubbing would find without any error.
     rig.plan.friction = Some(rig.box_now().friction as f32);

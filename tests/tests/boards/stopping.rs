@@ -5,8 +5,8 @@ use tesaki_supervisor::hand::HandError;
 
 use super::rig::{Rig, Trouble, distance, natives};
 
-/// The box is lifted, and perhaps being turned; something happens to board `index`: all boards stop in time, and hold the
-/// box if all can.
+/// The box is lifted, and perhaps being turned; something happens to board `index`: all boards stop in time,
+/// and hold the box if all can.
 fn lose(index: usize, moving: bool, trouble: Trouble) {
     let mut rig = Rig::new(3, natives());
     rig.grasp();

@@ -5,16 +5,17 @@ use std::collections::BTreeSet;
 
 use tesaki::arm::PosePoint;
 use tesaki::protocol::{FaultCause, Item, Mode, Reply, Request, SetPoint, Task};
+use tesaki_tests::robot;
 
+use super::fuzz;
 use super::random::Random;
 use super::requests::{REST, any_pose, any_request, any_settings};
 use super::rig::Rig;
-use super::{fuzz, model_of};
 
 #[test]
 fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
     const LONGEST_STATE: u32 = 5120;
-    let model = model_of("arm7");
+    let model = robot("arm7").model;
     let seen = RefCell::new(BTreeSet::new());
     let runs = RefCell::new(0);
     fuzz("arm", |seed| {

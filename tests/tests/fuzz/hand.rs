@@ -29,8 +29,8 @@ fn before_the_box(model: &RobotModel) -> heapless::Vec<f32, 16> {
     angles
 }
 
-/// What the encoders and the force sensors of a hand read whose joints do what they are told, roughly, and whose tips
-/// feel what they want to feel, roughly and not always.
+/// What the encoders and the force sensors of a hand read whose joints do what they are told, roughly, and
+/// whose tips feel what they want to feel, roughly and not always.
 fn feel(
     random: &mut Random,
     node: &Node,

@@ -1,6 +1,6 @@
-//! Arbitrary bytes into the codec, arbitrary requests in arbitrary orders into the node. Five seconds in the checks;
-//! `TESAKI_FUZZ_SECONDS=1800 cargo test --release -p tesaki-tests --test fuzz -- --nocapture` for longer. The seed of a
-//! failure is in its message; `TESAKI_FUZZ_SEED` repeats it.
+//! Arbitrary bytes into the codec, arbitrary requests in arbitrary orders into the node. Five seconds in the
+//! checks; `TESAKI_FUZZ_SECONDS=1800 cargo test --release -p tesaki-tests --test fuzz -- --nocapture` for
+//! longer. The seed of a failure is in its message; `TESAKI_FUZZ_SEED` repeats it.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -17,12 +17,11 @@ mod random;
 mod requests;
 mod rig;
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use tesaki::manipulation::GraspPlan;
 use tesaki::model::RobotModel;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_tests::{robot, robot_folder};
 
 /// Runs `body` with seed after seed for as long as asked.
 fn fuzz(name: &str, body: impl Fn(u64)) {
@@ -44,15 +43,9 @@ fn fuzz(name: &str, body: impl Fn(u64)) {
 }
 
 fn box_plan() -> GraspPlan {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/grasps/box.toml");
-    tesaki_supervisor::grasp::load(&file).unwrap()
+    tesaki_supervisor::grasp::load(&robot_folder("hand3").join("grasps/box.toml")).unwrap()
 }
 
 fn model() -> RobotModel {
-    model_of("hand3")
-}
-
-fn model_of(robot: &str) -> RobotModel {
-    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots");
-    RobotFolder::load(&robots.join(robot)).unwrap().model
+    robot("hand3").model
 }

@@ -2,11 +2,8 @@
 
 use tesaki::model::RobotModel;
 use tesaki::node::{Node, Replay};
-use tesaki::protocol::codec::checksum;
-use tesaki::protocol::{
-    BoardStatus, LogRecord, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags,
-    SensorFrame,
-};
+use tesaki::protocol::{BoardStatus, LogRecord, Mode, Reply, Request, RequestFrame, SensorFrame};
+use tesaki_tests::{set_up, zero_sensors};
 
 /// A node with a model, commanded by client 1, and what went in and out of it.
 pub struct Rig {
@@ -25,14 +22,7 @@ impl Rig {
     /// `supply` [mV].
     pub fn new(model: &RobotModel, supply: u16, seed: u64) -> Self {
         let ((node, sequence), (twin, _)) = (prepared(model), prepared(model));
-        let sensors = SensorFrame {
-            sequence: 0,
-            flags: SensorFlags(0),
-            supply,
-            encoders: model.joints.iter().map(|_| 0).collect(),
-            currents: model.joints.iter().map(|_| 0).collect(),
-            forces: model.chains.iter().filter_map(|chain| chain.force_sensor).map(|_| [0; 6]).collect(),
-        };
+        let sensors = zero_sensors(model, supply);
         let last = vec![0.0; model.joints.len()];
         Self { node, sensors, sequence, twin, records: Vec::new(), last, seed }
     }
@@ -78,20 +68,12 @@ impl Rig {
 /// A node with a model, commanded by client 1, and the number of the last request.
 fn prepared(model: &RobotModel) -> (Box<Node>, u16) {
     let mut node = Box::new(Node::new());
-    let board = BoardStatus::default();
-    let mut sequence = 0_u16;
-    let mut ask = |node: &mut Node, request| {
+    let mut sequence = 0;
+    for request in set_up(model) {
         sequence += 1;
-        let reply = node.handle(&RequestFrame { client: 1, sequence, request }, &board).reply;
+        let frame = RequestFrame { client: 1, sequence, request };
+        let reply = node.handle(&frame, &BoardStatus::default()).reply;
         assert!(!matches!(reply, Reply::Refused(_)), "{reply:?}");
-    };
-    ask(&mut node, Request::Hello { schema: SCHEMA_KEY });
-    ask(&mut node, Request::TakeCommand { by_force: false });
-    let bytes = postcard::to_stdvec(model).unwrap();
-    ask(&mut node, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(&bytes) });
-    for (offset, data) in (0..).step_by(MODEL_CHUNK).zip(bytes.chunks(MODEL_CHUNK)) {
-        ask(&mut node, Request::ModelChunk { offset, data: heapless::Vec::from_slice(data).unwrap() });
     }
-    ask(&mut node, Request::ModelCommit);
     (node, sequence)
 }

@@ -16,8 +16,8 @@ use tesaki::protocol::{
 
 use super::message::Message;
 
-/// An enumeration that is sent. The list must be complete, or the match does not compile, and in the order of the
-/// numbers.
+/// An enumeration that is sent. The list must be complete, or the match does not compile, and in the order of
+/// the numbers.
 pub trait Variants: Serialize {
     const VARIANTS: &'static [&'static str];
     fn variant(&self) -> &'static str;

@@ -6,8 +6,8 @@ use crate::arm::momentum::MomentumObserver;
 use crate::arm::resolve::Joints;
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Of each tick: angles, torques held from then on, and the joint torques of a push behind a filter of 30 rad/s, half a
-/// period ago (`tests/oracles/momentum.py`).
+/// Of each tick: angles, torques held from then on, and the joint torques of a push behind a filter of 30
+/// rad/s, half a period ago (`tests/oracles/momentum.py`).
 type Moved = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS]);
 
 #[allow(clippy::excessive_precision, reason = "as the script has them")]

@@ -51,8 +51,8 @@ fn a_null_motion_leaves_the_tool_where_it_is() {
     }
 }
 
-/// Damped by λ² = 0.04² (1 − (σ/0.06)²) below σ = 0.06, a unit motion of the tool takes at most σ/(σ² + λ²) of the joints,
-/// which is 16.7 at σ = 0.06 and more nowhere.
+/// Damped by λ² = 0.04² (1 − (σ/0.06)²) below σ = 0.06, a unit motion of the tool takes at most σ/(σ² + λ²)
+/// of the joints, which is 16.7 at σ = 0.06 and more nowhere.
 #[test]
 fn near_a_straight_elbow_and_a_folded_wrist_the_joints_stay_calm() {
     let machine = Machine::new();

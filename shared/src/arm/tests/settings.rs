@@ -34,8 +34,9 @@ fn settings_that_make_no_sense_are_refused_by_name() {
     assert!(SOFT.validate(7).is_ok());
 }
 
-/// A tick with new settings differs from one without by a twentieth of the way to them: on each axis the tool's
-/// acceleration by at most `|Δ(K/M)| e + |Δ(B/M)| v`, and the torques by what the mass matrix makes of that.
+/// A tick with new settings differs from one without by a twentieth of the way to them: on each axis the
+/// tool's acceleration by at most `|Δ(K/M)| e + |Δ(B/M)| v`, and the torques by what the mass matrix makes of
+/// that.
 #[test]
 fn new_settings_do_not_step_the_torque() {
     let machine = Machine::new();
@@ -64,7 +65,8 @@ fn new_settings_do_not_step_the_torque() {
     let of_speed = share(90.0, 30.0) / mass - 30.0 / 1.5;
     let size = |values: &[f32]| Vector3::from_column_slice(values).norm();
     let tool = of_error * size(&telemetry.error[..3]) + of_speed * size(&speed.as_slice()[..3]);
-    // ... which is what the tool sees of it, and less as torques: rotors of 0.03 kg·m² and what the links weigh.
+    // ... which is what the tool sees of it, and less as torques: rotors of 0.03 kg·m² and what the links
+    // weigh.
     let change = new - own;
     let of_tool = (machine.jacobian(&sense.angles) * change).norm();
     assert!(of_tool > 0.2 * tool && of_tool <= 1.05 * tool, "{of_tool} {tool}");

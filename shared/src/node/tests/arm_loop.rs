@@ -1,4 +1,5 @@
-//! An arm under impedance that feels by its motors, in a closed loop: the outputs move a machine as the model says it is.
+//! An arm under impedance that feels by its motors, in a closed loop: the outputs move a machine as the model
+//! says it is.
 
 use nalgebra::{SVector, Vector3, Vector6};
 

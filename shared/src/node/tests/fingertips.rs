@@ -46,8 +46,8 @@ pub fn references(bench: &Bench) -> std::vec::Vec<JointPoint> {
 }
 
 /// Tip of the first finger at (0.1, 0.5, 0.8): r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm,
-/// z = 39 + 46 cos 0.5 + 51.78 cos 1.3 = 93.2199 mm; and of the second one, 0.1 m beside it, at (−0.2, 1.349 97, −0.8), which
-/// bends the other way to the same r and z.
+/// z = 39 + 46 cos 0.5 + 51.78 cos 1.3 = 93.2199 mm; and of the second one, 0.1 m beside it, at (−0.2, 1.349
+/// 97, −0.8), which bends the other way to the same r and z.
 pub const TIPS: [[f32; 3]; 2] =
     [[0.071_587_2, 0.007_182_7, 0.093_219_9], [0.070_512_5, 0.085_706_5, 0.093_219_9]];
 
@@ -56,8 +56,8 @@ pub const ANGLES: [f32; 6] = [0.1, 0.5, 0.8, -0.2, 1.349_97, -0.8];
 #[test]
 fn fingertips_are_led_through_space_with_their_velocities_and_accelerations() {
     let mut bench = fingers_at(ANGLES);
-    // The first round its root's axis: only its first joint turns, at 0.5 rad/s, and the tip falls towards the axis with
-    // ω² r. The second stays where it is, bent as it is.
+    // The first round its root's axis: only its first joint turns, at 0.5 rad/s, and the tip falls towards
+    // the axis with ω² r. The second stays where it is, bent as it is.
     let [x, y, _] = TIPS[0];
     let turning = TipPoint {
         position: TIPS[0],

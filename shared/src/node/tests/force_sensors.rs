@@ -16,7 +16,8 @@ pub const SENSOR: ForceSensor = ForceSensor {
     center_of_mass: [0.0, 0.0, 0.02],
 };
 
-/// Two fingers whose tips, 10 g each with their centre 20 mm along z, stand on force sensors; gravity along −z.
+/// Two fingers whose tips, 10 g each with their centre 20 mm along z, stand on force sensors; gravity along
+/// −z.
 pub fn feeling_fingers(counts: [[i32; 6]; 2]) -> Bench {
     let mut model = fingers();
     model.chains.iter_mut().for_each(|chain| chain.force_sensor = Some(SENSOR));
@@ -33,8 +34,8 @@ pub fn feeling_fingers(counts: [[i32; 6]; 2]) -> Bench {
 #[test]
 fn the_weight_of_a_tip_and_the_offset_of_its_sensor_are_not_taken_for_contact() {
     // The first finger's links stand 1.3 rad off z, after 0.1 rad about z: gravity in the tip's frame is
-    // 9.81 (sin 1.3, 0, −cos 1.3); the tip's 98.1 mN read (94.53, 0, −26.24) mN, and at its centre they turn by
-    // 20 mm · 94.53 mN = 1.8905 mN·m about y.
+    // 9.81 (sin 1.3, 0, −cos 1.3); the tip's 98.1 mN read (94.53, 0, −26.24) mN, and at its centre they turn
+    // by 20 mm · 94.53 mN = 1.8905 mN·m about y.
     let weight = [95, 0, -26, 0, 189, 0];
     let mut bench = feeling_fingers([weight, [0; 6]]);
     let tips = bench.node.tips();
@@ -42,7 +43,8 @@ fn the_weight_of_a_tip_and_the_offset_of_its_sensor_are_not_taken_for_contact() 
     assert!(near(first.position, TIPS[0], 2e-5), "{first:?}");
     assert!(near(first.force, [0.0; 3], 1e-3) && near(first.torque, [0.0; 3], 2e-5), "{first:?}");
     assert!(!first.tared && second.force.iter().any(|force| force.abs() > 0.05), "{second:?}");
-    // An offset of 0.3 N along the tip's x on both: tared it is gone, and 1 N along its z points where the link points.
+    // An offset of 0.3 N along the tip's x on both: tared it is gone, and 1 N along its z points where the
+    // link points.
     bench.sensors.forces = [[weight[0] + 300, 0, -26, 0, 189, 0], [300, 0, 0, 0, 0, 0]].into_iter().collect();
     (0..100).for_each(|_| drop(bench.tick()));
     assert_eq!(bench.ask(Request::Tare), Reply::Done);

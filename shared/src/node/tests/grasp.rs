@@ -30,7 +30,8 @@ fn hand() -> RobotModel {
     model
 }
 
-/// The hand, not tared yet, bent so that its tips are at x = ±71.9466 mm from its roots and at z = 93.2199 mm.
+/// The hand, not tared yet, bent so that its tips are at x = ±71.9466 mm from its roots and at z = 93.2199
+/// mm.
 fn untared_hand() -> Bench {
     let angles = [0.0, 0.5, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8];
     let mut bench = Bench::new();

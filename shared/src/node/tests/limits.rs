@@ -55,7 +55,8 @@ fn any_request() -> impl Strategy<Value = Request> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// Whatever is asked and whatever the sensors read: no panic, and every torque finite and within its limits.
+    /// Whatever is asked and whatever the sensors read: no panic, and every torque finite and within its
+    /// limits.
     #[test]
     fn torques_stay_within_limits_whatever_comes(
         steps in proptest::collection::vec(
