@@ -30,26 +30,12 @@ mod transfer;
 #[allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
-    clippy::float_cmp,
-    clippy::indexing_slicing,
-    reason = "tests"
-)]
-mod tests;
-
-#[cfg(test)]
-#[allow(
-    clippy::unwrap_used,
-    clippy::cast_possible_truncation,
     clippy::cast_possible_wrap,
     clippy::float_cmp,
     clippy::indexing_slicing,
     reason = "tests"
 )]
-mod arm_tests;
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
-mod arm_loop_tests;
+mod tests;
 
 pub use export::{MAX_MODEL, MAX_STATE};
 pub use replay::{Difference, Replay, ReplayError};

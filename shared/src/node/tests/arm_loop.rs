@@ -1,9 +1,10 @@
-//! An arm under impedance that feels by its motors, in a closed loop: the outputs move a machine as the model says it is.
+//! An arm under impedance that feels by its motors, in a closed loop: the outputs move a machine as the model
+//! says it is.
 
 use nalgebra::{SVector, Vector3, Vector6};
 
-use super::arm_tests::{ANGLES, ARM, bench, seen, stand};
-use super::tests::Bench;
+use super::arm::{ANGLES, ARM, bench, seen, stand};
+use super::bench::Bench;
 use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
 use crate::arm::{ArmSettings, ForceSource};

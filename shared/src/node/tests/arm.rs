@@ -3,7 +3,8 @@
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::tests::{Bench, KEEP, refusal};
+use super::bench::{Bench, COUNTS_PER_RADIAN, refusal};
+use super::grasp::KEEP;
 use crate::TICK;
 use crate::arm::tests::{SOFT, arm7};
 use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, PosePoint, Redundancy};
@@ -11,7 +12,6 @@ use crate::kinematics::Chain;
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
 
-const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 pub(super) const ARM: Request = Request::Arm { task: Task::Impedance };
 /// Elbow bent by 90°, the rest a little.
 pub(super) const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];
@@ -272,8 +272,8 @@ fn pulled_away(wrench: [f32; 6]) -> Machine {
     machine
 }
 
-/// The torques of the first tick and of the hundredth after the fault, with a joint displaced by so much, and the sensor
-/// pushed.
+/// The torques of the first tick and of the hundredth after the fault, with a joint displaced by so much, and
+/// the sensor pushed.
 fn held(wrench: [f32; 6], joint: usize, displacement: f32, push: [i32; 6]) -> [Vec<f32, MAX_JOINTS>; 2] {
     let Machine { mut bench, .. } = pulled_away(wrench);
     bench.sensors.encoders[joint] += libm::roundf(displacement * COUNTS_PER_RADIAN) as i32;
@@ -305,8 +305,9 @@ fn a_tool_that_is_pulled_away_is_a_fault_and_the_arm_holds() {
         // It no longer yields: however the tool is pushed, the torques are the same.
         let still = held(wrench, 0, 0.0, [0; 6]);
         assert_eq!(held(wrench, 0, 0.0, [3000, -2000, 4000, 0, 500, -500]), still);
-        // It holds where it is: a joint that is displaced is pushed back, no less than by a spring of the servo's bandwidth,
-        // at once by no more than brings it back within a period, and harder when that does not help.
+        // It holds where it is: a joint that is displaced is pushed back, no less than by a spring of the
+        // servo's bandwidth, at once by no more than brings it back within a period, and harder when that
+        // does not help.
         let observer = arm7().joints[0].servo.observer;
         let least = observer.inertia * observer.bandwidth * observer.bandwidth;
         for (joint, displacement) in [(0, 0.02), (1, -0.02), (3, 0.02), (3, -0.02), (6, 0.02)] {
