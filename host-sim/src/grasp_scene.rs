@@ -4,7 +4,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::{Chain, Finger};
 use tesaki::manipulation::GraspPlan;
 use tesaki::model::RobotModel;
-use tesaki_supervisor::grasp::PlacedGrasp;
+use tesaki_description::grasp::PlacedGrasp;
 
 use crate::plant::{ObjectValues, Support};
 

@@ -21,10 +21,10 @@
 use std::path::Path;
 
 use rapier3d::na::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
-use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
+use tesaki_recording::{LogLevel, McapError, Recording};
 use urdf_rs::{Joint, JointType};
 
-pub use tesaki_supervisor::mcap::Transform;
+pub use tesaki_recording::Transform;
 
 use crate::plant::{Truth, isometry};
 

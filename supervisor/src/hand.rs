@@ -1,6 +1,6 @@
 //! A hand whose fingers have a board each: what [`HandState`] does on one board, done on the PC over three.
 //!
-//! Each board servoes the three joints of its finger ([`chain_model`](crate::robot::chain_model)) and reads its fingertip's
+//! Each board servoes the three joints of its finger ([`chain_model`](tesaki_description::robot::chain_model)) and reads its fingertip's
 //! force sensor. Once a tick [`HandOfBoards::step`] takes what the fingers sense, and sends each board points and torques
 //! ([`SetPoint::Guide`]), which act a tick later than they would on one board.
 //!
@@ -20,13 +20,13 @@ use tesaki::manipulation::{
 };
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, SetPoint, Stream, Task, Telemetry, Tips};
+use tesaki_description::robot::chain_model;
 
 pub use board::{FingerBoard, News};
 pub use error::HandError;
 pub use model::HandModel;
 
 use crate::BoardError;
-use crate::robot::chain_model;
 
 /// Steps without news of a board after which its data are stale. So many telemetries may be lost in a row.
 pub const MOST_AGE: u32 = 3;

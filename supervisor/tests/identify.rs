@@ -6,11 +6,14 @@ use std::process::Command;
 
 use tesaki::manipulation::{Failure, GraspCommand, GraspTelemetry, HandState, InternalForce, Phase};
 use tesaki::protocol::{JointTelemetry, Mode, Request, SetPoint, Task, Telemetry, TipTelemetry, Tips};
+use tesaki_description::calibration::Calibration;
+use tesaki_description::grasp;
+use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
-    Calibration, Doubt, Estimate, Fit, Identification, IdentifyError, Machine, Sense, Settings, identify,
+    Doubt, Estimate, Fit, Identification, IdentifyError, Machine, Sense, Settings, calibration_text,
+    identified, identify,
 };
-use tesaki_supervisor::robot::RobotFolder;
-use tesaki_supervisor::{BoardError, grasp};
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
 
@@ -33,8 +36,8 @@ fn fits() -> Vec<Fit> {
 #[test]
 fn what_is_written_is_read_and_changes_the_model() {
     let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
-    let calibration = Calibration::identified(&model, &fits());
-    let text = calibration.text("two\nlines", &model, &fits());
+    let calibration = identified(&model, &fits());
+    let text = calibration_text(&calibration, "two\nlines", &model, &fits());
     assert!(
         text.starts_with("# two\n# lines\n\n[joints.finger1_swing]\n# torque_constant is not identified")
     );

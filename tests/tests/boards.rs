@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 use tesaki::control::ServoMode;
 use tesaki::manipulation::{GraspCommand, GraspPlan, GraspTelemetry, ObjectControl, Phase, WrenchGains};
 use tesaki::protocol::{ActuatorFrame, FaultCause, Mode, Reply, Request, SensorFlags, SensorFrame, Task};
+use tesaki_description::grasp::load_placed;
+use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_sim::boards;
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::grasp_scene::{on_support, open_posture};
@@ -18,9 +20,7 @@ use tesaki_sim::plant::{
 };
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_supervisor::grasp::load_placed;
 use tesaki_supervisor::hand::{FingerBoard, HandError, HandOfBoards, News};
-use tesaki_supervisor::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
 fn hand3() -> PathBuf {

@@ -29,7 +29,7 @@ use tesaki::protocol::{
     ActuatorFrame, BoardStatus, FaultCause, FromBoard, Item, JointTelemetry, LogRecord, MODEL_CHUNK, Mode,
     Refusal, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Stream, Task,
 };
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 
 /// A generator of Weyl and mix (splitmix64): fast, and the same everywhere.
 struct Random(u64);
@@ -82,7 +82,7 @@ fn fuzz(name: &str, body: impl Fn(u64)) {
 
 fn box_plan() -> GraspPlan {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/grasps/box.toml");
-    tesaki_supervisor::grasp::load(&file).unwrap()
+    tesaki_description::grasp::load(&file).unwrap()
 }
 
 fn model() -> RobotModel {

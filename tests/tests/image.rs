@@ -13,11 +13,11 @@ use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{
     FaultCause, FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status, Task,
 };
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
-use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, ByteLink};
 
 /// Most instructions of a tick with an object in the hand, of one with an arm under impedance control, and of one in which

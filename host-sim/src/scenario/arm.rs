@@ -7,8 +7,8 @@ use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, Law, PoseP
 use tesaki::control::Impedance;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Request, Task};
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
-use tesaki_supervisor::robot::RobotFolder;
 
 use super::common::{introduce, stopped};
 use super::grasping::T;

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use tesaki::control::ServoMode;
 use tesaki::protocol::Task;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::robot::RobotFolder;
 
 pub const JOINTS: usize = 7;
 /// The basic posture.

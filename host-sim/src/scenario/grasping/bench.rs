@@ -2,8 +2,8 @@
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::manipulation::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki_supervisor::grasp::{PlacedGrasp, load_placed};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::grasp::{PlacedGrasp, load_placed};
+use tesaki_description::robot::RobotFolder;
 
 use crate::grasp_scene::{on_support, open_posture};
 use crate::motion::Motion;

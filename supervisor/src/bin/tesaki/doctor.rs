@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::protocol::{ClockSource, ResetCause, Status, Stream};
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
-use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;

@@ -9,7 +9,8 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::manipulation::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
 use tesaki::protocol::{SetPoint, Task};
-use tesaki_supervisor::{Board, grasp};
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
 
 use crate::args::{Grasp, Options, Run, Step};
 use crate::failure::Failure;

@@ -10,10 +10,12 @@ use serde_json::json;
 use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{
-    Calibration, Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identify,
+    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, calibration_text, identified,
+    identify,
 };
-use tesaki_supervisor::{Board, grasp};
 
 use crate::args::{Identify, Options};
 use crate::failure::Failure;
@@ -75,7 +77,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let _ = session.board.set_rate(Stream::Telemetry, 2);
     let _ = session.board.set_rate(Stream::Tips, 10);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
-    let calibration = Calibration::identified(&model, &fits);
+    let calibration = identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");
     let mut head = format!(
         "{}, board {board}: what `tesaki identify` found of its joints, ± standard deviations.\n\
@@ -85,7 +87,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     for grip in &failed {
         let _ = write!(head, "\nWithout one of the grips: {grip}");
     }
-    let text = calibration.text(&head, &model, &fits);
+    let text = calibration_text(&calibration, &head, &model, &fits);
     let kept = std::fs::write(&aim.out, &text).map_err(Failure::file(&aim.out));
     let out = kept.is_ok().then_some(aim.out.as_path());
     output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;

@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::arm::ArmTelemetry;
 use tesaki::protocol::{SetPoint, Task};
-use tesaki_supervisor::{Board, arm};
+use tesaki_description::impedance;
+use tesaki_supervisor::Board;
 
 use crate::args::{Hold, Impedance, Options};
 use crate::failure::Failure;
@@ -27,7 +28,7 @@ pub fn run(options: &Options, command: &Impedance) -> Result<(), Failure> {
 
 fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let settings = arm::load(&aim.file, &motion.model)?;
+    let settings = impedance::load(&aim.file, &motion.model)?;
     output::confirm(
         options,
         &format!(

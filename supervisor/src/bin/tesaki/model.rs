@@ -4,9 +4,9 @@ use std::path::Path;
 
 use serde_json::json;
 use tesaki::model::RobotModel;
+use tesaki_description::calibration::Calibration;
+use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::identify::Calibration;
-use tesaki_supervisor::robot::{RobotFolder, chain_model};
 
 use crate::args::Options;
 use crate::failure::Failure;

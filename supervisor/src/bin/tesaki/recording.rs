@@ -15,8 +15,8 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
-use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
+use tesaki_recording::{LogLevel, McapError, Recording};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};

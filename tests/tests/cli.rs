@@ -1,5 +1,5 @@
 //! The program `tesaki` against a simulated board: what people type, what they read, and the exit codes for scripts.
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::{Path, PathBuf};
@@ -10,14 +10,14 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use tesaki_description::grasp::load_placed;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::serve::{home_command, serve};
 use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_supervisor::grasp::load_placed;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
-use tesaki_supervisor::robot::RobotFolder;
 
 fn hand3() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
@@ -113,7 +113,7 @@ impl Server {
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
+        let mut command = tesaki_tests::tesaki();
         command.env("TESAKI_PORT", self.address.to_string()).args(arguments).stdin(Stdio::null());
         command
     }
