@@ -13,6 +13,6 @@ mod calibration;
 mod procedure;
 mod regression;
 
-pub use calibration::{calibration_text, identified};
+pub use calibration::{identified, update, with_head};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
 pub use regression::{Doubt, Estimate, Fit, Reading, fit};

@@ -1,9 +1,7 @@
 //! From fits to the machine's calibration file.
 
-use std::fmt::Write as _;
-
 use tesaki::model::RobotModel;
-use tesaki_description::calibration::{Calibration, JointCalibration};
+use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibration};
 
 use super::regression::Fit;
 
@@ -23,36 +21,36 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
 }
 
-/// The file's text, with the deviations and what is not identified as comments.
-pub fn calibration_text(calibration: &Calibration, head: &str, model: &RobotModel, fits: &[Fit]) -> String {
-    let mut text = String::new();
-    for line in head.lines() {
-        let _ = writeln!(text, "# {line}");
-    }
+/// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not identified:
+/// such a joint has the value of its robot folder.
+pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &RobotModel, fits: &[Fit]) {
     for (joint, fit) in model.joints.iter().zip(fits) {
-        let Some(values) = calibration.joints.get(joint.name.as_str()) else { continue };
-        let _ = writeln!(text, "\n[joints.{}]", joint.name);
-        let constant = f64::from(joint.motor.torque_constant);
-        match (values.torque_constant, &fit.gain) {
-            (Some(value), Ok(gain)) => {
-                let deviation = gain.deviation * constant;
-                let _ = writeln!(text, "torque_constant = {value:.5}  # N·m/A, ± {deviation:.5}");
-            }
-            (_, Err(doubt)) => {
-                let _ = writeln!(text, "# torque_constant is not identified, because {doubt}");
-            }
-            _ => {}
-        }
-        match (values.coulomb, values.viscous, &fit.friction) {
-            (Some(coulomb), Some(viscous), Ok([c, v])) => {
-                let _ = writeln!(text, "coulomb = {coulomb:.6}  # N·m, ± {:.6}", c.deviation);
-                let _ = writeln!(text, "viscous = {viscous:.6}  # N·m·s/rad, ± {:.6}", v.deviation);
-            }
-            (_, _, Err(doubt)) => {
-                let _ = writeln!(text, "# friction is not identified, because {doubt}");
-            }
-            _ => {}
+        let name = joint.name.as_str();
+        let Some(values) = calibration.joints.get(name) else { continue };
+        let deviation = fit.gain.map_or(0.0, |gain| gain.deviation * f64::from(joint.motor.torque_constant));
+        let constant = values.torque_constant.map(|value| (value, 5));
+        file.set(name, "torque_constant", constant, &format!("N·m/A, ± {deviation:.5}"));
+        let [coulomb, viscous] =
+            fit.friction.map_or([0.0; 2], |friction| friction.map(|part| part.deviation));
+        let value = |value: Option<f32>| value.map(|value| (value, 6));
+        file.set(name, "coulomb", value(values.coulomb), &format!("N·m, ± {coulomb:.6}"));
+        file.set(name, "viscous", value(values.viscous), &format!("N·m·s/rad, ± {viscous:.6}"));
+        let doubts = [("torque_constant", fit.gain.err()), ("friction", fit.friction.err())];
+        let doubts = doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)));
+        let doubts = doubts.map(|(what, doubt)| format!("{what} is not identified, because {doubt}"));
+        file.remark(name, &doubts.collect::<Vec<_>>().join("; "));
+    }
+}
+
+/// The text of a file with a line at its head that says whose values these are, in place of an earlier one.
+pub fn with_head(text: &str, robot: &str, board: &str) -> String {
+    let start = format!("# {robot}, board ");
+    let head = format!("{start}{board}: what `tesaki identify` found of its joints, ± standard deviations.");
+    match text.lines().find(|line| line.starts_with(&start)) {
+        Some(earlier) => text.replacen(earlier, &head, 1),
+        None => {
+            let text = text.trim_start();
+            format!("{head}\n# To use it: tesaki model push ROBOT --calibration THIS_FILE\n\n{text}")
         }
     }
-    text
 }

@@ -10,11 +10,12 @@ use serde_json::json;
 use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
+use tesaki_description::calibration::CalibrationFile;
 use tesaki_description::grasp;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{
-    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, calibration_text, identified,
-    identify,
+    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identified, identify, update,
+    with_head,
 };
 
 use crate::args::{Identify, Options};
@@ -42,6 +43,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
     // Two minutes of work are not to end here.
+    let mut file = CalibrationFile::open(&aim.out)?;
     let new = !aim.out.exists();
     std::fs::OpenOptions::new().append(true).create(true).open(&aim.out).map_err(Failure::file(&aim.out))?;
     if new {
@@ -79,15 +81,8 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");
-    let mut head = format!(
-        "{}, board {board}: what `tesaki identify` found of its joints, ± standard deviations.\n\
-         To use it: tesaki model push ROBOT --calibration THIS_FILE",
-        model.name
-    );
-    for grip in &failed {
-        let _ = write!(head, "\nWithout one of the grips: {grip}");
-    }
-    let text = calibration_text(&calibration, &head, &model, &fits);
+    update(&mut file, &calibration, &model, &fits);
+    let text = with_head(&file.to_string(), &model.name, &board);
     let kept = std::fs::write(&aim.out, &text).map_err(Failure::file(&aim.out));
     let out = kept.is_ok().then_some(aim.out.as_path());
     output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;
