@@ -1,7 +1,7 @@
 //! A hand whose fingers have a board each: what [`HandState`] does on one board, done on the PC over three.
 //!
 //! Each board servoes the three joints of its finger ([`chain_model`](tesaki_description::robot::chain_model)) and reads its fingertip's
-//! force sensor. Once a tick [`HandOfBoards::step`] takes what the fingers sense, and sends each board points and torques
+//! force sensor. Once a tick [`MultiBoardHand::step`] takes what the fingers sense, and sends each board points and torques
 //! ([`SetPoint::Guide`]), which act a tick later than they would on one board.
 //!
 //! When a board faults, is switched off, or is not heard, the others are stopped at once, and it gets no more set-points:
@@ -29,7 +29,7 @@ pub use model::HandModel;
 use crate::BoardError;
 
 /// Steps without news of a board after which its data are stale. So many telemetries may be lost in a row.
-pub const MOST_AGE: u32 = 3;
+pub const MAX_AGE: u32 = 3;
 /// Longest wait for the first telemetry of a board.
 const FIRST: Duration = Duration::from_millis(300);
 
@@ -50,7 +50,7 @@ struct Member<B> {
 }
 
 /// Three boards with a finger each, which hold one object.
-pub struct HandOfBoards<B> {
+pub struct MultiBoardHand<B> {
     members: Each<Member<B>>,
     model: HandModel,
     state: HandState,
@@ -58,7 +58,7 @@ pub struct HandOfBoards<B> {
     armed: bool,
 }
 
-impl<B: FingerBoard> HandOfBoards<B> {
+impl<B: FingerBoard> MultiBoardHand<B> {
     /// A hand of `robot`, whose chains are on these boards, in their order.
     ///
     /// # Errors
@@ -209,7 +209,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
         for member in &mut self.members {
             member.age += 1;
             member.listen()?;
-            if member.age > MOST_AGE {
+            if member.age > MAX_AGE {
                 return Err(HandError::Stale { board: member.name.clone(), steps: member.age });
             }
         }

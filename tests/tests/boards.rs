@@ -20,7 +20,7 @@ use tesaki_sim::plant::{
 };
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_supervisor::hand::{FingerBoard, HandError, HandOfBoards, News};
+use tesaki_supervisor::hand::{FingerBoard, HandError, MultiBoardHand, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
 fn hand3() -> PathBuf {
@@ -157,7 +157,7 @@ impl Trouble {
 /// The control of the hand.
 enum Control<B> {
     One(Box<Native>),
-    Three(Box<HandOfBoards<Cable<B>>>),
+    Three(Box<MultiBoardHand<Cable<B>>>),
 }
 
 /// A hand with open fingers, and a box between them.
@@ -185,7 +185,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         let control = match boards {
             None => Control::One(Box::default()),
             Some(boards) => {
-                let hand = HandOfBoards::new(&robot.model, boards.map(Cable::new)).unwrap();
+                let hand = MultiBoardHand::new(&robot.model, boards.map(Cable::new)).unwrap();
                 Control::Three(Box::new(hand))
             }
         };
@@ -310,7 +310,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         self.plant.object().unwrap()
     }
 
-    fn hand(&mut self) -> &mut HandOfBoards<Cable<B>> {
+    fn hand(&mut self) -> &mut MultiBoardHand<Cable<B>> {
         match &mut self.control {
             Control::Three(hand) => hand,
             Control::One(_) => panic!("one board"),
@@ -520,7 +520,7 @@ fn what_three_boards_cannot_do_is_said() {
     assert_eq!(rig.hand().boards()[2].board.node().mode(), Mode::Fault);
 
     let finger = chain_model(&rig.robot.model, 0).unwrap();
-    let none = HandOfBoards::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
+    let none = MultiBoardHand::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
     assert!(none.to_string().starts_with("hand3.finger1_tip is no hand that grasps"), "{none}");
     assert!(chain_model(&finger, 1).is_none());
 }

@@ -11,10 +11,10 @@ use tesaki_supervisor::port::{self, Address};
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
+use crate::board_session::{Line, dial, place, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
-use crate::session::{Line, dial, place, version};
 
 /// A USB serial adapter that waits longer before it hands bytes over delays every answer by so much [ms].
 const LATENCY: u32 = 4;

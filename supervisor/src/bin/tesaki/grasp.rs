@@ -13,10 +13,10 @@ use tesaki_description::grasp;
 use tesaki_supervisor::Board;
 
 use crate::args::{Grasp, Options, Run, Step};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::motion::{End, Motion};
 use crate::output;
-use crate::session::{Session, interrupted};
 
 /// From one sign of life to the next: one for each tick of the board.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -307,7 +307,7 @@ fn in_words(trouble: &Trouble, file: &Path) -> String {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let grasp = session.board.read_grasp()?;
     output::result(options, &output::exact(&grasp), || {
         let mut text = format!("the hand {}\n", grasp.phase);

@@ -19,9 +19,9 @@ use tesaki_supervisor::identify::{
 };
 
 use crate::args::{Identify, Options};
+use crate::board_session::{BoardSession, hex, interrupted, refused};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, hex, interrupted, refused};
 
 /// A set-point whose telemetry does not come is sent again after this time: well inside the command timeout.
 const PATIENCE: Duration = Duration::from_millis(30);
@@ -38,7 +38,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
             aim.file.display()
         )));
     }
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
@@ -175,7 +175,7 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
 
 /// A board on the line.
 struct Line<'a> {
-    session: Session,
+    session: BoardSession,
     options: &'a Options,
     model: &'a RobotModel,
     interrupted: Arc<AtomicBool>,

@@ -11,10 +11,10 @@ use tesaki_description::impedance;
 use tesaki_supervisor::Board;
 
 use crate::args::{Hold, Impedance, Options};
+use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion};
 use crate::output;
-use crate::session::Session;
 
 /// Below this the Jacobian is nearly singular.
 const SINGULAR: f32 = 0.06;
@@ -77,7 +77,7 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let arm = session.board.read_arm()?;
     output::result(options, &output::exact(&arm), || in_words(&arm))
 }
