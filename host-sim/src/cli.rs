@@ -197,14 +197,14 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
 #[cfg(unix)]
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
+    use tesaki_description::grasp::load_placed;
+    use tesaki_description::robot::RobotFolder;
     use tesaki_sim::grasp_scene::{on_support, open_posture};
     use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
-    use tesaki_supervisor::grasp::load_placed;
     use tesaki_supervisor::hub::Hub;
     use tesaki_supervisor::port::{Address, Announcement};
-    use tesaki_supervisor::robot::RobotFolder;
 
     static STOP: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;

@@ -20,10 +20,11 @@ mod hand3_weights;
 use std::path::Path;
 
 use tesaki::protocol::LogRecord;
+use tesaki_description::calibration::CalibrationError;
+use tesaki_description::grasp::GraspFileError;
+use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::grasp::GraspFileError;
-use tesaki_supervisor::identify::{CalibrationError, IdentifyError};
-use tesaki_supervisor::robot::RobotError;
+use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
 use crate::grasp_scene::SceneError;

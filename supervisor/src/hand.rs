@@ -1,8 +1,8 @@
 //! A hand whose fingers have a board each: what [`GraspState`] does on one board, done on the PC over three.
 //!
-//! PerFinger board servoes the three joints of its finger ([`chain_model`](crate::robot::chain_model)) and reads its fingertip's
-//! force sensor. Once a tick [`HandOfBoards::step`] takes what the fingers sense, and sends each board points and torques
-//! ([`JointCommand::Guide`]), which act a tick later than they would on one board.
+//! Each board servoes the three joints of its finger ([`chain_model`](tesaki_description::robot::chain_model)) and reads its
+//! fingertip's force sensor. Once a tick [`MultiBoardHand::step`] takes what the fingers sense, and sends each board points and
+//! torques ([`JointCommand::Guide`]), which act a tick later than they would on one board.
 //!
 //! When a board faults, is switched off, or is not heard, the others are stopped at once, and it gets no more set-points:
 //! within the command timeout all three are in their model's reaction.
@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::Posture;
 use tesaki::model::RobotModel;
+use tesaki_description::robot::chain_model;
 use tesaki::protocol::{Mode, Request, Stream, Telemetry, Tips};
 use tesaki::task::grasping::{
     FINGERS, FingerSense, GraspCommand, GraspPlan, GraspState, GraspTelemetry, HandOutput, ObjectControl,
@@ -29,10 +30,9 @@ pub use error::HandError;
 pub use model::HandModel;
 
 use crate::BoardError;
-use crate::robot::chain_model;
 
 /// Steps without news of a board after which its data are stale. So many telemetries may be lost in a row.
-pub const MOST_AGE: u32 = 3;
+pub const MAX_AGE: u32 = 3;
 /// Longest wait for the first telemetry of a board.
 const FIRST: Duration = Duration::from_millis(300);
 
@@ -62,7 +62,7 @@ struct Sense {
 }
 
 /// Three boards with a finger each, which hold one object.
-pub struct HandOfBoards<B> {
+pub struct MultiBoardHand<B> {
     members: PerFinger<Member<B>>,
     model: HandModel,
     state: GraspState,
@@ -70,7 +70,7 @@ pub struct HandOfBoards<B> {
     armed: bool,
 }
 
-impl<B: FingerBoard> HandOfBoards<B> {
+impl<B: FingerBoard> MultiBoardHand<B> {
     /// A hand of `robot`, whose chains are on these boards, in their order.
     ///
     /// # Errors
@@ -220,7 +220,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
         for member in &mut self.members {
             member.age += 1;
             member.listen()?;
-            if member.age > MOST_AGE {
+            if member.age > MAX_AGE {
                 return Err(HandError::Stale { board: member.name.clone(), steps: member.age });
             }
         }

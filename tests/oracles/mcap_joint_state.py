@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Two JointState messages in CDR, serialised by rosbags. Reference bytes for tesaki_supervisor::mcap."""
+"""Two JointState messages in CDR, serialised by rosbags. Reference bytes for tesaki_recording."""
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore

@@ -2,11 +2,12 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{MODEL_CHUNK, Request, SCHEMA_KEY, SensorFlags, SensorFrame};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 
 /// The folder of a robot that comes with tesaki.
 pub fn robot_folder(name: &str) -> PathBuf {
@@ -44,4 +45,21 @@ pub fn zero_sensors(model: &RobotModel, supply: u16) -> SensorFrame {
         currents: model.joints.iter().map(|_| 0).collect(),
         forces: model.chains.iter().filter_map(|chain| chain.force_sensor).map(|_| [0; 6]).collect(),
     }
+}
+
+/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of `tesaki-supervisor` its path.
+///
+/// # Panics
+/// The program is not there: it is built by `cargo test --workspace`, not by `cargo test -p tesaki-tests`.
+pub fn tesaki() -> Command {
+    let test = std::env::current_exe().unwrap_or_default();
+    // The test is in the folder `deps` beside the program.
+    let folder = test.parent().and_then(Path::parent).unwrap_or(&test);
+    let program = folder.join("tesaki").with_extension(std::env::consts::EXE_EXTENSION);
+    assert!(
+        program.is_file(),
+        "{} is missing: run `cargo build -p tesaki-supervisor` with the same profile first",
+        program.display()
+    );
+    Command::new(program)
 }

@@ -13,6 +13,7 @@ use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{
     FaultCause, FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status, Task,
 };
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};

@@ -16,10 +16,10 @@ use tesaki::protocol::{
     ActuatorFrame, FaultCause, FromBoard, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
     SensorFrame, SetPoint, Stream, Task,
 };
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
-use tesaki_supervisor::robot::RobotFolder;
 use tesaki_tests::{robot, set_up, zero_sensors};
 
 const CLIENT: u32 = 0x7e5a;

@@ -6,10 +6,10 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::control::Impedance;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::model::RobotModel;
+use tesaki_description::robot::RobotFolder;
 use tesaki::task::TaskConfig;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::robot::RobotFolder;
 
 use super::common::{introduce, stopped};
 use super::grasping::T;

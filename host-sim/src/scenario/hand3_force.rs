@@ -207,7 +207,7 @@ fn add_identified(
         let Ok(found) = fit.gain else { continue };
         known += 1.0;
         gain = gain.max(100.0 * (found.value / factors.torque_constant - 1.0).abs());
-        let dynamics = bench.robot.urdf.joints.iter().find(|other| other.name == joint.name.as_str());
+        let dynamics = bench.robot.urdf.robot.joints.iter().find(|other| other.name == joint.name.as_str());
         let nominal = dynamics.and_then(|joint| joint.dynamics.as_ref()).map_or(f64::NAN, |d| d.friction);
         if let Ok([found, _]) = fit.friction {
             coulomb = coulomb.max(1e3 * (found.value - nominal * factors.coulomb).abs());

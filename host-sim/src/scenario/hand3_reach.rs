@@ -8,7 +8,7 @@ use tesaki::control::ServoMode;
 use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::Refusal;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 

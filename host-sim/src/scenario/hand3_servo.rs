@@ -6,7 +6,7 @@ use std::ops::Range;
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Refusal;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::common::{capital, prepare, stopped};

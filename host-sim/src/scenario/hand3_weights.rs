@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use rapier3d::na::{Vector3, Vector6};
-use tesaki_supervisor::grasp::PlacedGrasp;
+use tesaki_description::grasp::PlacedGrasp;
 
 use super::grasping::{
     Bench, Firmness, Held, Log, Session, UP, components, firmness, internal_forces, require_duration, table,

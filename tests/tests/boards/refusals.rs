@@ -3,8 +3,8 @@
 use tesaki::manipulation::{GraspCommand, GraspPlan, ObjectControl, WrenchGains};
 use tesaki::protocol::{Mode, Request};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::hand::{HandError, HandOfBoards};
-use tesaki_supervisor::robot::chain_model;
+use tesaki_supervisor::hand::{HandError, MultiBoardHand};
+use tesaki_description::robot::chain_model;
 
 use super::rig::{Rig, natives};
 
@@ -25,7 +25,7 @@ fn what_three_boards_cannot_do_is_said() {
     assert_eq!(rig.hand().boards()[2].board.node().mode(), Mode::Fault);
 
     let finger = chain_model(&rig.robot.model, 0).unwrap();
-    let none = HandOfBoards::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
+    let none = MultiBoardHand::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
     assert!(none.to_string().starts_with("hand3.finger1_tip is no hand that grasps"), "{none}");
     assert!(chain_model(&finger, 1).is_none());
 }

@@ -8,9 +8,9 @@ use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectTruth, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::grasp::load_placed;
-use tesaki_supervisor::hand::{FingerBoard, HandError, HandOfBoards};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::grasp::load_placed;
+use tesaki_supervisor::hand::{FingerBoard, HandError, MultiBoardHand};
+use tesaki_description::robot::RobotFolder;
 use tesaki_tests::{robot, robot_folder};
 
 use super::links::Cable;
@@ -39,7 +39,7 @@ impl Trouble {
 /// The control of the hand.
 enum Control<B> {
     One(Box<Native>),
-    Three(Box<HandOfBoards<Cable<B>>>),
+    Three(Box<MultiBoardHand<Cable<B>>>),
 }
 
 /// A hand with open fingers, and a box between them.
@@ -67,7 +67,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         let control = match boards {
             None => Control::One(Box::default()),
             Some(boards) => {
-                let hand = HandOfBoards::new(&robot.model, boards.map(Cable::new)).unwrap();
+                let hand = MultiBoardHand::new(&robot.model, boards.map(Cable::new)).unwrap();
                 Control::Three(Box::new(hand))
             }
         };
@@ -192,7 +192,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         self.plant.object().unwrap()
     }
 
-    pub fn hand(&mut self) -> &mut HandOfBoards<Cable<B>> {
+    pub fn hand(&mut self) -> &mut MultiBoardHand<Cable<B>> {
         match &mut self.control {
             Control::Three(hand) => hand,
             Control::One(_) => panic!("one board"),

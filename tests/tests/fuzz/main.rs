@@ -43,7 +43,7 @@ fn fuzz(name: &str, body: impl Fn(u64)) {
 }
 
 fn box_plan() -> GraspPlan {
-    tesaki_supervisor::grasp::load(&robot_folder("hand3").join("grasps/box.toml")).unwrap()
+    tesaki_description::grasp::load(&robot_folder("hand3").join("grasps/box.toml")).unwrap()
 }
 
 fn model() -> RobotModel {

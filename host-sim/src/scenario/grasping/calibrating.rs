@@ -4,7 +4,7 @@ use tesaki::protocol::{Request, Stream};
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::FingerBoard;
-use tesaki_supervisor::identify::{Calibration, Identification, Machine, Sense, Settings, identify};
+use tesaki_supervisor::identify::{Identification, Machine, Sense, Settings, identified, identify};
 
 use super::T;
 use super::bench::{Bench, Held};
@@ -109,7 +109,7 @@ pub fn calibrate(
         }
         found => found?,
     };
-    Calibration::identified(&model, &found.fits).apply(&mut bench.robot.model)?;
+    identified(&model, &found.fits).apply(&mut bench.robot.model)?;
     setting.controller.disable()?;
     Ok(found)
 }

@@ -11,9 +11,9 @@ use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{self, Address, Reopening};
 
 use crate::args::Options;
+use crate::board_session::{BoardSession, hex, interrupted, version, words};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, hex, interrupted, version, words};
 
 pub fn list(options: &Options) -> Result<(), Failure> {
     let found = port::list();
@@ -46,7 +46,7 @@ fn capabilities(bits: u32) -> String {
 }
 
 pub fn info(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let status = session.board.status()?;
     let value =
         json!({ "port": session.place, "identity": session.identity, "status": output::exact(&status) });
@@ -96,14 +96,14 @@ pub fn info(options: &Options) -> Result<(), Failure> {
 }
 
 pub fn disarm(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     session.board.disable()?;
     let mode = session.board.status()?.node.mode;
     output::result(options, &json!({ "mode": mode }), || format!("outputs off; the board is {mode}"))
 }
 
 pub fn stop(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     session.board.ask("stop", Request::Stop)?;
     let mode = session.board.status()?.node.mode;
     output::result(options, &json!({ "mode": mode }), || match mode {
@@ -113,7 +113,7 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
 }
 
 pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
-    let mut session = if clear { Session::command(options)? } else { Session::open(options)? };
+    let mut session = if clear { BoardSession::command(options)? } else { BoardSession::open(options)? };
     let log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();

@@ -7,16 +7,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::grasping::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskTelemetry};
-use tesaki_supervisor::{Board, grasp};
 
 use crate::args::{Grasp, Options, Run, Step};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::motion::{End, Motion};
 use crate::output;
-use crate::session::{Session, interrupted};
 
 /// From one sign of life to the next: one for each tick of the board.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -312,7 +313,7 @@ fn in_words(trouble: &Trouble, file: &Path) -> String {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let grasp = session.board.read_grasp()?;
     output::result(options, &output::exact(&grasp), || {
         let mut text = format!("the hand {}\n", grasp.phase);

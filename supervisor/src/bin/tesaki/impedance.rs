@@ -5,16 +5,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
+use tesaki_description::impedance;
+use tesaki_supervisor::Board;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskTelemetry};
-use tesaki_supervisor::{Board, arm};
 
 use crate::args::{Hold, Impedance, Options};
+use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion};
 use crate::output;
-use crate::session::Session;
 
 /// Below this the Jacobian is nearly singular.
 const SINGULAR: f32 = 0.06;
@@ -28,7 +29,7 @@ pub fn run(options: &Options, command: &Impedance) -> Result<(), Failure> {
 
 fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let settings = arm::load(&aim.file, &motion.model)?;
+    let settings = impedance::load(&aim.file, &motion.model)?;
     output::confirm(
         options,
         &format!(
@@ -76,7 +77,7 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let arm = session.board.read_impedance()?;
     output::result(options, &output::exact(&arm), || in_words(&arm))
 }

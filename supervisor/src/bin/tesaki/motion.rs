@@ -13,9 +13,9 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Arm, Home, Move, Options};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, interrupted};
 
 /// From one set-point to the next: well inside the command timeout, so that a few may be lost.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -106,7 +106,7 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
 }
 
 pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let unit = if home.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
     let mut angles: Vec<Option<f32>> = vec![home.others.map(|angle| angle * unit); model.joints.len()];
@@ -138,7 +138,7 @@ fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
 }
 
 pub fn tare(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     output::confirm(options, "What the tips feel now will be taken for nothing. Does nothing touch them?")?;
     session.board.tare()?;
     output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
@@ -183,7 +183,7 @@ pub struct News {
 
 /// A board that this program commands and may have armed.
 pub struct Motion<'a> {
-    session: Session,
+    session: BoardSession,
     options: &'a Options,
     pub model: RobotModel,
     armed: bool,
@@ -193,7 +193,7 @@ pub struct Motion<'a> {
 
 impl<'a> Motion<'a> {
     pub fn begin(options: &'a Options) -> Result<Self, Failure> {
-        let mut session = Session::command(options)?;
+        let mut session = BoardSession::command(options)?;
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;

@@ -8,9 +8,9 @@ use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, Stat
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::Options;
+use crate::board_session::{BoardSession, version, words};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, version, words};
 
 /// Ticks between two telemetries.
 const EVERY: u16 = 4;
@@ -20,7 +20,7 @@ const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status,
 const SILENCE: Duration = Duration::from_millis(700);
 
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     if options.json {
         return stream(&mut session);
@@ -55,7 +55,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
 }
 
 /// One object a line, until the reader has had enough.
-fn stream(session: &mut Session) -> Result<(), Failure> {
+fn stream(session: &mut BoardSession) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
     loop {
         match session.telemetry(Duration::from_secs(1)) {
@@ -81,7 +81,7 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(session: &mut Session, model: RobotModel) -> Result<Self, Failure> {
+    fn new(session: &mut BoardSession, model: RobotModel) -> Result<Self, Failure> {
         let joints = model.joints.iter().map(|joint| JointView {
             name: joint.name.to_string(),
             lower: joint.limits.lower,
@@ -104,7 +104,7 @@ impl Watch {
     }
 
     /// Takes what comes until `deadline`.
-    fn listen(&mut self, session: &mut Session, deadline: Instant) -> Result<(), Failure> {
+    fn listen(&mut self, session: &mut BoardSession, deadline: Instant) -> Result<(), Failure> {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => self.telemetry(&telemetry),
@@ -176,7 +176,7 @@ impl Watch {
         }
     }
 
-    fn read_faults(&mut self, session: &mut Session) -> Result<(), Failure> {
+    fn read_faults(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         match session.board.faults() {
             Ok(log) => {
                 self.view.faults = log.faults.iter().map(|fault| words(fault, Some(&self.model))).collect();

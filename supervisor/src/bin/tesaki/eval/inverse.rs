@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{BadJoint, Chain, InverseKinematics, NotSolved, Solved, Target};
-use tesaki_supervisor::urdf::{Drive, SerialPath};
+use tesaki_description::urdf::{Drive, SerialPath};
 
 use super::{Results, Row, Table, exact};
 use crate::failure::Failure;

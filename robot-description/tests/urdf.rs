@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use tesaki_supervisor::finding::Finding;
-use tesaki_supervisor::urdf::{Drive, Urdf};
+use tesaki_description::finding::Finding;
+use tesaki_description::urdf::{Drive, Urdf};
 
 /// An arm of two joints that carries two fingers, one with a coupled joint; a slide beside them.
 const ROBOT: &str = r#"<?xml version="1.0"?>

@@ -3,8 +3,8 @@
 use rapier3d::geometry::{ColliderHandle, ContactPair};
 use rapier3d::na::{UnitQuaternion, Vector3};
 
-use super::stick::SHARE;
-use super::world::wide;
+use super::convert::wide;
+use super::stiction::SHARE;
 
 /// A contact slides when its friction is at least this share of what it can be.
 const SLIDING: f64 = 0.999;

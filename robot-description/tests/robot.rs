@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
 

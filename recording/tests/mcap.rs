@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use mcap::{Message, MessageStream, Summary, read::Options};
-use tesaki_supervisor::mcap::{LogLevel, McapError, Recording, Transform};
+use tesaki_recording::{LogLevel, McapError, Recording, Transform};
 
 /// Two messages in hexadecimal digits, from `tests/oracles/mcap_joint_state.py` (rosbags).
 const JOINT_STATES: &[&str] = include!("../../tests/oracles/data/mcap_joint_state.in");

@@ -1,19 +1,18 @@
 //! docs/bring-your-own-hand.md: its files make a robot, its commands print what it shows, and a simulated board runs it.
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::Path;
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 use tesaki_sim::serve::serve;
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
-use tesaki_supervisor::robot::RobotFolder;
 
 const PAGE: &str = include_str!("../../docs/bring-your-own-hand.md");
 
@@ -57,7 +56,7 @@ fn run(folder: &Path, command: &str) -> String {
     if words.next() == Some("cat") {
         return std::fs::read_to_string(folder.join(words.next().unwrap())).unwrap_or_default();
     }
-    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).current_dir(folder).args(words).output().unwrap();
+    let output = tesaki_tests::tesaki().current_dir(folder).args(words).output().unwrap();
     String::from_utf8([output.stdout, output.stderr].concat()).unwrap()
 }
 
@@ -117,7 +116,7 @@ fn a_simulated_board_runs_the_finger_of_the_page() {
         serve(&mut hub, &mut board, &mut plant, &robot.model, &lines, &stop).unwrap();
     });
     let run = |arguments: &str| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
+        let mut command = tesaki_tests::tesaki();
         command.current_dir(folder.path()).args(["--port", &address, "--non-interactive"]);
         command.args(arguments.split(' '));
         let output = command.output().unwrap();

@@ -8,7 +8,7 @@ use rapier3d::math::Vector;
 use rapier3d::na::{Isometry3, Point3, Vector3};
 use rapier3d::pipeline::{ContactModificationContext, PhysicsHooks};
 
-use super::world::{vector, wide};
+use super::convert::{vector, wide};
 
 /// Share of the creep that is taken back in a sub-step.
 pub const SHARE: f64 = 0.2;

@@ -1,6 +1,6 @@
 //! The program `tesaki` against a simulated board: what people type, what they read, and the exit codes for
 //! scripts.
-#![cfg(all(unix, feature = "cli"))]
+#![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod arm;

@@ -7,7 +7,7 @@ use tesaki::model::{
 use urdf_rs::{Geometry, Joint, JointType, Link};
 
 use crate::finding::Report;
-use crate::urdf::{Body, Urdf, axis, collect, isometry, narrow, pose};
+use crate::urdf::{RigidBody, Urdf, axis, isometry, narrow, pose, single};
 
 /// A moving joint with the link behind it and everything that is fixed to that link.
 pub struct SerialJoint {
@@ -37,7 +37,7 @@ pub struct SerialChain {
 /// The chains that leave the base, each from base to tip, in the order of the file. What no controller can drive is
 /// reported.
 pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
-    let first = collect(&urdf.robot, urdf.base(), &mut Body::default());
+    let first = RigidBody::new(&urdf.robot, urdf.base()).joints;
     let chains: Vec<SerialChain> =
         first.into_iter().map(|(joint, offset)| chain(urdf, joint, offset, report)).collect();
     sizes(urdf, &chains, report);
@@ -46,12 +46,11 @@ pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
 
 fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report) -> SerialChain {
     let mut joints = Vec::new();
-    let mut last = &first.child.link;
+    let mut tip = None;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
-        let mut body = Body::default();
-        let mut children = collect(&urdf.robot, &joint.child.link, &mut body);
-        if let [(one, _), (other, _), ..] = &*children {
+        let body = RigidBody::new(&urdf.robot, &joint.child.link);
+        if let [(one, _), (other, _), ..] = &*body.joints {
             let message = format!(
                 "the chain branches behind joint {} into {} and {}: a controller's chains branch at the base only",
                 joint.name, one.name, other.name
@@ -60,26 +59,24 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
             report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
         driven(urdf, joint, report);
-        children.truncate(1);
-        next = children.pop();
-        last = &joint.child.link;
+        next = body.joints.first().copied();
+        tip = body.tip(&urdf.robot);
         joints.extend(serial_joint(joint, &offset, &body));
     }
-    let (tip, place) = tip(urdf, last);
     if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
         let message = format!("joint {} moves no mass", joint.name);
         let advice = "give the links behind it <inertial>: gravity and inertia are fed forward from it";
         report.warning(urdf.line_of_joint(&joint.name), message, advice);
     }
-    let link = urdf.robot.links.iter().find(|link| link.name == tip);
-    let (mass, center) =
-        link.map_or((0.0, [0.0; 3]), |link| (link.inertial.mass.value, link.inertial.origin.xyz.0));
+    // In a tree the last body has a link at its end.
+    let (link, place) = tip.unzip();
+    let inertial = link.map(|link| &link.inertial);
     SerialChain {
         joints,
-        tip: tip.to_owned(),
-        pose: pose(&place),
-        mass: narrow(mass),
-        center_of_mass: center.map(narrow),
+        tip: link.map_or_else(String::new, |link| link.name.clone()),
+        pose: pose(&place.unwrap_or_else(Isometry3::identity)),
+        mass: narrow(inertial.map_or(0.0, |inertial| inertial.mass.value)),
+        center_of_mass: inertial.map_or([0.0; 3], |inertial| inertial.origin.xyz.0.map(narrow)),
         radius: narrow(link.and_then(sphere).unwrap_or(0.0)),
     }
 }
@@ -112,31 +109,14 @@ fn driven(urdf: &Urdf, joint: &Joint, report: &mut Report) {
     }
 }
 
-/// The leaf farthest from the joint among `link` and what is fixed to it, with its place in the joint's frame.
-fn tip<'a>(urdf: &'a Urdf, link: &'a str) -> (&'a str, Isometry3<f64>) {
-    let mut leaves = Vec::new();
-    let mut open = vec![(link, Isometry3::identity())];
-    while let Some((link, place)) = open.pop() {
-        let behind = urdf.robot.joints.iter().rev().filter(|joint| joint.parent.link == link);
-        let before = open.len();
-        open.extend(behind.map(|joint| (joint.child.link.as_str(), place * isometry(&joint.origin))));
-        if open.len() == before {
-            leaves.push((link, place));
-        }
-    }
-    let distance = |leaf: &(&str, Isometry3<f64>)| leaf.1.translation.vector.norm();
-    let farthest = leaves.into_iter().max_by(|a, b| distance(a).total_cmp(&distance(b)));
-    farthest.unwrap_or((link, Isometry3::identity()))
-}
-
 /// Without an axis there is none; that has been reported.
-fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &Body) -> Option<SerialJoint> {
+fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &RigidBody<'_>) -> Option<SerialJoint> {
     let dynamics = joint.dynamics.as_ref();
     Some(SerialJoint {
         name: joint.name.clone(),
         origin: pose(&(offset * isometry(&joint.origin))),
-        axis: axis(joint)?,
-        link: body.inertial(),
+        axis: single(axis(joint)?),
+        link: body.mass_properties().inertial(),
         limits: JointLimits {
             lower: narrow(joint.limit.lower),
             upper: narrow(joint.limit.upper),

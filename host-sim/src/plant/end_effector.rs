@@ -1,9 +1,10 @@
 //! Tips: what the chains end in. A fingertip is the sphere that the URDF draws on its last links, a hand the link itself.
 
 use rapier3d::na::{Isometry3, Matrix3, Vector3};
-use urdf_rs::{Geometry, JointType, Link, Robot};
+use tesaki_description::urdf::{RigidBody, isometry, rotated_inertia};
+use urdf_rs::{Geometry, Link, Robot};
 
-use super::tree::{Body, isometry};
+use super::tree::Body;
 
 /// The end of a chain.
 #[derive(Clone, Debug)]
@@ -33,32 +34,13 @@ pub fn tips(robot: &Robot, bodies: &[Body]) -> Vec<Tip> {
     let last = bodies.iter().enumerate().filter(|(index, _)| is_last(*index));
     last.filter_map(|(index, body)| {
         let joint = robot.joints.iter().find(|joint| joint.name == body.joint)?;
-        let mut links = Vec::new();
-        collect(robot, &joint.child.link, Isometry3::identity(), &mut links);
-        let round = links.iter().find_map(|&(link, frame)| Some((link, frame, sphere(link)?)));
-        let carries = |link: &Link| robot.joints.iter().any(|joint| joint.parent.link == link.name);
-        let far = |frame: &Isometry3<f64>| frame.translation.vector.norm();
-        let leaves = links.iter().filter(|(link, _)| !carries(link));
-        let end = || leaves.max_by(|(_, a), (_, b)| far(a).total_cmp(&far(b)));
+        let end = RigidBody::new(robot, &joint.child.link);
+        let round = end.links.iter().find_map(|&(link, frame)| Some((link, frame, sphere(link)?)));
         let (link, frame, (center, radius)) =
-            round.or_else(|| end().map(|&(link, frame)| (link, frame, (Vector3::zeros(), 0.0))))?;
+            round.or_else(|| end.tip(robot).map(|(link, frame)| (link, frame, (Vector3::zeros(), 0.0))))?;
         Some(tip(link, index, &frame, center, radius))
     })
     .collect()
-}
-
-/// A link and all that is fixed to it, each before what it carries, with their frames.
-fn collect<'a>(
-    robot: &'a Robot,
-    name: &str,
-    frame: Isometry3<f64>,
-    links: &mut Vec<(&'a Link, Isometry3<f64>)>,
-) {
-    links.extend(robot.links.iter().find(|link| link.name == name).map(|link| (link, frame)));
-    let behind = robot.joints.iter().filter(|joint| joint.parent.link == name);
-    for joint in behind.filter(|joint| joint.joint_type == JointType::Fixed) {
-        collect(robot, &joint.child.link, frame * isometry(&joint.origin), links);
-    }
 }
 
 /// Middle and radius of a link's sphere: a collision element, else a visual one.
@@ -73,9 +55,6 @@ fn sphere(link: &Link) -> Option<(Vector3<f64>, f64)> {
 
 fn tip(link: &Link, body: usize, frame: &Isometry3<f64>, center: Vector3<f64>, radius: f64) -> Tip {
     let place = isometry(&link.inertial.origin);
-    let i = &link.inertial.inertia;
-    let tensor = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-    let turn = place.rotation.to_rotation_matrix().into_inner();
     Tip {
         link: link.name.clone(),
         body,
@@ -84,6 +63,6 @@ fn tip(link: &Link, body: usize, frame: &Isometry3<f64>, center: Vector3<f64>, r
         radius,
         mass: link.inertial.mass.value,
         center_of_mass: place.translation.vector,
-        inertia: turn * tensor * turn.transpose(),
+        inertia: rotated_inertia(&link.inertial, &place),
     }
 }

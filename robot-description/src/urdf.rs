@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 use crate::finding::{Finding, Matter, Report};
 use source::Source;
 
-pub(crate) use fold::{Body, axis, collect, isometry, narrow, pose};
+pub use fold::{MassProperties, RigidBody, axis, isometry, point_inertia, rotated_inertia};
+pub(crate) use fold::{narrow, pose, single};
 pub use path::{Drive, PathJoint, SerialPath};
 
 /// A URDF whose links form a tree.

@@ -24,7 +24,7 @@ pub type Line = FaultyLink<Reopening>;
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
 /// A board that has said hello.
-pub struct Session {
+pub struct BoardSession {
     pub board: LinkBoard<Line>,
     pub identity: Identity,
     /// Where it is.
@@ -36,7 +36,7 @@ pub struct Session {
 }
 
 /// Whoever comes next need not wait until the board notices that we are gone.
-impl Drop for Session {
+impl Drop for BoardSession {
     fn drop(&mut self) {
         if self.commands {
             self.board.set_timeout(Duration::from_millis(300));
@@ -46,7 +46,7 @@ impl Drop for Session {
     }
 }
 
-impl Session {
+impl BoardSession {
     /// Opens the port and greets the board.
     pub fn open(options: &Options) -> Result<Self, Failure> {
         let mut board = dial(options)?;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use tesaki::arm::{Law, Redundancy};
 use tesaki::model::RobotModel;
-use tesaki_supervisor::arm::load;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::impedance::load;
+use tesaki_description::robot::RobotFolder;
 
 const SOFT: &str = include_str!("../../robots/arm7/impedances/soft.toml");
 

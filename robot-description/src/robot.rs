@@ -38,7 +38,7 @@ pub struct RobotFolder {
     /// Where it lies.
     pub path: PathBuf,
     /// The URDF as it stands there.
-    pub urdf: urdf_rs::Robot,
+    pub urdf: Urdf,
     /// The model for the controller, validated.
     pub model: RobotModel,
 }
@@ -104,7 +104,7 @@ impl RobotFolder {
         let findings: Vec<Finding> = of_urdf.findings.into_iter().chain(of_settings.findings).collect();
         let folder = match (tree, model) {
             (Some(tree), Some(model)) if !findings.iter().any(Finding::is_error) => {
-                Some(Self { path: path.to_owned(), urdf: tree.robot, model })
+                Some(Self { path: path.to_owned(), urdf: tree, model })
             }
             _ => None,
         };

@@ -12,10 +12,10 @@ use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::serve::{home_command, serve};
 use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_supervisor::grasp::load_placed;
+use tesaki_description::grasp::load_placed;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 
 pub fn hand3() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
@@ -112,7 +112,7 @@ impl Server {
     }
 
     pub fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
+        let mut command = tesaki_tests::tesaki();
         command.env("TESAKI_PORT", self.address.to_string()).args(arguments).stdin(Stdio::null());
         command
     }

@@ -5,7 +5,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{Inertial, MAX_CHAIN_JOINTS, Pose};
 use urdf_rs::{Joint, JointType};
 
-use super::{Body, Urdf, UrdfError, axis, collect, isometry, narrow, pose};
+use super::{RigidBody, Urdf, UrdfError, axis, isometry, narrow, pose, single};
 use crate::finding::{Finding, Matter, Weight};
 
 /// The rotary joints in series from a base to a tip; what is fixed is folded in.
@@ -144,7 +144,7 @@ impl Urdf {
             place *= isometry(&joint.origin);
             if joint.joint_type != JointType::Fixed {
                 joints.push(self.path_joint(joint, &place, &mut drives)?);
-                let behind = collect(&self.robot, &joint.child.link, &mut Body::default());
+                let behind = RigidBody::new(&self.robot, &joint.child.link).joints;
                 let away =
                     behind.into_iter().filter(|(next, _)| way.iter().all(|on_way| on_way.name != next.name));
                 branches.extend(away.map(|(next, _)| next.name.clone()));
@@ -224,13 +224,11 @@ impl Urdf {
             drives.push(drive);
             drives.len() - 1
         });
-        let mut body = Body::default();
-        collect(&self.robot, &joint.child.link, &mut body);
         Ok(PathJoint {
             name: joint.name.clone(),
             origin: pose(place),
-            axis,
-            link: body.inertial(),
+            axis: single(axis),
+            link: RigidBody::new(&self.robot, &joint.child.link).mass_properties().inertial(),
             limits: limits(joint),
             drive: index,
             multiplier: narrow(multiplier),
