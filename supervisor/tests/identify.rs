@@ -176,7 +176,7 @@ fn a_lost_frame_costs_a_reading_and_spoils_none() {
 
 #[test]
 fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
-    let slack = Failure::NoGrip { force: 2.1, limit: 3.0 };
+    let slack = Failure::GripError { force: 2.1, limit: 3.0 };
     let (line, found) = stub(u32::MAX, Some((6.0, slack)), &[2.0, 6.0, 4.0]);
     let found = found.unwrap();
     let [grip] = found.failed[..] else { panic!("{:?}", found.failed) };

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use tesaki::arm::{
     ArmError, ArmSettings, ArmTelemetry, BadSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy,
 };
-use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, JointPoint, ServoMode};
+use tesaki::control::{Impedance, ImpedanceTerm, InvalidImpedance, JointPoint, ServoMode};
 use tesaki::kinematics::TipPoint;
 use tesaki::manipulation::{
     BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
@@ -159,7 +159,7 @@ variants! {
     InternalForce { Least, Normal, Pairwise }
     ObjectControl { Differential, Wrench }
     Phase { Ready, Approach, Touch, Squeeze, Feel, Hold, Move, Lower, Open }
-    Failure { Obstructed, NothingThere, NoGrip, NothingBelow, OutOfReach }
+    Failure { Obstructed, NothingThere, GripError, NothingBelow, OutOfReach }
     Unable { Busy, Plan, OutOfReach, NotFinite, TooFast }
     BadPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
     PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
@@ -168,7 +168,7 @@ variants! {
     Refusal {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
-        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
+        NotCommander, Stale, NotExported, TipCount, FingerShapeError, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
         NotAHand, NotTared, Unable, TooMuchTorque, NotAnArm, Settings, Arm,
     }
     Field {
@@ -276,7 +276,7 @@ impl Seen {
             Refusal::Unable(unable) => self.unable(unable),
             Refusal::Settings(bad) => {
                 self.variant(bad);
-                if let BadSettings::Impedance(BadImpedance { term, .. }) = bad {
+                if let BadSettings::Impedance(InvalidImpedance { term, .. }) = bad {
                     self.variant(term);
                 }
             }
@@ -472,7 +472,7 @@ const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
 const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
     (Failure::Obstructed { finger: 2, force: 0.75 }, "obstructed"),
     (Failure::NothingThere { finger: 0, distance: 0.02 }, "nothing-there"),
-    (Failure::NoGrip { force: 0.25, limit: 3.0 }, "no-grip"),
+    (Failure::GripError { force: 0.25, limit: 3.0 }, "no-grip"),
     (Failure::NothingBelow { distance: 0.05 }, "nothing-below"),
     (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
 ];
@@ -516,7 +516,7 @@ const BAD_SETTINGS: [(BadSettings, &str); 10] = [
 ];
 
 const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {
-    BadSettings::Impedance(BadImpedance { term, axis, value, limit })
+    BadSettings::Impedance(InvalidImpedance { term, axis, value, limit })
 }
 
 const ARM_ERRORS: [(ArmError, &str); ArmError::VARIANTS.len()] = [
@@ -743,7 +743,7 @@ impl Messages {
         self.refused("stale", Refusal::Stale { latest: 12 });
         self.refused("not-exported", Refusal::NotExported { length: 0 });
         self.refused("tip-count", Refusal::TipCount { got: 1, expected: 3 });
-        self.refused("not-a-finger", Refusal::NotAFinger { chain: 2 });
+        self.refused("not-a-finger", Refusal::FingerShapeError { chain: 2 });
         let nearest = [0.1, 0.0, -0.25];
         self.refused("out-of-reach", Refusal::OutOfReach { chain: 1, nearest });
         self.refused("singular", Refusal::Singular { chain: 0 });
@@ -847,7 +847,7 @@ impl Messages {
         let longest = GraspTelemetry {
             tick: u32::MAX,
             phase: Phase::Open,
-            failure: Some(Failure::NoGrip { force: 0.25, limit: 3.0 }),
+            failure: Some(Failure::GripError { force: 0.25, limit: 3.0 }),
             position: [f32::MIN; 3],
             orientation: [f32::MIN; 4],
             load: [f32::MIN; 6],

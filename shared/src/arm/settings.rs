@@ -4,7 +4,7 @@ use nalgebra::Quaternion;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::control::{BadImpedance, Impedance};
+use crate::control::{Impedance, InvalidImpedance};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::{TICK, math};
 
@@ -140,7 +140,7 @@ impl ElbowPoint {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BadSettings {
     /// 0
-    Impedance(BadImpedance),
+    Impedance(InvalidImpedance),
     /// 1: the arm has no such joint.
     Joint {
         /// As given.

@@ -263,7 +263,7 @@ impl ArmState {
     /// Why the arm has to stop.
     pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmCommand, ArmError> {
         let settings = self.settings.ok_or(ArmError::NoSettings)?;
-        self.impedance.approach(&settings.impedance, BLEND);
+        self.impedance.blend_towards(&settings.impedance, BLEND);
         let wrench = self.felt(sense);
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(ArmError::NotFinite);
@@ -286,7 +286,7 @@ impl ArmState {
 
         let tip = posture.tip();
         let error = displacement(tip, &self.set_point, &settings)?;
-        let matched = self.impedance.matched();
+        let matched = self.impedance.discretized();
         self.error = error.into();
         let velocities = Joints::from(self.velocities);
         let speed = jacobian * velocities;
@@ -342,7 +342,7 @@ impl ArmState {
         self.momentum.push(torques);
         for (state, added) in self.observers.iter_mut().zip(added) {
             let wanted = arm.observer.feedback(state);
-            arm.observer.settle(state, wanted + added);
+            arm.observer.predict(state, wanted + added);
         }
     }
 
@@ -406,7 +406,7 @@ impl ArmState {
                 let [error, rate] = state.error();
                 *angle -= error;
                 *velocity -= rate;
-                state.forget_motion();
+                state.reset_motion();
             }
         }
     }

@@ -7,7 +7,7 @@ mod observer;
 mod pid;
 
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{BadImpedance, Impedance, ImpedanceTerm, MatchedImpedance};
+pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};
@@ -39,7 +39,7 @@ pub enum ServoMode {
 
 /// What a joint's torque is made of, besides the command's own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub enum Drive {
+pub enum Actuation {
     /// 0: the joint's servo, with gravity, inertia and friction fed forward.
     Servo,
     /// 1: damping of so much torque per speed [N·m·s/rad]; gravity and friction fed forward when `compensated`.

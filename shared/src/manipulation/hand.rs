@@ -1,7 +1,7 @@
 use nalgebra::Vector3;
 
 use super::Each;
-use crate::control::{Drive, JointPoint};
+use crate::control::{Actuation, JointPoint};
 use crate::kinematics::{Chain, Finger};
 
 /// What the control of an object knows of the hand.
@@ -50,5 +50,5 @@ pub struct HandCommand {
     /// Torques for the forces on the object [N·m].
     pub torques: Each<[f32; 3]>,
     /// Who brings the joints there.
-    pub drive: Drive,
+    pub drive: Actuation,
 }

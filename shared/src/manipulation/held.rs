@@ -9,8 +9,8 @@ use super::task::{Fingers, pairs};
 use super::tracker::TipMotion;
 use super::wrench::wrench;
 use super::{Each, Failure, FingerSense, Hand, HandCommand, HandState, Loss, Phase};
-use crate::control::{Drive, JointPoint};
-use crate::grasp::{ThreeFingers, largest_push};
+use crate::control::{Actuation, JointPoint};
+use crate::grasp::{ThreeFingers, normal_force_limit};
 
 /// Share of the joints' torques that forces on the object may take. The rest is for weight, friction and motion.
 const TORQUE_SHARE: f32 = 0.9;
@@ -71,14 +71,14 @@ impl HandState {
             ObjectControl::Differential(_) => {
                 let share = Forces::fed_forward(&grasped);
                 forces.iter_mut().zip(&carried).for_each(|(force, carried)| *force += carried * share);
-                Drive::Servo
+                Actuation::Servo
             }
             ObjectControl::Wrench(gains) => {
                 let pull = wrench(gains, &mut self.integral, &object, &wanted.frame);
                 if let Ok(carry) = inverse.forces(&(self.forces.weight() + pull)) {
                     forces.iter_mut().zip(&carry).for_each(|(force, carry)| *force += carry);
                 }
-                Drive::Torque { damping: gains.damping, compensated: gains.compensated }
+                Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
             }
         };
         let mut command =
@@ -105,8 +105,9 @@ impl HandState {
     ) -> Result<(), u8> {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
         if !self.motion.is_done() {
-            velocities = three.follow(arms, &wanted.twist).map_err(|error| error.finger)?;
-            accelerations = three.follow(arms, &wanted.acceleration).map_err(|error| error.finger)?;
+            velocities = three.joint_velocities(arms, &wanted.twist).map_err(|error| error.finger)?;
+            accelerations =
+                three.joint_velocities(arms, &wanted.acceleration).map_err(|error| error.finger)?;
         }
         // Where the tips are in the object, so that their places to each other are left to the forces; while they rub or
         // let go, where they were.
@@ -143,7 +144,7 @@ fn limits(
     let mut limits = [plan.force_limit; 3];
     let fingers = three.blocks().iter().zip(normals).zip(torque_limits);
     for (limit, ((block, normal), torques)) in limits.iter_mut().zip(fingers) {
-        match largest_push(block, normal, 0.0, &zero, &Vector3::from(*torques)) {
+        match normal_force_limit(block, normal, 0.0, &zero, &Vector3::from(*torques)) {
             Ok(push) if push < *limit => *limit = push,
             _ => {}
         }

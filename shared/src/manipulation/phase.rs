@@ -48,7 +48,7 @@ pub enum Failure {
         distance: f32,
     },
     /// 2: the forces did not become what was wanted within the time. The hand opened.
-    NoGrip {
+    GripError {
         /// The weakest normal force [N].
         force: f32,
         /// The time [s].
@@ -170,7 +170,7 @@ impl fmt::Display for Failure {
             Self::NothingThere { finger, distance } => {
                 write!(f, "finger {} felt nothing within {distance} m: the hand opened", finger + 1)
             }
-            Self::NoGrip { force, limit } => write!(
+            Self::GripError { force, limit } => write!(
                 f,
                 "the grip was not as wanted within {limit} s (weakest normal force {force} N): the hand opened"
             ),
@@ -245,7 +245,7 @@ mod tests {
                 "finger 3 felt nothing within 0.02 m: the hand opened",
             ),
             (
-                Failure::NoGrip { force: 0.25, limit: 3.0 },
+                Failure::GripError { force: 0.25, limit: 3.0 },
                 "the grip was not as wanted within 3 s (weakest normal force 0.25 N): the hand opened",
             ),
             (

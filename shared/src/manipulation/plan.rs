@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Each;
 use crate::control::ServoMode;
-use crate::grasp::{BadContact, Contact, GraspMap, GripState, LeastGrip, NoGrasp, NoGrip, NoNormalGrip};
+use crate::grasp::{
+    Contact, GraspMap, GraspMapError, GripError, GripState, InvalidContact, LeastGrip, NormalGripError,
+};
 
 /// Friction assumed of contacts where it is to be felt, until then.
 pub(super) const ASSUMED_FRICTION: f32 = 0.4;
@@ -235,16 +237,20 @@ impl GraspPlan {
             let contact =
                 Contact::try_new(position, normal, friction, self.force_limit).map_err(|error| {
                     let (field, value) = match error {
-                        BadContact::Position | BadContact::Normal => return BadPlan::Contact { finger },
-                        BadContact::Friction(value) => (PlanField::Friction, value),
-                        BadContact::Limit(value) => (PlanField::ForceLimit, value),
+                        InvalidContact::Position | InvalidContact::Normal => {
+                            return BadPlan::Contact { finger };
+                        }
+                        InvalidContact::Friction(value) => (PlanField::Friction, value),
+                        InvalidContact::Limit(value) => (PlanField::ForceLimit, value),
                     };
                     BadPlan::Value { field, value, lower: 0.0, upper: f32::INFINITY }
                 })?;
             let _ = contacts.push(contact); // three places for three contacts
         }
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).map_err(|error| match error {
-            NoGrasp::Coincident { .. } | NoGrasp::Contacts(_) | NoGrasp::Origin => BadPlan::NoTriangle,
+            GraspMapError::Coincident { .. } | GraspMapError::Contacts(_) | GraspMapError::Origin => {
+                BadPlan::NoTriangle
+            }
         })?;
         if map.inverse().conditioning().rank < 6 {
             return Err(BadPlan::NoTriangle);
@@ -252,13 +258,15 @@ impl GraspPlan {
         match self.internal {
             InternalForce::Normal { .. } => match map.normal_grip(NORMAL_TOLERANCE) {
                 Ok(_) => Ok(()),
-                Err(NoNormalGrip::Unbalanced { rest }) => Err(BadPlan::Unbalanced { rest }),
-                Err(NoNormalGrip::Ambiguous | NoNormalGrip::NotPushing { .. }) => Err(BadPlan::CannotGrip),
+                Err(NormalGripError::Unbalanced { residual: rest }) => Err(BadPlan::Unbalanced { rest }),
+                Err(NormalGripError::Ambiguous | NormalGripError::NotPushing { .. }) => {
+                    Err(BadPlan::CannotGrip)
+                }
             },
             InternalForce::Least { .. } | InternalForce::Pairwise { .. } => {
                 let grip = LeastGrip::try_new(0.0, self.touch_force).map_err(|_| BadPlan::CannotGrip)?;
                 match grip.solve(&map, &Vector6::zeros(), &mut GripState::default()) {
-                    Ok(_) | Err(NoGrip::NotConverged { .. }) => Ok(()),
+                    Ok(_) | Err(GripError::NotConverged { .. }) => Ok(()),
                     Err(_) => Err(BadPlan::CannotGrip),
                 }
             }

@@ -138,7 +138,7 @@ impl HandState {
             self.enter(if feels { Phase::Feel } else { Phase::Hold });
         } else if self.elapsed() > SQUEEZE_TIMEOUT {
             let (_, force) = grasped.faintest();
-            self.fail(Failure::NoGrip { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
+            self.fail(Failure::GripError { force, limit: SQUEEZE_TIMEOUT }, Phase::Open);
         }
         extra
     }

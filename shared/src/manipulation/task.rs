@@ -12,7 +12,7 @@ use super::{
     Phase, Unable,
 };
 use crate::TICK;
-use crate::control::{Drive, JointPoint};
+use crate::control::{Actuation, JointPoint};
 use crate::kinematics::{FingerError, Posture};
 use crate::math;
 
@@ -309,7 +309,7 @@ impl HandState {
         HandCommand {
             points: self.reference.map(|angles| angles.map(rest)),
             torques: [[0.0; 3]; 3],
-            drive: Drive::Servo,
+            drive: Actuation::Servo,
         }
     }
 }

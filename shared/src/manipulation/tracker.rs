@@ -3,7 +3,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{Each, Frame};
-use crate::grasp::{NoObjectFrame, object_frame};
+use crate::grasp::{ObjectFrameError, object_frame};
 use crate::math;
 
 /// Share of a change between the fingertips that goes into the anchors in a tick.
@@ -57,7 +57,7 @@ impl Tracker {
     };
 
     /// The object that the tips touch now, with these normals [base axes, unit vectors].
-    pub fn begin(tips: &Each<Vector3<f32>>, normals: &Each<Vector3<f32>>) -> Result<Self, NoObjectFrame> {
+    pub fn begin(tips: &Each<Vector3<f32>>, normals: &Each<Vector3<f32>>) -> Result<Self, ObjectFrameError> {
         let object = object_frame(tips)?;
         let anchors = tips.map(|tip| object.inverse_transform_point(&tip.into()).coords.into());
         Ok(Self {
@@ -76,7 +76,7 @@ impl Tracker {
         &mut self,
         tips: &Each<TipMotion>,
         radii: &Each<f32>,
-    ) -> Result<IsometryMatrix3<f32>, NoObjectFrame> {
+    ) -> Result<IsometryMatrix3<f32>, ObjectFrameError> {
         let before = self.object.isometry();
         let spin = Vector3::from(self.spin);
         let middles = self.anchors.iter_mut().zip(&mut self.places);

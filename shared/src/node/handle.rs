@@ -6,7 +6,7 @@ use super::tip::TipState;
 use super::transfer::Committed;
 use super::{Node, Robot};
 use crate::arm::{ArmSettings, ArmState, ElbowPoint, ForceSource, PosePoint};
-use crate::control::{Drive, JointPoint, ServoMode};
+use crate::control::{Actuation, JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
 use crate::manipulation::{FINGERS, GraspCommand, GraspPlan, HandState, ObjectControl};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
@@ -236,7 +236,7 @@ impl Node {
                 self.state.servo_mode = ServoMode::Observer;
             }
         }
-        self.state.drive = Drive::Servo;
+        self.state.drive = Actuation::Servo;
         for state in &mut self.state.joints {
             state.hold_still();
         }
@@ -344,7 +344,7 @@ impl Node {
         }
         let mut points = Vec::new();
         for (chain, ((shape, finger), tip)) in (0..).zip(robot.chains.iter().zip(tips)) {
-            let finger = finger.as_ref().ok_or(Refusal::NotAFinger { chain })?;
+            let finger = finger.as_ref().ok_or(Refusal::FingerShapeError { chain })?;
             let first = points.len();
             let mut near = [0.0; 3];
             let states = self.state.joints.iter().skip(first);
@@ -357,7 +357,7 @@ impl Node {
                 }
             })?;
             let (velocities, accelerations) =
-                shape.posture(&angles).follow(tip).ok_or(Refusal::Singular { chain })?;
+                shape.posture(&angles).joint_motion(tip).ok_or(Refusal::Singular { chain })?;
             for ((position, velocity), acceleration) in angles.into_iter().zip(velocities).zip(accelerations)
             {
                 // Cannot fail: there are no more joints than places.

@@ -286,7 +286,7 @@ impl JointState {
         let wanted =
             links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
         // What is left of the last torque is made up for, so that the mean over the period is what is wanted.
-        let (before, carry) = (self.torque, math::clamp(config.servo.carry(), 0.0, MOST_CARRY));
+        let (before, carry) = (self.torque, math::clamp(config.servo.delay_fraction(), 0.0, MOST_CARRY));
         let ahead = wanted + (wanted - before) * (carry / (1.0 - carry));
         self.torque = config.servo.limit(&mut self.servo, ahead);
         self.effort = 0.0;
@@ -315,7 +315,7 @@ impl JointState {
     /// No torque.
     pub fn release(&mut self) {
         (self.torque, self.effort, self.feedforward) = (0.0, 0.0, 0.0);
-        self.servo.release();
+        self.servo.clear_torque();
     }
 
     /// At rest where the joint is, everything learnt forgotten.
@@ -331,7 +331,7 @@ impl JointState {
     pub fn hold(&mut self, at_once: bool) {
         self.goal = if at_once { self.position } else { self.servo.resting_point() };
         if at_once {
-            self.servo.rebase(self.position);
+            self.servo.restart_reference(self.position);
         }
     }
 }

@@ -57,7 +57,7 @@ pub use state::State;
 use heapless::Vec;
 
 use crate::arm::ArmTelemetry;
-use crate::control::Drive;
+use crate::control::Actuation;
 use crate::manipulation::GraspTelemetry;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry, TipTelemetry, Tips};
@@ -227,9 +227,9 @@ impl Node {
             Mode::Armed(_) => {
                 if reaction == Reaction::Hold {
                     // Where no servo was at work, there is no reference to come to rest along.
-                    let no_servo = !matches!(self.state.drive, Drive::Servo);
+                    let no_servo = !matches!(self.state.drive, Actuation::Servo);
                     let at_once = no_servo || fault.cause.means_motion_is_wrong();
-                    self.state.drive = Drive::Servo;
+                    self.state.drive = Actuation::Servo;
                     for state in &mut self.state.joints {
                         state.hold(at_once);
                     }

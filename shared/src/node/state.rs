@@ -5,7 +5,7 @@ use super::joint::JointState;
 use super::lease::Lease;
 use super::tip::TipState;
 use crate::arm::{ArmSense, ArmState};
-use crate::control::{Drive, ServoMode};
+use crate::control::{Actuation, ServoMode};
 use crate::manipulation::HandState;
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Fault, FaultLog, Mode, Stream};
@@ -39,7 +39,7 @@ pub struct State {
     /// Whether references come point by point instead of through the trajectory filter.
     pub(super) streaming: bool,
     /// Whether the servos or the task alone make the torques.
-    pub(super) drive: Drive,
+    pub(super) drive: Actuation,
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) tips: [TipState; MAX_CHAINS],
     pub(super) hand: HandState,
@@ -68,7 +68,7 @@ impl State {
             alarm: None,
             silence: 0,
             streaming: false,
-            drive: Drive::Servo,
+            drive: Actuation::Servo,
             joints: [JointState::new(); MAX_JOINTS],
             tips: [TipState::new(); MAX_CHAINS],
             hand: HandState::NONE,

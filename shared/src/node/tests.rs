@@ -669,7 +669,7 @@ fn fingertips_are_refused_by_name_what_they_cannot_do() {
     assert_eq!(references(&bench), before);
     // Another robot has no closed form.
     let mut other = Bench::armed(&model());
-    assert_eq!(refusal(other.ask(reach(&[still]))), Refusal::NotAFinger { chain: 0 });
+    assert_eq!(refusal(other.ask(reach(&[still]))), Refusal::FingerShapeError { chain: 0 });
 }
 
 const SENSOR: ForceSensor = ForceSensor {

@@ -1,7 +1,7 @@
 use super::{Node, Robot, State};
 use crate::TICK;
 use crate::arm::ArmError;
-use crate::control::{Drive, JointPoint};
+use crate::control::{Actuation, JointPoint};
 use crate::manipulation::{FINGERS, FingerSense, Loss};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
@@ -159,7 +159,7 @@ impl Node {
                 for (joint, (point, torque)) in joints.iter_mut().zip(of_fingers) {
                     (joint.streamed, joint.feedforward) = (*point, *torque);
                 }
-                if command.drive == Drive::Servo && (*drive != Drive::Servo || state.forgets()) {
+                if command.drive == Actuation::Servo && (*drive != Actuation::Servo || state.forgets()) {
                     // The servos were not at work, or what they have learnt is the touch: they begin anew.
                     joints.iter_mut().for_each(|joint| joint.servo.restart(joint.position));
                 }
@@ -195,7 +195,7 @@ impl Node {
                     joint.reference = JointPoint { acceleration: point.acceleration + feedback, ..*point };
                     joint.feedforward = *torque;
                 }
-                *drive = Drive::Acceleration { friction: command.friction };
+                *drive = Actuation::Acceleration { friction: command.friction };
                 None
             }
             Err(error) => {
@@ -225,7 +225,7 @@ impl Node {
                 }
             }
             (Reaction::Hold, Some(robot)) => {
-                if let Drive::Acceleration { friction } = self.state.drive {
+                if let Actuation::Acceleration { friction } = self.state.drive {
                     return accelerate(robot, &mut self.state, friction);
                 }
                 let joints = || robot.joints.iter();
@@ -246,7 +246,7 @@ impl Node {
                     chain.inverse_dynamics(&robot.gravity, &q, &qd, &qdd, &mut torques);
                     let states = self.state.joints.iter_mut().skip(first);
                     let all = joints().skip(first).zip(states).zip(torques).take(chain.len());
-                    if let Drive::Torque { damping, compensated } = self.state.drive {
+                    if let Actuation::Torque { damping, compensated } = self.state.drive {
                         for ((config, state), torque) in all {
                             state.push(config, damping, compensated, torque);
                         }

@@ -427,7 +427,7 @@ pub enum Refusal {
     },
     /// 21: the chain is not of the shape of which the node knows the inverse kinematics
     /// ([`Finger`](crate::kinematics::Finger)).
-    NotAFinger {
+    FingerShapeError {
         /// The chain.
         chain: u8,
     },
@@ -505,7 +505,7 @@ impl Refusal {
     /// The chain that it concerns, if it concerns one.
     pub const fn chain(&self) -> Option<u8> {
         match *self {
-            Self::NotAFinger { chain }
+            Self::FingerShapeError { chain }
             | Self::OutOfReach { chain, .. }
             | Self::Singular { chain }
             | Self::NotTared { chain }
@@ -584,7 +584,7 @@ impl fmt::Display for Refusal {
                 write!(f, "there is no such piece: the export has {length} bytes; export first")
             }
             Self::TipCount { got, expected } => write!(f, "{got} tips given, the robot has {expected}"),
-            Self::NotAFinger { chain } => write!(
+            Self::FingerShapeError { chain } => write!(
                 f,
                 "chain {chain} is not a three-joint finger, so the board cannot compute its joint angles: send them \
                  (`tesaki eval ik` finds them)"

@@ -394,7 +394,7 @@ impl<M: Machine> Course<'_, M> {
         match failure {
             None if phase == Phase::Hold => {}
             // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
-            Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => {
+            Some(failure @ Failure::GripError { .. }) if phase == Phase::Ready => {
                 self.machine.ask("disarm", Request::Disarm)?;
                 return Ok(Err(failure));
             }

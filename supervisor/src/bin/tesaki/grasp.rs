@@ -295,7 +295,7 @@ fn in_words(trouble: &Trouble, file: &Path) -> String {
         Trouble::NothingThere { .. } => format!(
             "Is the object where [object] in {file} says? A larger clearance there lets the fingers feel farther"
         ),
-        Trouble::NoGrip { .. } => format!(
+        Trouble::GripError { .. } => format!(
             "Can the fingers press so hard? Compare force_limit and internal in {file} with the joints' torques, and see \
              whether the object gives way"
         ),
