@@ -32,7 +32,7 @@ fn answer(line: &str) -> Result<String, Box<dyn std::error::Error>> {
         Err(GripError::CannotHold(certificate)) => {
             format!("refused,0,0{}", list(&mut certificate.twist.iter().copied()))
         }
-        Err(GripError::NotConverged { residual }) => format!("unsolved,0,{rest}"),
+        Err(GripError::NotConverged { residual }) => format!("unsolved,0,{residual}"),
         Err(other) => return Err(other.into()),
     })
 }
