@@ -3,7 +3,7 @@
 //! or the certificate's twist.
 
 use nalgebra::{Vector3, Vector6};
-use tesaki::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip};
+use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 
 fn answer(line: &str) -> Result<String, Box<dyn std::error::Error>> {
     let values: Vec<f32> = line.split(',').map(|value| value.parse().unwrap_or(f32::NAN)).collect();
@@ -27,12 +27,12 @@ fn answer(line: &str) -> Result<String, Box<dyn std::error::Error>> {
     Ok(match grip.solve(&map, &load, &mut GripState::default()) {
         Ok(grip) => {
             let forces = list(&mut grip.forces.iter().flat_map(|force| [force.x, force.y, force.z]));
-            format!("held,{},{}{forces}", grip.steps, grip.rest)
+            format!("held,{},{}{forces}", grip.steps, grip.residual)
         }
-        Err(NoGrip::CannotHold(certificate)) => {
+        Err(GripError::CannotHold(certificate)) => {
             format!("refused,0,0{}", list(&mut certificate.twist.iter().copied()))
         }
-        Err(NoGrip::NotConverged { rest }) => format!("unsolved,0,{rest}"),
+        Err(GripError::NotConverged { residual }) => format!("unsolved,0,{residual}"),
         Err(other) => return Err(other.into()),
     })
 }

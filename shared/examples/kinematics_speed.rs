@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use tesaki::kinematics::{Chain, InverseKinematics, Options, Target};
+use tesaki::kinematics::{Chain, InverseKinematics, SolverOptions, Target};
 use tesaki::model::{Inertial, Pose};
 
 type Joint = ([f32; 3], [f32; 4], [f32; 3]);
@@ -72,7 +72,7 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
     for (label, restarts) in [("fixed start, no restart", 0), ("fixed start", 100), ("near start", 100)] {
         let solver = InverseKinematics::try_new(&limits)
             .expect("limits")
-            .with_options(Options { restarts, ..Options::default() });
+            .with_options(SolverOptions { restarts, ..SolverOptions::default() });
         let from = |index: usize| if label == "near start" { near[index].clone() } else { start.to_vec() };
         let mut reached = 0;
         let mut iterations = 0;

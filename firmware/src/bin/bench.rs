@@ -13,7 +13,7 @@ use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
-use tesaki::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip};
+use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
 use tesaki::model::{PidGains, Pose, RobotModel};
@@ -70,7 +70,7 @@ impl Stopwatch {
 fn pid_step(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
     let wanted = pid.output(state, reference, measured);
     let applied = math::clamp(wanted, -0.6, 0.6);
-    pid.settle(state, wanted, applied, false);
+    pid.integrate(state, wanted, applied, false);
     applied
 }
 
@@ -317,7 +317,7 @@ fn grasp(watch: &mut Stopwatch) {
     {
         watch.measure(name, |x| {
             let refused = grip.solve(&held(3, x, friction), &(load(x) * weight), &mut GripState::default());
-            assert!(matches!(black_box(&refused), Err(NoGrip::CannotHold(_))));
+            assert!(matches!(black_box(&refused), Err(GripError::CannotHold(_))));
         });
     }
 }
@@ -365,9 +365,10 @@ fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
     let (mut state, mut longest) = (GripState::default(), 0);
     loop {
         let start = SYST::get_current();
-        let result = grip.advance(map, black_box(load), &mut state, black_box(LeastGrip::SLICE));
+        let result =
+            grip.advance(map, black_box(load), &mut state, black_box(LeastGrip::INSTRUCTIONS_PER_TICK));
         longest = longest.max(start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF);
-        if !matches!(black_box(&result), Err(NoGrip::Unfinished { .. })) {
+        if !matches!(black_box(&result), Err(GripError::Unfinished { .. })) {
             return longest;
         }
     }

@@ -3,7 +3,7 @@
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki::teleop::{Port, PortLimits};
+use tesaki::teleop::{PowerPort, PowerPortLimits};
 
 use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
 use super::grasping::{T, require_duration};
@@ -49,7 +49,7 @@ const MOST_MADE: f64 = 100.0;
 const BAND: f64 = 0.002;
 /// Without the reserve, what the first contact owes can keep the arm waiting.
 /// The master's damping stays below what a hand of 1.5 kg with 10 ms of hold allows, 150 N·s/m.
-const LIMITS: PortLimits = PortLimits { damping: 100.0, reserve: 0.02 };
+const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
 
 /// What was recorded in a tick, besides what the arm's log has.
 #[derive(Clone, Copy)]
@@ -188,14 +188,14 @@ fn touch(
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
         ends.handle_moved(measured);
-        forth.send(time, (ends.handle, ends.master.given()));
+        forth.send(time, (ends.handle, ends.master.energy_in()));
         for packet in forth.receive(time) {
             (ends.target, ends.master_gave) = packet.message;
         }
         let arm = session.telemetry()?;
         let (at, pushed) = ends.lead(&arm.error, arm.contact);
         session.follow(at, ends.elbow)?;
-        back.send(time, (pushed, ends.slave.given()));
+        back.send(time, (pushed, ends.slave.energy_in()));
         for packet in back.receive(time) {
             (ends.force, ends.slave_gave) = packet.message;
         }
@@ -213,8 +213,8 @@ fn touch(
 
 /// Both ends of the link.
 struct Ends {
-    master: Port,
-    slave: Port,
+    master: PowerPort,
+    slave: PowerPort,
     guarded: bool,
     elbow: ElbowSetpoint,
     point: PosePoint,
@@ -238,8 +238,8 @@ impl Ends {
     fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, guarded: bool) -> Self {
         let zero = Vector3::zeros();
         Self {
-            master: Port::new(),
-            slave: Port::new(),
+            master: PowerPort::new(),
+            slave: PowerPort::new(),
             guarded,
             elbow,
             point,
@@ -260,7 +260,7 @@ impl Ends {
     fn handle_moved(&mut self, measured: Option<Vector3<f64>>) {
         let Some(measured) = measured else { return };
         let way = (measured - self.handle).map(|way| way as f32);
-        self.master.count(&self.force, &self.damping, &way);
+        self.master.account(&self.force, &self.damping, &way);
         (self.handle, self.velocity) = (measured, way / T as f32);
     }
 
@@ -270,10 +270,14 @@ impl Ends {
         let [x, y, z, ..] = *error;
         // The link pulls the arm by the spring of its impedance, once that is pressed.
         let push = if contact { Vector3::new(x, y, z) * -stiffness } else { Vector3::zeros() };
-        self.slave.count(&((push + self.push) * 0.5), &Vector3::zeros(), &self.way);
+        self.slave.account(&((push + self.push) * 0.5), &Vector3::zeros(), &self.way);
         let way = (self.target - self.reference).map(|way| way as f32);
         let after = if contact { push + way * stiffness } else { Vector3::zeros() };
-        let way = if self.guarded { self.slave.way(&LIMITS, self.master_gave, &after, &way) } else { way };
+        let way = if self.guarded {
+            self.slave.limit_displacement(&LIMITS, self.master_gave, &after, &way)
+        } else {
+            way
+        };
         (self.way, self.push) = (way, push);
         self.reference += way.map(f64::from);
         let mut at = self.point;
@@ -286,7 +290,7 @@ impl Ends {
     /// What the handle feels.
     fn felt(&mut self) -> Vector3<f32> {
         self.damping = if self.guarded {
-            self.master.force(&LIMITS, self.slave_gave, &self.force, &self.velocity)
+            self.master.damping_force(&LIMITS, self.slave_gave, &self.force, &self.velocity)
         } else {
             Vector3::zeros()
         };

@@ -192,7 +192,7 @@ impl Slave {
             Self::Ours(follower, state) => {
                 let sample = MasterSample { time: instant(pose.time), position, rotation };
                 // Overtaken ones are of no use, and nothing else is refused here.
-                let _ = follower.take(state, instant(time), &sample);
+                let _ = follower.add_sample(state, instant(time), &sample);
             }
             Self::Paper(aim, _) => (aim.position, aim.rotation) = (position, rotation),
         }
@@ -202,7 +202,7 @@ impl Slave {
         let angle = tilt.message as f32;
         match self {
             Self::Ours(follower, state) => {
-                let _ = follower.take_elbow(state, instant(time), instant(tilt.time), angle);
+                let _ = follower.add_elbow_sample(state, instant(time), instant(tilt.time), angle);
             }
             Self::Paper(_, elbow) => elbow.angle = angle,
         }
@@ -211,9 +211,9 @@ impl Slave {
     fn clutch(&mut self, time: f64, closed: bool) {
         if let Self::Ours(follower, state) = self {
             if closed {
-                follower.close(state, instant(time)).expect("samples come all the time");
+                follower.close_clutch(state, instant(time)).expect("samples come all the time");
             } else {
-                follower.open(state);
+                follower.open_clutch(state);
             }
         }
     }
@@ -339,7 +339,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
     }
     // To the digits of single precision.
     let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
-    let limit = f64::from(FollowerSettings::HUMAN.travel.acceleration);
+    let limit = f64::from(FollowerSettings::HUMAN.position_limits.acceleration);
     let acceleration = Metric {
         limit: (*law == Law::ModelFollowing).then_some(limit),
         ..Metric::reported(text("largest acceleration of the set-point"), acceleration, "m/s²")

@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use crate::{TICK, math};
 
 /// What a mass may be [kg, kg·m²]: less is lost in the arm's own, and neither end overflows.
-const LEAST_MASS: f32 = 1e-3;
-const MOST_MASS: f32 = 1e4;
+const MIN_MASS: f32 = 1e-3;
+const MAX_MASS: f32 = 1e4;
 /// Largest `K/M` [1/s²]: a natural frequency of 50 rad/s, half a radian in a control period.
-const MOST_STIFFNESS: f32 = 2500.0;
+const MAX_STIFFNESS_TO_MASS: f32 = 2500.0;
 /// Largest `B/M` [1/s]: one control period takes `1/e` of a velocity.
-const MOST_DAMPING: f32 = 100.0;
+const MAX_DAMPING_TO_MASS: f32 = 100.0;
 /// Below this `|z|` the functions of `√z` come from their series.
-const SMALL: f32 = 0.05;
+const SERIES_RANGE: f32 = 0.05;
 
 /// How a tool is to yield: `M ë + B ė + K e = F` on each axis, `e` its displacement from where it should be and `F` what
 /// pushes it (Arm7, equation 2). Axes: x, y, z of the base; translations first.
@@ -31,7 +31,7 @@ pub struct Impedance {
 /// What is wrong with an [`Impedance`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct BadImpedance {
+pub struct InvalidImpedance {
     /// Which of its numbers.
     pub term: ImpedanceTerm,
     /// The axis: 0 to 2 along x, y, z; 3 to 5 about them.
@@ -54,7 +54,7 @@ pub enum ImpedanceTerm {
     Stiffness,
 }
 
-impl fmt::Display for BadImpedance {
+impl fmt::Display for InvalidImpedance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { term, axis, value, limit } = *self;
         let (name, units) = match term {
@@ -71,7 +71,7 @@ impl fmt::Display for BadImpedance {
         };
         write!(f, "the {name} {relation} {axis} is {value} {unit}; ")?;
         match term {
-            ImpedanceTerm::Mass => write!(f, "possible is {LEAST_MASS} to {limit} {unit}"),
+            ImpedanceTerm::Mass => write!(f, "possible is {MIN_MASS} to {limit} {unit}"),
             _ => write!(f, "possible with this mass is 0 to {limit} {unit}"),
         }
     }
@@ -82,20 +82,20 @@ impl Impedance {
     ///
     /// # Errors
     /// The first number that is wrong.
-    pub fn validate(&self) -> Result<(), BadImpedance> {
+    pub fn validate(&self) -> Result<(), InvalidImpedance> {
         let axes = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
         for (axis, ((&mass, &damping), &stiffness)) in (0..).zip(axes) {
-            if !(LEAST_MASS..=MOST_MASS).contains(&mass) {
-                let (term, limit) = (ImpedanceTerm::Mass, MOST_MASS);
-                return Err(BadImpedance { term, axis, value: mass, limit });
+            if !(MIN_MASS..=MAX_MASS).contains(&mass) {
+                let (term, limit) = (ImpedanceTerm::Mass, MAX_MASS);
+                return Err(InvalidImpedance { term, axis, value: mass, limit });
             }
-            for (term, value, most) in [
-                (ImpedanceTerm::Damping, damping, MOST_DAMPING),
-                (ImpedanceTerm::Stiffness, stiffness, MOST_STIFFNESS),
+            for (term, value, max_ratio) in [
+                (ImpedanceTerm::Damping, damping, MAX_DAMPING_TO_MASS),
+                (ImpedanceTerm::Stiffness, stiffness, MAX_STIFFNESS_TO_MASS),
             ] {
-                let limit = mass * most;
+                let limit = mass * max_ratio;
                 if !(value >= 0.0 && value <= limit) {
-                    return Err(BadImpedance { term, axis, value, limit });
+                    return Err(InvalidImpedance { term, axis, value, limit });
                 }
             }
         }
@@ -121,10 +121,14 @@ impl Impedance {
 
     /// The acceleration which, held for a control period, gives the velocity that the impedance has at its end under a
     /// constant force.
-    pub fn matched(&self) -> MatchedImpedance {
-        let mut matched =
-            MatchedImpedance { error: Vector6::zeros(), velocity: Vector6::zeros(), force: Vector6::zeros() };
-        let gains = matched.error.iter_mut().zip(matched.velocity.iter_mut()).zip(matched.force.iter_mut());
+    pub fn discretized(&self) -> DiscreteImpedance {
+        let mut discrete = DiscreteImpedance {
+            error: Vector6::zeros(),
+            velocity: Vector6::zeros(),
+            force: Vector6::zeros(),
+        };
+        let gains =
+            discrete.error.iter_mut().zip(discrete.velocity.iter_mut()).zip(discrete.force.iter_mut());
         let terms = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
         for (((error, velocity), force), ((mass, damping), stiffness)) in gains.zip(terms) {
             let inverse = 1.0 / mass;
@@ -138,26 +142,26 @@ impl Impedance {
             *error = -stiffness * inverse * s;
             *velocity = (fade * cosine - half * s - 1.0) / TICK;
         }
-        matched
+        discrete
     }
 
-    /// A step of `share`, 0 to 1, of the way to `goal`.
-    pub fn approach(&mut self, goal: &Self, share: f32) {
+    /// A step of `fraction`, 0 to 1, of the way to `goal`.
+    pub fn blend_towards(&mut self, goal: &Self, fraction: f32) {
         let own = self.mass.iter_mut().chain(&mut self.damping).chain(&mut self.stiffness);
         let goal = goal.mass.iter().chain(&goal.damping).chain(&goal.stiffness);
-        own.zip(goal).for_each(|(own, goal)| *own += share * (goal - *own));
+        own.zip(goal).for_each(|(own, goal)| *own += fraction * (goal - *own));
     }
 }
 
 /// An [`Impedance`] for a control period: a gain for each axis.
 #[derive(Clone, Copy, Debug)]
-pub struct MatchedImpedance {
+pub struct DiscreteImpedance {
     error: Vector6<f32>,
     velocity: Vector6<f32>,
     force: Vector6<f32>,
 }
 
-impl MatchedImpedance {
+impl DiscreteImpedance {
     /// The acceleration for a displacement, its velocity, and a force.
     pub fn acceleration(
         &self,
@@ -165,18 +169,18 @@ impl MatchedImpedance {
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
-        self.error.component_mul(error) + self.velocity.component_mul(velocity) + self.of_force(force)
+        self.error.component_mul(error) + self.velocity.component_mul(velocity) + self.force_response(force)
     }
 
     /// The part of it that a force has.
-    pub fn of_force(&self, force: &Vector6<f32>) -> Vector6<f32> {
+    pub fn force_response(&self, force: &Vector6<f32>) -> Vector6<f32> {
         self.force.component_mul(force)
     }
 }
 
 /// `cos √z` and `sin √z / √z`, also for negative `z`, where they are those of the hyperbolic functions.
 fn cosine_and_sinc(z: f32) -> (f32, f32) {
-    if math::abs(z) < SMALL {
+    if math::abs(z) < SERIES_RANGE {
         let cosine = 1.0 - z * (0.5 - z * (1.0 / 24.0 - z * (1.0 / 720.0)));
         return (cosine, 1.0 - z * (1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0))));
     }
@@ -209,7 +213,7 @@ mod tests {
     fn matched_it_stays_on_the_exact_curve_where_the_printed_law_does_not() {
         for &(damping, exact) in RELEASES {
             let impedance = Impedance { damping: [damping; 6], ..SOFT };
-            let matched = impedance.matched();
+            let discrete = impedance.discretized();
             let run = |law: &Law<'_>| {
                 let (mut e, mut v) = (Vector6::repeat(0.03), Vector6::zeros());
                 let mut worst = 0.0_f64;
@@ -223,7 +227,7 @@ mod tests {
             };
             let zero = Vector6::zeros();
             let (ours, printed) = (
-                run(&|e, v| matched.acceleration(e, v, &zero)),
+                run(&|e, v| discrete.acceleration(e, v, &zero)),
                 run(&|e, v| impedance.acceleration(e, v, &zero)),
             );
             assert!(ours < 7e-5, "B {damping}: {ours}");
@@ -233,11 +237,11 @@ mod tests {
 
     #[test]
     fn a_constant_force_is_yielded_to_by_its_size_over_the_stiffness() {
-        let matched = SOFT.matched();
+        let discrete = SOFT.discretized();
         let (mut e, mut v) = (Vector6::zeros(), Vector6::zeros());
         let force = Vector6::repeat(3.0);
         for _ in 0..1000 {
-            let a = matched.acceleration(&e, &v, &force);
+            let a = discrete.acceleration(&e, &v, &force);
             e += v * TICK + a * (0.5 * TICK * TICK);
             v += a * TICK;
         }

@@ -69,13 +69,13 @@ impl JointServoState {
     }
 
     /// Starts the reference anew, at rest at `position` [rad]; what was learnt about disturbances stays.
-    pub const fn rebase(&mut self, position: f32) {
+    pub const fn restart_reference(&mut self, position: f32) {
         self.trajectory = TrajectoryState::at(position);
-        self.observer.forget_motion();
+        self.observer.reset_motion();
     }
 
     /// The torque went to zero from outside.
-    pub const fn release(&mut self) {
+    pub const fn clear_torque(&mut self) {
         self.torque = 0.0;
     }
 }
@@ -136,24 +136,24 @@ impl JointServo {
             + self.rotor_inertia * reference.acceleration
             + self.friction.torque(&state.friction, reference.velocity);
         let error = reference.position - measured;
-        let resting = math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
+        let at_rest = math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
         match mode {
             ServoMode::Pid => {
-                let wanted = feedforward + self.pid.output(&mut state.pid, reference, measured);
-                let torque = self.limit(state, wanted);
-                self.pid.settle(&mut state.pid, wanted, torque, resting);
+                let requested = feedforward + self.pid.output(&mut state.pid, reference, measured);
+                let torque = self.limit(state, requested);
+                self.pid.integrate(&mut state.pid, requested, torque, at_rest);
                 let taken =
                     self.friction.learn(&mut state.friction, reference.velocity, state.pid.integral());
-                state.pid.give_up(taken);
+                state.pid.hand_over(taken);
                 ServoOutput { torque, effort: torque - feedforward }
             }
             ServoMode::Observer => {
-                let effort = self.observer.effort(&mut state.observer, error, resting);
+                let effort = self.observer.effort(&mut state.observer, error, at_rest);
                 let torque = self.limit(state, feedforward + effort);
-                self.observer.settle(&mut state.observer, torque - feedforward);
+                self.observer.predict(&mut state.observer, torque - feedforward);
                 let disturbance = state.observer.disturbance();
                 let taken = self.friction.learn(&mut state.friction, reference.velocity, disturbance);
-                state.observer.give_up(taken);
+                state.observer.hand_over(taken);
                 ServoOutput { torque, effort: torque - feedforward }
             }
         }
@@ -165,8 +165,8 @@ impl JointServo {
     }
 
     /// Share of the last period's torque that still acts in this one: the inner loop's delay and lag.
-    pub const fn carry(&self) -> f32 {
-        self.observer.carry()
+    pub const fn delay_fraction(&self) -> f32 {
+        self.observer.delay_fraction()
     }
 
     /// Torque that gives rotor and gear an acceleration [rad/s²], [N·m].
@@ -179,12 +179,12 @@ impl JointServo {
         self.friction.torque(&state.friction, velocity)
     }
 
-    /// The torque [N·m] nearest to `wanted` within torque, current and torque-rate limits. Every torque passes here
+    /// The torque [N·m] nearest to `requested` within torque, current and torque-rate limits. Every torque passes here
     /// last.
     #[inline]
-    pub const fn limit(&self, state: &mut JointServoState, wanted: f32) -> f32 {
-        let wanted = math::clamp(wanted, -self.torque_limit, self.torque_limit);
-        state.torque = self.torque_rate.limit(state.torque, wanted);
+    pub const fn limit(&self, state: &mut JointServoState, requested: f32) -> f32 {
+        let requested = math::clamp(requested, -self.torque_limit, self.torque_limit);
+        state.torque = self.torque_rate.limit(state.torque, requested);
         state.torque
     }
 }

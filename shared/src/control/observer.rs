@@ -25,7 +25,7 @@ pub struct ErrorObserver {
     proportional: f32,
     derivative: f32,
     /// Share of the last period's effort that still acts in this one.
-    carry: f32,
+    delay_fraction: f32,
 }
 
 /// State of an [`ErrorObserver`].
@@ -47,12 +47,12 @@ impl ObserverState {
     }
 
     /// The reference starts anew where the joint is; what was learnt about the disturbance stays.
-    pub const fn forget_motion(&mut self) {
+    pub const fn reset_motion(&mut self) {
         (self.error, self.velocity, self.effort) = (0.0, 0.0, 0.0);
     }
 
     /// Takes `torque` [N·m] out of the disturbance: the feed-forward supplies it from now on.
-    pub const fn give_up(&mut self, torque: f32) {
+    pub const fn hand_over(&mut self, torque: f32) {
         self.disturbance -= torque;
     }
 
@@ -94,13 +94,13 @@ impl ErrorObserver {
             ],
             proportional: inertia * g * g / (TICK * TICK),
             derivative: inertia * g * (3.0 + gamma) / (2.0 * TICK),
-            carry: math::clamp(lag / TICK, 0.0, 1.0),
+            delay_fraction: math::clamp(lag / TICK, 0.0, 1.0),
         }
     }
 
     /// Share of the last period's effort that still acts in this one.
-    pub(super) const fn carry(&self) -> f32 {
-        self.carry
+    pub(super) const fn delay_fraction(&self) -> f32 {
+        self.delay_fraction
     }
 
     /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit. While `resting` nothing
@@ -130,8 +130,8 @@ impl ErrorObserver {
 
     /// Closes the tick: predicts the next one from the effort that is `applied` after every limit [N·m].
     #[inline]
-    pub const fn settle(&self, state: &mut ObserverState, applied: f32) {
-        let acting = applied + self.carry * (state.effort - applied);
+    pub const fn predict(&self, state: &mut ObserverState, applied: f32) {
+        let acting = applied + self.delay_fraction * (state.effort - applied);
         let change = self.velocity_per_effort * (state.disturbance - acting);
         state.error += TICK * (state.velocity + 0.5 * change);
         state.velocity += change;
@@ -158,7 +158,7 @@ mod tests {
         let mut state = ObserverState::new();
         for &(error, effort) in RESPONSE {
             let computed = observer.effort(&mut state, error as f32, false);
-            observer.settle(&mut state, computed);
+            observer.predict(&mut state, computed);
             assert!((f64::from(computed) - effort).abs() < 2e-6, "{computed} {effort}");
         }
         assert!((state.disturbance() - 0.005).abs() < 1e-5);
@@ -170,6 +170,6 @@ mod tests {
         // 0.3 ms and 1/(2π·300 Hz) = 0.5305 ms of 10 ms.
         let joint = crate::model::test_joint("joint");
         let observer = ErrorObserver::new(&joint.servo.observer, &joint.motor);
-        assert!((observer.carry - 0.083_05).abs() < 1e-5);
+        assert!((observer.delay_fraction - 0.083_05).abs() < 1e-5);
     }
 }

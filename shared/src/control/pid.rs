@@ -12,7 +12,7 @@ use crate::signal::PseudoDifferentiator;
 /// takes the reference's own velocity and the measured change, so neither the first sample nor a stepping set-point
 /// kicks.
 ///
-/// The torque passes its limits *after* [`Pid::output`]; [`Pid::settle`] then tells the integrator what became of it.
+/// The torque passes its limits *after* [`Pid::output`]; [`Pid::integrate`] then tells the integrator what became of it.
 ///
 /// ```
 /// use tesaki::{control::{JointPoint, Pid, PidState}, model::PidGains};
@@ -29,7 +29,7 @@ pub struct Pid {
     /// `K_i·T`.
     integral_step: f32,
     /// Share of the torque that was cut off by the limits and leaves the integrator each tick.
-    unwind: f32,
+    back_calculation: f32,
 }
 
 /// State of a [`Pid`].
@@ -48,7 +48,7 @@ impl PidState {
     }
 
     /// Takes `torque` [N·m] out of the integrator: somebody else supplies it from now on.
-    pub const fn give_up(&mut self, torque: f32) {
+    pub const fn hand_over(&mut self, torque: f32) {
         self.integral -= torque;
     }
 
@@ -63,18 +63,18 @@ impl Pid {
     pub fn new(gains: &PidGains) -> Self {
         let integral_step = gains.integral * TICK;
         // The integrator gives back what the limits cut off with the time constant K_p/K_i, the usual choice.
-        let unwind =
+        let back_calculation =
             if gains.proportional > 0.0 { (integral_step / gains.proportional).min(1.0) } else { 1.0 };
         Self {
             proportional: gains.proportional,
             derivative: gains.derivative,
             differentiator: PseudoDifferentiator::new(gains.cutoff),
             integral_step,
-            unwind,
+            back_calculation,
         }
     }
 
-    /// The torque [N·m] wanted at the `measured` angle [rad], before any limit.
+    /// The torque [N·m] requested at the `measured` angle [rad], before any limit.
     #[inline]
     pub const fn output(&self, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
         let error = reference.position - measured;
@@ -85,13 +85,13 @@ impl Pid {
         self.proportional * error + state.integral + self.derivative * rate
     }
 
-    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off. `wanted` and
-    /// `applied` are the torque before and after *every* limit [N·m]; while `resting` the error is not
+    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off. `requested` and
+    /// `applied` are the torque before and after *every* limit [N·m]; while `at_rest` the error is not
     /// integrated.
     #[inline]
-    pub const fn settle(&self, state: &mut PidState, wanted: f32, applied: f32, resting: bool) {
-        let error = if resting { 0.0 } else { state.error };
-        state.integral += self.integral_step * error + self.unwind * (applied - wanted);
+    pub const fn integrate(&self, state: &mut PidState, requested: f32, applied: f32, at_rest: bool) {
+        let error = if at_rest { 0.0 } else { state.error };
+        state.integral += self.integral_step * error + self.back_calculation * (applied - requested);
     }
 }
 
@@ -110,11 +110,11 @@ mod tests {
         // 1: P = 2, I = 0, D = 0 although the error has just jumped to 1. Then I = 5·0.01·1 = 0.05.
         let first = pid.output(&mut state, &reference, 0.0);
         assert!((first - 2.0).abs() < 1e-6);
-        pid.settle(&mut state, first, first, false);
+        pid.integrate(&mut state, first, first, false);
         // 2: P = 1.98, I = 0.05, D = −0.1·25.918 18·0.01 = −0.025 918. Then I = 0.0995.
         let second = pid.output(&mut state, &reference, 0.01);
         assert!((second - 2.004_082).abs() < 1e-5, "{second}");
-        pid.settle(&mut state, second, second, false);
+        pid.integrate(&mut state, second, second, false);
         // 3: P = 1.94, I = 0.0995, D: −(0.740 818·0.259 182 + 25.918 18·0.02)·0.1 = −0.071 037.
         let third = pid.output(&mut state, &reference, 0.03);
         assert!((third - 1.968_463).abs() < 1e-5, "{third}");
@@ -126,10 +126,10 @@ mod tests {
         let mut state = PidState::at(0.0);
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };
         for _ in 0..1000 {
-            let wanted = pid.output(&mut state, &reference, 0.0);
-            pid.settle(&mut state, wanted, wanted.min(0.5), false);
+            let requested = pid.output(&mut state, &reference, 0.0);
+            pid.integrate(&mut state, requested, requested.min(0.5), false);
         }
-        // In balance K_i·T·e = (K_i·T/K_p)·(wanted − applied): wanted = 0.5 + K_p·e = 2.5, of which P is 2.
+        // In balance K_i·T·e = (K_i·T/K_p)·(requested − applied): requested = 0.5 + K_p·e = 2.5, of which P is 2.
         assert!((state.integral() - 0.5).abs() < 1e-4, "{}", state.integral());
     }
 

@@ -23,16 +23,16 @@ pub struct Certificate {
 impl Certificate {
     /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not count on how the
     /// certificate was found, and allows for the rounding of its own sums.
-    pub fn holds(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
+    pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
         let (linear, angular) = halves(&self.twist);
         let angular = angular * map.length;
         let size = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
         let (force, moment) = map.scaled(load);
         let mut most = 0.0;
         let mut terms = 0.0;
-        for (contact, arm) in map.contacts.iter().zip(&map.arms) {
+        for (contact, lever) in map.contacts.iter().zip(&map.levers) {
             let cone = Cone::new(contact, grip.margin, grip.least, 1.0);
-            let velocity = linear + angular.cross(arm);
+            let velocity = linear + angular.cross(lever);
             most += cone.support(&velocity);
             terms += contact.limit * (1.0 + contact.friction);
         }

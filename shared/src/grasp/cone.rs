@@ -17,7 +17,7 @@ pub(super) struct Cone {
 
 /// The force of a cone that is nearest to a given one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Nearest {
+pub(super) struct Projection {
     pub force: Vector3<f32>,
     /// The most power that forces of the cone have against the given vector as a velocity.
     pub support: f32,
@@ -56,7 +56,7 @@ impl Cone {
 
     /// The force nearest to `v`.
     #[inline]
-    pub fn nearest(&self, v: &Vector3<f32>) -> Nearest {
+    pub fn nearest(&self, v: &Vector3<f32>) -> Projection {
         let Self { normal, friction, flatness, least, limit } = *self;
         let along = normal.dot(v);
         let mut across = v - normal * along;
@@ -64,7 +64,7 @@ impl Cone {
         let side = math::sqrt(square);
         let support = self.power(along, side);
         if side <= friction * along && along >= least && along <= limit {
-            return Nearest {
+            return Projection {
                 force: *v,
                 support,
                 across: Vector3::zeros(),
@@ -80,13 +80,13 @@ impl Cone {
         if surface && foot > least && foot < limit {
             let hold = friction * foot;
             let derivative = [flatness, friction * flatness, friction * friction * flatness, hold * inverse];
-            return Nearest { force: normal * foot + across * hold, support, across, derivative };
+            return Projection { force: normal * foot + across * hold, support, across, derivative };
         }
         let push = if push < limit { push } else { limit };
         let push = if push > least { push } else { least };
         let most = friction * push;
         if side < most {
-            Nearest {
+            Projection {
                 force: normal * push + across * side,
                 support,
                 across,
@@ -94,13 +94,13 @@ impl Cone {
             }
         } else {
             let derivative = [0.0, 0.0, 0.0, most * inverse];
-            Nearest { force: normal * push + across * most, support, across, derivative }
+            Projection { force: normal * push + across * most, support, across, derivative }
         }
     }
 
     /// The derivative of the nearest force, a symmetric matrix.
     #[inline]
-    pub fn derivative(&self, nearest: &Nearest) -> Matrix3<f32> {
+    pub fn derivative(&self, nearest: &Projection) -> Matrix3<f32> {
         let [along, mixed, across, rest] = nearest.derivative;
         let (n, t) = (&self.normal, &nearest.across);
         // (along − rest) n nᵀ + mixed (n tᵀ + t nᵀ) + (across − rest) t tᵀ + rest

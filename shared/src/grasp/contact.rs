@@ -26,7 +26,7 @@ pub struct Contact {
 
 /// Why something is no [`Contact`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BadContact {
+pub enum InvalidContact {
     /// The position is not finite.
     Position,
     /// The normal is not finite, or has no length.
@@ -48,19 +48,19 @@ impl Contact {
         normal: Vector3<f32>,
         friction: f32,
         limit: f32,
-    ) -> Result<Self, BadContact> {
+    ) -> Result<Self, InvalidContact> {
         if !(position.x + position.y + position.z).is_finite() {
-            return Err(BadContact::Position);
+            return Err(InvalidContact::Position);
         }
         let length = math::sqrt(normal.norm_squared());
         if !(length > SHORTEST_NORMAL && length.is_finite()) {
-            return Err(BadContact::Normal);
+            return Err(InvalidContact::Normal);
         }
         if !(friction >= 0.0 && friction.is_finite()) {
-            return Err(BadContact::Friction(friction));
+            return Err(InvalidContact::Friction(friction));
         }
         if !(limit > 0.0 && limit.is_finite()) {
-            return Err(BadContact::Limit(limit));
+            return Err(InvalidContact::Limit(limit));
         }
         Ok(Self { position, normal: normal / length, friction, limit })
     }
@@ -86,7 +86,7 @@ impl Contact {
     }
 }
 
-impl fmt::Display for BadContact {
+impl fmt::Display for InvalidContact {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Position => write!(f, "the position is not finite"),
@@ -97,7 +97,7 @@ impl fmt::Display for BadContact {
     }
 }
 
-impl core::error::Error for BadContact {}
+impl core::error::Error for InvalidContact {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
@@ -109,12 +109,12 @@ mod tests {
         let (here, up) = (Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.0, 2.0));
         assert_eq!(*Contact::try_new(here, up, 0.0, 1.0).unwrap().normal(), Vector3::z());
         let nan = Vector3::new(0.0, f32::NAN, 0.0);
-        assert_eq!(Contact::try_new(nan, up, 0.5, 1.0), Err(BadContact::Position));
-        assert_eq!(Contact::try_new(here, nan, 0.5, 1.0), Err(BadContact::Normal));
-        assert_eq!(Contact::try_new(here, Vector3::zeros(), 0.5, 1.0), Err(BadContact::Normal));
-        assert_eq!(Contact::try_new(here, up, -0.5, 1.0), Err(BadContact::Friction(-0.5)));
-        assert!(matches!(Contact::try_new(here, up, f32::NAN, 1.0), Err(BadContact::Friction(_))));
-        assert_eq!(Contact::try_new(here, up, 0.5, 0.0), Err(BadContact::Limit(0.0)));
-        assert_eq!(Contact::try_new(here, up, 0.5, f32::INFINITY), Err(BadContact::Limit(f32::INFINITY)));
+        assert_eq!(Contact::try_new(nan, up, 0.5, 1.0), Err(InvalidContact::Position));
+        assert_eq!(Contact::try_new(here, nan, 0.5, 1.0), Err(InvalidContact::Normal));
+        assert_eq!(Contact::try_new(here, Vector3::zeros(), 0.5, 1.0), Err(InvalidContact::Normal));
+        assert_eq!(Contact::try_new(here, up, -0.5, 1.0), Err(InvalidContact::Friction(-0.5)));
+        assert!(matches!(Contact::try_new(here, up, f32::NAN, 1.0), Err(InvalidContact::Friction(_))));
+        assert_eq!(Contact::try_new(here, up, 0.5, 0.0), Err(InvalidContact::Limit(0.0)));
+        assert_eq!(Contact::try_new(here, up, 0.5, f32::INFINITY), Err(InvalidContact::Limit(f32::INFINITY)));
     }
 }

@@ -7,23 +7,23 @@ use crate::kinematics::Jacobian;
 
 /// A finger's block of `D_F J_F` whose determinant is less than this share of the product of its columns' lengths is
 /// singular.
-const LEAST_DETERMINANT: f32 = 1e-4;
+const MIN_DETERMINANT: f32 = 1e-4;
 
-/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `arm` [m] from a frame's origin, of the frame's twist `[v; ω]`.
-/// `D_Fi` with the arm from the fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand;
+/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `lever` [m] from a frame's origin, of the frame's twist `[v; ω]`.
+/// `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand;
 /// Hand3 (13) without the rows for rotation, which a point contact does not pass on.
-pub fn contact_map(arm: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
+pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     let mut map = SMatrix::<f32, 3, 6>::zeros();
     map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-    map.fixed_view_mut::<3, 3>(0, 3).copy_from(&-arm.cross_matrix());
+    map.fixed_view_mut::<3, 3>(0, 3).copy_from(&-lever.cross_matrix());
     map
 }
 
-/// `D_o`, 9 × 6, of three contacts at `arms` [m] from the object's origin. Its transpose is the grasp map.
-pub fn object_map(arms: &[Vector3<f32>; 3]) -> SMatrix<f32, 9, 6> {
+/// `D_o`, 9 × 6, of three contacts at `levers` [m] from the object's origin. Its transpose is the grasp map.
+pub fn object_map(levers: &[Vector3<f32>; 3]) -> SMatrix<f32, 9, 6> {
     let mut map = SMatrix::<f32, 9, 6>::zeros();
-    for (index, arm) in arms.iter().enumerate() {
-        map.fixed_view_mut::<3, 6>(3 * index, 0).copy_from(&contact_map(arm));
+    for (index, lever) in levers.iter().enumerate() {
+        map.fixed_view_mut::<3, 6>(3 * index, 0).copy_from(&contact_map(lever));
     }
     map
 }
@@ -45,12 +45,12 @@ impl ThreeFingers {
     /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact is from the
     /// tip [m], in the axes of the Jacobian.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
-        let block = |(jacobian, arm): &(Jacobian, Vector3<f32>)| {
+        let block = |(jacobian, lever): &(Jacobian, Vector3<f32>)| {
             let mut block = Matrix3::zeros();
-            // `contact_map(arm) * jacobian`, without its zeros.
+            // `contact_map(lever) * jacobian`, without its zeros.
             for (mut column, joint) in block.column_iter_mut().zip(jacobian.column_iter()) {
                 let (linear, angular) = (joint.fixed_rows::<3>(0), joint.fixed_rows::<3>(3));
-                column.copy_from(&(linear + angular.cross(arm)));
+                column.copy_from(&(linear + angular.cross(lever)));
             }
             block
         };
@@ -70,26 +70,26 @@ impl ThreeFingers {
     }
 
     /// `D_F J_F q̇`, the left side of Hand3 (15): the velocities of the contacts [m/s] for joint velocities [rad/s].
-    pub fn velocities(&self, joints: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
+    pub fn contact_velocities(&self, joints: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
         let [a, b, c] = &self.blocks;
         let [p, q, r] = joints;
         [a * p, b * q, c * r]
     }
 
     /// `(D_F J_F)⁻¹ D_o V`, Hand3 (22): the joint velocities [rad/s] with which the fingers follow an object that moves
-    /// with `twist` [m/s; rad/s] and has its contacts at `arms` [m] from its origin. Small motions go the same way (23).
+    /// with `twist` [m/s; rad/s] and has its contacts at `levers` [m] from its origin. Small motions go the same way (23).
     ///
     /// # Errors
     /// A finger in a singular posture.
-    pub fn follow(
+    pub fn joint_velocities(
         &self,
-        arms: &[Vector3<f32>; 3],
+        levers: &[Vector3<f32>; 3],
         twist: &Vector6<f32>,
     ) -> Result<[Vector3<f32>; 3], SingularFinger> {
         let (linear, angular) = halves(twist);
         let mut joints = [Vector3::zeros(); 3];
-        for (finger, ((block, arm), joints)) in (0..).zip(self.blocks.iter().zip(arms).zip(&mut joints)) {
-            let velocity = linear + angular.cross(arm);
+        for (finger, ((block, lever), joints)) in (0..).zip(self.blocks.iter().zip(levers).zip(&mut joints)) {
+            let velocity = linear + angular.cross(lever);
             *joints = solve(block, &velocity).ok_or(SingularFinger { finger })?;
         }
         Ok(joints)
@@ -103,7 +103,7 @@ fn solve(matrix: &Matrix3<f32>, right: &Vector3<f32>) -> Option<Vector3<f32>> {
     let determinant = a.dot(&across);
     // Squares, to spare the roots.
     let size = a.norm_squared() * b.norm_squared() * c.norm_squared();
-    let regular = determinant * determinant > LEAST_DETERMINANT * LEAST_DETERMINANT * size;
+    let regular = determinant * determinant > MIN_DETERMINANT * MIN_DETERMINANT * size;
     let inverse = 1.0 / determinant;
     regular.then(|| Vector3::new(across.dot(right), c.cross(&a).dot(right), a.cross(&b).dot(right)) * inverse)
 }

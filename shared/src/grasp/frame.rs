@@ -5,11 +5,11 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use crate::math;
 
 /// The least sine of an angle of the triangle.
-const LEAST_SINE: f32 = 1e-3;
+const MIN_SINE: f32 = 1e-3;
 
 /// Three fingertips span no triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NoObjectFrame {
+pub enum ObjectFrameError {
     /// A position is NaN or infinite.
     NotFinite {
         /// The finger, 0 to 2.
@@ -30,10 +30,10 @@ pub enum NoObjectFrame {
 ///
 /// # Errors
 /// The tips span no triangle.
-pub fn object_frame(tips: &[Vector3<f32>; 3]) -> Result<IsometryMatrix3<f32>, NoObjectFrame> {
+pub fn object_frame(tips: &[Vector3<f32>; 3]) -> Result<IsometryMatrix3<f32>, ObjectFrameError> {
     for (finger, tip) in (0..).zip(tips) {
         if !(tip.x + tip.y + tip.z).is_finite() {
-            return Err(NoObjectFrame::NotFinite { finger });
+            return Err(ObjectFrameError::NotFinite { finger });
         }
     }
     let [one, two, three] = tips;
@@ -43,25 +43,25 @@ pub fn object_frame(tips: &[Vector3<f32>; 3]) -> Result<IsometryMatrix3<f32>, No
     let product = math::sqrt(to_one.norm_squared()) * math::sqrt(to_two.norm_squared());
     let (area, length) = (math::sqrt(normal.norm_squared()), math::sqrt(toward.norm_squared()));
     if !(product > f32::MIN_POSITIVE && length > f32::MIN_POSITIVE) {
-        return Err(NoObjectFrame::NoDirection);
+        return Err(ObjectFrameError::NoDirection);
     }
     let sine = area / product;
-    if sine < LEAST_SINE || sine.is_nan() {
-        return Err(NoObjectFrame::InLine { sine });
+    if sine < MIN_SINE || sine.is_nan() {
+        return Err(ObjectFrameError::InLine { sine });
     }
     let (x, z) = (toward / length, normal / area);
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
     Ok(IsometryMatrix3::from_parts(Translation3::from(centroid), rotation))
 }
 
-impl fmt::Display for NoObjectFrame {
+impl fmt::Display for ObjectFrameError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotFinite { finger } => write!(f, "the position of fingertip {} is not finite", finger + 1),
             Self::InLine { sine } => {
                 write!(
                     f,
-                    "the fingertips stand in a line: the sine at finger 3 is {sine}, at least {LEAST_SINE}"
+                    "the fingertips stand in a line: the sine at finger 3 is {sine}, at least {MIN_SINE}"
                 )
             }
             Self::NoDirection => write!(f, "fingertips are at the same place"),
@@ -69,7 +69,7 @@ impl fmt::Display for NoObjectFrame {
     }
 }
 
-impl core::error::Error for NoObjectFrame {}
+impl core::error::Error for ObjectFrameError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
@@ -105,10 +105,10 @@ mod tests {
     fn tips_without_a_triangle_are_refused() {
         let at = |x: f32| Vector3::new(x, 2.0 * x, 0.1);
         let (a, b, c) = (at(0.0), at(0.02), at(0.05));
-        assert!(matches!(object_frame(&[a, b, c]), Err(NoObjectFrame::InLine { .. })));
-        assert_eq!(object_frame(&[a, a, a]), Err(NoObjectFrame::NoDirection));
+        assert!(matches!(object_frame(&[a, b, c]), Err(ObjectFrameError::InLine { .. })));
+        assert_eq!(object_frame(&[a, a, a]), Err(ObjectFrameError::NoDirection));
         assert!(object_frame(&[a, c, c]).is_err() && object_frame(&[a, a, c]).is_err());
         let nan = Vector3::new(f32::NAN, 0.0, 0.0);
-        assert_eq!(object_frame(&[a, nan, c]), Err(NoObjectFrame::NotFinite { finger: 1 }));
+        assert_eq!(object_frame(&[a, nan, c]), Err(ObjectFrameError::NotFinite { finger: 1 }));
     }
 }

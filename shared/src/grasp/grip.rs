@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::cone::Cone;
 use super::map::{halves, stack};
-use super::search::{Begun, Search, Unheld};
+use super::search::{Search, SearchEnd, SearchState};
 use super::{Certificate, ContactForces, GraspMap};
 use crate::math;
 
 /// Loads smaller than this share of the least normal force are balanced as exactly as one of that size.
-const SMALLEST: f32 = 0.01;
+const MIN_LOAD: f32 = 0.01;
 
 /// The least grip that holds a load: of all contact forces `f` that
 ///
@@ -45,7 +45,7 @@ pub struct GripState {
     /// About the contacts' centroid, the angular half times the length, over the load: so it stays the same when the
     /// whole grasp moves.
     pub(super) twist: [f32; 6],
-    pub(super) begun: Option<Begun>,
+    pub(super) begun: Option<SearchState>,
 }
 
 impl GripState {
@@ -59,24 +59,24 @@ pub struct Grip {
     /// The contacts' forces on the object [N].
     pub forces: ContactForces,
     /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4, or what
-    /// [`LeastGrip::within`] allows. A load below a hundredth of the least normal force counts as that much.
-    pub rest: f32,
+    /// [`LeastGrip::with_tolerance`] allows. A load below a hundredth of the least normal force counts as that much.
+    pub residual: f32,
     /// Newton steps taken, in all calls.
     pub steps: u8,
 }
 
 /// Bad settings of a [`LeastGrip`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BadGrip {
+pub enum InvalidGripSettings {
     /// The margin is not at least 0 and less than 1.
     Margin(f32),
     /// The least normal force is negative or not finite.
-    Least(f32),
+    MinForce(f32),
 }
 
 /// Why there is no grip.
 #[derive(Clone, Debug, PartialEq)]
-pub enum NoGrip {
+pub enum GripError {
     /// The load is not finite.
     NotFinite,
     /// A contact's limit is below the least normal force.
@@ -92,30 +92,30 @@ pub enum NoGrip {
     /// twenty times its size could hold it, for which single precision has not the digits. The next search starts anew.
     NotConverged {
         /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
-        rest: f32,
+        residual: f32,
     },
     /// No answer yet: the next call goes on.
     Unfinished {
         /// What is missing to the load so far, over the load, with moments over [`GraspMap::length`].
-        rest: f32,
+        residual: f32,
     },
 }
 
 impl LeastGrip {
     /// What [`Self::advance`] may take of a tick: enough for about four steps with three contacts.
-    pub const SLICE: u32 = 25_000;
+    pub const INSTRUCTIONS_PER_TICK: u32 = 25_000;
 
     /// A grip that leaves `margin` of the friction unused (0 to 1) and pushes with at least `least` [N] at each contact, so
     /// that none is lost.
     ///
     /// # Errors
     /// Which of them cannot be.
-    pub fn try_new(margin: f32, least: f32) -> Result<Self, BadGrip> {
+    pub fn try_new(margin: f32, least: f32) -> Result<Self, InvalidGripSettings> {
         if !(0.0..1.0).contains(&margin) {
-            return Err(BadGrip::Margin(margin));
+            return Err(InvalidGripSettings::Margin(margin));
         }
         if !(least >= 0.0 && least.is_finite()) {
-            return Err(BadGrip::Least(least));
+            return Err(InvalidGripSettings::MinForce(least));
         }
         Ok(Self { margin, least, open: 0.0 })
     }
@@ -124,8 +124,8 @@ impl LeastGrip {
     /// unknown. A load that is measured changes from tick to tick: a search for all digits that makes a step a tick runs after
     /// it for ever, while each of its steps is good enough.
     #[must_use]
-    pub const fn within(self, share: f32) -> Self {
-        Self { open: share, ..self }
+    pub const fn with_tolerance(self, fraction: f32) -> Self {
+        Self { open: fraction, ..self }
     }
 
     /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the opposite of what
@@ -133,7 +133,12 @@ impl LeastGrip {
     ///
     /// # Errors
     /// Nothing holds the load, or it is at the edge of what can be held.
-    pub fn solve(&self, map: &GraspMap, load: &Vector6<f32>, state: &mut GripState) -> Result<Grip, NoGrip> {
+    pub fn solve(
+        &self,
+        map: &GraspMap,
+        load: &Vector6<f32>,
+        state: &mut GripState,
+    ) -> Result<Grip, GripError> {
         self.advance(map, load, state, u32::MAX)
     }
 
@@ -143,20 +148,20 @@ impl LeastGrip {
     /// that it is given. All calls together take no more steps than one of [`Self::solve`], at most 39.
     ///
     /// # Errors
-    /// As above, or [`NoGrip::Unfinished`].
+    /// As above, or [`GripError::Unfinished`].
     pub fn advance(
         &self,
         map: &GraspMap,
         load: &Vector6<f32>,
         state: &mut GripState,
         most: u32,
-    ) -> Result<Grip, NoGrip> {
+    ) -> Result<Grip, GripError> {
         if !load.sum().is_finite() {
-            return Err(NoGrip::NotFinite);
+            return Err(GripError::NotFinite);
         }
         for (contact, of) in (0..).zip(map.contacts()) {
             if of.limit() < self.least {
-                return Err(NoGrip::Limit { contact, limit: of.limit() });
+                return Err(GripError::Limit { contact, limit: of.limit() });
             }
         }
         let (force, moment) = map.scaled(load);
@@ -165,23 +170,23 @@ impl LeastGrip {
         if unit <= f32::MIN_POSITIVE {
             state.begun = None;
             let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
-            return Ok(Grip { forces, rest: 0.0, steps: 0 });
+            return Ok(Grip { forces, residual: 0.0, steps: 0 });
         }
         let cone = |contact| Cone::new(contact, self.margin, self.least, unit);
         let search = Search {
             map,
             cones: map.contacts().iter().map(cone).collect(),
             load: stack(&(force / unit), &(moment / unit)),
-            size: if size > SMALLEST * unit { size / unit } else { SMALLEST },
+            size: if size > MIN_LOAD * unit { size / unit } else { MIN_LOAD },
             open: self.open,
             work: Cell::new(0),
         };
         let proves = |y: &Vector6<f32>| {
             let (linear, angular) = halves(y);
             let certificate = Certificate { twist: stack(&linear, &(angular / map.length)) };
-            certificate.holds(self, map, load).then_some(certificate)
+            certificate.is_valid(self, map, load).then_some(certificate)
         };
-        let mut begun = state.begun.take().unwrap_or_else(|| Begun::at(state.twist));
+        let mut begun = state.begun.take().unwrap_or_else(|| SearchState::at(state.twist));
         if begun.is_broken() {
             begun.restart();
         }
@@ -189,33 +194,33 @@ impl LeastGrip {
             Ok(point) => {
                 state.twist = point.twist.into();
                 let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
-                Ok(Grip { forces, rest: search.rest(&point), steps: begun.steps })
+                Ok(Grip { forces, residual: search.residual(&point), steps: begun.steps })
             }
-            Err(Unheld::Refused(certificate)) => Err(NoGrip::CannotHold(certificate)),
-            Err(Unheld::Open(rest)) => {
+            Err(SearchEnd::Refused(certificate)) => Err(GripError::CannotHold(certificate)),
+            Err(SearchEnd::Open(residual)) => {
                 *state = GripState::default();
-                Err(NoGrip::NotConverged { rest })
+                Err(GripError::NotConverged { residual })
             }
-            Err(Unheld::Unfinished(rest)) => {
+            Err(SearchEnd::Unfinished(residual)) => {
                 state.begun = Some(begun);
-                Err(NoGrip::Unfinished { rest })
+                Err(GripError::Unfinished { residual })
             }
         }
     }
 }
 
-impl fmt::Display for BadGrip {
+impl fmt::Display for InvalidGripSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Margin(value) => write!(f, "the margin is {value}; it is at least 0 and less than 1"),
-            Self::Least(value) => write!(f, "the least normal force is {value} N"),
+            Self::MinForce(value) => write!(f, "the least normal force is {value} N"),
         }
     }
 }
 
-impl core::error::Error for BadGrip {}
+impl core::error::Error for InvalidGripSettings {}
 
-impl fmt::Display for NoGrip {
+impl fmt::Display for GripError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotFinite => write!(f, "the load is not finite"),
@@ -230,12 +235,14 @@ impl fmt::Display for NoGrip {
                     t.x, t.y, t.z, t.w, t.a, t.b
                 )
             }
-            Self::NotConverged { rest } => {
-                write!(f, "the load is at the edge of what can be held: {rest} of it is missing")
+            Self::NotConverged { residual } => {
+                write!(f, "the load is at the edge of what can be held: {residual} of it is missing")
             }
-            Self::Unfinished { rest } => write!(f, "no answer yet: {rest} of the load is missing so far"),
+            Self::Unfinished { residual } => {
+                write!(f, "no answer yet: {residual} of the load is missing so far")
+            }
         }
     }
 }
 
-impl core::error::Error for NoGrip {}
+impl core::error::Error for GripError {}

@@ -27,7 +27,7 @@ fn lift(weight: f32) -> Vector6<f32> {
     Vector6::new(0.0, 0.0, weight, 0.0, 0.0, 0.0)
 }
 
-fn solve(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> Result<Grip, NoGrip> {
+fn solve(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> Result<Grip, GripError> {
     grip.solve(map, load, &mut GripState::default())
 }
 
@@ -73,7 +73,7 @@ fn two_fingers_pinch_with_the_weight_over_twice_the_friction() {
     assert!((grip.forces[0].x - weight / (2.0 * 0.4)).abs() < 2e-4);
     // Limits of 10 N and a friction of 0.5 carry 10 N.
     assert!(solve(&FREE, &pinch(0.5, 10.0), &lift(9.9)).is_ok());
-    assert!(matches!(solve(&FREE, &pinch(0.5, 10.0), &lift(10.1)), Err(NoGrip::CannotHold(_))));
+    assert!(matches!(solve(&FREE, &pinch(0.5, 10.0), &lift(10.1)), Err(GripError::CannotHold(_))));
 }
 
 #[test]
@@ -132,21 +132,21 @@ fn what_nothing_holds_is_refused_with_a_proof() {
         (hand3_grasp(0.0), lift(1.0)),
         (hand3_grasp(0.1), lift(10.0)),
     ] {
-        let Err(NoGrip::CannotHold(certificate)) = solve(&FREE, &map, &load) else { panic!("{load}") };
-        assert!(certificate.holds(&FREE, &map, &load));
+        let Err(GripError::CannotHold(certificate)) = solve(&FREE, &map, &load) else { panic!("{load}") };
+        assert!(certificate.is_valid(&FREE, &map, &load));
         // It proves nothing about a load that can be held, nor in the other direction.
-        assert!(!certificate.holds(&FREE, &map, &(load * 0.0)));
-        assert!(!certificate.holds(&FREE, &map, &-load));
+        assert!(!certificate.is_valid(&FREE, &map, &(load * 0.0)));
+        assert!(!certificate.is_valid(&FREE, &map, &-load));
     }
     // All normals one way: nothing can be pulled back.
     let one_way = [[0.0, 0.02, 0.0], [0.0, -0.02, 0.0], [0.0, 0.0, 0.03]]
         .map(|place| contact(place, [1.0, 0.0, 0.0], 0.5, 20.0));
     let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
     let back = Vector6::new(-1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    assert!(matches!(solve(&FREE, &map, &back), Err(NoGrip::CannotHold(_))));
+    assert!(matches!(solve(&FREE, &map, &back), Err(GripError::CannotHold(_))));
     assert!(solve(&FREE, &map, &Vector6::new(1.0, 0.0, 0.0, 0.0, 0.01, 0.0)).is_ok());
     let nonsense = Certificate { twist: Vector6::repeat(f32::NAN) };
-    assert!(!nonsense.holds(&FREE, &map, &back));
+    assert!(!nonsense.is_valid(&FREE, &map, &back));
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn a_start_from_another_grasp_does_no_harm() {
                 let sum = 0.5 * found.forces.iter().map(Vector3::norm_squared).sum::<f32>();
                 assert!(*boundary || (sum / objective.unwrap() - 1.0).abs() < 1e-3);
             }
-            Err(NoGrip::CannotHold(_)) => assert!(objective.is_none()),
+            Err(GripError::CannotHold(_)) => assert!(objective.is_none()),
             Err(_) => open += 1,
         }
     }
@@ -199,7 +199,7 @@ fn slices_end_where_one_call_does() {
         let (grip, map, load) = stored(case);
         let whole = solve(&grip, &map, &load);
         // A step a call; a tick's share.
-        for most in [0, LeastGrip::SLICE] {
+        for most in [0, LeastGrip::INSTRUCTIONS_PER_TICK] {
             let mut state = GripState::default();
             for calls in 1.. {
                 let result = grip.advance(&map, &load, &mut state, most);
@@ -207,7 +207,7 @@ fn slices_end_where_one_call_does() {
                 let bytes = postcard::to_allocvec(&state).unwrap();
                 assert!(bytes.len() <= 59);
                 state = postcard::from_bytes(&bytes).unwrap();
-                if !matches!(result, Err(NoGrip::Unfinished { .. })) {
+                if !matches!(result, Err(GripError::Unfinished { .. })) {
                     assert_eq!(result, whole, "{case}");
                     assert!(state.begun.is_none() && calls <= 40);
                     break;
@@ -248,7 +248,7 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
                 assert!((sum(&grip) / sum(&best) - 1.0).abs() < 1e-3, "{tick}");
                 (calls, answers) = (0, answers + 1);
             }
-            Err(NoGrip::Unfinished { rest }) => assert!(rest.is_finite() && calls < 40),
+            Err(GripError::Unfinished { residual }) => assert!(residual.is_finite() && calls < 40),
             Err(error) => panic!("{tick}: {error}"),
         }
     }
@@ -262,7 +262,7 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
             Ok(found) => {
                 assert!(whole.is_ok() && violation(&grip, &map, &load, &found.forces) < 1e-4, "{case}");
             }
-            Err(NoGrip::CannotHold(certificate)) => assert!(certificate.holds(&grip, &map, &load)),
+            Err(GripError::CannotHold(certificate)) => assert!(certificate.is_valid(&grip, &map, &load)),
             Err(_) => open += 1,
         }
         let _ = grip.advance(&map, &(load * 0.7), &mut state, 0);
@@ -275,7 +275,7 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
 fn a_load_that_is_measured_is_followed() {
     let mut random = Random(17);
     let mut noise = || random.between(-0.02, 0.02);
-    let grip = LeastGrip::try_new(0.2, 0.3).unwrap().within(0.02);
+    let grip = LeastGrip::try_new(0.2, 0.3).unwrap().with_tolerance(0.02);
     let map = hand3_grasp(0.5);
     let (mut state, mut waiting, mut answers) = (GripState::default(), 0, 0);
     // Where it is at first.
@@ -287,7 +287,7 @@ fn a_load_that_is_measured_is_followed() {
         match grip.advance(&map, &load, &mut state, 0) {
             Ok(found) => {
                 assert!(
-                    found.rest <= 0.02 && violation(&grip, &map, &load, &found.forces) < 0.0201,
+                    found.residual <= 0.02 && violation(&grip, &map, &load, &found.forces) < 0.0201,
                     "{tick}"
                 );
                 let best = solve(&LeastGrip::try_new(0.2, 0.3).unwrap(), &map, &load).unwrap();
@@ -299,7 +299,7 @@ fn a_load_that_is_measured_is_followed() {
                 );
                 (waiting, answers) = (0, answers + 1);
             }
-            Err(NoGrip::Unfinished { .. }) => {
+            Err(GripError::Unfinished { .. }) => {
                 waiting += 1;
                 assert!(waiting <= 3, "{tick}");
             }
@@ -313,7 +313,7 @@ fn a_load_that_is_measured_is_followed() {
 fn a_damaged_search_does_no_harm() {
     let (map, load) = (hand3_grasp(0.5), Vector6::new(0.1, 0.2, 2.0, 0.001, -0.05, 0.002));
     let mut begun = GripState::default();
-    assert!(matches!(FREE.advance(&map, &load, &mut begun, 0), Err(NoGrip::Unfinished { .. })));
+    assert!(matches!(FREE.advance(&map, &load, &mut begun, 0), Err(GripError::Unfinished { .. })));
     let bytes = postcard::to_allocvec(&begun).unwrap();
     for index in 0..bytes.len() {
         for bit in 0..8 {
@@ -322,7 +322,7 @@ fn a_damaged_search_does_no_harm() {
             let Ok(mut state) = postcard::from_bytes::<GripState>(&bytes) else { continue };
             match FREE.solve(&map, &load, &mut state) {
                 Ok(grip) => assert!(violation(&FREE, &map, &load, &grip.forces) < 1e-4),
-                Err(NoGrip::NotConverged { .. }) => assert_eq!(state, GripState::default()),
+                Err(GripError::NotConverged { .. }) => assert_eq!(state, GripState::default()),
                 Err(error) => panic!("{error}"),
             }
         }
@@ -331,14 +331,14 @@ fn a_damaged_search_does_no_harm() {
 
 #[test]
 fn bad_input_is_refused_by_name() {
-    assert_eq!(LeastGrip::try_new(1.0, 0.0), Err(BadGrip::Margin(1.0)));
-    assert!(matches!(LeastGrip::try_new(f32::NAN, 0.0), Err(BadGrip::Margin(_))));
-    assert_eq!(LeastGrip::try_new(0.1, -1.0), Err(BadGrip::Least(-1.0)));
-    assert_eq!(LeastGrip::try_new(0.1, f32::INFINITY), Err(BadGrip::Least(f32::INFINITY)));
+    assert_eq!(LeastGrip::try_new(1.0, 0.0), Err(InvalidGripSettings::Margin(1.0)));
+    assert!(matches!(LeastGrip::try_new(f32::NAN, 0.0), Err(InvalidGripSettings::Margin(_))));
+    assert_eq!(LeastGrip::try_new(0.1, -1.0), Err(InvalidGripSettings::MinForce(-1.0)));
+    assert_eq!(LeastGrip::try_new(0.1, f32::INFINITY), Err(InvalidGripSettings::MinForce(f32::INFINITY)));
     let map = pinch(0.5, 2.0);
-    assert_eq!(solve(&FREE, &map, &lift(f32::NAN)), Err(NoGrip::NotFinite));
+    assert_eq!(solve(&FREE, &map, &lift(f32::NAN)), Err(GripError::NotFinite));
     let strong = LeastGrip::try_new(0.1, 3.0).unwrap();
-    assert_eq!(solve(&strong, &map, &lift(1.0)), Err(NoGrip::Limit { contact: 0, limit: 2.0 }));
+    assert_eq!(solve(&strong, &map, &lift(1.0)), Err(GripError::Limit { contact: 0, limit: 2.0 }));
 }
 
 #[test]
@@ -359,9 +359,12 @@ fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
                     assert!((sum / objective - 1.0).abs() < 1e-3, "{index}: {sum} {objective}");
                 }
             }
-            (Err(NoGrip::CannotHold(certificate)), objective) => {
+            (Err(GripError::CannotHold(certificate)), objective) => {
                 refused += 1;
-                assert!(certificate.holds(&grip, &map, &load) && objective.is_none(), "{index} can be held");
+                assert!(
+                    certificate.is_valid(&grip, &map, &load) && objective.is_none(),
+                    "{index} can be held"
+                );
             }
             // Neither: on the boundary, or where only forces many times the load could hold it.
             (Err(error), _) => {

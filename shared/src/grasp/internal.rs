@@ -20,23 +20,23 @@ pub struct InternalForces {
 
 /// The pairwise form of internal forces is for three contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotThreeContacts(pub usize);
+pub struct ContactCountError(pub usize);
 
 /// The internal force along the contacts' normals, with one degree of freedom (Hand3, section 5.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormalGrip {
     /// Normal forces, the largest of them 1.
-    shares: Vec<f32, MAX_CONTACTS>,
+    fractions: Vec<f32, MAX_CONTACTS>,
     forces: ContactForces,
 }
 
 /// Why the contacts cannot grip along their normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NoNormalGrip {
+pub enum NormalGripError {
     /// No forces along the normals balance.
     Unbalanced {
         /// The least wrench that remains, over the root of the sum of squares of the forces, moments over the length.
-        rest: f32,
+        residual: f32,
     },
     /// More than one combination balances.
     Ambiguous,
@@ -45,7 +45,7 @@ pub enum NoNormalGrip {
         /// Its index.
         contact: u8,
         /// Its force over the largest one.
-        share: f32,
+        fraction: f32,
     },
 }
 
@@ -55,9 +55,9 @@ impl GraspMap {
     ///
     /// # Errors
     /// There are not three contacts.
-    pub fn pairwise(&self) -> Result<SMatrix<f32, 9, 3>, NotThreeContacts> {
-        let [one, two, three] = self.arms[..] else {
-            return Err(NotThreeContacts(self.arms.len()));
+    pub fn pairwise(&self) -> Result<SMatrix<f32, 9, 3>, ContactCountError> {
+        let [one, two, three] = self.levers[..] else {
+            return Err(ContactCountError(self.levers.len()));
         };
         let toward = |from: Vector3<f32>, to: Vector3<f32>| {
             let step = to - from;
@@ -76,15 +76,15 @@ impl GraspMap {
     /// A basis of all internal forces.
     pub fn internal_forces(&self) -> InternalForces {
         let inverse = self.inverse();
-        let count = self.arms.len();
+        let count = self.levers.len();
         let dimension = 3 * count - usize::from(inverse.conditioning().rank);
         // Unit forces without what moves the object, the one with most left first (Gram and Schmidt with pivots).
         let mut basis = Vec::<ContactForces, MAX_INTERNAL>::new();
-        let mut left: ContactForces = self.arms.iter().map(|_| Vector3::repeat(1.0)).collect();
+        let mut left: ContactForces = self.levers.iter().map(|_| Vector3::repeat(1.0)).collect();
         for (place, left) in left.iter_mut().enumerate() {
             for axis in 0..3 {
                 let mut force = self.unit_force(place, axis);
-                inverse.remove_wrench(&mut force);
+                inverse.project_to_null_space(&mut force);
                 left[axis] = force.get(place).map_or(0.0, |force| force[axis]);
             }
         }
@@ -99,10 +99,10 @@ impl GraspMap {
             }
             let mut force = self.unit_force(place, axis);
             for _ in 0..2 {
-                inverse.remove_wrench(&mut force);
+                inverse.project_to_null_space(&mut force);
                 for known in &basis {
-                    let share = dot(known, &force);
-                    force.iter_mut().zip(known).for_each(|(force, known)| *force -= known * share);
+                    let fraction = dot(known, &force);
+                    force.iter_mut().zip(known).for_each(|(force, known)| *force -= known * fraction);
                 }
             }
             let length = math::sqrt(dot(&force, &force));
@@ -116,7 +116,7 @@ impl GraspMap {
     }
 
     fn unit_force(&self, place: usize, axis: usize) -> ContactForces {
-        let mut forces: ContactForces = self.arms.iter().map(|_| Vector3::zeros()).collect();
+        let mut forces: ContactForces = self.levers.iter().map(|_| Vector3::zeros()).collect();
         if let Some(part) = forces.get_mut(place).and_then(|force| force.get_mut(axis)) {
             *part = 1.0;
         }
@@ -130,14 +130,14 @@ impl GraspMap {
     ///
     /// # Errors
     /// The normals do not balance in one way, with all contacts pushing.
-    pub fn normal_grip(&self, tolerance: f32) -> Result<NormalGrip, NoNormalGrip> {
+    pub fn normal_grip(&self, tolerance: f32) -> Result<NormalGrip, NormalGripError> {
         // NᵀDₒDₒᵀN; rows beyond the contacts get an eigenvalue above all others.
         let mut products =
             SMatrix::<f32, MAX_CONTACTS, MAX_CONTACTS>::from_diagonal_element(f32::from(u8::MAX));
-        let pairs = || self.contacts.iter().zip(&self.arms).enumerate().take(MAX_CONTACTS);
-        for (row, (one, arm)) in pairs() {
+        let pairs = || self.contacts.iter().zip(&self.levers).enumerate().take(MAX_CONTACTS);
+        for (row, (one, lever)) in pairs() {
             for (column, (other, second)) in pairs() {
-                let (turn, other_turn) = (arm.cross(&one.normal), second.cross(&other.normal));
+                let (turn, other_turn) = (lever.cross(&one.normal), second.cross(&other.normal));
                 products[(row, column)] = one.normal.dot(&other.normal) + turn.dot(&other_turn);
             }
         }
@@ -156,30 +156,31 @@ impl GraspMap {
             self.contacts
                 .iter()
                 .zip(vector.iter())
-                .map(|(contact, share)| contact.normal * (share * scale))
+                .map(|(contact, fraction)| contact.normal * (fraction * scale))
                 .collect()
         };
         // Not from the eigenvalue, whose digits near 0 are lost.
         let (force, moment) = self.scaled_sum(&push(1.0));
-        let rest = math::sqrt(force.norm_squared() + moment.norm_squared());
-        if rest > tolerance || (rest + tolerance).is_nan() {
-            return Err(NoNormalGrip::Unbalanced { rest });
+        let residual = math::sqrt(force.norm_squared() + moment.norm_squared());
+        if residual > tolerance || (residual + tolerance).is_nan() {
+            return Err(NormalGripError::Unbalanced { residual });
         }
         if next <= tolerance * tolerance + f32::EPSILON {
-            return Err(NoNormalGrip::Ambiguous);
+            return Err(NormalGripError::Ambiguous);
         }
-        let largest =
-            vector.iter().fold(0.0, |most: f32, &share| if abs(share) > abs(most) { share } else { most });
-        let shares: Vec<f32, MAX_CONTACTS> =
-            vector.iter().take(self.contacts.len()).map(|share| share / largest).collect();
-        for (contact, &share) in (0..).zip(&shares) {
-            if share <= tolerance {
-                return Err(NoNormalGrip::NotPushing { contact, share });
+        let largest = vector
+            .iter()
+            .fold(0.0, |most: f32, &fraction| if abs(fraction) > abs(most) { fraction } else { most });
+        let fractions: Vec<f32, MAX_CONTACTS> =
+            vector.iter().take(self.contacts.len()).map(|fraction| fraction / largest).collect();
+        for (contact, &fraction) in (0..).zip(&fractions) {
+            if fraction <= tolerance {
+                return Err(NormalGripError::NotPushing { contact, fraction });
             }
         }
         let mut forces = push(1.0 / largest);
-        self.inverse().remove_wrench(&mut forces);
-        Ok(NormalGrip { shares, forces })
+        self.inverse().project_to_null_space(&mut forces);
+        Ok(NormalGrip { fractions, forces })
     }
 }
 
@@ -202,8 +203,8 @@ impl InternalForces {
 
 impl NormalGrip {
     /// The normal force of each contact over the largest one.
-    pub fn shares(&self) -> &[f32] {
-        &self.shares
+    pub fn fractions(&self) -> &[f32] {
+        &self.fractions
     }
 
     /// The contacts' forces [N] when the largest of them is `strength` [N]; their wrench is 0.
@@ -247,30 +248,30 @@ fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32,
     vectors
 }
 
-impl fmt::Display for NotThreeContacts {
+impl fmt::Display for ContactCountError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} contacts; the pairwise form is for 3", self.0)
     }
 }
 
-impl core::error::Error for NotThreeContacts {}
+impl core::error::Error for ContactCountError {}
 
-impl fmt::Display for NoNormalGrip {
+impl fmt::Display for NormalGripError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unbalanced { rest } => {
-                write!(f, "forces along the normals do not balance: {rest} of their size remains")
+            Self::Unbalanced { residual } => {
+                write!(f, "forces along the normals do not balance: {residual} of their size remains")
             }
             Self::Ambiguous => write!(f, "forces along the normals balance in more than one way"),
-            Self::NotPushing { contact, share } => write!(
+            Self::NotPushing { contact, fraction } => write!(
                 f,
-                "forces along the normals balance only with {share} of the largest at contact {contact}, which can push only"
+                "forces along the normals balance only with {fraction} of the largest at contact {contact}, which can push only"
             ),
         }
     }
 }
 
-impl core::error::Error for NoNormalGrip {}
+impl core::error::Error for NormalGripError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
@@ -279,7 +280,7 @@ mod tests {
     use super::super::tests::{Random, contact, hand3_grasp};
     use super::*;
 
-    fn rest(map: &GraspMap, forces: &[Vector3<f32>]) -> f32 {
+    fn residual(map: &GraspMap, forces: &[Vector3<f32>]) -> f32 {
         let (force, moment) = map.scaled_sum(forces);
         math::sqrt(force.norm_squared() + moment.norm_squared())
     }
@@ -293,11 +294,11 @@ mod tests {
             assert!((map.matrix().fixed_columns::<9>(0) * e).norm() < 2e-7);
             // Positive means squeezed: each presses inwards.
             let squeezed = e * Vector3::new(1.0, 1.0, 1.0);
-            for (index, arm) in map.arms.iter().enumerate() {
-                assert!(squeezed.fixed_rows::<3>(3 * index).dot(arm) < 0.0);
+            for (index, lever) in map.levers.iter().enumerate() {
+                assert!(squeezed.fixed_rows::<3>(3 * index).dot(lever) < 0.0);
             }
         }
-        assert_eq!(random.ball(4, Vector3::zeros()).pairwise(), Err(NotThreeContacts(4)));
+        assert_eq!(random.ball(4, Vector3::zeros()).pairwise(), Err(ContactCountError(4)));
     }
 
     #[test]
@@ -314,7 +315,7 @@ mod tests {
             let expected = if round == 100 { 13 } else { [1, 3, 6, 9, 12][round % 5] };
             assert_eq!(internal.basis().len(), expected);
             for (index, force) in internal.basis().iter().enumerate() {
-                assert!(rest(map, force) < 2e-6, "{round} {}", rest(map, force));
+                assert!(residual(map, force) < 2e-6, "{round} {}", residual(map, force));
                 for (other, second) in internal.basis().iter().enumerate() {
                     let unit = if index == other { 1.0 } else { 0.0 };
                     assert!((dot(force, second) - unit).abs() < 2e-6, "{round} {index} {other}");
@@ -340,11 +341,11 @@ mod tests {
             GraspMap::try_new(&contacts, Vector3::zeros()).unwrap().normal_grip(1e-3)
         };
         let nearer = aside(0.02, 0.0).unwrap();
-        for (share, expected) in nearer.shares().iter().zip([0.75, 0.25, 1.0]) {
-            assert!((share - expected).abs() < 1e-5);
+        for (fraction, expected) in nearer.fractions().iter().zip([0.75, 0.25, 1.0]) {
+            assert!((fraction - expected).abs() < 1e-5);
         }
-        assert!(matches!(aside(0.0, 0.01), Err(NoNormalGrip::Unbalanced { rest }) if rest > 0.05));
-        assert!(matches!(aside(0.06, 0.0), Err(NoNormalGrip::NotPushing { contact: 1, .. })));
+        assert!(matches!(aside(0.0, 0.01), Err(NormalGripError::Unbalanced { residual }) if residual > 0.05));
+        assert!(matches!(aside(0.06, 0.0), Err(NormalGripError::NotPushing { contact: 1, .. })));
         // By a little: what remains is balanced across the normals.
         let little = aside(0.0, 2e-5).unwrap().forces(4.0);
         assert!((little[2].x + 4.0).abs() < 1e-2 && (little[0] + little[1] + little[2]).norm() < 1e-5);
@@ -357,17 +358,17 @@ mod tests {
             .map(|&[y, z]| contact([0.0, y, z], [1.0, 0.0, 0.0], 0.5, 9.0))
             .collect();
         let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
-        assert!(matches!(map.normal_grip(1e-3), Err(NoNormalGrip::Unbalanced { .. })));
+        assert!(matches!(map.normal_grip(1e-3), Err(NormalGripError::Unbalanced { .. })));
         // In line one of them would have to pull.
         let line: std::vec::Vec<Contact> =
             [0.0, 0.02, 0.06].iter().map(|&y| contact([0.0, y, 0.0], [1.0, 0.0, 0.0], 0.5, 9.0)).collect();
         let map = GraspMap::try_new(&line, Vector3::zeros()).unwrap();
-        assert!(matches!(map.normal_grip(1e-3), Err(NoNormalGrip::NotPushing { .. })));
+        assert!(matches!(map.normal_grip(1e-3), Err(NormalGripError::NotPushing { .. })));
         // Two opposed pairs: each balances.
         let pairs = [[0.03, 0.0], [-0.03, 0.0], [0.0, 0.03], [0.0, -0.03]]
             .map(|[x, y]| contact([x, y, 0.0], [-x, -y, 0.0], 0.5, 9.0));
         let map = GraspMap::try_new(&pairs, Vector3::zeros()).unwrap();
-        assert_eq!(map.normal_grip(1e-3), Err(NoNormalGrip::Ambiguous));
+        assert_eq!(map.normal_grip(1e-3), Err(NormalGripError::Ambiguous));
         assert!(map.normal_grip(f32::NAN).is_err());
     }
 }

@@ -21,7 +21,7 @@ const COINCIDENT: f32 = 1e-3;
 pub struct GraspMap {
     pub(super) contacts: Vec<Contact, MAX_CONTACTS>,
     /// Places of the contacts from their centroid, over `length`.
-    pub(super) arms: ContactForces,
+    pub(super) levers: ContactForces,
     /// The centroid, from the origin [m].
     pub(super) center: Vector3<f32>,
     /// The root mean square distance of the contacts from their centroid [m].
@@ -31,7 +31,7 @@ pub struct GraspMap {
 
 /// Why contacts make no grasp.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NoGrasp {
+pub enum GraspMapError {
     /// There are not 2 to [`MAX_CONTACTS`] of them.
     Contacts(usize),
     /// The origin is not finite.
@@ -52,14 +52,14 @@ impl GraspMap {
     ///
     /// # Errors
     /// The contacts make no grasp.
-    pub fn try_new(contacts: &[Contact], origin: Vector3<f32>) -> Result<Self, NoGrasp> {
+    pub fn try_new(contacts: &[Contact], origin: Vector3<f32>) -> Result<Self, GraspMapError> {
         let count = contacts.len();
         let contacts = match Vec::from_slice(contacts) {
             Ok(contacts) if count >= 2 => contacts,
-            _ => return Err(NoGrasp::Contacts(count)),
+            _ => return Err(GraspMapError::Contacts(count)),
         };
         if !(origin.x + origin.y + origin.z).is_finite() {
-            return Err(NoGrasp::Origin);
+            return Err(GraspMapError::Origin);
         }
         #[expect(clippy::cast_precision_loss, reason = "2 to 6")]
         let share = 1.0 / count as f32;
@@ -67,26 +67,26 @@ impl GraspMap {
         let mut center = Vector3::zeros();
         contacts.iter().for_each(|contact| center += contact.position - origin);
         center *= share;
-        let mut arms = ContactForces::new();
+        let mut levers = ContactForces::new();
         let mut square = 0.0;
         for contact in &contacts {
-            let arm = contact.position - origin - center;
-            square += arm.norm_squared();
-            let _ = arms.push(arm); // as many places as contacts
+            let lever = contact.position - origin - center;
+            square += lever.norm_squared();
+            let _ = levers.push(lever); // as many places as contacts
         }
         let length = math::sqrt(square * share);
         let inverse = if length > f32::MIN_POSITIVE { 1.0 / length } else { 0.0 };
-        arms.iter_mut().for_each(|arm| *arm *= inverse);
-        for (second, arm) in (0_u8..).zip(&arms) {
-            for (first, other) in (0..second).zip(&arms) {
-                let square = (arm - other).norm_squared();
+        levers.iter_mut().for_each(|lever| *lever *= inverse);
+        for (second, lever) in (0_u8..).zip(&levers) {
+            for (first, other) in (0..second).zip(&levers) {
+                let square = (lever - other).norm_squared();
                 if square < COINCIDENT * COINCIDENT || square.is_nan() {
                     let distance = math::sqrt(square) * length;
-                    return Err(NoGrasp::Coincident { first, second, distance });
+                    return Err(GraspMapError::Coincident { first, second, distance });
                 }
             }
         }
-        Ok(Self { contacts, arms, center, length, origin })
+        Ok(Self { contacts, levers, center, length, origin })
     }
 
     /// The contacts.
@@ -109,9 +109,9 @@ impl GraspMap {
     pub fn matrix(&self) -> GraspMatrix {
         let mut matrix = GraspMatrix::zeros();
         for (index, contact) in self.contacts.iter().enumerate().take(MAX_CONTACTS) {
-            let arm = (contact.position - self.origin).cross_matrix();
+            let lever = (contact.position - self.origin).cross_matrix();
             matrix.fixed_view_mut::<3, 3>(0, 3 * index).fill_with_identity();
-            matrix.fixed_view_mut::<3, 3>(3, 3 * index).copy_from(&arm);
+            matrix.fixed_view_mut::<3, 3>(3, 3 * index).copy_from(&lever);
         }
         matrix
     }
@@ -143,9 +143,9 @@ impl GraspMap {
     /// What the contacts' forces [N] add up to, like [`Self::scaled`].
     pub(super) fn scaled_sum(&self, forces: &[Vector3<f32>]) -> (Vector3<f32>, Vector3<f32>) {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
-        for (arm, contact_force) in self.arms.iter().zip(forces) {
+        for (lever, contact_force) in self.levers.iter().zip(forces) {
             force += contact_force;
-            moment += arm.cross(contact_force);
+            moment += lever.cross(contact_force);
         }
         (force, moment)
     }
@@ -160,7 +160,7 @@ pub(super) fn stack(linear: &Vector3<f32>, angular: &Vector3<f32>) -> Vector6<f3
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
-impl fmt::Display for NoGrasp {
+impl fmt::Display for GraspMapError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Contacts(count) => write!(f, "{count} contacts; a grasp has 2 to {MAX_CONTACTS}"),
@@ -172,4 +172,4 @@ impl fmt::Display for NoGrasp {
     }
 }
 
-impl core::error::Error for NoGrasp {}
+impl core::error::Error for GraspMapError {}

@@ -7,7 +7,7 @@
 //! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move nothing, in the
 //!   three forms that are wanted.
 //! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that there are
-//!   none; in one call or over several ticks. [`largest_push`]: what a finger's joint torques allow.
+//!   none; in one call or over several ticks. [`normal_force_limit`]: what a finger's joint torques allow.
 //!
 //! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
 
@@ -20,7 +20,7 @@ mod grip;
 mod internal;
 mod inverse;
 mod map;
-mod push;
+mod normal_force_limit;
 mod search;
 
 #[cfg(test)]
@@ -32,11 +32,11 @@ mod tests;
 mod grip_tests;
 
 pub use certificate::Certificate;
-pub use contact::{BadContact, Contact, ContactForces, MAX_CONTACTS};
+pub use contact::{Contact, ContactForces, InvalidContact, MAX_CONTACTS};
 pub use fingers::{SingularFinger, ThreeFingers, contact_map, object_map};
-pub use frame::{NoObjectFrame, object_frame};
-pub use grip::{BadGrip, Grip, GripState, LeastGrip, NoGrip};
-pub use internal::{InternalForces, NoNormalGrip, NormalGrip, NotThreeContacts};
-pub use inverse::{Conditioning, NoForces, WrenchInverse};
-pub use map::{GraspMap, GraspMatrix, NoGrasp};
-pub use push::{NoPush, largest_push};
+pub use frame::{ObjectFrameError, object_frame};
+pub use grip::{Grip, GripError, GripState, InvalidGripSettings, LeastGrip};
+pub use internal::{ContactCountError, InternalForces, NormalGrip, NormalGripError};
+pub use inverse::{Conditioning, WrenchInverse, WrenchInverseError};
+pub use map::{GraspMap, GraspMapError, GraspMatrix};
+pub use normal_force_limit::{NormalForceLimitError, normal_force_limit};

@@ -5,46 +5,46 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::cone::{Cone, Nearest};
+use super::cone::{Cone, Projection};
 use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
 
 /// Most Newton steps, in all calls; after so many of them what is good enough is taken, or the search ends.
-const LAST: u8 = 39;
+const MAX_STEPS: u8 = 39;
 /// After so many of them the axis about which contacts in line turn is tried as a proof.
-const PATIENCE: u8 = 8;
+const AXIS_PROOF_STEP: u8 = 8;
 /// After so many of them a search that did not begin at 0 begins anew there.
-const ANEW: u8 = 12;
+const RESTART_STEP: u8 = 12;
 /// After so many of them what is good enough is taken.
-const SETTLE: u8 = 16;
+const ACCEPT_STEP: u8 = 16;
 /// What may be missing to the load, over the load: what is searched for, and what is good enough.
-const GOOD: f32 = 1e-5;
-const ENOUGH: f32 = 9e-5;
+const TARGET_RESIDUAL: f32 = 1e-5;
+const MAX_RESIDUAL: f32 = 9e-5;
 /// What rounding leaves, over the root of the sum of the forces' squares.
 const ROUNDING: f32 = 6e-7;
 /// By how much what is missing may change the sum of squares, over half of it.
-const TIGHT: f32 = 2e-4;
-const LOOSE: f32 = 8e-4;
+const TARGET_GAP: f32 = 2e-4;
+const MAX_GAP: f32 = 8e-4;
 
 /// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one divides it.
-const DAMPING: f32 = 1e-3;
-const HARDER: f32 = 8.0;
-const SOFTER: f32 = 0.1;
-const MOST_DAMPING: f32 = 1.0;
+const INITIAL_DAMPING: f32 = 1e-3;
+const DAMPING_INCREASE: f32 = 8.0;
+const DAMPING_DECREASE: f32 = 0.1;
+const MAX_DAMPING: f32 = 1.0;
 /// The least damping: single precision leaves as much noise in the Hessian.
-const LEAST_DAMPING: f32 = 1e-5;
-const LEAST_PIVOT: f32 = 1e-7;
+const MIN_DAMPING: f32 = 1e-5;
+const MIN_PIVOT: f32 = 1e-7;
 /// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
-const SLOPE: f32 = 0.5;
+const MAX_SLOPE_RATIO: f32 = 0.5;
 /// Most shortenings of a step, and most times that one is made longer by the factor.
-const SHORTER: u32 = 4;
-const LONGER: usize = 3;
-const FACTOR: f32 = 4.0;
+const MAX_BACKTRACKS: u32 = 4;
+const MAX_EXTENSIONS: usize = 3;
+const EXTENSION: f32 = 4.0;
 /// Farther out than this, in units of the load, sums of single precision say nothing.
-const FARTHEST: f32 = 3e4;
+const MAX_TWIST: f32 = 3e4;
 /// Where nothing changes along a step, points so many steps ahead are tried as a proof.
-const AHEAD: [f32; 2] = [10.0, 1000.0];
+const RAY_LENGTHS: [f32; 2] = [10.0, 1000.0];
 
 /// What something takes in instructions of a Cortex-M4F: at all, and for each contact. Measured, and rounded up.
 #[derive(Clone, Copy)]
@@ -71,8 +71,11 @@ impl Cost {
 
 /// The most that a step takes with the proofs tried after it. A new begin, which is never where the axis is tried, takes less
 /// than that.
-const STEP: Cost =
-    DIRECTION.and(EVALUATION.times(1 + SHORTER)).and(SEPARATION.times(4)).and(PROOF.times(5)).and(AXIS);
+const STEP: Cost = DIRECTION
+    .and(EVALUATION.times(1 + MAX_BACKTRACKS))
+    .and(SEPARATION.times(4))
+    .and(PROOF.times(5))
+    .and(AXIS);
 
 /// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the length.
 pub(super) struct Search<'a> {
@@ -89,7 +92,7 @@ pub(super) struct Search<'a> {
 
 /// A search under way.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub(super) struct Begun {
+pub(super) struct SearchState {
     /// Where it is: about the contacts' centroid, the angular half times the length, over the load.
     pub twist: [f32; 6],
     damping: f32,
@@ -102,7 +105,7 @@ pub(super) struct Begun {
 }
 
 /// How a search ends without forces.
-pub(super) enum Unheld {
+pub(super) enum SearchEnd {
     /// With a proof.
     Refused(Certificate),
     /// With neither; what was missing to the load at best, over the load.
@@ -115,7 +118,7 @@ pub(super) enum Unheld {
 pub(super) struct Point {
     pub twist: Vector6<f32>,
     /// The nearest forces to the velocities of the contacts.
-    pub nearest: Vec<Nearest, MAX_CONTACTS>,
+    pub nearest: Vec<Projection, MAX_CONTACTS>,
     /// Load less wrench of the forces: the gradient.
     missing: Vector6<f32>,
     /// The most power of the contacts against the twist.
@@ -124,17 +127,17 @@ pub(super) struct Point {
     square: f32,
 }
 
-impl Begun {
+impl SearchState {
     /// Before the first step from `twist`.
     pub fn at(twist: [f32; 6]) -> Self {
         let elsewhere = Vector6::from(twist) != Vector6::zeros();
-        Self { twist, damping: DAMPING, best: f32::INFINITY, steps: 0, elsewhere }
+        Self { twist, damping: INITIAL_DAMPING, best: f32::INFINITY, steps: 0, elsewhere }
     }
 
     /// Whether no search can be there, after damage to the state.
     pub fn is_broken(&self) -> bool {
         let sum: f32 = self.twist.iter().sum();
-        !(sum.is_finite() && (DAMPING..=MOST_DAMPING).contains(&self.damping))
+        !(sum.is_finite() && (INITIAL_DAMPING..=MAX_DAMPING).contains(&self.damping))
     }
 
     /// Begins anew at 0, with the steps that are left.
@@ -149,10 +152,10 @@ impl Search<'_> {
     /// the load.
     pub fn run(
         &self,
-        begun: &mut Begun,
+        begun: &mut SearchState,
         most: u32,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
-    ) -> Result<Point, Unheld> {
+    ) -> Result<Point, SearchEnd> {
         self.take(START);
         let mut point = self.at(begun.twist.into());
         // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good. On the way a
@@ -161,22 +164,22 @@ impl Search<'_> {
         let (mut ahead, before) = (None, begun.steps);
         let enough = most.saturating_sub(self.instructions(STEP));
         loop {
-            if astray || begun.steps == ANEW && begun.elsewhere {
+            if astray || begun.steps == RESTART_STEP && begun.elsewhere {
                 begun.restart();
                 point = self.at(Vector6::zeros());
                 (ahead, astray) = (None, false);
             }
-            let missing = self.rest(&point);
+            let missing = self.residual(&point);
             if missing < begun.best {
                 begun.best = missing;
             }
             let wanted = match begun.steps {
-                0..SETTLE => self.is_good(&point, missing),
-                SETTLE..LAST => changes(&point) <= LOOSE,
+                0..ACCEPT_STEP => self.is_good(&point, missing),
+                ACCEPT_STEP..MAX_STEPS => changes(&point) <= MAX_GAP,
                 _ => true,
             };
             let will_do = missing <= self.open && changes(&point) <= 2.0 * self.open;
-            if will_do || wanted && missing <= ENOUGH {
+            if will_do || wanted && missing <= MAX_RESIDUAL {
                 return Ok(point);
             }
             let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| {
@@ -184,14 +187,14 @@ impl Search<'_> {
                 proves(&twist)
             });
             if let Some(certificate) = proof {
-                return Err(Unheld::Refused(certificate));
+                return Err(SearchEnd::Refused(certificate));
             }
-            if begun.steps >= LAST {
-                return Err(Unheld::Open(begun.best));
+            if begun.steps >= MAX_STEPS {
+                return Err(SearchEnd::Open(begun.best));
             }
             if begun.steps > before && self.work.get() > enough {
                 begun.twist = point.twist.into();
-                return Err(Unheld::Unfinished(missing));
+                return Err(SearchEnd::Unfinished(missing));
             }
             (point, ahead) = self.step(&point, &mut begun.damping);
             begun.steps += 1;
@@ -207,13 +210,13 @@ impl Search<'_> {
     }
 
     /// What is missing to the load, over the load.
-    pub fn rest(&self, point: &Point) -> f32 {
+    pub fn residual(&self, point: &Point) -> f32 {
         math::sqrt(point.missing.norm_squared()) / self.size
     }
 
     fn is_good(&self, point: &Point, missing: f32) -> bool {
         let rounding = ROUNDING * math::sqrt(point.square);
-        missing * self.size <= GOOD * self.size + rounding && changes(point) <= TIGHT
+        missing * self.size <= TARGET_RESIDUAL * self.size + rounding && changes(point) <= TARGET_GAP
     }
 
     /// Twists that may prove that nothing holds the load.
@@ -227,8 +230,8 @@ impl Search<'_> {
         // What is missing tends to the way from the nearest wrench that can be made, which separates.
         let missing = (steps > 0).then_some(point.missing);
         let twist = point.twist;
-        let far = ahead.into_iter().flat_map(move |step| AHEAD.map(|times| twist + step * times));
-        let about = (steps == PATIENCE).then(|| {
+        let far = ahead.into_iter().flat_map(move |step| RAY_LENGTHS.map(|times| twist + step * times));
+        let about = (steps == AXIS_PROOF_STEP).then(|| {
             self.take(AXIS);
             let axis = self.map.inverse().conditioning().axis;
             stack(&Vector3::zeros(), &(axis * axis.dot(&halves(&self.load).1)))
@@ -242,8 +245,8 @@ impl Search<'_> {
         self.take(SEPARATION);
         let (linear, angular) = halves(twist);
         let mut left = twist.dot(&self.load);
-        for (cone, arm) in self.cones.iter().zip(&self.map.arms) {
-            left -= cone.support(&(linear + angular.cross(arm)));
+        for (cone, lever) in self.cones.iter().zip(&self.map.levers) {
+            left -= cone.support(&(linear + angular.cross(lever)));
         }
         left > 0.0
     }
@@ -255,10 +258,10 @@ impl Search<'_> {
         let (mut force, mut moment) = halves(&self.load);
         let (mut support, mut square) = (0.0, 0.0);
         let mut all = Vec::new();
-        for (cone, arm) in self.cones.iter().zip(&self.map.arms) {
-            let nearest = cone.nearest(&(linear + angular.cross(arm)));
+        for (cone, lever) in self.cones.iter().zip(&self.map.levers) {
+            let nearest = cone.nearest(&(linear + angular.cross(lever)));
             force -= nearest.force;
-            moment -= arm.cross(&nearest.force);
+            moment -= lever.cross(&nearest.force);
             support += nearest.support;
             square += nearest.force.norm_squared();
             let _ = all.push(nearest); // as many places as contacts
@@ -271,23 +274,23 @@ impl Search<'_> {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
         let added = *damping * math::sqrt(point.missing.norm_squared());
-        let added = if added > LEAST_DAMPING { added } else { LEAST_DAMPING };
+        let added = if added > MIN_DAMPING { added } else { MIN_DAMPING };
         for index in 0..6 {
             hessian[(index, index)] += added;
         }
-        let direction = Ldlt::new(&hessian, LEAST_PIVOT).solve(&point.missing);
+        let direction = Ldlt::new(&hessian, MIN_PIVOT).solve(&point.missing);
         let slope = direction.dot(&point.missing);
         let next = self.at(point.twist + direction);
         let left = direction.dot(&next.missing);
-        let (next, factor) = if left < -SLOPE * slope {
-            (self.shorter(point, &direction, slope, left), HARDER)
-        } else if left > SLOPE * slope {
-            (self.longer(next, &direction), SOFTER)
+        let (next, factor) = if left < -MAX_SLOPE_RATIO * slope {
+            (self.shorter(point, &direction, slope, left), DAMPING_INCREASE)
+        } else if left > MAX_SLOPE_RATIO * slope {
+            (self.longer(next, &direction), DAMPING_DECREASE)
         } else {
-            (next, SOFTER)
+            (next, DAMPING_DECREASE)
         };
-        *damping = math::clamp(*damping * factor, DAMPING, MOST_DAMPING);
-        let flat = direction.dot(&next.missing) > SLOPE * slope;
+        *damping = math::clamp(*damping * factor, INITIAL_DAMPING, MAX_DAMPING);
+        let flat = direction.dot(&next.missing) > MAX_SLOPE_RATIO * slope;
         (next, flat.then_some(direction))
     }
 
@@ -301,7 +304,7 @@ impl Search<'_> {
             let length = lower.0 + (upper.0 - lower.0) * share;
             let next = self.at(point.twist + direction * length);
             let left = direction.dot(&next.missing);
-            if abs(left) <= SLOPE * slope || tries == SHORTER {
+            if abs(left) <= MAX_SLOPE_RATIO * slope || tries == MAX_BACKTRACKS {
                 return next;
             }
             if left > 0.0 {
@@ -315,17 +318,17 @@ impl Search<'_> {
 
     /// A point behind the end of a step along which the slope has hardly changed.
     fn longer(&self, mut point: Point, direction: &Vector6<f32>) -> Point {
-        let mut length = FACTOR - 1.0;
-        for _ in 0..LONGER {
+        let mut length = EXTENSION - 1.0;
+        for _ in 0..MAX_EXTENSIONS {
             let next = self.at(point.twist + direction * length);
             // It goes on only while it helps in all directions.
             if next.missing.norm_squared() > 0.98 * point.missing.norm_squared()
                 || direction.dot(&next.missing) < 0.0
-                || next.twist.norm_squared() > FARTHEST * FARTHEST
+                || next.twist.norm_squared() > MAX_TWIST * MAX_TWIST
             {
                 break;
             }
-            length *= FACTOR;
+            length *= EXTENSION;
             point = next;
         }
         point
@@ -335,12 +338,12 @@ impl Search<'_> {
     #[inline(never)]
     fn hessian(&self, point: &Point) -> Matrix6<f32> {
         let mut hessian = Matrix6::zeros();
-        for ((cone, arm), nearest) in self.cones.iter().zip(&self.map.arms).zip(&point.nearest) {
+        for ((cone, lever), nearest) in self.cones.iter().zip(&self.map.levers).zip(&point.nearest) {
             let derivative = cone.derivative(nearest);
             // r^ P, and r^ P (r^)ᵀ, whose columns are r × the rows of r^ P.
-            let turned = [0, 1, 2].map(|index| arm.cross(&derivative.column(index).into_owned()));
-            let rows =
-                [0, 1, 2].map(|row| arm.cross(&Vector3::new(turned[0][row], turned[1][row], turned[2][row])));
+            let turned = [0, 1, 2].map(|index| lever.cross(&derivative.column(index).into_owned()));
+            let rows = [0, 1, 2]
+                .map(|row| lever.cross(&Vector3::new(turned[0][row], turned[1][row], turned[2][row])));
             for column in 0..3 {
                 for row in column..3 {
                     hessian[(row, column)] += derivative[(row, column)];

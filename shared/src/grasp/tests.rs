@@ -69,8 +69,8 @@ fn forces_and_velocities_are_each_others_transpose() {
 fn the_papers_maps_agree_with_the_grasp_map() {
     let mut random = Random(2);
     let map = hand3_grasp(0.5);
-    let arms = [0, 1, 2].map(|index| map.contacts()[index].position() - map.origin());
-    let object = object_map(&arms);
+    let levers = [0, 1, 2].map(|index| map.contacts()[index].position() - map.origin());
+    let object = object_map(&levers);
     assert!((object.transpose() - map.matrix().fixed_columns::<9>(0)).norm() < 1e-7);
 
     let fingers = [(); 3].map(|()| (jacobian(&mut random), random.vector(0.01)));
@@ -78,13 +78,13 @@ fn the_papers_maps_agree_with_the_grasp_map() {
     // Virtual work: torques times joint velocities is forces times velocities of the contacts.
     let forces = [(); 3].map(|()| random.vector(2.0));
     let joints = [(); 3].map(|()| random.vector(1.0));
-    let (torques, velocities) = (hand.torques(&forces), hand.velocities(&joints));
+    let (torques, velocities) = (hand.torques(&forces), hand.contact_velocities(&joints));
     let power: f32 = (0..3).map(|finger| torques[finger].dot(&joints[finger])).sum();
     let expected: f32 = (0..3).map(|finger| forces[finger].dot(&velocities[finger])).sum();
     assert!((power - expected).abs() < 1e-6);
     // Joints that follow the object move the contacts with it.
     let twist = Vector6::new(0.01, -0.02, 0.03, 0.1, 0.2, -0.3);
-    let followed = hand.velocities(&hand.follow(&arms, &twist).unwrap());
+    let followed = hand.contact_velocities(&hand.joint_velocities(&levers, &twist).unwrap());
     let expected = map.velocities(&twist);
     for finger in 0..3 {
         assert!((followed[finger] - expected[finger]).norm() < 1e-5);
@@ -93,10 +93,10 @@ fn the_papers_maps_agree_with_the_grasp_map() {
     let mut stretched = fingers;
     let column = stretched[1].0.column(1).into_owned();
     stretched[1].0.set_column(2, &column);
-    let singular = ThreeFingers::new(&stretched).follow(&arms, &twist);
+    let singular = ThreeFingers::new(&stretched).joint_velocities(&levers, &twist);
     assert_eq!(singular, Err(SingularFinger { finger: 1 }));
     stretched[1].0.fill(f32::NAN);
-    let singular = ThreeFingers::new(&stretched).follow(&arms, &twist);
+    let singular = ThreeFingers::new(&stretched).joint_velocities(&levers, &twist);
     assert_eq!(singular, Err(SingularFinger { finger: 1 }));
 }
 
@@ -109,14 +109,14 @@ fn the_pseudo_inverse_makes_the_wrench_with_the_least_forces() {
         let report = *inverse.conditioning();
         // nalgebra's singular values of the map about the centroid, moments over the length.
         let mut scaled = SMatrix::<f64, 6, 18>::zeros();
-        for (index, arm) in map.arms.iter().enumerate() {
+        for (index, lever) in map.levers.iter().enumerate() {
             scaled.fixed_view_mut::<3, 3>(0, 3 * index).fill_with_identity();
-            scaled.fixed_view_mut::<3, 3>(3, 3 * index).copy_from(&arm.cross_matrix().cast());
+            scaled.fixed_view_mut::<3, 3>(3, 3 * index).copy_from(&lever.cross_matrix().cast());
         }
         let exact = scaled.singular_values();
-        assert!((f64::from(report.largest) - exact.max()).abs() < 2e-6, "{report:?} {exact}");
+        assert!((f64::from(report.sigma_max) - exact.max()).abs() < 2e-6, "{report:?} {exact}");
         assert!(
-            (f64::from(report.smallest) - exact.min()).abs() < 1e-3 * exact.min() + 5e-6,
+            (f64::from(report.sigma_min) - exact.min()).abs() < 1e-3 * exact.min() + 5e-6,
             "{report:?} {exact}"
         );
         assert_eq!(report.rank, if map.contacts().len() == 2 { 5 } else { 6 });
@@ -126,10 +126,10 @@ fn the_pseudo_inverse_makes_the_wrench_with_the_least_forces() {
         let forces = inverse.forces(&wrench).unwrap();
         let size = map.scaled(&wrench);
         let size = sqrt(size.0.norm_squared() + size.1.norm_squared());
-        let rest = map.scaled(&(map.wrench(&forces) - wrench));
+        let residual = map.scaled(&(map.wrench(&forces) - wrench));
         assert!(
-            sqrt(rest.0.norm_squared() + rest.1.norm_squared()) < 3e-6 * (size + 1.0),
-            "{round} {rest:?} {size} {report:?}"
+            sqrt(residual.0.norm_squared() + residual.1.norm_squared()) < 3e-6 * (size + 1.0),
+            "{round} {residual:?} {size} {report:?}"
         );
         // The least: it has no part among the internal forces.
         let mut internal = made.clone();
@@ -156,7 +156,7 @@ fn an_equilateral_triangle_has_the_singular_values_worked_by_hand() {
     .unwrap();
     let report = *map.inverse().conditioning();
     assert!((map.length() - 0.3).abs() < 1e-6);
-    assert!((report.smallest - sqrt(1.5)).abs() < 1e-5 && (report.largest - sqrt(3.0)).abs() < 1e-6);
+    assert!((report.sigma_min - sqrt(1.5)).abs() < 1e-5 && (report.sigma_max - sqrt(3.0)).abs() < 1e-6);
     assert!((report.condition - sqrt(2.0)).abs() < 1e-5 && report.rank == 6 && report.axis.z.abs() < 1e-3);
 }
 
@@ -169,16 +169,16 @@ fn contacts_in_line_resist_no_moment_about_it() {
     let map = GraspMap::try_new(&line, Vector3::new(0.0, 0.0, 0.5)).unwrap();
     let inverse = map.inverse();
     let report = inverse.conditioning();
-    assert!(report.rank == 5 && report.condition.is_infinite() && report.smallest < 1e-6);
+    assert!(report.rank == 5 && report.condition.is_infinite() && report.sigma_min < 1e-6);
     assert!((report.axis.x.abs() - 0.6).abs() < 1e-5 && (report.axis.y.abs() - 0.8).abs() < 1e-5);
     let about = Vector6::new(1.0, 2.0, 3.0, 0.06, 0.08, 0.0);
-    let Err(NoForces::NotResisted { moment, .. }) = inverse.forces(&about) else { panic!() };
+    let Err(WrenchInverseError::NotResisted { moment, .. }) = inverse.forces(&about) else { panic!() };
     assert!((moment.abs() - 0.1).abs() < 1e-6);
     let across = Vector6::new(1.0, 2.0, 3.0, -0.08, 0.06, 0.1);
     let forces = inverse.forces(&across).unwrap();
     assert!((map.wrench(&forces) - across).norm() < 1e-5);
     let nan = Vector6::new(f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0);
-    assert_eq!(inverse.forces(&nan), Err(NoForces::NotFinite));
+    assert_eq!(inverse.forces(&nan), Err(WrenchInverseError::NotFinite));
 }
 
 #[test]
@@ -186,11 +186,11 @@ fn what_is_no_grasp_is_refused_by_name() {
     let here = contact([0.1, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 1.0);
     let there = contact([0.0, 0.1, 0.0], [1.0, 0.0, 0.0], 0.5, 1.0);
     let refused = |contacts: &[Contact]| GraspMap::try_new(contacts, Vector3::zeros()).unwrap_err();
-    assert_eq!(refused(&[here]), NoGrasp::Contacts(1));
-    assert_eq!(refused(&[here; 7]), NoGrasp::Contacts(7));
-    assert_eq!(refused(&[here, here]), NoGrasp::Coincident { first: 0, second: 1, distance: 0.0 });
+    assert_eq!(refused(&[here]), GraspMapError::Contacts(1));
+    assert_eq!(refused(&[here; 7]), GraspMapError::Contacts(7));
+    assert_eq!(refused(&[here, here]), GraspMapError::Coincident { first: 0, second: 1, distance: 0.0 });
     let coincident = refused(&[there, here, here]);
-    assert!(matches!(coincident, NoGrasp::Coincident { first: 1, second: 2, .. }));
+    assert!(matches!(coincident, GraspMapError::Coincident { first: 1, second: 2, .. }));
     let nowhere = Vector3::new(0.0, f32::INFINITY, 0.0);
-    assert_eq!(GraspMap::try_new(&[here, there], nowhere).unwrap_err(), NoGrasp::Origin);
+    assert_eq!(GraspMap::try_new(&[here, there], nowhere).unwrap_err(), GraspMapError::Origin);
 }

@@ -5,7 +5,7 @@ use heapless::Vec;
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
 
 use super::Chain;
-use super::inverse::FARTHEST;
+use super::inverse::MAX_DISTANCE;
 use crate::math::{self, abs};
 
 /// By how much of its size a chain may miss the shape of a finger; solutions then miss their point by as much.
@@ -51,7 +51,7 @@ pub type FingerSolutions = Vec<[f32; 3], 4>;
 
 /// Why a chain is no [`Finger`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NotAFinger {
+pub enum FingerShapeError {
     /// It has another number of joints than three.
     Joints(usize),
     /// The second axis is not at right angles to the first.
@@ -94,33 +94,33 @@ impl Finger {
     ///
     /// # Errors
     /// What of its shape has no closed form.
-    pub fn try_new(chain: &Chain, limits: [(f32, f32); 3]) -> Result<Self, NotAFinger> {
+    pub fn try_new(chain: &Chain, limits: [(f32, f32); 3]) -> Result<Self, FingerShapeError> {
         if !limits.iter().all(|(lower, upper)| lower.is_finite() && upper.is_finite() && lower <= upper) {
-            return Err(NotAFinger::Limits);
+            return Err(FingerShapeError::Limits);
         }
         let posture = chain.posture(&[0.0; 3]);
         let [(axis, first), (across, second), (bend, third)] = posture.joints[..] else {
-            return Err(NotAFinger::Joints(chain.len()));
+            return Err(FingerShapeError::Joints(chain.len()));
         };
         let tip = posture.reach;
         let base = chain.links.first().map_or(Vector3::zeros(), |link| link.translation);
         if abs(axis.dot(&across)) > SHAPE_TOLERANCE {
-            return Err(NotAFinger::NotAcross);
+            return Err(FingerShapeError::NotAcross);
         }
         if across.cross(&bend).norm() > SHAPE_TOLERANCE {
-            return Err(NotAFinger::NotParallel);
+            return Err(FingerShapeError::NotParallel);
         }
         let links = [third - second, tip - third];
         let lengths = links.map(|link| link.norm());
         let tolerance = SHAPE_TOLERANCE * (lengths[0] + lengths[1]);
         if lengths.iter().any(|&length| length <= tolerance) {
-            return Err(NotAFinger::NoLength);
+            return Err(FingerShapeError::NoLength);
         }
         // z × x = y: x is where the finger bends to at angle 0 of the first joint.
         let x = across.cross(&axis).normalize();
         let beside = [second - first, links[0], links[1]].map(|step| abs(step.dot(&across)));
         if beside.iter().any(|&distance| distance > tolerance) {
-            return Err(NotAFinger::NotPlanar);
+            return Err(FingerShapeError::NotPlanar);
         }
         let [a, b] = lengths;
         let [direction, other] = links.map(|link| math::atan2(link.dot(&x), link.dot(&axis)));
@@ -210,7 +210,7 @@ impl Finger {
         let squared = at.x * at.x + at.y * at.y;
         let radius = math::sqrt(squared);
         // False for NaN, too.
-        let there = radius + abs(at.z) < FARTHEST;
+        let there = radius + abs(at.z) < MAX_DISTANCE;
         if !there {
             return Err(FingerError::NotFinite);
         }
@@ -357,7 +357,7 @@ impl Failure {
     }
 }
 
-impl fmt::Display for NotAFinger {
+impl fmt::Display for FingerShapeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Joints(joints) => write!(f, "it has {joints} joints, a finger has 3"),
@@ -370,7 +370,7 @@ impl fmt::Display for NotAFinger {
     }
 }
 
-impl core::error::Error for NotAFinger {}
+impl core::error::Error for FingerShapeError {}
 
 impl fmt::Display for FingerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -518,7 +518,7 @@ mod tests {
         let on_axis = Vector3::new(0.0, 0.0, 0.1);
         let found = finger.inverse(&on_axis, &[1.000_02, -0.5, 0.9]).unwrap();
         assert!(found.iter().all(|angles| abs(angles[0] - 1.0) < 1e-9), "{found:?}");
-        assert_eq!(Finger::try_new(&chain, [(1.0, -1.0); 3]).unwrap_err(), NotAFinger::Limits);
+        assert_eq!(Finger::try_new(&chain, [(1.0, -1.0); 3]).unwrap_err(), FingerShapeError::Limits);
     }
 
     #[test]
@@ -540,13 +540,13 @@ mod tests {
         let y = [0.0, 1.0, 0.0];
         let up = [0.0, 0.0, 0.04];
         let refused = |joints, tip| Finger::try_new(&chain(joints, tip), FREE).unwrap_err();
-        assert_eq!(refused([(up, z), (up, [0.0, 0.6, 0.8]), (up, y)], up), NotAFinger::NotAcross);
-        assert_eq!(refused([(up, z), (up, y), (up, [1.0, 0.0, 0.0])], up), NotAFinger::NotParallel);
-        assert_eq!(refused([(up, z), (up, y), (up, y)], [0.0, 0.001, 0.04]), NotAFinger::NotPlanar);
-        assert_eq!(refused([(up, z), ([0.0, 0.01, 0.0], y), (up, y)], up), NotAFinger::NotPlanar);
-        assert_eq!(refused([(up, z), (up, y), ([0.0; 3], y)], up), NotAFinger::NoLength);
+        assert_eq!(refused([(up, z), (up, [0.0, 0.6, 0.8]), (up, y)], up), FingerShapeError::NotAcross);
+        assert_eq!(refused([(up, z), (up, y), (up, [1.0, 0.0, 0.0])], up), FingerShapeError::NotParallel);
+        assert_eq!(refused([(up, z), (up, y), (up, y)], [0.0, 0.001, 0.04]), FingerShapeError::NotPlanar);
+        assert_eq!(refused([(up, z), ([0.0, 0.01, 0.0], y), (up, y)], up), FingerShapeError::NotPlanar);
+        assert_eq!(refused([(up, z), (up, y), ([0.0; 3], y)], up), FingerShapeError::NoLength);
         let short = Chain::new(&[test_joint("joint")], &Pose::IDENTITY);
-        assert_eq!(Finger::try_new(&short, FREE).unwrap_err(), NotAFinger::Joints(1));
+        assert_eq!(Finger::try_new(&short, FREE).unwrap_err(), FingerShapeError::Joints(1));
     }
 
     proptest! {

@@ -9,16 +9,16 @@ use crate::model::MAX_CHAIN_JOINTS;
 
 /// Share of the squared error [rad²] that is added to the squared singular values: far from the target it keeps steps
 /// sensible, near it nothing of it is left.
-const DAMPING: f32 = 0.5;
+const DAMPING_FACTOR: f32 = 0.5;
 /// What is left of it at the target [rad²], for postures in which the smallest singular value is 0.
-const LEAST_DAMPING: f32 = 1e-7;
+const MIN_DAMPING: f32 = 1e-7;
 /// Largest change of an angle in one iteration [rad].
 const MAX_STEP: f32 = 1.0;
 /// A start is given up when this many iterations in a row have not brought the squared error down by a tenth.
-const STALLS: u8 = 4;
+const MAX_STALLS: u8 = 4;
 
 /// Targets beyond this [m] are none: their squares would be infinite.
-pub(super) const FARTHEST: f32 = 1e6;
+pub(super) const MAX_DISTANCE: f32 = 1e6;
 
 /// Where the tip should be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,16 +33,16 @@ pub enum Target {
 /// (Sugihara 2011), joint limits by an active set, and new starts when it is stuck.
 ///
 /// Configuration of one chain; nothing is kept from one call to the next. Never more than
-/// `iterations` · (`restarts` + 3) iterations: on the tick path choose [`Options`] accordingly.
+/// `iterations` · (`restarts` + 3) iterations: on the tick path choose [`SolverOptions`] accordingly.
 #[derive(Clone, Debug)]
 pub struct InverseKinematics {
     joints: Vec<Joint, MAX_CHAIN_JOINTS>,
-    options: Options,
+    options: SolverOptions,
 }
 
 /// When [`InverseKinematics`] has reached its target, and when it gives up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct SolverOptions {
     /// Largest distance from the target [m]. Tolerances end the search; they are no weights.
     pub position_tolerance: f32,
     /// Largest angle from the target's orientation [rad].
@@ -55,7 +55,7 @@ pub struct Options {
     pub restarts: u16,
 }
 
-impl Default for Options {
+impl Default for SolverOptions {
     fn default() -> Self {
         Self {
             position_tolerance: 1e-5,
@@ -85,7 +85,7 @@ struct Mimic {
 
 /// What is wrong with the joints of an [`InverseKinematics`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BadJoint {
+pub enum InvalidJoint {
     /// More joints than a chain can have.
     TooMany,
     /// A limit is NaN or infinite, or the lower one is above the upper one.
@@ -108,7 +108,7 @@ pub enum BadJoint {
 
 /// A target that was reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solved {
+pub struct SolveReport {
     /// Distance from the target [m].
     pub position_error: f32,
     /// Angle from the target's orientation [rad]; 0 when it had none.
@@ -119,13 +119,13 @@ pub struct Solved {
 
 /// Why a target was not reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NotSolved {
+pub enum InverseKinematicsError {
     /// The target is NaN, infinite or more than 1e6 m away, or the start is NaN or infinite.
     NotFinite,
     /// The chain, the limits and the start have different numbers of joints.
     Joints,
     /// Out of reach, or not found in the iterations allowed. The angles are the nearest that were found.
-    NotReached(Solved),
+    NotReached(SolveReport),
 }
 
 /// The nearest so far.
@@ -143,20 +143,20 @@ impl InverseKinematics {
     ///
     /// # Errors
     /// When they are no limits.
-    pub fn try_new(limits: &[(f32, f32)]) -> Result<Self, BadJoint> {
+    pub fn try_new(limits: &[(f32, f32)]) -> Result<Self, InvalidJoint> {
         let mut joints = Vec::new();
         for (joint, &(lower, upper)) in limits.iter().enumerate() {
             if !(lower.is_finite() && upper.is_finite() && lower <= upper) {
-                return Err(BadJoint::Limits { joint });
+                return Err(InvalidJoint::Limits { joint });
             }
-            joints.push(Joint { lower, upper, mimic: None }).map_err(|_| BadJoint::TooMany)?;
+            joints.push(Joint { lower, upper, mimic: None }).map_err(|_| InvalidJoint::TooMany)?;
         }
-        Ok(Self { joints, options: Options::default() })
+        Ok(Self { joints, options: SolverOptions::default() })
     }
 
     /// With other tolerances and bounds.
     #[must_use]
-    pub const fn with_options(mut self, options: Options) -> Self {
+    pub const fn with_options(mut self, options: SolverOptions) -> Self {
         self.options = options;
         self
     }
@@ -171,14 +171,14 @@ impl InverseKinematics {
         of: usize,
         multiplier: f32,
         offset: f32,
-    ) -> Result<Self, BadJoint> {
+    ) -> Result<Self, InvalidJoint> {
         let (Some(own), Some(other)) = (self.joints.get(joint).copied(), self.joints.get(of).copied()) else {
-            return Err(BadJoint::Mimic { joint });
+            return Err(InvalidJoint::Mimic { joint });
         };
         let followed = self.joints.iter().any(|other| other.mimic.is_some_and(|mimic| mimic.of == joint));
         let finite = multiplier.is_finite() && offset.is_finite();
         if joint == of || own.mimic.is_some() || other.mimic.is_some() || followed || !finite {
-            return Err(BadJoint::Mimic { joint });
+            return Err(InvalidJoint::Mimic { joint });
         }
         // The joint that is followed may go only where both stay within their limits.
         let (mut lower, mut upper) = (other.lower, other.upper);
@@ -189,7 +189,7 @@ impl InverseKinematics {
         }
         let stands_outside = multiplier == 0.0 && !(own.lower..=own.upper).contains(&offset);
         if lower > upper || stands_outside {
-            return Err(BadJoint::MimicLimits { joint });
+            return Err(InvalidJoint::MimicLimits { joint });
         }
         if let Some(other) = self.joints.get_mut(of) {
             (other.lower, other.upper) = (lower, upper);
@@ -205,19 +205,24 @@ impl InverseKinematics {
     ///
     /// # Errors
     /// When the target is not reached.
-    pub fn solve(&self, chain: &Chain, target: &Target, q: &mut [f32]) -> Result<Solved, NotSolved> {
+    pub fn solve(
+        &self,
+        chain: &Chain,
+        target: &Target,
+        q: &mut [f32],
+    ) -> Result<SolveReport, InverseKinematicsError> {
         if q.len() != chain.len() || q.len() != self.joints.len() {
-            return Err(NotSolved::Joints);
+            return Err(InverseKinematicsError::Joints);
         }
         let finite = match target {
-            Target::Position(position) => position.iter().all(|value| abs(*value) < FARTHEST),
+            Target::Position(position) => position.iter().all(|value| abs(*value) < MAX_DISTANCE),
             Target::Pose(pose) => {
-                pose.translation.vector.iter().all(|value| abs(*value) < FARTHEST)
+                pose.translation.vector.iter().all(|value| abs(*value) < MAX_DISTANCE)
                     && pose.rotation.matrix().iter().all(|value| value.is_finite())
             }
         };
         if !finite || !q.iter().all(|value| value.is_finite()) {
-            return Err(NotSolved::NotFinite);
+            return Err(InverseKinematicsError::NotFinite);
         }
         match target {
             Target::Position(position) => {
@@ -245,7 +250,7 @@ impl InverseKinematics {
         chain: &Chain,
         q: &mut [f32],
         error: impl Fn(&Posture) -> (SVector<f32, M>, f32, f32),
-    ) -> Result<Solved, NotSolved> {
+    ) -> Result<SolveReport, InverseKinematicsError> {
         let options = &self.options;
         let square = |x: f32| x * x;
         let tolerances = (square(options.position_tolerance), square(options.rotation_tolerance));
@@ -278,11 +283,11 @@ impl InverseKinematics {
                     break 'starts;
                 }
                 stalls = if cost > 0.9 * before { stalls + 1 } else { 0 };
-                if stalls == STALLS {
+                if stalls == MAX_STALLS {
                     break;
                 }
                 before = cost;
-                self.step(&posture, &error, DAMPING * cost, &mut angles);
+                self.step(&posture, &error, DAMPING_FACTOR * cost, &mut angles);
             }
             for (angle, joint) in angles.iter_mut().zip(&self.joints) {
                 // The generator of Numerical Recipes; its upper bits are good enough to begin anew somewhere else.
@@ -294,7 +299,7 @@ impl InverseKinematics {
         }
         if !reached {
             // What remains is to come as near as can be: steps that lead away are taken back.
-            let mut damping = DAMPING * best.cost;
+            let mut damping = DAMPING_FACTOR * best.cost;
             for _ in 0..options.iterations {
                 angles = best.angles;
                 let (posture, error, cost, _) = look(&angles, &mut best);
@@ -308,12 +313,12 @@ impl InverseKinematics {
             }
         }
         q.iter_mut().zip(&best.angles).for_each(|(q, &angle)| *q = angle);
-        let solved = Solved {
+        let solved = SolveReport {
             position_error: math::sqrt(best.linear),
             rotation_error: math::sqrt(best.angular),
             iterations,
         };
-        if reached { Ok(solved) } else { Err(NotSolved::NotReached(solved)) }
+        if reached { Ok(solved) } else { Err(InverseKinematicsError::NotReached(solved)) }
     }
 
     /// One step of Levenberg–Marquardt.
@@ -327,9 +332,9 @@ impl InverseKinematics {
         let jacobian = self.jacobian::<M>(posture, error, angles);
         let mut damped = jacobian * jacobian.transpose();
         for index in 0..M {
-            damped[(index, index)] += damping + LEAST_DAMPING;
+            damped[(index, index)] += damping + MIN_DAMPING;
         }
-        let step = jacobian.tr_mul(&Ldlt::new(&damped, LEAST_DAMPING).solve(error));
+        let step = jacobian.tr_mul(&Ldlt::new(&damped, MIN_DAMPING).solve(error));
         let largest = step.iter().fold(0.0_f32, |largest, step| largest.max(abs(*step)));
         let scale = if largest > MAX_STEP { MAX_STEP / largest } else { 1.0 };
         for (angle, step) in angles.iter_mut().zip(&step) {
@@ -381,7 +386,7 @@ impl InverseKinematics {
     }
 }
 
-impl fmt::Display for BadJoint {
+impl fmt::Display for InvalidJoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooMany => write!(f, "a chain has at most {MAX_CHAIN_JOINTS} joints"),
@@ -401,14 +406,14 @@ impl fmt::Display for BadJoint {
     }
 }
 
-impl core::error::Error for BadJoint {}
+impl core::error::Error for InvalidJoint {}
 
-impl fmt::Display for NotSolved {
+impl fmt::Display for InverseKinematicsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotFinite => write!(f, "target and start must be finite, the target within 1e6 m"),
             Self::Joints => write!(f, "chain, limits and start must have the same number of joints"),
-            Self::NotReached(Solved { position_error, rotation_error, iterations }) => write!(
+            Self::NotReached(SolveReport { position_error, rotation_error, iterations }) => write!(
                 f,
                 "not reached in {iterations} iterations: the nearest is {position_error} m and {rotation_error} rad away; \
                  a nearer target, wider limits or more restarts may help"
@@ -417,7 +422,7 @@ impl fmt::Display for NotSolved {
     }
 }
 
-impl core::error::Error for NotSolved {}
+impl core::error::Error for InverseKinematicsError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
@@ -509,7 +514,9 @@ mod tests {
         let solver = InverseKinematics::try_new(&limits).unwrap();
         let far = Vector3::new(0.0, 0.0, 5.0);
         let mut q = [0.3; 4];
-        let Err(NotSolved::NotReached(nearest)) = solver.solve(&chain, &Target::Position(far), &mut q) else {
+        let Err(InverseKinematicsError::NotReached(nearest)) =
+            solver.solve(&chain, &Target::Position(far), &mut q)
+        else {
             panic!()
         };
         let distance = |q: &[f32]| (chain.posture(q).tip().translation.vector - far).norm();
@@ -524,7 +531,7 @@ mod tests {
     #[test]
     fn few_iterations_that_reach_the_target_are_enough() {
         let chain = chain_of("hand3_finger1");
-        let options = Options { restarts: 0, ..Options::default() };
+        let options = SolverOptions { restarts: 0, ..SolverOptions::default() };
         let solver = InverseKinematics::try_new(&[(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]).unwrap();
         let solver = solver.with_options(options);
         let mut random = Random(11);
@@ -532,40 +539,43 @@ mod tests {
             let goal = [random.between(-1.0, 1.0), random.between(-1.2, 1.7), random.between(-0.1, 2.4)];
             let target = Target::Position(chain.posture(&goal).tip().translation.vector);
             let result = solver.solve(&chain, &target, &mut [0.0, 0.3, 1.0]);
-            let Err(NotSolved::NotReached(nearest)) = result else { continue };
+            let Err(InverseKinematicsError::NotReached(nearest)) = result else { continue };
             assert!(nearest.position_error > options.position_tolerance, "{nearest:?}");
         }
         let nowhere = Target::Position(Vector3::new(1e19, 0.0, 0.0));
-        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 3]), Err(NotSolved::NotFinite));
+        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 3]), Err(InverseKinematicsError::NotFinite));
     }
 
     #[test]
     fn bad_input_is_refused_by_name() {
         let chain = chain_of("allegro_index");
         let refused = |limits: &[(f32, f32)]| InverseKinematics::try_new(limits).unwrap_err();
-        assert_eq!(refused(&[(0.0, 1.0), (1.0, 0.0)]), BadJoint::Limits { joint: 1 });
-        assert_eq!(refused(&[(f32::NAN, 1.0)]), BadJoint::Limits { joint: 0 });
-        assert_eq!(refused(&[(0.0, 1.0); 8]), BadJoint::TooMany);
+        assert_eq!(refused(&[(0.0, 1.0), (1.0, 0.0)]), InvalidJoint::Limits { joint: 1 });
+        assert_eq!(refused(&[(f32::NAN, 1.0)]), InvalidJoint::Limits { joint: 0 });
+        assert_eq!(refused(&[(0.0, 1.0); 8]), InvalidJoint::TooMany);
         let solver = InverseKinematics::try_new(&[(0.0, 1.0); 4]).unwrap();
         let mimic =
             |joint, of, multiplier| solver.clone().with_mimic(joint, of, multiplier, 0.0).unwrap_err();
-        assert_eq!(mimic(1, 1, 1.0), BadJoint::Mimic { joint: 1 });
-        assert_eq!(mimic(1, 9, 1.0), BadJoint::Mimic { joint: 1 });
-        assert_eq!(mimic(1, 2, f32::NAN), BadJoint::Mimic { joint: 1 });
+        assert_eq!(mimic(1, 1, 1.0), InvalidJoint::Mimic { joint: 1 });
+        assert_eq!(mimic(1, 9, 1.0), InvalidJoint::Mimic { joint: 1 });
+        assert_eq!(mimic(1, 2, f32::NAN), InvalidJoint::Mimic { joint: 1 });
         let offset = solver.clone().with_mimic(3, 2, 1.0, 5.0).unwrap_err();
-        assert_eq!(offset, BadJoint::MimicLimits { joint: 3 });
+        assert_eq!(offset, InvalidJoint::MimicLimits { joint: 3 });
         assert_eq!(
             solver.clone().with_mimic(3, 2, 0.0, 5.0).unwrap_err(),
-            BadJoint::MimicLimits { joint: 3 }
+            InvalidJoint::MimicLimits { joint: 3 }
         );
         let twice = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
-        assert_eq!(twice.with_mimic(3, 1, 1.0, 0.0).unwrap_err(), BadJoint::Mimic { joint: 3 });
+        assert_eq!(twice.with_mimic(3, 1, 1.0, 0.0).unwrap_err(), InvalidJoint::Mimic { joint: 3 });
         let chained = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
-        assert_eq!(chained.with_mimic(2, 1, 1.0, 0.0).unwrap_err(), BadJoint::Mimic { joint: 2 });
+        assert_eq!(chained.with_mimic(2, 1, 1.0, 0.0).unwrap_err(), InvalidJoint::Mimic { joint: 2 });
         let nowhere = Target::Position(Vector3::new(f32::NAN, 0.0, 0.0));
-        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 4]), Err(NotSolved::NotFinite));
+        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 4]), Err(InverseKinematicsError::NotFinite));
         let here = Target::Position(Vector3::zeros());
-        assert_eq!(solver.solve(&chain, &here, &mut [0.0; 3]), Err(NotSolved::Joints));
-        assert_eq!(solver.solve(&chain, &here, &mut [f32::INFINITY; 4]), Err(NotSolved::NotFinite));
+        assert_eq!(solver.solve(&chain, &here, &mut [0.0; 3]), Err(InverseKinematicsError::Joints));
+        assert_eq!(
+            solver.solve(&chain, &here, &mut [f32::INFINITY; 4]),
+            Err(InverseKinematicsError::NotFinite)
+        );
     }
 }

@@ -19,7 +19,9 @@ mod tests;
 
 pub use chain::Chain;
 pub(crate) use chain::Link;
-pub use finger::{Finger, FingerError, FingerSolutions, NotAFinger};
-pub use inverse::{BadJoint, InverseKinematics, NotSolved, Options, Solved, Target};
+pub use finger::{Finger, FingerError, FingerShapeError, FingerSolutions};
+pub use inverse::{
+    InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,
+};
 pub use posture::{Jacobian, Posture, TipPoint};
 pub use setpoint::{ElbowSetpoint, PosePoint};

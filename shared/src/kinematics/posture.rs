@@ -58,7 +58,7 @@ impl Posture {
 
     /// Velocities [rad/s] and accelerations [rad/s²] of three joints that move the tip like `point`; `None` near a singular
     /// posture, where small motions of the tip would take large ones of the joints, or with another number of joints.
-    pub fn follow(&self, point: &TipPoint) -> Option<([f32; 3], [f32; 3])> {
+    pub fn joint_motion(&self, point: &TipPoint) -> Option<([f32; 3], [f32; 3])> {
         let (velocity, acceleration) = (Vector3::from(point.velocity), Vector3::from(point.acceleration));
         if velocity == Vector3::zeros() && acceleration == Vector3::zeros() {
             return Some(([0.0; 3], [0.0; 3]));

@@ -18,10 +18,13 @@ const TAN_PI_8: f32 = 0.414_213_57;
 pub fn atan2(y: f32, x: f32) -> f32 {
     let (width, height) = (abs(x), abs(y));
     let steep = height > width;
-    let (least, most) = if steep { (width, height) } else { (height, width) };
+    let (smaller, larger) = if steep { (width, height) } else { (height, width) };
     // atan a = π/4 + atan((a − 1)/(a + 1))
-    let (numerator, denominator, base) =
-        if least > TAN_PI_8 * most { (least - most, least + most, FRAC_PI_4) } else { (least, most, 0.0) };
+    let (numerator, denominator, base) = if smaller > TAN_PI_8 * larger {
+        (smaller - larger, smaller + larger, FRAC_PI_4)
+    } else {
+        (smaller, larger, 0.0)
+    };
     // At the origin 0 / 0 would be NaN; beside larger numbers the smallest one vanishes.
     let t = numerator / (denominator + f32::MIN_POSITIVE);
     let z = t * t;

@@ -8,9 +8,9 @@ pub(crate) struct Ldlt<const M: usize> {
 }
 
 impl<const M: usize> Ldlt<M> {
-    /// Pivots are at least `least`: rounding may have eaten a nearly singular matrix's last one.
+    /// Pivots are at min_pivot `min_pivot`: rounding may have eaten a nearly singular matrix's last one.
     #[inline]
-    pub(crate) fn new(matrix: &SMatrix<f32, M, M>, least: f32) -> Self {
+    pub(crate) fn new(matrix: &SMatrix<f32, M, M>, min_pivot: f32) -> Self {
         let mut lower = *matrix;
         let mut inverse = SVector::<f32, M>::zeros();
         for column in 0..M {
@@ -20,8 +20,8 @@ impl<const M: usize> Ldlt<M> {
                 // Not yet divided by D: l = L·D.
                 pivot -= l * l * inverse[k];
             }
-            // NaN, too, becomes the least.
-            inverse[column] = 1.0 / if pivot > least { pivot } else { least };
+            // NaN, too, becomes the min_pivot.
+            inverse[column] = 1.0 / if pivot > min_pivot { pivot } else { min_pivot };
             for row in column + 1..M {
                 let mut value = lower[(row, column)];
                 for k in 0..column {

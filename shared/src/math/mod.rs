@@ -6,14 +6,15 @@
 
 mod atan2;
 mod ldlt;
-mod rotation;
 mod sincos;
+mod so3;
 mod sqrt;
 
 pub use atan2::atan2;
 pub(crate) use ldlt::Ldlt;
-pub use rotation::{rotation_matrix, rotation_vector};
 pub use sincos::sin_cos;
+pub(crate) use so3::{rotated_by, rotation_between};
+pub use so3::{rotation_matrix, rotation_vector};
 pub use sqrt::sqrt;
 
 /// `e^x`.

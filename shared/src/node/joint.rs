@@ -127,7 +127,7 @@ impl JointState {
     /// No torque.
     pub fn release(&mut self) {
         (self.torque, self.effort) = (0.0, 0.0);
-        self.servo.release();
+        self.servo.clear_torque();
     }
 }
 
@@ -253,7 +253,7 @@ impl Joint<'_> {
         let desired =
             links + servo.rotor_torque(self.reference.acceleration) + of_friction + self.target.feedforward;
         // The rest of the last torque is compensated, so that the mean over the period is the desired torque.
-        let (before, carry) = (self.state.torque, math::clamp(servo.carry(), 0.0, MAX_CARRY));
+        let (before, carry) = (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_CARRY));
         let ahead = desired + (desired - before) * (carry / (1.0 - carry));
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
         self.state.effort = 0.0;
@@ -282,7 +282,7 @@ impl Joint<'_> {
         let goal = if at_once { *self.position } else { self.state.servo.resting_point() };
         self.target.setpoint = JointSetpoint::Goal(goal);
         if at_once {
-            self.state.servo.rebase(*self.position);
+            self.state.servo.restart_reference(*self.position);
         }
     }
 }

@@ -1,12 +1,12 @@
-/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `share` of its time, 0 to 1: its value, and its first and
-/// second derivative by the share. Before and after it stands still.
+/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `fraction` of its time, 0 to 1: its value, and its first and
+/// second derivative by the fraction. Before and after it stands still.
 ///
 /// ```
 /// // Half way, at 15/8 of the mean speed.
 /// assert_eq!(tesaki::signal::minimum_jerk(0.5), [0.5, 1.875, 0.0]);
 /// ```
-pub const fn minimum_jerk(share: f32) -> [f32; 3] {
-    let s = crate::math::clamp(share, 0.0, 1.0);
+pub const fn minimum_jerk(fraction: f32) -> [f32; 3] {
+    let s = crate::math::clamp(fraction, 0.0, 1.0);
     [
         s * s * s * (10.0 + s * (-15.0 + 6.0 * s)),
         30.0 * s * s * (1.0 - s) * (1.0 - s),

@@ -12,7 +12,7 @@ impl RateLimiter {
         Self { step: rate * TICK }
     }
 
-    /// The value nearest to `wanted` that may follow `last`.
+    /// The value nearest to `target` that may follow `last`.
     ///
     /// ```
     /// let limiter = tesaki::signal::RateLimiter::new(10.0);
@@ -20,7 +20,7 @@ impl RateLimiter {
     /// assert_eq!(limiter.limit(0.0, 0.0625), 0.0625);
     /// ```
     #[inline]
-    pub const fn limit(&self, last: f32, wanted: f32) -> f32 {
-        math::clamp(wanted, last - self.step, last + self.step)
+    pub const fn limit(&self, last: f32, target: f32) -> f32 {
+        math::clamp(target, last - self.step, last + self.step)
     }
 }

@@ -239,7 +239,7 @@ fn joint_points(io: &Io<'_>, tips: &[TipPoint]) -> Result<Vec<JointPoint, MAX_JO
                 LimitRefusal::OutsideLimits { joint: first + joint, value, lower, upper }.into()
             }
         })?;
-        let motion = config.chain.posture(&angles).follow(tip);
+        let motion = config.chain.posture(&angles).joint_motion(tip);
         let (velocities, accelerations) = motion.ok_or(JointServoRefusal::Singular { chain })?;
         for ((position, velocity), acceleration) in angles.into_iter().zip(velocities).zip(accelerations) {
             // Cannot fail: there are no more joints than places.

@@ -3,7 +3,7 @@ use core::fmt;
 /// Why a sample is not taken, or the clutch not closed. Nothing has changed then.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refused {
+pub enum FollowerError {
     /// The hand is farther from where it should be than it can be [m]. If all samples are refused so, it is elsewhere:
     /// open the clutch.
     Distance {
@@ -13,7 +13,7 @@ pub enum Refused {
         limit: f32,
     },
     /// Hand or elbow is turned farther from where it should be than it can be [rad].
-    Turn {
+    Angle {
         /// How far.
         value: f32,
         /// The most.
@@ -27,14 +27,14 @@ pub enum Refused {
         limit: f32,
     },
     /// A later sample was there before [s].
-    Overtaken {
+    OutOfOrder {
         /// By how much it is later.
         by: f32,
     },
     /// A number is not finite.
     NotFinite,
     /// The orientation is no unit quaternion.
-    NotAUnit {
+    NotUnit {
         /// Its norm.
         norm: f32,
     },
@@ -42,15 +42,15 @@ pub enum Refused {
     NoSample,
 }
 
-impl core::error::Error for Refused {}
+impl core::error::Error for FollowerError {}
 
-impl fmt::Display for Refused {
+impl fmt::Display for FollowerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Distance { value, limit } => {
                 write!(f, "the hand is {value} m from where it should be; at most {limit} m is possible")
             }
-            Self::Turn { value, limit } => {
+            Self::Angle { value, limit } => {
                 write!(
                     f,
                     "hand or elbow is turned by {value} rad from where it should be; at most {limit} rad is possible"
@@ -62,9 +62,9 @@ impl fmt::Display for Refused {
             Self::Age { value, .. } => {
                 write!(f, "the sample is {} s ahead of now: the clocks differ", -value)
             }
-            Self::Overtaken { by } => write!(f, "a sample that is {by} s later was there before"),
+            Self::OutOfOrder { by } => write!(f, "a sample that is {by} s later was there before"),
             Self::NotFinite => f.write_str("a number of the sample is not finite"),
-            Self::NotAUnit { norm } => {
+            Self::NotUnit { norm } => {
                 write!(f, "the orientation of the sample is a quaternion of norm {norm}; it must be 1")
             }
             Self::NoSample => f.write_str("there is no recent sample of the hand: the clutch stays open"),
@@ -75,22 +75,22 @@ impl fmt::Display for Refused {
 /// A number of [`FollowerSettings`](super::FollowerSettings) that is beyond its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct BadFollower {
+pub struct InvalidFollowerSettings {
     /// Which.
     pub field: &'static str,
     /// As given.
     pub value: f32,
     /// Smallest.
-    pub least: f32,
+    pub min: f32,
     /// Largest.
-    pub limit: f32,
+    pub max: f32,
 }
 
-impl core::error::Error for BadFollower {}
+impl core::error::Error for InvalidFollowerSettings {}
 
-impl fmt::Display for BadFollower {
+impl fmt::Display for InvalidFollowerSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, least, limit } = self;
-        write!(f, "{field} is {value}; it must be {least} at least, and {limit} at most")
+        let Self { field, value, min, max } = self;
+        write!(f, "{field} is {value}; it must be between {min} and {max}")
     }
 }

@@ -2,26 +2,26 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::hand::{Estimate, Moving};
-use super::pace::Aim;
-use super::turn::{turn, turned};
-use super::{BadFollower, HandModel, Pace, Refused};
+use super::motion_limits::MotionTarget;
+use super::operator_estimate::{Motion, OperatorEstimate};
+use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel};
+use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
-use crate::{TICK, math};
+use crate::math::{self, rotated_by, rotation_between};
 
 /// The norm of a unit quaternion is this near to 1.
-const UNIT: f32 = 1e-3;
+const NORM_TOLERANCE: f32 = 1e-3;
 /// Clocks that are set to each other differ by less than this [s].
-const CLOCKS: f32 = 2e-3;
+const CLOCK_TOLERANCE: f32 = 2e-3;
 /// After so long without a sample nothing is left of the motion before [s].
-const RESTS: f32 = 0.3;
+const MAX_GAP: f32 = 0.3;
 /// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which [`Instant`]s cannot be
 /// told apart.
-const FORGOTTEN: i32 = 10_000_000;
+const MAX_KEPT_AGE: i32 = 10_000_000;
 /// No hand is farther from where the master counts from [m].
-const FARTHEST: f32 = 100.0;
+const MAX_DISTANCE: f32 = 100.0;
 /// No elbow is turned farther [rad].
-const MOST_TURNED: f32 = 100.0;
+const MAX_ELBOW_ANGLE: f32 = 100.0;
 
 /// A time of the clock that master and slave share: microseconds, which may wrap around.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -35,11 +35,11 @@ impl Instant {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// A time longer ago than [`FORGOTTEN`] stays that long ago, so that a clock that wraps around does not make it seem later
+    /// A time longer ago than [`MAX_KEPT_AGE`] stays that long ago, so that a clock that wraps around does not make it seem later
     /// than now. So does one as far ahead, which only a clock that was set can make.
     fn forget(&mut self, now: Self) {
-        if !(-FORGOTTEN..=FORGOTTEN).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
-            self.0 = now.0.wrapping_sub(FORGOTTEN.cast_unsigned());
+        if !(-MAX_KEPT_AGE..=MAX_KEPT_AGE).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
+            self.0 = now.0.wrapping_sub(MAX_KEPT_AGE.cast_unsigned());
         }
     }
 }
@@ -63,24 +63,24 @@ pub(super) type Number = (&'static str, f32, [f32; 2]);
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FollowerSettings {
     /// Of the hand's position.
-    pub position: HandModel,
+    pub position_model: OperatorModel,
     /// Of its orientation.
-    pub rotation: HandModel,
+    pub rotation_model: OperatorModel,
     /// Of the elbow's angle.
-    pub elbow: HandModel,
+    pub elbow_model: OperatorModel,
     /// The tool's way for the hand's: 0.001 to 100.
     pub scale: f32,
     /// A sample that is farther from where the hand should be is refused [m, rad]: 0.1 mm to 10 m, 0.1 mrad to 3 rad,
     /// less than half a turn.
-    pub jump: [f32; 2],
+    pub max_innovation: [f32; 2],
     /// A sample that is older is refused [s]: 0.001 to 1.
-    pub oldest: f32,
+    pub max_sample_age: f32,
     /// Of the tool's set-point [m/s, m/s²].
-    pub travel: Pace,
+    pub position_limits: MotionLimits,
     /// Of its orientation [rad/s, rad/s²].
-    pub turn: Pace,
+    pub rotation_limits: MotionLimits,
     /// Of the elbow's set-point [rad/s, rad/s²].
-    pub swing: Pace,
+    pub elbow_limits: MotionLimits,
 }
 
 impl FollowerSettings {
@@ -89,15 +89,15 @@ impl FollowerSettings {
     /// The jerk of a hand that moves ±0.1 m at half a hertz changes by 10 m/s³ in a second, at the ends of a stroke of 0.2 m in
     /// 1.5 s by 4 or 7 at once; an unsupported hand trembles by some 0.05 mm along each axis.
     pub const HUMAN: Self = Self {
-        position: HandModel { wander: 30.0, tremor: 2e-4, noise: 2e-5 },
-        rotation: HandModel { wander: 80.0, tremor: 2e-4, noise: 1e-4 },
-        elbow: HandModel { wander: 20.0, tremor: 1e-3, noise: 5e-3 },
+        position_model: OperatorModel { jerk_diffusion: 30.0, tremor: 2e-4, noise: 2e-5 },
+        rotation_model: OperatorModel { jerk_diffusion: 80.0, tremor: 2e-4, noise: 1e-4 },
+        elbow_model: OperatorModel { jerk_diffusion: 20.0, tremor: 1e-3, noise: 5e-3 },
         scale: 1.0,
-        jump: [0.1, 0.5],
-        oldest: 0.2,
-        travel: Pace { speed: 1.0, acceleration: 8.0 },
-        turn: Pace { speed: 4.0, acceleration: 40.0 },
-        swing: Pace { speed: 2.0, acceleration: 20.0 },
+        max_innovation: [0.1, 0.5],
+        max_sample_age: 0.2,
+        position_limits: MotionLimits { speed: 1.0, acceleration: 8.0 },
+        rotation_limits: MotionLimits { speed: 4.0, acceleration: 40.0 },
+        elbow_limits: MotionLimits { speed: 2.0, acceleration: 20.0 },
     };
 }
 
@@ -110,37 +110,37 @@ pub struct Follower {
 /// What a [`Follower`] knows of the hand, and where the set-point is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowerState {
-    hand: Option<Hand>,
+    hand: Option<OperatorHand>,
     elbow: Option<Elbow>,
     /// With the clutch closed.
-    grip: Option<Grip>,
+    clutch: Option<ClutchOffset>,
     place: Vector3<f32>,
     rotation: UnitQuaternion<f32>,
     velocity: Vector3<f32>,
-    spin: Vector3<f32>,
+    angular_velocity: Vector3<f32>,
     elbow_angle: Vector1<f32>,
-    elbow_rate: Vector1<f32>,
+    elbow_velocity: Vector1<f32>,
 }
 
 /// As of the last sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Hand {
+struct OperatorHand {
     time: Instant,
-    position: Estimate<3>,
+    position: OperatorEstimate<3>,
     /// The estimate of the rotation vector counts from here.
     rotation: UnitQuaternion<f32>,
-    turn: Estimate<3>,
+    turn: OperatorEstimate<3>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Elbow {
     time: Instant,
-    angle: Estimate<1>,
+    angle: OperatorEstimate<1>,
 }
 
 /// What lies between hand and tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Grip {
+struct ClutchOffset {
     /// The tool's place less the hand's, scaled.
     shift: Vector3<f32>,
     /// The tool's orientation seen from the hand.
@@ -155,25 +155,25 @@ impl FollowerState {
         Self {
             hand: None,
             elbow: None,
-            grip: None,
+            clutch: None,
             place: position.into(),
             rotation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
             velocity: Vector3::zeros(),
-            spin: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
             elbow_angle: Vector1::new(elbow),
-            elbow_rate: Vector1::zeros(),
+            elbow_velocity: Vector1::zeros(),
         }
     }
 
     /// Whether the clutch is closed.
-    pub const fn is_closed(&self) -> bool {
-        self.grip.is_some()
+    pub const fn is_clutch_closed(&self) -> bool {
+        self.clutch.is_some()
     }
 }
 
-impl Hand {
+impl OperatorHand {
     /// `time` after the last sample [s]: translations, and rotation vectors from the orientation.
-    fn ahead(&self, time: f32) -> (Moving<3>, Moving<3>) {
+    fn ahead(&self, time: f32) -> (Motion<3>, Motion<3>) {
         (self.position.ahead(time), self.turn.ahead(time))
     }
 }
@@ -183,21 +183,21 @@ impl Follower {
     ///
     /// # Errors
     /// The first number that is wrong.
-    pub fn try_new(settings: FollowerSettings) -> Result<Self, BadFollower> {
-        let models = [&settings.position, &settings.rotation, &settings.elbow];
-        let of_models = models.into_iter().flat_map(HandModel::numbers);
-        let paces = [&settings.travel, &settings.turn, &settings.swing];
-        let of_paces = paces.into_iter().flat_map(Pace::numbers);
-        let [distance, angle] = settings.jump;
+    pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
+        let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
+        let of_models = models.into_iter().flat_map(OperatorModel::numbers);
+        let paces = [&settings.position_limits, &settings.rotation_limits, &settings.elbow_limits];
+        let of_paces = paces.into_iter().flat_map(MotionLimits::numbers);
+        let [distance, angle] = settings.max_innovation;
         let others = [
             ("scale", settings.scale, [1e-3, 100.0]),
-            ("jump of the position", distance, [1e-4, 10.0]),
-            ("jump of the orientation", angle, [1e-4, 3.0]),
-            ("oldest", settings.oldest, [1e-3, 1.0]),
+            ("innovation of the position", distance, [1e-4, 10.0]),
+            ("innovation of the orientation", angle, [1e-4, 3.0]),
+            ("sample age", settings.max_sample_age, [1e-3, 1.0]),
         ];
-        let wrong = |&(_, value, [least, most]): &Number| !(least..=most).contains(&value);
+        let wrong = |&(_, value, [min, max]): &Number| !(min..=max).contains(&value);
         match of_models.chain(of_paces).chain(others).find(wrong) {
-            Some((field, value, [least, limit])) => Err(BadFollower { field, value, least, limit }),
+            Some((field, value, [min, max])) => Err(InvalidFollowerSettings { field, value, min, max }),
             None => Ok(Self { settings }),
         }
     }
@@ -206,48 +206,48 @@ impl Follower {
     ///
     /// # Errors
     /// Why it is not taken. One that was overtaken is no reason to worry.
-    pub fn take(
+    pub fn add_sample(
         &self,
         state: &mut FollowerState,
         now: Instant,
         sample: &MasterSample,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), FollowerError> {
         if !sample.position.iter().chain(&sample.rotation).all(|number| number.is_finite()) {
-            return Err(Refused::NotFinite);
+            return Err(FollowerError::NotFinite);
         }
         let [x, y, z, w] = sample.rotation;
         let rotation = Quaternion::new(w, x, y, z);
         let norm = math::sqrt(rotation.norm_squared());
-        if math::abs(norm - 1.0) > UNIT {
-            return Err(Refused::NotAUnit { norm });
+        if math::abs(norm - 1.0) > NORM_TOLERANCE {
+            return Err(FollowerError::NotUnit { norm });
         }
         let rotation = UnitQuaternion::new_unchecked(rotation * (1.0 / norm));
         let place = Vector3::from(sample.position);
-        let passed = self.passed(now, sample.time, state.hand.map(|hand| hand.time))?;
+        let passed = self.time_since_last(now, sample.time, state.hand.map(|hand| hand.time))?;
         let value = math::sqrt(place.norm_squared());
-        if value > FARTHEST {
-            return Err(Refused::Distance { value, limit: FARTHEST });
+        if value > MAX_DISTANCE {
+            return Err(FollowerError::Distance { value, limit: MAX_DISTANCE });
         }
 
         let known = match (state.hand, passed) {
             (Some(hand), Some(passed)) => self.known(state, &hand, passed, &place, &rotation)?,
             _ => None,
         };
-        let FollowerSettings { position: of_place, rotation: of_turn, .. } = &self.settings;
-        let mut hand = known.unwrap_or_else(|| Hand {
+        let FollowerSettings { position_model, rotation_model, .. } = &self.settings;
+        let mut hand = known.unwrap_or_else(|| OperatorHand {
             time: sample.time,
-            position: Estimate::new(of_place, &place),
+            position: OperatorEstimate::new(position_model, &place),
             rotation,
-            turn: Estimate::new(of_turn, &Vector3::zeros()),
+            turn: OperatorEstimate::new(rotation_model, &Vector3::zeros()),
         });
         if let (Some(_), Some(passed)) = (known, passed) {
             hand.time = sample.time;
-            hand.position.advance(of_place, passed);
-            hand.position.correct(of_place, &place);
-            hand.turn.advance(of_turn, passed);
-            hand.rotation = turned(&hand.rotation, &hand.turn.rebase());
-            hand.turn.correct(of_turn, &turn(&hand.rotation, &rotation));
-            hand.rotation = turned(&hand.rotation, &hand.turn.rebase());
+            hand.position.advance(position_model, passed);
+            hand.position.correct(position_model, &place);
+            hand.turn.advance(rotation_model, passed);
+            hand.rotation = rotated_by(&hand.rotation, &hand.turn.rebase());
+            hand.turn.correct(rotation_model, &rotation_between(&hand.rotation, &rotation));
+            hand.rotation = rotated_by(&hand.rotation, &hand.turn.rebase());
         }
         state.hand = Some(hand);
         Ok(())
@@ -257,29 +257,29 @@ impl Follower {
     ///
     /// # Errors
     /// Why it is not taken. One that was overtaken is no reason to worry.
-    pub fn take_elbow(
+    pub fn add_elbow_sample(
         &self,
         state: &mut FollowerState,
         now: Instant,
         time: Instant,
         angle: f32,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), FollowerError> {
         if !angle.is_finite() {
-            return Err(Refused::NotFinite);
+            return Err(FollowerError::NotFinite);
         }
-        let (model, sample) = (&self.settings.elbow, Vector1::new(angle));
-        let passed = self.passed(now, time, state.elbow.map(|elbow| elbow.time))?;
-        if math::abs(angle) > MOST_TURNED {
-            return Err(Refused::Turn { value: math::abs(angle), limit: MOST_TURNED });
+        let (model, sample) = (&self.settings.elbow_model, Vector1::new(angle));
+        let passed = self.time_since_last(now, time, state.elbow.map(|elbow| elbow.time))?;
+        if math::abs(angle) > MAX_ELBOW_ANGLE {
+            return Err(FollowerError::Angle { value: math::abs(angle), limit: MAX_ELBOW_ANGLE });
         }
-        let mut estimate = Estimate::new(model, &sample);
+        let mut estimate = OperatorEstimate::new(model, &sample);
         if let (Some(elbow), Some(passed)) = (state.elbow, passed) {
             let value = math::abs(angle - elbow.angle.ahead(passed).place.x);
-            let [_, limit] = self.settings.jump;
-            if value > limit && state.is_closed() {
-                return Err(Refused::Turn { value, limit });
+            let [_, limit] = self.settings.max_innovation;
+            if value > limit && state.is_clutch_closed() {
+                return Err(FollowerError::Angle { value, limit });
             }
-            if value <= limit && passed <= RESTS {
+            if value <= limit && passed <= MAX_GAP {
                 estimate = elbow.angle;
                 estimate.advance(model, passed);
                 estimate.correct(model, &sample);
@@ -294,11 +294,12 @@ impl Follower {
     ///
     /// # Errors
     /// Nobody knows where the hand is.
-    pub fn close(&self, state: &mut FollowerState, now: Instant) -> Result<(), Refused> {
-        let recent = |time: Instant| (-CLOCKS..=self.settings.oldest).contains(&now.since(time));
-        let hand = state.hand.filter(|hand| recent(hand.time)).ok_or(Refused::NoSample)?;
+    pub fn close_clutch(&self, state: &mut FollowerState, now: Instant) -> Result<(), FollowerError> {
+        let recent =
+            |time: Instant| (-CLOCK_TOLERANCE..=self.settings.max_sample_age).contains(&now.since(time));
+        let hand = state.hand.filter(|hand| recent(hand.time)).ok_or(FollowerError::NoSample)?;
         let elbow = state.elbow.filter(|elbow| recent(elbow.time));
-        state.grip = Some(Grip {
+        state.clutch = Some(ClutchOffset {
             shift: state.place - hand.position.ahead(0.0).place * self.settings.scale,
             rotation: hand.rotation.inverse() * state.rotation,
             elbow: elbow.map(|elbow| state.elbow_angle - elbow.angle.ahead(0.0).place),
@@ -307,101 +308,109 @@ impl Follower {
     }
 
     /// Opens the clutch: the tool comes to rest, whatever the hand does.
-    pub const fn open(&self, state: &mut FollowerState) {
-        state.grip = None;
+    pub const fn open_clutch(&self, state: &mut FollowerState) {
+        state.clutch = None;
     }
 
     /// The set-points for the control period that begins `now`. Called once a period.
     pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowSetpoint) {
-        let FollowerSettings { travel, turn: turning, swing, scale, .. } = &self.settings;
+        let FollowerSettings { position_limits, rotation_limits, elbow_limits, scale, .. } = &self.settings;
         let times = [
             state.hand.as_mut().map(|hand| &mut hand.time),
             state.elbow.as_mut().map(|elbow| &mut elbow.time),
         ];
         times.into_iter().flatten().for_each(|time| time.forget(now));
-        let (acceleration, spin_up) = match (&state.grip, &state.hand) {
-            (Some(grip), Some(hand)) => {
-                let (moving, spinning) = hand.ahead(now.since(hand.time));
-                let rotation = turned(&hand.rotation, &spinning.place) * grip.rotation;
-                let place = Aim {
-                    way: moving.place * *scale + grip.shift - state.place,
-                    velocity: moving.velocity * *scale,
-                    acceleration: moving.acceleration * *scale,
+        let (acceleration, angular_acceleration) = match (&state.clutch, &state.hand) {
+            (Some(clutch), Some(hand)) => {
+                let (translation, rotation_vector) = hand.ahead(now.since(hand.time));
+                let rotation = rotated_by(&hand.rotation, &rotation_vector.place) * clutch.rotation;
+                let place = MotionTarget {
+                    offset: translation.place * *scale + clutch.shift - state.place,
+                    velocity: translation.velocity * *scale,
+                    acceleration: translation.acceleration * *scale,
                 };
-                let orientation = Aim {
-                    way: turn(&state.rotation, &rotation),
-                    velocity: spinning.velocity,
-                    acceleration: spinning.acceleration,
+                let orientation = MotionTarget {
+                    offset: rotation_between(&state.rotation, &rotation),
+                    velocity: rotation_vector.velocity,
+                    acceleration: rotation_vector.acceleration,
                 };
                 (
-                    travel.acceleration(&state.velocity, &place),
-                    turning.acceleration(&state.spin, &orientation),
+                    position_limits.acceleration(&state.velocity, &place),
+                    rotation_limits.acceleration(&state.angular_velocity, &orientation),
                 )
             }
-            _ => (travel.stop(&state.velocity), turning.stop(&state.spin)),
+            _ => (position_limits.stop(&state.velocity), rotation_limits.stop(&state.angular_velocity)),
         };
-        let offset = state.grip.and_then(|grip| grip.elbow);
+        let offset = state.clutch.and_then(|clutch| clutch.elbow);
         let elbow_acceleration = match (offset, &state.elbow) {
             (Some(offset), Some(elbow)) => {
-                let Moving { place, velocity, acceleration } = elbow.angle.ahead(now.since(elbow.time));
-                let aim = Aim { way: place + offset - state.elbow_angle, velocity, acceleration };
-                swing.acceleration(&state.elbow_rate, &aim)
+                let Motion { place, velocity, acceleration } = elbow.angle.ahead(now.since(elbow.time));
+                let aim = MotionTarget { offset: place + offset - state.elbow_angle, velocity, acceleration };
+                elbow_limits.acceleration(&state.elbow_velocity, &aim)
             }
-            _ => swing.stop(&state.elbow_rate),
+            _ => elbow_limits.stop(&state.elbow_velocity),
         };
         let point = PosePoint {
             position: state.place.into(),
             rotation: state.rotation.coords.into(),
-            velocity: joined(&state.velocity, &state.spin),
-            acceleration: joined(&acceleration, &spin_up),
+            velocity: joined(&state.velocity, &state.angular_velocity),
+            acceleration: joined(&acceleration, &angular_acceleration),
         };
         let elbow = ElbowSetpoint {
             angle: state.elbow_angle.x,
-            velocity: state.elbow_rate.x,
+            velocity: state.elbow_velocity.x,
             acceleration: elbow_acceleration.x,
         };
         let half = 0.5 * TICK * TICK;
         state.place += state.velocity * TICK + acceleration * half;
         state.velocity += acceleration * TICK;
-        state.rotation = turned(&state.rotation, &(state.spin * TICK + spin_up * half));
-        state.spin += spin_up * TICK;
-        state.elbow_angle += state.elbow_rate * TICK + elbow_acceleration * half;
-        state.elbow_rate += elbow_acceleration * TICK;
+        state.rotation =
+            rotated_by(&state.rotation, &(state.angular_velocity * TICK + angular_acceleration * half));
+        state.angular_velocity += angular_acceleration * TICK;
+        state.elbow_angle += state.elbow_velocity * TICK + elbow_acceleration * half;
+        state.elbow_velocity += elbow_acceleration * TICK;
         (point, elbow)
     }
 
     /// How long after the last sample another was taken [s], `None` for the first.
-    fn passed(&self, now: Instant, time: Instant, last: Option<Instant>) -> Result<Option<f32>, Refused> {
-        let (value, limit) = (now.since(time), self.settings.oldest);
-        if !(-CLOCKS..=limit).contains(&value) {
-            return Err(Refused::Age { value, limit });
+    fn time_since_last(
+        &self,
+        now: Instant,
+        time: Instant,
+        last: Option<Instant>,
+    ) -> Result<Option<f32>, FollowerError> {
+        let (value, limit) = (now.since(time), self.settings.max_sample_age);
+        if !(-CLOCK_TOLERANCE..=limit).contains(&value) {
+            return Err(FollowerError::Age { value, limit });
         }
         let Some(last) = last else { return Ok(None) };
         let passed = time.since(last);
-        if passed <= 0.0 { Err(Refused::Overtaken { by: -passed }) } else { Ok(Some(passed)) }
+        if passed <= 0.0 { Err(FollowerError::OutOfOrder { by: -passed }) } else { Ok(Some(passed)) }
     }
 
     /// What is known of the hand, if that is of use for a sample `passed` after the last [s].
     fn known(
         &self,
         state: &FollowerState,
-        hand: &Hand,
+        hand: &OperatorHand,
         passed: f32,
         place: &Vector3<f32>,
         rotation: &UnitQuaternion<f32>,
-    ) -> Result<Option<Hand>, Refused> {
-        let (moving, spinning) = hand.ahead(passed);
-        let distance = math::sqrt((place - moving.place).norm_squared());
-        let angle = math::sqrt(turn(&turned(&hand.rotation, &spinning.place), rotation).norm_squared());
-        let [far, twisted] = self.settings.jump;
+    ) -> Result<Option<OperatorHand>, FollowerError> {
+        let (translation, rotation_vector) = hand.ahead(passed);
+        let distance = math::sqrt((place - translation.place).norm_squared());
+        let angle = math::sqrt(
+            rotation_between(&rotated_by(&hand.rotation, &rotation_vector.place), rotation).norm_squared(),
+        );
+        let [far, twisted] = self.settings.max_innovation;
         if distance <= far && angle <= twisted {
-            return Ok((passed <= RESTS).then_some(*hand));
+            return Ok((passed <= MAX_GAP).then_some(*hand));
         }
         // With an open clutch the hand may be anywhere.
-        match state.is_closed() {
+        match state.is_clutch_closed() {
             false => Ok(None),
-            true if distance > far => Err(Refused::Distance { value: distance, limit: far }),
-            true => Err(Refused::Turn { value: angle, limit: twisted }),
+            true if distance > far => Err(FollowerError::Distance { value: distance, limit: far }),
+            true => Err(FollowerError::Angle { value: angle, limit: twisted }),
         }
     }
 }

@@ -12,20 +12,20 @@
 //! acceleration, so that mass, damping and stiffness of the slave act on the error alone and may be as soft as contact
 //! wants them.
 //!
-//! - [`HandModel`]: what is known of a hand beforehand. Its jerk wanders; on top of it the hand trembles at 8 to
+//! - [`OperatorModel`]: what is known of a hand beforehand. Its jerk wanders; on top of it the hand trembles at 8 to
 //!   12 Hz, which is told apart and not followed.
 //! - [`Follower`] is the configuration, [`FollowerState`] what changes. Samples come when they come
-//!   ([`Follower::take`], [`Follower::take_elbow`]), set-points leave each control period ([`Follower::tick`]). Time is
+//!   ([`Follower::add_sample`], [`Follower::add_elbow_sample`]), set-points leave each control period ([`Follower::tick`]). Time is
 //!   passed in.
-//! - The clutch: [`Follower::close`] takes the offset between hand and tool as they are, so that nothing jumps;
-//!   [`Follower::open`] lets the tool come to rest, and the hand is free. A state begins with an open clutch.
+//! - The clutch: [`Follower::close_clutch`] takes the offset between hand and tool as they are, so that nothing jumps;
+//!   [`Follower::open_clutch`] lets the tool come to rest, and the hand is free. A state begins with an open clutch.
 //!   Translations and rotations are followed in the axes of the base: turned about the vertical, the hand turns the
 //!   tool about the vertical, however the one is held against the other. The elbow has an offset too.
 //! - No sample, however wrong, makes the set-point faster than its limits. One that is farther from where the hand should
 //!   be than a hand can get is refused by name. If all are, then the hand is elsewhere: open the clutch, and close it again.
 //! - While samples stay away the prediction comes to rest.
 //!
-//! Where the hand is to feel what the arm touches, a [`Port`] at each end keeps the link from making energy.
+//! Where the hand is to feel what the arm touches, a [`PowerPort`] at each end keeps the link from making energy.
 //!
 //! ```
 //! use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
@@ -40,10 +40,10 @@
 //!         let time = 1e-3 * (millisecond as f32 - 20.0);
 //!         let position = [0.5 + 0.1 * (time - 1.0).max(0.0), 0.0, 0.0];
 //!         let sample = MasterSample { time: Instant(1000 * (millisecond - 20)), position, rotation: [0.0, 0.0, 0.0, 1.0] };
-//!         follower.take(&mut state, now, &sample)?;
+//!         follower.add_sample(&mut state, now, &sample)?;
 //!     }
 //!     if millisecond == 500 {
-//!         follower.close(&mut state, now)?;
+//!         follower.close_clutch(&mut state, now)?;
 //!     }
 //!     if millisecond % 10 == 0 {
 //!         point = Some(follower.tick(&mut state, now).0);
@@ -56,10 +56,9 @@
 
 mod error;
 mod follower;
-mod hand;
-mod pace;
+mod motion_limits;
+mod operator_estimate;
 mod passivity;
-mod turn;
 
 #[cfg(test)]
 #[allow(
@@ -71,8 +70,8 @@ mod turn;
 )]
 mod tests;
 
-pub use error::{BadFollower, Refused};
+pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
-pub use hand::HandModel;
-pub use pace::Pace;
-pub use passivity::{Port, PortLimits};
+pub use motion_limits::MotionLimits;
+pub use operator_estimate::OperatorModel;
+pub use passivity::{PowerPort, PowerPortLimits};

@@ -17,107 +17,108 @@ const MICRO: f32 = 1e-6;
 /// Artigas and Preusche 2010).
 ///
 /// Under hold, the work of a force over a control period is exactly the force times the way. Each end counts what goes in
-/// ([`Port::given`], which travels to the other end beside the force or the position) and what comes out. The other end's
+/// ([`PowerPort::energy_in`], which travels to the other end beside the force or the position) and what comes out. The other end's
 /// count arrives late, never early, so keeping to it keeps the whole link from making energy, whatever the delay.
 ///
 /// Counts grow for as long as the link is up, so they are whole microjoules: an `f32` of 16 kJ is off by a millijoule.
 ///
-/// - At the *master*, a force comes out: it is damped ([`Port::force`]).
-/// - At the *slave*, a motion comes out: it waits until there is energy for it ([`Port::way`]).
+/// - At the *master*, a force comes out: it is damped ([`PowerPort::damping_force`]).
+/// - At the *slave*, a motion comes out: it waits until there is energy for it ([`PowerPort::limit_displacement`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Port {
+pub struct PowerPort {
     /// Energy that went in here so far [µJ].
-    given: i64,
+    energy_in: i64,
     /// Energy that came out here so far [µJ].
-    taken: i64,
+    energy_out: i64,
     /// Of that, what damping here took back [µJ].
-    damped: i64,
+    dissipated: i64,
     /// What came out, or if negative went in, and is not counted yet [J].
-    pending: f32,
+    uncounted_output: f32,
     /// What damping took back, and is not counted yet [J].
-    damping: f32,
+    uncounted_damping: f32,
 }
 
 /// What a link may do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PortLimits {
+pub struct PowerPortLimits {
     /// Most damping that the master's end adds [N·s/m]; less than the mass of handle and hand over a control period.
-    pub damping: f32,
+    pub max_damping: f32,
     /// Energy that may come out before any went in [J]: without it, a spring at the slave's end could not begin to be
     /// pressed.
-    pub reserve: f32,
+    pub energy_reserve: f32,
 }
 
-impl Port {
+impl PowerPort {
     /// Nothing went in or came out.
     pub const fn new() -> Self {
-        Self { given: 0, taken: 0, damped: 0, pending: 0.0, damping: 0.0 }
+        Self { energy_in: 0, energy_out: 0, dissipated: 0, uncounted_output: 0.0, uncounted_damping: 0.0 }
     }
 
     /// Energy that went in here so far [µJ]: to be sent to the other end.
-    pub const fn given(&self) -> i64 {
-        self.given
+    pub const fn energy_in(&self) -> i64 {
+        self.energy_in
     }
 
     /// What went in less what came out [µJ].
     pub const fn balance(&self) -> i64 {
-        let (counted, _) = split(self.damping - self.pending);
-        self.less_taken(self.given).saturating_add(counted)
+        let (counted, _) = split(self.uncounted_damping - self.uncounted_output);
+        self.net_of_output(self.energy_in).saturating_add(counted)
     }
 
     /// An energy less what came out and was not damped [µJ].
-    const fn less_taken(&self, energy: i64) -> i64 {
-        energy.saturating_sub(self.taken).saturating_add(self.damped)
+    const fn net_of_output(&self, energy: i64) -> i64 {
+        energy.saturating_sub(self.energy_out).saturating_add(self.dissipated)
     }
 
     /// What may still come out, with what is known of the other end [J].
     #[expect(clippy::cast_precision_loss, reason = "exact to a microjoule where little is left")]
-    const fn allowed(&self, limits: &PortLimits, received: i64) -> f32 {
-        self.less_taken(received) as f32 * MICRO + limits.reserve + self.damping - self.pending
+    const fn available_energy(&self, limits: &PowerPortLimits, received: i64) -> f32 {
+        self.net_of_output(received) as f32 * MICRO + limits.energy_reserve + self.uncounted_damping
+            - self.uncounted_output
     }
 
     /// Counts a period in which the link pushed with `force` [N], in the mean, over a `way` [m], and with `damping` besides.
-    pub fn count(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, way: &Vector3<f32>) {
-        self.pending += force.dot(way);
-        if math::abs(self.pending) > QUANTUM {
-            let (counted, rest) = split(self.pending);
-            self.pending = rest;
-            let of = if counted > 0 { &mut self.taken } else { &mut self.given };
+    pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, way: &Vector3<f32>) {
+        self.uncounted_output += force.dot(way);
+        if math::abs(self.uncounted_output) > QUANTUM {
+            let (counted, rest) = split(self.uncounted_output);
+            self.uncounted_output = rest;
+            let of = if counted > 0 { &mut self.energy_out } else { &mut self.energy_in };
             *of = of.saturating_add(counted.saturating_abs());
         }
-        let (counted, rest) = split(self.damping - damping.dot(way));
-        (self.damped, self.damping) = (self.damped.saturating_add(counted), rest);
+        let (counted, rest) = split(self.uncounted_damping - damping.dot(way));
+        (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
     /// The damping [N] to be added to `force` at the master's end, whose handle moves with `velocity` [m/s]; `received`: what
     /// has gone in at the other end, as far as it is known here [µJ].
-    pub fn force(
+    pub fn damping_force(
         &self,
-        limits: &PortLimits,
+        limits: &PowerPortLimits,
         received: i64,
         force: &Vector3<f32>,
         velocity: &Vector3<f32>,
     ) -> Vector3<f32> {
         let work = force.dot(velocity) * TICK;
-        let excess = if work > 0.0 { work } else { 0.0 } - self.allowed(limits, received);
+        let excess = if work > 0.0 { work } else { 0.0 } - self.available_energy(limits, received);
         let square = velocity.norm_squared();
         if excess <= 0.0 || square < STILL * STILL {
             return Vector3::zeros();
         }
-        velocity * -math::clamp(excess / (square * TICK), 0.0, limits.damping)
+        velocity * -math::clamp(excess / (square * TICK), 0.0, limits.max_damping)
     }
 
     /// How much of `way` [m] the slave's end may go while the link pushes there with `force` [N] at most; `received` as in
-    /// [`Port::force`].
-    pub fn way(
+    /// [`PowerPort::damping_force`].
+    pub fn limit_displacement(
         &self,
-        limits: &PortLimits,
+        limits: &PowerPortLimits,
         received: i64,
         force: &Vector3<f32>,
         way: &Vector3<f32>,
     ) -> Vector3<f32> {
         let work = force.dot(way);
-        let allowed = self.allowed(limits, received);
+        let allowed = self.available_energy(limits, received);
         if work <= 0.0 || work <= allowed {
             *way
         } else if allowed <= 0.0 {
@@ -143,7 +144,7 @@ const fn split(energy: f32) -> (i64, f32) {
 mod tests {
     use super::*;
 
-    const LIMITS: PortLimits = PortLimits { damping: 50.0, reserve: 0.0 };
+    const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
 
     /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never hold more than
     /// what was put in.
@@ -151,26 +152,33 @@ mod tests {
         let (mass, stiffness, delay) = (1.5_f32, 300.0_f32, 3);
         let (mut place, mut speed) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());
         let (mut forward, mut back) = (vec![(place, 0); delay], vec![(Vector3::zeros(), 0); delay]);
-        let (mut master, mut slave, mut reference) = (Port::new(), Port::new(), Vector3::zeros());
+        let (mut master, mut slave, mut reference) = (PowerPort::new(), PowerPort::new(), Vector3::zeros());
         let mut largest = 0.0_f32;
         for tick in 0..1000 {
             let (target, received): (Vector3<f32>, i64) = forward.remove(0);
             // The link pulls the spring.
             let way = target - reference;
-            let way = if guarded { slave.way(&LIMITS, received, &(target * stiffness), &way) } else { way };
+            let way = if guarded {
+                slave.limit_displacement(&LIMITS, received, &(target * stiffness), &way)
+            } else {
+                way
+            };
             let mean = (reference + way * 0.5) * stiffness;
-            slave.count(&mean, &Vector3::zeros(), &way);
+            slave.account(&mean, &Vector3::zeros(), &way);
             reference += way;
-            back.push((-reference * stiffness, slave.given()));
+            back.push((-reference * stiffness, slave.energy_in()));
             let (force, received) = back.remove(0);
-            let damping =
-                if guarded { master.force(&LIMITS, received, &force, &speed) } else { Vector3::zeros() };
+            let damping = if guarded {
+                master.damping_force(&LIMITS, received, &force, &speed)
+            } else {
+                Vector3::zeros()
+            };
             let acceleration = (force + damping) / mass;
             let way = speed * TICK + acceleration * (0.5 * TICK * TICK);
-            master.count(&force, &damping, &way);
+            master.account(&force, &damping, &way);
             place += way;
             speed += acceleration * TICK;
-            forward.push((place, master.given()));
+            forward.push((place, master.energy_in()));
             if tick > 100 {
                 largest = largest.max(place.norm());
             }
@@ -187,35 +195,35 @@ mod tests {
 
     #[test]
     fn what_comes_out_is_what_went_in_at_the_other_end() {
-        let mut port = Port::new();
+        let mut port = PowerPort::new();
         let (force, way) = (Vector3::new(2.0, 0.0, 0.0), Vector3::new(0.01, 0.0, 0.0));
         // 20 mJ are asked for, 5 mJ went in at the other end.
-        let half = port.way(&LIMITS, 5000, &force, &way);
+        let half = port.limit_displacement(&LIMITS, 5000, &force, &way);
         assert!((half.x - 0.0025).abs() < 1e-8);
-        port.count(&force, &Vector3::zeros(), &half);
-        assert!(port.way(&LIMITS, 5000, &force, &way).norm() < 1e-8);
+        port.account(&force, &Vector3::zeros(), &half);
+        assert!(port.limit_displacement(&LIMITS, 5000, &force, &way).norm() < 1e-8);
         // The other way it gives, and needs nobody's leave.
-        assert_eq!(port.way(&LIMITS, 5000, &force, &-way), -way);
-        port.count(&force, &Vector3::zeros(), &-way);
-        assert!((port.given() - 20_000).abs() <= 1 && (port.balance() - 15_000).abs() <= 1, "{port:?}");
+        assert_eq!(port.limit_displacement(&LIMITS, 5000, &force, &-way), -way);
+        port.account(&force, &Vector3::zeros(), &-way);
+        assert!((port.energy_in() - 20_000).abs() <= 1 && (port.balance() - 15_000).abs() <= 1, "{port:?}");
     }
 
     #[test]
     fn a_millijoule_counts_however_much_went_through_before() {
-        let (mut one, mut other) = (Port::new(), Port::new());
+        let (mut one, mut other) = (PowerPort::new(), PowerPort::new());
         let (force, still) = (Vector3::new(1.0, 0.0, 0.0), Vector3::zeros());
         // 2 kW for ten seconds, or 3 W for two hours.
         for _ in 0..20_000 {
-            one.count(&force, &still, &-force);
-            other.count(&force, &still, &force);
+            one.account(&force, &still, &-force);
+            other.account(&force, &still, &force);
         }
         let piece = force * 1.1e-3;
-        (0..1000).for_each(|_| one.count(&force, &still, &-piece));
-        let way = other.way(&LIMITS, one.given(), &force, &(force * 10.0));
+        (0..1000).for_each(|_| one.account(&force, &still, &-piece));
+        let way = other.limit_displacement(&LIMITS, one.energy_in(), &force, &(force * 10.0));
         assert!((way.x - 1.1).abs() < 2e-3, "{way}");
         // And what damping takes back.
-        (0..1000).for_each(|_| one.count(&still, &-force, &piece));
-        let damped = one.balance() - one.given();
+        (0..1000).for_each(|_| one.account(&still, &-force, &piece));
+        let damped = one.balance() - one.energy_in();
         assert!((damped - 1_100_000).abs() < 100, "{damped}");
     }
 }

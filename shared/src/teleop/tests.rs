@@ -2,7 +2,7 @@ use core::f32::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 
-use super::hand::Estimate;
+use super::operator_estimate::OperatorEstimate;
 use super::*;
 use crate::arm::PosePoint;
 use crate::{TICK, math};
@@ -16,12 +16,12 @@ const DELAY: u32 = 22_000;
 
 #[test]
 fn the_estimate_is_that_of_a_kalman_filter_in_double_precision() {
-    let model = FollowerSettings::HUMAN.position;
-    let mut known: Option<(u32, Estimate<1>)> = None;
+    let model = FollowerSettings::HUMAN.position_model;
+    let mut known: Option<(u32, OperatorEstimate<1>)> = None;
     for &(time, sample, expected) in ESTIMATE {
         let place = Vector1::new(sample as f32);
         let estimate = match known {
-            None => Estimate::new(&model, &place),
+            None => OperatorEstimate::new(&model, &place),
             Some((before, mut estimate)) => {
                 estimate.advance(&model, (time - before) as f32 * 1e-6);
                 estimate.correct(&model, &place);
@@ -67,16 +67,16 @@ impl Run {
         Instant(Self::START.wrapping_add(self.now))
     }
 
-    fn take(&mut self, late: u32, (position, rotation): Pose) -> Result<(), Refused> {
+    fn take(&mut self, late: u32, (position, rotation): Pose) -> Result<(), FollowerError> {
         let time = Instant(self.now().0.wrapping_sub(late));
         let sample = MasterSample { time, position: position.into(), rotation: rotation.coords.into() };
         let now = self.now();
-        self.follower.take(&mut self.state, now, &sample)
+        self.follower.add_sample(&mut self.state, now, &sample)
     }
 
-    fn close(&mut self) -> Result<(), Refused> {
+    fn close(&mut self) -> Result<(), FollowerError> {
         let now = self.now();
-        self.follower.close(&mut self.state, now)
+        self.follower.close_clutch(&mut self.state, now)
     }
 
     /// Until a time [s]; the hand as a function of time, and whether its sample of that time arrives.
@@ -95,8 +95,8 @@ impl Run {
                 let before = self.point;
                 let now = self.now();
                 self.point = self.follower.tick(&mut self.state, now).0;
-                let FollowerSettings { travel, turn, .. } = FollowerSettings::HUMAN;
-                for (first, hardest, pace) in [(0, 0, travel), (3, 1, turn)] {
+                let FollowerSettings { position_limits, rotation_limits, .. } = FollowerSettings::HUMAN;
+                for (first, hardest, pace) in [(0, 0, position_limits), (3, 1, rotation_limits)] {
                     let change = Vector3::from_fn(|axis, _| {
                         self.point.velocity[first + axis] - before.velocity[first + axis]
                     });
@@ -188,20 +188,22 @@ fn what_jumps_is_refused_by_name_and_moves_nothing() {
     let half = UnitQuaternion::new(Vector3::z() * 3.1);
     let twisted = run.take(DELAY - 2000, (place, half)).unwrap_err();
     assert!(
-        matches!(twisted, Refused::Turn { value, limit: 0.5 } if (value - 3.1).abs() < 1e-4),
+        matches!(twisted, FollowerError::Angle { value, limit: 0.5 } if (value - 3.1).abs() < 1e-4),
         "{twisted:?}"
     );
-    assert_eq!(run.take(DELAY - 2000, (place * f32::NAN, rotation)), Err(Refused::NotFinite));
+    assert_eq!(run.take(DELAY - 2000, (place * f32::NAN, rotation)), Err(FollowerError::NotFinite));
     let long = UnitQuaternion::new_unchecked(Quaternion::new(1.1, 0.0, 0.0, 0.0));
-    assert_eq!(run.take(DELAY - 2000, (place, long)), Err(Refused::NotAUnit { norm: 1.1 }));
+    assert_eq!(run.take(DELAY - 2000, (place, long)), Err(FollowerError::NotUnit { norm: 1.1 }));
     let future = run.take(0_u32.wrapping_sub(5000), (place, rotation)).unwrap_err();
     assert_eq!(future.to_string(), "the sample is 0.005 s ahead of now: the clocks differ");
-    assert_eq!(run.take(300_000, (place, rotation)), Err(Refused::Age { value: 0.3, limit: 0.2 }));
-    let Err(Refused::Overtaken { by }) = run.take(DELAY + 20_000, (place, rotation)) else { panic!("taken") };
+    assert_eq!(run.take(300_000, (place, rotation)), Err(FollowerError::Age { value: 0.3, limit: 0.2 }));
+    let Err(FollowerError::OutOfOrder { by }) = run.take(DELAY + 20_000, (place, rotation)) else {
+        panic!("taken")
+    };
     assert!((by - 0.019).abs() < 4e-3, "{by}");
     assert_eq!(run.state, before);
     // With an open clutch the hand may be anywhere.
-    run.follower.open(&mut run.state);
+    run.follower.open_clutch(&mut run.state);
     assert_eq!(run.take(DELAY - 2000, (place + Vector3::y(), half)), Ok(()));
 }
 
@@ -209,11 +211,11 @@ fn what_jumps_is_refused_by_name_and_moves_nothing() {
 fn with_an_open_clutch_the_tool_stands_and_nothing_jumps_when_it_closes() {
     let mut run = following();
     run.until(2.0, &waving, &always);
-    run.follower.open(&mut run.state);
+    run.follower.open_clutch(&mut run.state);
     run.until(2.3, &waving, &always);
     let stands = run.place();
     run.until(3.6, &waving, &always);
-    assert!((run.place() - stands).norm() < 1e-5 && !run.state.is_closed());
+    assert!((run.place() - stands).norm() < 1e-5 && !run.state.is_clutch_closed());
     run.close().unwrap();
     let (hand, _) = waving(3.6 - DELAY as f32 * 1e-6);
     run.until(5.0, &waving, &always);
@@ -253,13 +255,13 @@ fn the_elbow_follows_from_where_it_is_and_needs_no_sensor() {
         for tick in 0..300_u32 {
             let now = Instant(tick * 10_000);
             let sample = MasterSample { time: now, position: [0.0; 3], rotation: NOT_TURNED };
-            follower.take(&mut run.state, now, &sample).unwrap();
+            follower.add_sample(&mut run.state, now, &sample).unwrap();
             let tilt = 0.5 + 0.3 * (tick as f32 * TICK - 1.0).clamp(0.0, 1.0);
             if sensor {
-                follower.take_elbow(&mut run.state, now, now, tilt).unwrap();
+                follower.add_elbow_sample(&mut run.state, now, now, tilt).unwrap();
             }
             if tick == 50 {
-                follower.close(&mut run.state, now).unwrap();
+                follower.close_clutch(&mut run.state, now).unwrap();
             }
             angle = follower.tick(&mut run.state, now).1.angle;
         }
@@ -271,15 +273,15 @@ fn the_elbow_follows_from_where_it_is_and_needs_no_sensor() {
 #[test]
 fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
     let mut run = Run::new();
-    assert_eq!(run.close(), Err(Refused::NoSample));
+    assert_eq!(run.close(), Err(FollowerError::NoSample));
     run.until(0.5, &resting, &always);
     run.now += 300_000;
-    assert_eq!(run.close(), Err(Refused::NoSample));
+    assert_eq!(run.close(), Err(FollowerError::NoSample));
     let bad = FollowerSettings { scale: 0.0, ..FollowerSettings::HUMAN };
     let error = Follower::try_new(bad).unwrap_err().to_string();
     assert_eq!(error, "scale is 0; it must be 0.001 at least, and 100 at most");
-    let bad = FollowerSettings { jump: [0.1, 3.2], ..FollowerSettings::HUMAN };
-    assert_eq!(Follower::try_new(bad).unwrap_err().field, "jump of the orientation");
+    let bad = FollowerSettings { max_innovation: [0.1, 3.2], ..FollowerSettings::HUMAN };
+    assert_eq!(Follower::try_new(bad).unwrap_err().field, "innovation of the orientation");
 }
 
 #[test]
@@ -290,7 +292,7 @@ fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
             run.until(0.6, &resting, &always);
             let time = Instant(run.now().0.wrapping_sub(DELAY));
             let now = run.now();
-            run.follower.take_elbow(&mut run.state, now, time, 0.5).unwrap();
+            run.follower.add_elbow_sample(&mut run.state, now, time, 0.5).unwrap();
             if closed {
                 run.close().unwrap();
             }
@@ -300,21 +302,25 @@ fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
                 run.follower.tick(&mut run.state, now);
             }
             let now = Instant(start.wrapping_add(pause.wrapping_mul(60_000_000)));
-            assert_eq!(run.follower.close(&mut run.state.clone(), now), Err(Refused::NoSample), "{pause}");
+            assert_eq!(
+                run.follower.close_clutch(&mut run.state.clone(), now),
+                Err(FollowerError::NoSample),
+                "{pause}"
+            );
             let time = Instant(now.0.wrapping_sub(DELAY));
             let (place, rotation) = resting(0.0);
             let mut take = |place: Vector3<f32>, elbow: f32| {
                 let sample = MasterSample { time, position: place.into(), rotation: rotation.coords.into() };
-                let taken = run.follower.take(&mut run.state, now, &sample);
-                taken.and_then(|()| run.follower.take_elbow(&mut run.state, now, time, elbow))
+                let taken = run.follower.add_sample(&mut run.state, now, &sample);
+                taken.and_then(|()| run.follower.add_elbow_sample(&mut run.state, now, time, elbow))
             };
             // However long it was: a closed clutch does not follow a hand that is elsewhere now.
             if closed {
                 let far = take(place + Vector3::y(), 0.5);
-                assert!(matches!(far, Err(Refused::Distance { .. })), "{pause}: {far:?}");
+                assert!(matches!(far, Err(FollowerError::Distance { .. })), "{pause}: {far:?}");
             }
             assert_eq!(take(place, 0.5), Ok(()), "{pause}");
-            assert_eq!(run.follower.close(&mut run.state, now), Ok(()));
+            assert_eq!(run.follower.close_clutch(&mut run.state, now), Ok(()));
         }
     }
 }
@@ -325,7 +331,7 @@ fn a_clutch_does_not_close_on_a_sample_of_an_hour_ago() {
     run.until(0.5, &resting, &always);
     // No tick in between.
     run.now += 3_000_000_000;
-    assert_eq!(run.close(), Err(Refused::NoSample));
+    assert_eq!(run.close(), Err(FollowerError::NoSample));
 }
 
 #[test]
@@ -335,7 +341,7 @@ fn a_clock_that_was_set_back_stops_nothing_for_long() {
     run.follower.tick(&mut run.state, now);
     let (place, rotation) = resting(0.0);
     let sample = MasterSample { time: now, position: place.into(), rotation: rotation.coords.into() };
-    assert_eq!(run.follower.take(&mut run.state, now, &sample), Ok(()));
+    assert_eq!(run.follower.add_sample(&mut run.state, now, &sample), Ok(()));
 }
 
 /// What the settings may be at least and at most.
@@ -344,20 +350,20 @@ fn extremes() -> Vec<FollowerSettings> {
         |bit: u32, index: u32, [least, most]: [f32; 2]| if bit >> index & 1 == 1 { most } else { least };
     (0..256_u32)
         .map(|bits| {
-            let (wander, tremor) = (ends(bits, 0, [0.01, 1e4]), ends(bits, 1, [1e-6, 0.1]));
-            let model = HandModel { wander, tremor, noise: ends(bits, 2, [1e-6, 0.1]) };
+            let (jerk_diffusion, tremor) = (ends(bits, 0, [0.01, 1e4]), ends(bits, 1, [1e-6, 0.1]));
+            let model = OperatorModel { jerk_diffusion, tremor, noise: ends(bits, 2, [1e-6, 0.1]) };
             let (speed, acceleration) = (ends(bits, 3, [1e-3, 100.0]), ends(bits, 4, [1e-3, 1e4]));
-            let pace = Pace { speed, acceleration };
+            let pace = MotionLimits { speed, acceleration };
             FollowerSettings {
-                position: model,
-                rotation: model,
-                elbow: model,
+                position_model: model,
+                rotation_model: model,
+                elbow_model: model,
                 scale: ends(bits, 5, [1e-3, 100.0]),
-                jump: [ends(bits, 6, [1e-4, 10.0]), ends(bits, 7, [1e-4, 3.0])],
-                oldest: 1.0,
-                travel: pace,
-                turn: pace,
-                swing: pace,
+                max_innovation: [ends(bits, 6, [1e-4, 10.0]), ends(bits, 7, [1e-4, 3.0])],
+                max_sample_age: 1.0,
+                position_limits: pace,
+                rotation_limits: pace,
+                elbow_limits: pace,
             }
         })
         .collect()
@@ -378,14 +384,15 @@ fn the_set_point_is_finite_with_whatever_settings_and_samples_are_allowed() {
                 for late in [1, 0] {
                     if step % every == 0 && step > 0 {
                         let time = Instant(now.0 - late);
-                        let _ = follower.take(&mut state, now, &MasterSample { time, position, rotation });
-                        let _ = follower.take_elbow(&mut state, now, time, 0.3);
+                        let _ =
+                            follower.add_sample(&mut state, now, &MasterSample { time, position, rotation });
+                        let _ = follower.add_elbow_sample(&mut state, now, time, 0.3);
                     }
                 }
                 if step % 250 == 60 {
-                    let _ = follower.close(&mut state, now);
+                    let _ = follower.close_clutch(&mut state, now);
                 } else if step % 250 == 240 {
-                    follower.open(&mut state);
+                    follower.open_clutch(&mut state);
                 }
                 let (point, elbow) = follower.tick(&mut state, now);
                 let PosePoint { position, rotation, velocity, acceleration } = point;
@@ -404,30 +411,30 @@ fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
     let human = FollowerSettings::HUMAN;
     type Spoil = fn(&mut FollowerSettings, f32);
     let spoil: [(&str, [f32; 2], Spoil); 6] = [
-        ("wander", [0.01, 1e4], |settings, value| settings.position.wander = value),
-        ("tremor", [1e-6, 0.1], |settings, value| settings.rotation.tremor = value),
-        ("noise", [1e-6, 0.1], |settings, value| settings.elbow.noise = value),
-        ("speed", [1e-3, 100.0], |settings, value| settings.travel.speed = value),
-        ("acceleration", [1e-3, 1e4], |settings, value| settings.swing.acceleration = value),
-        ("jump of the position", [1e-4, 10.0], |settings, value| settings.jump[0] = value),
+        ("jerk diffusion", [0.01, 1e4], |settings, value| settings.position_model.jerk_diffusion = value),
+        ("tremor", [1e-6, 0.1], |settings, value| settings.rotation_model.tremor = value),
+        ("noise", [1e-6, 0.1], |settings, value| settings.elbow_model.noise = value),
+        ("speed", [1e-3, 100.0], |settings, value| settings.position_limits.speed = value),
+        ("acceleration", [1e-3, 1e4], |settings, value| settings.elbow_limits.acceleration = value),
+        ("innovation of the position", [1e-4, 10.0], |settings, value| settings.max_innovation[0] = value),
     ];
-    for (field, [least, limit], spoil) in spoil {
+    for (field, [min, max], spoil) in spoil {
         let mut settings = human;
-        for value in [least, limit] {
+        for value in [min, max] {
             spoil(&mut settings, value);
             assert!(Follower::try_new(settings).is_ok(), "{field}");
         }
-        for value in [1.01 * limit, 1e30, f32::INFINITY, f32::NAN, 0.99 * least, 0.0, -least] {
+        for value in [1.01 * max, 1e30, f32::INFINITY, f32::NAN, 0.99 * min, 0.0, -min] {
             spoil(&mut settings, value);
             let bad = Follower::try_new(settings).unwrap_err();
-            assert_eq!((bad.field, bad.least, bad.limit), (field, least, limit), "{value}");
+            assert_eq!((bad.field, bad.min, bad.max), (field, min, max), "{value}");
         }
     }
-    let settings = FollowerSettings { position: HandModel { tremor: 1e30, ..human.position }, ..human };
+    let settings =
+        FollowerSettings { position_model: OperatorModel { tremor: 1e30, ..human.position_model }, ..human };
     let text = Follower::try_new(settings).unwrap_err().to_string();
     assert!(
-        text.starts_with("tremor is 1000")
-            && text.ends_with("; it must be 0.000001 at least, and 0.1 at most"),
+        text.starts_with("tremor is 1000") && text.ends_with("; it must be between 0.000001 and 0.1"),
         "{text}"
     );
 
@@ -435,8 +442,8 @@ fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
     run.now += 100_000;
     let (place, rotation) = resting(0.0);
     let far = run.take(0, (place + Vector3::x() * 1e38, rotation)).unwrap_err();
-    assert!(matches!(far, Refused::Distance { limit: 100.0, .. }), "{far:?}");
+    assert!(matches!(far, FollowerError::Distance { limit: 100.0, .. }), "{far:?}");
     let now = run.now();
-    let twisted = run.follower.take_elbow(&mut run.state, now, now, -1e38).unwrap_err();
-    assert_eq!(twisted, Refused::Turn { value: 1e38, limit: 100.0 });
+    let twisted = run.follower.add_elbow_sample(&mut run.state, now, now, -1e38).unwrap_err();
+    assert_eq!(twisted, FollowerError::Angle { value: 1e38, limit: 100.0 });
 }

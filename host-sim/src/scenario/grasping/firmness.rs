@@ -1,7 +1,7 @@
 //! How firm a grip is, against the least that would do with the true friction.
 
 use rapier3d::na::{Vector3, Vector6};
-use tesaki::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip, ThreeFingers};
+use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFingers};
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
 
@@ -33,7 +33,9 @@ pub fn firmness(model: &RobotModel, sample: &Sample, added: &Vector6<f64>, limit
             let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
             Some(Firmness { ratio: sum / f64::from(least), torque, possible: true })
         }
-        Err(NoGrip::CannotHold(_)) => Some(Firmness { ratio: f64::NAN, torque: f64::NAN, possible: false }),
+        Err(GripError::CannotHold(_)) => {
+            Some(Firmness { ratio: f64::NAN, torque: f64::NAN, possible: false })
+        }
         Err(_) => None,
     }
 }
@@ -43,7 +45,7 @@ pub fn internal_forces(sample: &Sample) -> [Vector3<f64>; 3] {
     let unknown = [Vector3::repeat(f64::NAN); 3];
     let Some(map) = grasp_map(sample, f64::from(f32::MAX)) else { return unknown };
     let mut forces = forces(sample);
-    map.inverse().remove_wrench(&mut forces);
+    map.inverse().project_to_null_space(&mut forces);
     forces.try_into().map_or(unknown, |forces: [Vector3<f32>; 3]| forces.map(|force| force.map(f64::from)))
 }
 

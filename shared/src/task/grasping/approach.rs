@@ -169,7 +169,8 @@ impl GraspState {
                 velocity: (*velocity).into(),
                 acceleration: (*acceleration).into(),
             };
-            let (velocities, accelerations) = finger.chain.posture(&angles).follow(&motion).ok_or(index)?;
+            let (velocities, accelerations) =
+                finger.chain.posture(&angles).joint_motion(&motion).ok_or(index)?;
             *reference = angles;
             for (point, ((position, velocity), acceleration)) in
                 points.iter_mut().zip(angles.into_iter().zip(velocities).zip(accelerations))

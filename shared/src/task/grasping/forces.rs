@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::NORMAL_TOLERANCE;
 use super::{InternalForce, PerFinger};
 use crate::TICK;
-use crate::grasp::{Contact, GraspMap, GripState, LeastGrip, NoGrip, ThreeFingers, WrenchInverse};
+use crate::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFingers, WrenchInverse};
 use crate::math::{self, abs};
 
 /// Share of a new reading in the load.
@@ -269,15 +269,15 @@ impl Forces {
                 let load = Vector6::from(load) + Vector6::from(self.surge);
                 let size = math::sqrt(load.norm_squared());
                 let mut more = 1.0 + self.reserve;
-                let grip = LeastGrip::try_new(margin, least).map(|grip| grip.within(GRIP_OPEN));
+                let grip = LeastGrip::try_new(margin, least).map(|grip| grip.with_tolerance(GRIP_OPEN));
                 match grip.map(|grip| grip.advance(map, &load, &mut self.grip, GRIP_BUDGET)) {
                     Ok(Ok(grip)) => {
                         forces.iter_mut().zip(&grip.forces).for_each(|(force, found)| *force = *found);
                         // Only the load that is there is carried; what is held ready for more is internal.
-                        inverse.remove_wrench(&mut forces);
+                        inverse.project_to_null_space(&mut forces);
                         (self.base, self.base_load) = (forces.map(Into::into), size);
                     }
-                    Ok(Err(NoGrip::CannotHold(_) | NoGrip::Limit { .. })) => {
+                    Ok(Err(GripError::CannotHold(_) | GripError::Limit { .. })) => {
                         // As hard as allowed.
                         (self.overloaded, more) = (true, f32::MAX);
                     }
@@ -398,7 +398,7 @@ impl Forces {
     fn missing(&self, grasped: &Grasped<'_>, inverse: &WrenchInverse<'_>) -> PerFinger<Vector3<f32>> {
         let mut missing: PerFinger<Vector3<f32>> = self.wanted.map(Into::into);
         missing.iter_mut().zip(grasped.measured).for_each(|(missing, measured)| *missing -= measured);
-        inverse.remove_wrench(&mut missing);
+        inverse.project_to_null_space(&mut missing);
         missing
     }
 }

@@ -10,7 +10,7 @@ use super::tracker::TipMotion;
 use super::wrench::wrench;
 use super::{Failure, FingerSense, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
-use crate::grasp::{ThreeFingers, largest_push};
+use crate::grasp::{ThreeFingers, normal_force_limit};
 use crate::robot::Actuation;
 
 /// Share of the joints' torques that forces on the object may take. The rest is for weight, friction and motion.
@@ -106,8 +106,8 @@ impl GraspState {
     ) -> Result<(), u8> {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
         if !self.motion.is_done() {
-            velocities = three.follow(arms, &wanted.twist).map_err(|error| error.finger)?;
-            accelerations = three.follow(arms, &wanted.acceleration).map_err(|error| error.finger)?;
+            velocities = three.joint_velocities(arms, &wanted.twist).map_err(|error| error.finger)?;
+            accelerations = three.joint_velocities(arms, &wanted.acceleration).map_err(|error| error.finger)?;
         }
         // Where the tips are in the object, so that their places to each other are left to the forces; while they rub or
         // let go, where they were.
@@ -144,7 +144,7 @@ fn limits(
     let mut limits = [plan.force_limit; 3];
     let fingers = three.blocks().iter().zip(normals).zip(torque_limits);
     for (limit, ((block, normal), torques)) in limits.iter_mut().zip(fingers) {
-        match largest_push(block, normal, 0.0, &zero, &Vector3::from(*torques)) {
+        match normal_force_limit(block, normal, 0.0, &zero, &Vector3::from(*torques)) {
             Ok(push) if push < *limit => *limit = push,
             _ => {}
         }

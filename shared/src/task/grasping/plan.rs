@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::PerFinger;
 use crate::control::ServoMode;
-use crate::grasp::{BadContact, Contact, GraspMap, GripState, LeastGrip, NoGrasp, NoGrip, NoNormalGrip};
+use crate::grasp::{InvalidContact, Contact, GraspMap, GripState, LeastGrip, GraspMapError, GripError, NormalGripError};
 
 /// Friction assumed of contacts where it is to be felt, until then.
 pub(super) const ASSUMED_FRICTION: f32 = 0.4;
@@ -235,16 +235,16 @@ impl GraspPlan {
             let contact =
                 Contact::try_new(position, normal, friction, self.force_limit).map_err(|error| {
                     let (field, value) = match error {
-                        BadContact::Position | BadContact::Normal => return InvalidPlan::Contact { finger },
-                        BadContact::Friction(value) => (PlanField::Friction, value),
-                        BadContact::Limit(value) => (PlanField::ForceLimit, value),
+                        InvalidContact::Position | InvalidContact::Normal => return InvalidPlan::Contact { finger },
+                        InvalidContact::Friction(value) => (PlanField::Friction, value),
+                        InvalidContact::Limit(value) => (PlanField::ForceLimit, value),
                     };
                     InvalidPlan::Value { field, value, lower: 0.0, upper: f32::INFINITY }
                 })?;
             let _ = contacts.push(contact); // three places for three contacts
         }
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).map_err(|error| match error {
-            NoGrasp::Coincident { .. } | NoGrasp::Contacts(_) | NoGrasp::Origin => InvalidPlan::NoTriangle,
+            GraspMapError::Coincident { .. } | GraspMapError::Contacts(_) | GraspMapError::Origin => InvalidPlan::NoTriangle,
         })?;
         if map.inverse().conditioning().rank < 6 {
             return Err(InvalidPlan::NoTriangle);
@@ -252,15 +252,15 @@ impl GraspPlan {
         match self.internal {
             InternalForce::Normal { .. } => match map.normal_grip(NORMAL_TOLERANCE) {
                 Ok(_) => Ok(()),
-                Err(NoNormalGrip::Unbalanced { rest }) => Err(InvalidPlan::Unbalanced { rest }),
-                Err(NoNormalGrip::Ambiguous | NoNormalGrip::NotPushing { .. }) => {
+                Err(NormalGripError::Unbalanced { residual: rest }) => Err(InvalidPlan::Unbalanced { rest }),
+                Err(NormalGripError::Ambiguous | NormalGripError::NotPushing { .. }) => {
                     Err(InvalidPlan::CannotGrip)
                 }
             },
             InternalForce::Least { .. } | InternalForce::Pairwise { .. } => {
                 let grip = LeastGrip::try_new(0.0, self.touch_force).map_err(|_| InvalidPlan::CannotGrip)?;
                 match grip.solve(&map, &Vector6::zeros(), &mut GripState::default()) {
-                    Ok(_) | Err(NoGrip::NotConverged { .. }) => Ok(()),
+                    Ok(_) | Err(GripError::NotConverged { .. }) => Ok(()),
                     Err(_) => Err(InvalidPlan::CannotGrip),
                 }
             }

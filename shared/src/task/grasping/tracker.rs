@@ -3,7 +3,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{Frame, PerFinger};
-use crate::grasp::{NoObjectFrame, object_frame};
+use crate::grasp::{ObjectFrameError, object_frame};
 use crate::math;
 
 /// Share of a change between the fingertips that goes into the anchors in a tick.
@@ -60,7 +60,7 @@ impl Tracker {
     pub fn begin(
         tips: &PerFinger<Vector3<f32>>,
         normals: &PerFinger<Vector3<f32>>,
-    ) -> Result<Self, NoObjectFrame> {
+    ) -> Result<Self, ObjectFrameError> {
         let object = object_frame(tips)?;
         let anchors = tips.map(|tip| object.inverse_transform_point(&tip.into()).coords.into());
         Ok(Self {
@@ -79,7 +79,7 @@ impl Tracker {
         &mut self,
         tips: &PerFinger<TipMotion>,
         radii: &PerFinger<f32>,
-    ) -> Result<IsometryMatrix3<f32>, NoObjectFrame> {
+    ) -> Result<IsometryMatrix3<f32>, ObjectFrameError> {
         let before = self.object.isometry();
         let spin = Vector3::from(self.spin);
         let middles = self.anchors.iter_mut().zip(&mut self.places);

@@ -3,7 +3,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::control::{BadImpedance, Impedance};
+use crate::control::{Impedance, InvalidImpedance};
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// How an arm is to behave.
@@ -86,7 +86,7 @@ pub enum Redundancy {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum InvalidSettings {
     /// 0
-    Impedance(BadImpedance),
+    Impedance(InvalidImpedance),
     /// 1: the arm has no such joint.
     Joint {
         /// As given.

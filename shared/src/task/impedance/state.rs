@@ -293,7 +293,7 @@ impl ImpedanceState {
     /// Why the arm has to stop.
     pub fn tick(&mut self, arm: &Arm<'_>, sense: &ArmSense) -> Result<ArmOutput, SetpointError> {
         let settings = self.settings;
-        self.impedance.approach(&settings.impedance, BLEND);
+        self.impedance.blend_towards(&settings.impedance, BLEND);
         let wrench = self.felt(sense);
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(SetpointError::NotFinite);
@@ -316,7 +316,7 @@ impl ImpedanceState {
 
         let tip = posture.tip();
         let error = displacement(tip, &self.set_point, &settings)?;
-        let matched = self.impedance.matched();
+        let matched = self.impedance.discretized();
         self.error = error.into();
         let velocities = Joints::from(self.velocities);
         let speed = jacobian * velocities;
@@ -372,7 +372,7 @@ impl ImpedanceState {
         self.momentum.push(torques);
         for (state, added) in self.observers.iter_mut().zip(added) {
             let wanted = arm.observer.feedback(state);
-            arm.observer.settle(state, wanted + added);
+            arm.observer.predict(state, wanted + added);
         }
     }
 
@@ -436,7 +436,7 @@ impl ImpedanceState {
                 let [error, rate] = state.error();
                 *angle -= error;
                 *velocity -= rate;
-                state.forget_motion();
+                state.reset_motion();
             }
         }
     }

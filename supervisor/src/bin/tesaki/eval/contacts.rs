@@ -1,7 +1,7 @@
 //! The contacts and the load of every row.
 
 use nalgebra::{Vector3, Vector6};
-use tesaki::grasp::{BadContact, Contact, GraspMap, MAX_CONTACTS, NoGrasp};
+use tesaki::grasp::{Contact, GraspMap, GraspMapError, InvalidContact, MAX_CONTACTS};
 
 use super::{Row, Table};
 use crate::args::Grip;
@@ -174,38 +174,38 @@ fn three(table: &Table, row: &Row, columns: [usize; 3]) -> Result<Vector3<f32>, 
     Ok(Vector3::new(x?, y?, z?))
 }
 
-fn bad_contact(error: BadContact, number: usize, normal: &Vector3<f32>) -> String {
+fn bad_contact(error: InvalidContact, number: usize, normal: &Vector3<f32>) -> String {
     match error {
-        BadContact::Position => {
+        InvalidContact::Position => {
             format!("columns x{number}, y{number}, z{number}: the place is too far away to compute")
         }
-        BadContact::Normal => format!(
+        InvalidContact::Normal => format!(
             "columns nx{number}, ny{number}, nz{number}: ({}, {}, {}) has no direction: give a vector into the object, of any \
              length from 1e-6 on",
             normal.x, normal.y, normal.z
         ),
-        BadContact::Friction(value) => {
+        InvalidContact::Friction(value) => {
             format!("column {FRICTION}{number}: {value} is no coefficient of friction: it is at least 0")
         }
-        BadContact::Limit(value) => {
+        InvalidContact::Limit(value) => {
             format!("column {LIMIT}{number}: {value} N is no largest normal force: it is more than 0")
         }
     }
 }
 
-fn no_grasp(error: NoGrasp, numbers: &[usize]) -> String {
+fn no_grasp(error: GraspMapError, numbers: &[usize]) -> String {
     let number = |index: u8| numbers.get(usize::from(index)).copied().unwrap_or_default();
     match error {
-        NoGrasp::Contacts(0) => format!("no contact is filled in: a grasp has 2 to {MAX_CONTACTS}"),
-        NoGrasp::Contacts(count) => {
+        GraspMapError::Contacts(0) => format!("no contact is filled in: a grasp has 2 to {MAX_CONTACTS}"),
+        GraspMapError::Contacts(count) => {
             let only = numbers.first().copied().unwrap_or_default();
             format!("only contact {only} is filled in, {count} in all: a grasp has 2 to {MAX_CONTACTS}")
         }
-        NoGrasp::Origin => "columns ox, oy, oz: the point is too far away to compute".to_owned(),
-        NoGrasp::Coincident { distance, .. } if !distance.is_finite() => {
+        GraspMapError::Origin => "columns ox, oy, oz: the point is too far away to compute".to_owned(),
+        GraspMapError::Coincident { distance, .. } if !distance.is_finite() => {
             "the contacts are too far from each other to compute".to_owned()
         }
-        NoGrasp::Coincident { first, second, distance } => {
+        GraspMapError::Coincident { first, second, distance } => {
             let (first, second) = (number(first), number(second));
             format!(
                 "columns x{first} to z{first}, x{second} to z{second}: contacts {first} and {second} are at the same \

@@ -1,7 +1,7 @@
 //! Contacts and a load in, the least grip out, or the proof that there is none.
 
 use serde_json::json;
-use tesaki::grasp::{Certificate, Contact, Grip, GripState, LeastGrip, NoGrip};
+use tesaki::grasp::{Certificate, Contact, Grip, GripError, GripState, LeastGrip};
 
 use super::contacts::{Columns, Grasp};
 use super::{Results, Row, Table, exact, finish, proof, unused};
@@ -41,13 +41,13 @@ pub fn run(options: &Options, asked: &args::Grip) -> Result<(), Failure> {
         forces(&columns, &grasp, &answer, &mut values);
         let conditioning = *grasp.map.inverse().conditioning();
         let rest = match &answer {
-            Answer::Held(grip) => exact(grip.rest),
+            Answer::Held(grip) => exact(grip.residual),
             Answer::CannotHold(_) => String::new(),
             Answer::Open(rest) => exact(*rest),
         };
         values.extend([rest, conditioning.rank.to_string(), exact(conditioning.condition)]);
         if let Answer::CannotHold(certificate) = &answer {
-            let proven = certificate.holds(&grip, &grasp.map, &grasp.load)
+            let proven = certificate.is_valid(&grip, &grasp.map, &grasp.load)
                 && proof::holds(asked, &grasp, &certificate.twist);
             if !proven {
                 results.notes.push(format!("line {}: the proof failed when it was checked anew", row.line));
@@ -89,14 +89,18 @@ fn header(columns: &Columns<'_>) -> Vec<String> {
 fn answer(grip: &LeastGrip, grasp: &Grasp, table: &Table, row: &Row) -> Result<Answer, Failure> {
     let answer = match grip.solve(&grasp.map, &grasp.load, &mut GripState::default()) {
         Ok(grip) => Answer::Held(grip),
-        Err(NoGrip::CannotHold(certificate)) => Answer::CannotHold(certificate),
-        Err(NoGrip::NotConverged { rest } | NoGrip::Unfinished { rest }) => Answer::Open(rest),
-        Err(error @ (NoGrip::NotFinite | NoGrip::Limit { .. })) => {
+        Err(GripError::CannotHold(certificate)) => Answer::CannotHold(certificate),
+        Err(GripError::NotConverged { residual } | GripError::Unfinished { residual }) => {
+            Answer::Open(residual)
+        }
+        Err(error @ (GripError::NotFinite | GripError::Limit { .. })) => {
             return Err(table.error(row.line, &error.to_string()));
         }
     };
     let finite = match &answer {
-        Answer::Held(grip) => grip.forces.iter().flatten().chain([&grip.rest]).all(|value| value.is_finite()),
+        Answer::Held(grip) => {
+            grip.forces.iter().flatten().chain([&grip.residual]).all(|value| value.is_finite())
+        }
         Answer::CannotHold(certificate) => certificate.twist.iter().all(|value| value.is_finite()),
         Answer::Open(rest) => rest.is_finite(),
     };

@@ -3,7 +3,9 @@
 use std::f32::consts::TAU;
 
 use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use tesaki::kinematics::{BadJoint, Chain, InverseKinematics, NotSolved, Solved, Target};
+use tesaki::kinematics::{
+    Chain, InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, Target,
+};
 use tesaki_description::urdf::{Drive, SerialPath};
 
 use super::{Results, Row, Table, exact};
@@ -111,8 +113,8 @@ impl<'a> Tip<'a> {
         let mut q = self.path.angles(&self.angles);
         let (status, solved) = match self.solver.solve(&self.chain, &target, &mut q) {
             Ok(solved) => ("reached", solved),
-            Err(NotSolved::NotReached(nearest)) => ("not reached", nearest),
-            Err(NotSolved::NotFinite | NotSolved::Joints) => {
+            Err(InverseKinematicsError::NotReached(nearest)) => ("not reached", nearest),
+            Err(InverseKinematicsError::NotFinite | InverseKinematicsError::Joints) => {
                 return Err(
                     table.error(row.line, &format!("{}: the target is too far to compute", self.path.tip))
                 );
@@ -127,7 +129,7 @@ impl<'a> Tip<'a> {
             }
         }
         values.extend(self.angles.iter().copied().map(exact));
-        let Solved { position_error, rotation_error, iterations } = solved;
+        let SolveReport { position_error, rotation_error, iterations } = solved;
         values.extend([
             status.to_owned(),
             exact(position_error),
@@ -162,7 +164,7 @@ fn middle(drive: &Drive) -> f32 {
 }
 
 /// The core's solver, whose mimic joints follow a joint of the same path.
-fn solver(path: &SerialPath) -> Result<InverseKinematics, BadJoint> {
+fn solver(path: &SerialPath) -> Result<InverseKinematics, InvalidJoint> {
     let leaders: Vec<Option<usize>> = (0..path.drives.len()).map(|drive| path.leader(drive)).collect();
     let leader = |drive: usize| leaders.get(drive).copied().flatten();
     let limits = path.joints.iter().enumerate().map(|(index, joint)| {
@@ -189,18 +191,20 @@ fn solver(path: &SerialPath) -> Result<InverseKinematics, BadJoint> {
     Ok(solver)
 }
 
-fn refused(path: &SerialPath, error: BadJoint) -> Failure {
+fn refused(path: &SerialPath, error: InvalidJoint) -> Failure {
     let name = |joint: usize| path.joints.get(joint).map_or("?", |joint| joint.name.as_str());
     Failure::Other(match error {
-        BadJoint::TooMany => format!("{}: more joints than a chain can have", path.tip),
-        BadJoint::Limits { joint } => {
+        InvalidJoint::TooMany => format!("{}: more joints than a chain can have", path.tip),
+        InvalidJoint::Limits { joint } => {
             let name = name(joint);
             format!(
                 "joint {name}: no angle within its limits and those of what it mimics: mend <limit> or <mimic>"
             )
         }
-        BadJoint::Mimic { joint } => format!("joint {}: its <mimic> makes no sense: mend it", name(joint)),
-        BadJoint::MimicLimits { joint } => {
+        InvalidJoint::Mimic { joint } => {
+            format!("joint {}: its <mimic> makes no sense: mend it", name(joint))
+        }
+        InvalidJoint::MimicLimits { joint } => {
             let name = name(joint);
             format!(
                 "joint {name}: its limits and those of the joint that it mimics exclude each other: mend <limit>"

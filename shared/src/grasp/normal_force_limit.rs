@@ -6,7 +6,7 @@ use crate::math;
 
 /// A joint cannot add to a push: what it carries already takes all its torque, or its numbers are not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NoPush {
+pub struct NormalForceLimitError {
     /// The joint of the finger, 0 to 2.
     pub joint: u8,
 }
@@ -29,13 +29,13 @@ pub struct NoPush {
 ///
 /// # Errors
 /// A joint is at its limit without any push, or something is not a number.
-pub fn largest_push(
+pub fn normal_force_limit(
     block: &Matrix3<f32>,
     normal: &Vector3<f32>,
     friction: f32,
     used: &Vector3<f32>,
     limits: &Vector3<f32>,
-) -> Result<f32, NoPush> {
+) -> Result<f32, NormalForceLimitError> {
     let mut most = f32::INFINITY;
     for (joint, ((column, used), limit)) in (0..).zip(block.column_iter().zip(used).zip(limits)) {
         let along = column.dot(normal);
@@ -43,7 +43,7 @@ pub fn largest_push(
         for (rate, room) in [(across + along, limit - used), (across - along, limit + used)] {
             // Not a number fails both.
             if !(room > 0.0 && rate.is_finite()) {
-                return Err(NoPush { joint });
+                return Err(NormalForceLimitError { joint });
             }
             if rate > 0.0 && room < most * rate {
                 most = room / rate;
@@ -53,13 +53,13 @@ pub fn largest_push(
     Ok(most)
 }
 
-impl fmt::Display for NoPush {
+impl fmt::Display for NormalForceLimitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "joint {} of the finger has no torque left to push with", self.joint + 1)
     }
 }
 
-impl core::error::Error for NoPush {}
+impl core::error::Error for NormalForceLimitError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
@@ -77,7 +77,7 @@ mod tests {
         for &(block, normal, friction, used, limits, expected, force) in CASES {
             let block = Matrix3::from_row_slice(&block);
             let (normal, used, limits) = (normal.into(), used.into(), Vector3::from(limits));
-            let push = largest_push(&block, &normal, friction, &used, &limits).unwrap();
+            let push = normal_force_limit(&block, &normal, friction, &used, &limits).unwrap();
             // Safe: no sampled force takes more. Attained: this one, inside the cone, takes as much.
             assert!(push <= expected * (1.0 + 1e-5), "{push} {expected}");
             assert!(push >= expected * (1.0 - 1e-4), "{push} {expected}");
@@ -96,7 +96,7 @@ mod tests {
         // Joint 1 feels the push at 0.1 m and nothing else, joint 2 the force sideways, joint 3 neither.
         let block = Matrix3::from_diagonal(&Vector3::new(0.1, 0.1, 0.0));
         let (normal, limits) = (Vector3::x(), Vector3::new(1.0, 0.3, 1e-3));
-        let push = |used: [f32; 3]| largest_push(&block, &normal, 0.5, &used.into(), &limits);
+        let push = |used: [f32; 3]| normal_force_limit(&block, &normal, 0.5, &used.into(), &limits);
         // 0.3 N·m over 0.5 × 0.1 m.
         assert!((push([0.0; 3]).unwrap() - 6.0).abs() < 1e-5);
         // Gravity pushes too, or against it; sideways its sign does not matter.
@@ -105,13 +105,13 @@ mod tests {
         for used in [0.1, -0.1] {
             assert!((push([0.0, used, 0.0]).unwrap() - 4.0).abs() < 1e-5);
         }
-        assert_eq!(push([0.0, 0.3, 0.0]), Err(NoPush { joint: 1 }));
-        assert_eq!(push([0.0, 0.0, f32::NAN]), Err(NoPush { joint: 2 }));
-        let nothing = largest_push(&Matrix3::zeros(), &normal, 0.5, &Vector3::zeros(), &limits);
+        assert_eq!(push([0.0, 0.3, 0.0]), Err(NormalForceLimitError { joint: 1 }));
+        assert_eq!(push([0.0, 0.0, f32::NAN]), Err(NormalForceLimitError { joint: 2 }));
+        let nothing = normal_force_limit(&Matrix3::zeros(), &normal, 0.5, &Vector3::zeros(), &limits);
         assert_eq!(nothing, Ok(f32::INFINITY));
         for (block, friction) in [(block * f32::NAN, 0.5), (block, f32::NAN)] {
-            let refused = largest_push(&block, &normal, friction, &Vector3::zeros(), &limits);
-            assert_eq!(refused, Err(NoPush { joint: 0 }));
+            let refused = normal_force_limit(&block, &normal, friction, &Vector3::zeros(), &limits);
+            assert_eq!(refused, Err(NormalForceLimitError { joint: 0 }));
         }
     }
 }

@@ -28,20 +28,20 @@ const REST_TIME: f32 = 0.08;
 /// What is known beforehand of how a hand moves along each axis, and of how that is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct HandModel {
+pub struct OperatorModel {
     /// How the jerk wanders: in a second by this much [m/s³, rad/s³], and in `t` by `√t` of it. The more, the sooner a new
     /// motion is seen, and the more of the tremor is taken for motion. 0.01 to 10⁴.
-    pub wander: f32,
+    pub jerk_diffusion: f32,
     /// Root mean square of the tremor [m, rad]. A little more than there is does no harm. 10⁻⁶ to 0.1.
     pub tremor: f32,
     /// Standard deviation of a sample [m, rad]: 10⁻⁶ to 0.1.
     pub noise: f32,
 }
 
-impl HandModel {
+impl OperatorModel {
     pub(super) const fn numbers(&self) -> [Number; 3] {
         [
-            ("wander", self.wander, [0.01, 1e4]),
+            ("jerk diffusion", self.jerk_diffusion, [0.01, 1e4]),
             ("tremor", self.tremor, [1e-6, 0.1]),
             ("noise", self.noise, [1e-6, 0.1]),
         ]
@@ -50,7 +50,7 @@ impl HandModel {
 
 /// What moves: place, velocity and acceleration along each axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moving<const N: usize> {
+pub(super) struct Motion<const N: usize> {
     pub place: SVector<f32, N>,
     pub velocity: SVector<f32, N>,
     pub acceleration: SVector<f32, N>,
@@ -61,14 +61,14 @@ pub(super) struct Moving<const N: usize> {
 /// Place, velocity, acceleration and jerk, the latter driven by white noise; and a tremor, an oscillation and its quadrature, that
 /// fades and is kept alive by noise. A sample is the sum of place, tremor and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Estimate<const N: usize> {
+pub(super) struct OperatorEstimate<const N: usize> {
     mean: SMatrix<f32, SIZE, N>,
     covariance: SMatrix<f32, SIZE, SIZE>,
 }
 
-impl<const N: usize> Estimate<N> {
+impl<const N: usize> OperatorEstimate<N> {
     /// From a first sample, at rest.
-    pub fn new(model: &HandModel, place: &SVector<f32, N>) -> Self {
+    pub fn new(model: &OperatorModel, place: &SVector<f32, N>) -> Self {
         let mut mean = SMatrix::<f32, SIZE, N>::zeros();
         mean.set_row(0, &place.transpose());
         let tremor = model.tremor * model.tremor;
@@ -78,14 +78,14 @@ impl<const N: usize> Estimate<N> {
     }
 
     /// Lets `time` pass [s].
-    pub fn advance(&mut self, model: &HandModel, time: f32) {
+    pub fn advance(&mut self, model: &OperatorModel, time: f32) {
         let fade = math::exp(-TREMOR_FADES * time);
         let (sine, cosine) = math::sin_cos(TREMOR * time);
         let mut transition = SMatrix::<f32, SIZE, SIZE>::identity();
         let mut noise = SMatrix::<f32, SIZE, SIZE>::zeros();
         let mut powers = [1.0; 2 * ORDER];
         (1..powers.len()).for_each(|n| powers[n] = powers[n - 1] * time);
-        let q = model.wander * model.wander;
+        let q = model.jerk_diffusion * model.jerk_diffusion;
         for row in 0..ORDER {
             for column in row..ORDER {
                 transition[(row, column)] = powers[column - row] / FACTORIALS[column - row];
@@ -113,7 +113,7 @@ impl<const N: usize> Estimate<N> {
     }
 
     /// Takes a sample.
-    pub fn correct(&mut self, model: &HandModel, sample: &SVector<f32, N>) {
+    pub fn correct(&mut self, model: &OperatorModel, sample: &SVector<f32, N>) {
         // What the sample has in common with each part; the sample is place and tremor.
         let common = self.covariance.column(0) + self.covariance.column(ORDER);
         let variance = common[0] + common[ORDER] + model.noise * model.noise;
@@ -133,7 +133,7 @@ impl<const N: usize> Estimate<N> {
     }
 
     /// `time` after the last sample [s], without the tremor. It comes to rest when that is long ago.
-    pub fn ahead(&self, time: f32) -> Moving<N> {
+    pub fn ahead(&self, time: f32) -> Motion<N> {
         let [place, velocity, acceleration, jerk] = [0, 1, 2, 3].map(|row| self.mean.row(row).transpose());
         let near = math::clamp(time, 0.0, HORIZON);
         let place = place + (velocity + (acceleration + jerk * (near / 3.0)) * (near / 2.0)) * near;
@@ -142,12 +142,12 @@ impl<const N: usize> Estimate<N> {
         let late = time - near;
         if late > 0.0 {
             let left = math::exp(-late / REST_TIME);
-            return Moving {
+            return Motion {
                 place: place + velocity * (REST_TIME * (1.0 - left)),
                 velocity: velocity * left,
                 acceleration: velocity * (-left / REST_TIME),
             };
         }
-        Moving { place, velocity, acceleration }
+        Motion { place, velocity, acceleration }
     }
 }

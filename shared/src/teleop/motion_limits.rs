@@ -12,7 +12,7 @@ const BANDWIDTH: f32 = 120.0;
 /// Limits of a set-point's motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Pace {
+pub struct MotionLimits {
     /// [m/s, rad/s]: 0.001 to 100.
     pub speed: f32,
     /// [m/s², rad/s²]: 0.001 to 10⁴.
@@ -21,49 +21,49 @@ pub struct Pace {
 
 /// What is where it should be, with its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Aim<const N: usize> {
+pub(super) struct MotionTarget<const N: usize> {
     /// From the set-point to there.
-    pub way: SVector<f32, N>,
+    pub offset: SVector<f32, N>,
     pub velocity: SVector<f32, N>,
     pub acceleration: SVector<f32, N>,
 }
 
-impl Pace {
+impl MotionLimits {
     pub(super) const fn numbers(&self) -> [Number; 2] {
         [("speed", self.speed, [1e-3, 100.0]), ("acceleration", self.acceleration, [1e-3, 1e4])]
     }
 
     /// The acceleration, held for a control period, of a set-point that moves at `velocity`.
     ///
-    /// Near its aim, feedback on way and speed with two equal poles at `γ = e^(−ω·T)`, as that of
+    /// Near its aim, feedback on offset and speed with two equal poles at `γ = e^(−ω·T)`, as that of
     /// [`ErrorObserver`](crate::control::ErrorObserver); far from it, the speed at which half of the acceleration still
     /// stops it there.
     pub(super) fn acceleration<const N: usize>(
         &self,
         velocity: &SVector<f32, N>,
-        aim: &Aim<N>,
+        aim: &MotionTarget<N>,
     ) -> SVector<f32, N> {
         let gap = 1.0 - math::exp(-BANDWIDTH * TICK);
-        let of_way = gap * gap / (TICK * TICK);
+        let of_offset = gap * gap / (TICK * TICK);
         let of_speed = gap * (4.0 - gap) / (2.0 * TICK);
-        let distance = math::sqrt(aim.way.norm_squared());
-        let approach = of_way / of_speed;
-        let most = math::sqrt(self.acceleration * distance);
-        let approach = if approach * distance > most { most / distance } else { approach };
-        let wanted = aim.acceleration + (aim.velocity - velocity + aim.way * approach) * of_speed;
-        let next = velocity + shortened(&wanted, self.acceleration) * TICK;
-        (shortened(&next, self.speed) - velocity) * (1.0 / TICK)
+        let distance = math::sqrt(aim.offset.norm_squared());
+        let approach = of_offset / of_speed;
+        let max_speed = math::sqrt(self.acceleration * distance);
+        let approach = if approach * distance > max_speed { max_speed / distance } else { approach };
+        let desired = aim.acceleration + (aim.velocity - velocity + aim.offset * approach) * of_speed;
+        let next = velocity + limited(&desired, self.acceleration) * TICK;
+        (limited(&next, self.speed) - velocity) * (1.0 / TICK)
     }
 
     /// The acceleration with which it comes to rest.
     pub(super) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
-        shortened(&(velocity * (-0.25 / TICK)), self.acceleration)
+        limited(&(velocity * (-0.25 / TICK)), self.acceleration)
     }
 }
 
-fn shortened<const N: usize>(vector: &SVector<f32, N>, most: f32) -> SVector<f32, N> {
+fn limited<const N: usize>(vector: &SVector<f32, N>, max: f32) -> SVector<f32, N> {
     let square = vector.norm_squared();
-    if square > most * most { vector * (most / math::sqrt(square)) } else { *vector }
+    if square > max * max { vector * (max / math::sqrt(square)) } else { *vector }
 }
 
 #[cfg(test)]
@@ -72,16 +72,19 @@ mod tests {
 
     use super::*;
 
-    const PACE: Pace = Pace { speed: 1.0, acceleration: 8.0 };
+    const LIMITS: MotionLimits = MotionLimits { speed: 1.0, acceleration: 8.0 };
 
     /// From rest to an aim at rest; time until it is within a thousandth, and the farthest beyond.
     fn go(distance: f32) -> (f32, f32) {
         let (mut place, mut velocity, mut far, mut time) = (0.0, 0.0, 0.0_f32, None);
         for tick in 0..400_u16 {
             let zero = Vector1::new(0.0);
-            let aim = Aim { way: Vector1::new(distance - place), velocity: zero, acceleration: zero };
-            let acceleration = PACE.acceleration(&Vector1::new(velocity), &aim).x;
-            assert!(acceleration.abs() < PACE.acceleration * 1.0001 && velocity.abs() < PACE.speed * 1.0001);
+            let aim =
+                MotionTarget { offset: Vector1::new(distance - place), velocity: zero, acceleration: zero };
+            let acceleration = LIMITS.acceleration(&Vector1::new(velocity), &aim).x;
+            assert!(
+                acceleration.abs() < LIMITS.acceleration * 1.0001 && velocity.abs() < LIMITS.speed * 1.0001
+            );
             place += velocity * TICK + 0.5 * acceleration * TICK * TICK;
             velocity += acceleration * TICK;
             far = far.max(place - distance);
