@@ -76,13 +76,13 @@ pub struct Setting<'a, 'b> {
     pub seed: u64,
     /// Simulated time [s].
     pub duration: f64,
-    /// Called with the share that is done, 0 to 1.
+    /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a dyn Fn(f64),
 }
 
 /// What a run leaves.
 pub struct Outcome {
-    /// Measured against wanted.
+    /// Measured values and limits.
     pub summary: Summary,
     /// For the page.
     pub figures: Vec<Figure>,

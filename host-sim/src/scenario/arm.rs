@@ -165,10 +165,10 @@ impl Log {
             vec![("time".to_owned(), "s", series(&|sample| sample.time))];
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
-            columns.push((format!("wanted {name}"), "m", series(&|sample| sample.aim[axis])));
+            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.aim[axis])));
             columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
         }
-        columns.push(("wanted elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
+        columns.push(("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
         let joints = self.0.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
             columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));

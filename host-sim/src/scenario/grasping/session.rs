@@ -157,6 +157,7 @@ impl<'a, 'b> Session<'a, 'b> {
         self.log.friction = f64::from(grasp.friction);
         if grasp.phase != self.phase {
             self.phase = grasp.phase;
+            self.log.phases.push((self.log.now(), grasp.phase));
             let failure = grasp.failure.map_or_else(String::new, |failure| format!(": {failure}"));
             self.note = Some(format!("the hand {}{failure}", grasp.phase));
         }

@@ -1,15 +1,20 @@
 //! What axes span, and the numbers on them.
-#![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "counts of digits")]
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::cast_precision_loss,
+    reason = "counts of digits"
+)]
 
 use std::ops::Range;
-
-use plotters::coord::ranged1d::{BoldPoints, Ranged};
-use plotters::coord::types::RangedCoordf64;
 
 use super::figure::Panel;
 
 /// Numbers on a horizontal axis over the whole width.
 pub(super) const X_TICKS: usize = 10;
+
+/// The part of a shared scale that a panel has to fill.
+const LEAST_FILL: f64 = 0.35;
 
 fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     values.filter(|v| v.is_finite()).fold(None, |range, v| match range {
@@ -19,7 +24,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
 }
 
 /// `range` with room on both sides, and never empty.
-fn padded(range: Option<Range<f64>>, share: f64) -> Range<f64> {
+fn padded(range: Option<Range<f64>>, margin: f64) -> Range<f64> {
     let range = range.unwrap_or(0.0..1.0);
     let width = range.end - range.start;
     // A range that is a rounding error wide would have ticks that all read the same.
@@ -29,13 +34,13 @@ fn padded(range: Option<Range<f64>>, share: f64) -> Range<f64> {
         let middle = range.start.clamp(-f64::MAX / 4.0, f64::MAX / 4.0);
         return middle - half..middle + half;
     }
-    range.start - share * width..range.end + share * width
+    range.start - margin * width..range.end + margin * width
 }
 
 pub(super) fn x_range(panels: &[Panel]) -> Range<f64> {
     let range = padded(span(panels.iter().flat_map(|p| &p.lines).flat_map(|l| l.x.iter().copied())), 0.0);
     // A run of 6 s ends at 5.99 s: to the next round number if it is that near.
-    let step = step(&round_numbers(&range, X_TICKS));
+    let (step, _) = round_numbers(&range, X_TICKS);
     let near = |from: f64, to: f64| (from - to).abs() < 0.02 * (range.end - range.start);
     let (start, end) = ((range.start / step).floor() * step, (range.end / step).ceil() * step);
     let start = if near(range.start, start) { start } else { range.start };
@@ -48,20 +53,22 @@ fn y_range(panel: &Panel) -> Range<f64> {
     let extent = data.clone().map_or(0.0, |d| d.start.abs().max(d.end.abs()));
     let near = panel.rules.iter().filter(|r| extent == 0.0 || r.value.abs() <= 5.0 * extent);
     let rules = near.flat_map(|r| if r.band { vec![r.value, -r.value] } else { vec![r.value] });
-    let range = padded(span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules)), 0.09);
-    // The words of windows stand below everything else.
-    let foot = if panel.windows.is_empty() { 0.0 } else { 0.12 * (range.end - range.start) };
-    range.start - foot..range.end
+    padded(span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules)), 0.09)
 }
 
-/// Panels of one quantity share a scale, so that they can be compared.
+/// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a panel that
+/// fills less than [`LEAST_FILL`] of the largest range has its own.
 pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     let alike = |other: &&Panel| (&other.quantity, &other.unit) == (&panel.quantity, &panel.unit);
-    panels
-        .iter()
-        .filter(alike)
-        .map(y_range)
-        .fold(y_range(panel), |a, b| a.start.min(b.start)..a.end.max(b.end))
+    let ranges = || panels.iter().filter(alike).map(y_range);
+    let width = |range: &Range<f64>| range.end - range.start;
+    let widest = ranges().map(|range| width(&range)).fold(0.0, f64::max);
+    let fills = |range: &Range<f64>| width(range) >= LEAST_FILL * widest;
+    let own = y_range(panel);
+    if !fills(&own) {
+        return own;
+    }
+    ranges().filter(fills).fold(own, |a, b| a.start.min(b.start)..a.end.max(b.end))
 }
 
 /// Ranges of one scale that hold the panel's lines.
@@ -86,8 +93,7 @@ pub(super) struct Ticks {
 
 /// At most `count` round numbers in `range`.
 pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
-    let values = round_numbers(range, count);
-    let step = step(&values);
+    let (step, values) = round_numbers(range, count);
     let largest = values.iter().fold(0.0, |a: f64, v| a.max(v.abs()));
     let readable = largest == 0.0 || (1e-3..1e5).contains(&largest) || !largest.is_normal();
     let exponent = if readable { 0 } else { (largest.log10() / 3.0).floor() as i32 * 3 };
@@ -99,12 +105,17 @@ pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
     Ticks { at: values.iter().map(|&v| (v, text(v))).collect(), exponent }
 }
 
-fn round_numbers(range: &Range<f64>, count: usize) -> Vec<f64> {
-    RangedCoordf64::from(range.clone()).key_points(BoldPoints(count))
-}
-
-fn step(values: &[f64]) -> f64 {
-    values.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min)
+/// The least of 1, 2 and 5 times the powers of ten of which at most `count` multiples are in `range`, and those.
+fn round_numbers(range: &Range<f64>, count: usize) -> (f64, Vec<f64>) {
+    let least = (range.end - range.start) / count.max(1) as f64;
+    let power = 10.0_f64.powf(least.log10().floor());
+    let multiples = |step: f64| {
+        let (first, last) = ((range.start / step - 1e-9).ceil(), (range.end / step + 1e-9).floor());
+        (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step).collect::<Vec<_>>()
+    };
+    let steps = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0].map(|factor| factor * power);
+    let mut tried = steps.into_iter().map(|step| (step, multiples(step)));
+    tried.find(|(_, values)| values.len() <= count).unwrap_or((steps[5], Vec::new()))
 }
 
 /// `quantity [unit]`, with the power of ten that was taken out of the ticks.
@@ -122,6 +133,7 @@ pub(super) fn axis_label(quantity: &str, unit: &str, exponent: i32) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::figure::Line;
     use super::*;
 
     fn texts(range: Range<f64>, count: usize) -> (Vec<String>, i32) {
@@ -145,7 +157,7 @@ mod tests {
     #[test]
     fn limits_are_in_sight_unless_far_away() {
         let panel = |limit| {
-            let line = super::super::Line::solid("", 0, vec![0.0, 1.0], vec![-1.0, 4.0]);
+            let line = Line::solid("", 0, vec![0.0, 1.0], vec![-1.0, 4.0]);
             y_range(&Panel::new("", "", "").line(line).band(limit, ""))
         };
         assert!(panel(12.0).end > 12.0 && panel(12.0).start < -12.0);
@@ -155,17 +167,18 @@ mod tests {
     #[test]
     fn panels_of_one_quantity_share_their_scale() {
         let panel = |quantity, y| {
-            Panel::new("", quantity, "N").line(super::super::Line::solid("", 0, vec![0.0, 1.0], vec![0.0, y]))
+            Panel::new("", quantity, "N").line(Line::solid("", 0, vec![0.0, 1.0], vec![0.0, y]))
         };
-        let panels = [panel("force", 1.0), panel("force", 4.0), panel("weight", 9.0)];
+        let panels = [panel("force", 2.0), panel("force", 4.0), panel("weight", 9.0), panel("force", 1.0)];
         let ranges = panels.each_ref().map(|panel| shared_y_range(&panels, panel));
         assert_eq!(ranges[0], ranges[1]);
         assert!((4.0..5.0).contains(&ranges[0].end) && ranges[2].end > 9.0);
+        assert!((1.0..1.2).contains(&ranges[3].end), "a shared scale would flatten this one");
     }
 
     #[test]
     fn six_seconds_end_at_six() {
-        let line = super::super::Line::solid("", 0, vec![0.0, 5.99], vec![0.0, 0.0]);
+        let line = Line::solid("", 0, vec![0.0, 5.99], vec![0.0, 0.0]);
         assert_eq!(x_range(&[Panel::new("", "", "").line(line)]), 0.0..6.0);
     }
 }
