@@ -22,7 +22,7 @@ enum Task {
     Test,
     /// Build the firmware image; print its flash, RAM, worst stack and SHA-256
     Firmware,
-    /// Run scenarios over many seeds; print median and largest of each metric
+    /// Run scenarios on many machines; record, check and tabulate the results
     Sweep(sweep::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
@@ -35,6 +35,6 @@ fn main() -> anyhow::Result<()> {
         Task::Test => test::run(),
         Task::Firmware => firmware::run(),
         Task::Bench(options) => bench::run(&options),
-        Task::Sweep(options) => sweep::run(&options),
+        Task::Sweep(options) => sweep::run(options),
     }
 }
