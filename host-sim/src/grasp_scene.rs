@@ -3,8 +3,8 @@
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
-use tesaki_description::grasp::PlacedGrasp;
 use tesaki::task::grasping::GraspPlan;
+use tesaki_description::grasp::PlacedGrasp;
 
 use crate::plant::{ObjectValues, Support};
 

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use tesaki::control::ServoMode;
-use tesaki::manipulation::{InternalForce, ObjectControl};
+use tesaki::task::grasping::{InternalForce, ObjectControl};
 use tesaki_description::grasp::{load, load_placed};
 
 const BOX: &str = include_str!("../../robots/hand3/grasps/box.toml");

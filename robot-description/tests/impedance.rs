@@ -3,8 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use tesaki::arm::{Law, Redundancy};
 use tesaki::model::RobotModel;
+use tesaki::task::impedance::{Law, Redundancy};
 use tesaki_description::impedance::load;
 use tesaki_description::robot::RobotFolder;
 
@@ -35,7 +35,7 @@ fn the_shipped_impedances_are_read() {
     let model = model("arm7");
     let [soft, firm] = ["soft", "firm"]
         .map(|name| load(&robots().join(format!("arm7/impedances/{name}.toml")), &model).unwrap());
-    assert_eq!((soft.law, soft.redundancy), (Law::Following, Redundancy::ArmAngle));
+    assert_eq!((soft.law, soft.redundancy), (Law::ModelFollowing, Redundancy::ArmAngle));
     assert_eq!(soft.impedance.stiffness[..], [300.0, 300.0, 300.0, 16.0, 16.0, 16.0]);
     assert_eq!(soft.reach[..], [0.3, 1.0]);
     assert!(firm.impedance.stiffness[2] > soft.impedance.stiffness[2]);
@@ -50,7 +50,7 @@ fn axes_may_differ_and_a_joint_is_driven_by_its_name() {
         .replace("stiffness = { translation = 300.0", "stiffness = { translation = [100.0, 200, 300.0]");
     std::fs::write(&path, text).unwrap();
     let settings = load(&path, &model("arm7")).unwrap();
-    assert_eq!(settings.redundancy, Redundancy::Driven { joint: 2 });
+    assert_eq!(settings.redundancy, Redundancy::DrivenJoint { joint: 2 });
     assert_eq!(settings.impedance.stiffness[..4], [100.0, 200.0, 300.0, 16.0]);
     let said = load(&path, &model("hand3")).unwrap_err().to_string();
     assert!(said.contains("hand3 has no joint \"shoulder_yaw\"") && said.contains("finger1_swing"), "{said}");

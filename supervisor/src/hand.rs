@@ -16,7 +16,6 @@ use std::time::{Duration, Instant};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::Posture;
 use tesaki::model::RobotModel;
-use tesaki_description::robot::chain_model;
 use tesaki::protocol::{Mode, Request, Stream, Telemetry, Tips};
 use tesaki::task::grasping::{
     FINGERS, FingerSense, GraspCommand, GraspPlan, GraspState, GraspTelemetry, HandOutput, ObjectControl,
@@ -24,6 +23,7 @@ use tesaki::task::grasping::{
 };
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki_description::robot::chain_model;
 
 pub use board::{FingerBoard, News};
 pub use error::HandError;

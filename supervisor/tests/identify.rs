@@ -4,8 +4,9 @@
 use std::path::Path;
 use std::process::Command;
 
-use tesaki::manipulation::{Failure, GraspCommand, GraspTelemetry, HandState, InternalForce, Phase};
-use tesaki::protocol::{JointTelemetry, Mode, Request, SetPoint, Task, Telemetry, TipTelemetry, Tips};
+use tesaki::protocol::{JointTelemetry, Mode, Request, Telemetry, TipTelemetry, Tips};
+use tesaki::task::grasping::{Failure, GraspCommand, GraspState, GraspTelemetry, InternalForce, Phase};
+use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_description::grasp;
 use tesaki_description::robot::RobotFolder;
@@ -133,21 +134,21 @@ impl Machine for Stub {
 
     fn ask(&mut self, _: &'static str, request: Request) -> Result<(), Trouble> {
         match request {
-            Request::Arm { task } => self.task = task,
-            Request::Grasp(GraspCommand::Grasp(plan)) => {
+            Request::Enable(task) => self.task = task,
+            Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))) => {
                 let InternalForce::Normal { strength } = plan.internal else { panic!("{plan:?}") };
                 let weak = self.weak.filter(|(weak, _)| (weak - strength).abs() < 1e-6);
                 self.failure = weak.map(|(_, failure)| failure);
                 self.phase = if weak.is_some() { Phase::Ready } else { Phase::Hold };
             }
-            Request::Grasp(GraspCommand::PutDown) => self.phase = Phase::Ready,
+            Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)) => self.phase = Phase::Ready,
             _ => {}
         }
         Ok(())
     }
 
     fn read_grasp(&mut self) -> Result<GraspTelemetry, Trouble> {
-        let telemetry = HandState::NONE.telemetry(self.tick);
+        let telemetry = GraspState::NONE.telemetry(self.tick);
         Ok(GraspTelemetry { phase: self.phase, failure: self.failure, ..telemetry })
     }
 
@@ -158,7 +159,7 @@ impl Machine for Stub {
         let joint = |&position: &f32| JointTelemetry { position, velocity, reference: position, torque };
         let tip = TipTelemetry { force: [0.0, 0.0, force(self.tick)], ..TipTelemetry::default() };
         let joints = self.start.iter().map(joint).collect();
-        let telemetry = Telemetry { tick: self.tick, mode: Mode::Armed(self.task), faults: 0, joints };
+        let telemetry = Telemetry { tick: self.tick, mode: Mode::Enabled(self.task), faults: 0, joints };
         Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
     }
 
@@ -180,7 +181,7 @@ fn stub(
         weak,
         start: model.joints.iter().map(middle).collect(),
         tick: 0,
-        task: Task::Grasp,
+        task: TaskConfig::Grasping(()),
         phase: Phase::Ready,
         failure: None,
         said: Vec::new(),

@@ -8,11 +8,11 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use tesaki::control::ServoMode;
+use tesaki::fault::FaultCause;
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
-use tesaki::protocol::{
-    FaultCause, FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status, Task,
-};
+use tesaki::protocol::{FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status};
+use tesaki::task::TaskConfig;
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
@@ -142,7 +142,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     board.home(&[0.2; 9]).unwrap();
     let too_many = vec![0.0; MAX_JOINTS + 1];
     assert!(board.home(&too_many).unwrap_err().to_string().contains("17 joints"));
-    board.arm(Task::JointServo(ServoMode::Observer)).unwrap();
+    board.arm(TaskConfig::JointServo(ServoMode::Observer)).unwrap();
     let refused = board.set_goal(&[0.2, 0.2, 9.0, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2]).unwrap_err();
     assert!(refused.to_string().contains("joint 2: 9 rad is outside its limits"), "{refused}");
     sensors.sequence += 1;
@@ -167,7 +167,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     assert_eq!(status.identity.capabilities, Identity::PLANT_LINK | Identity::TASKS);
     assert_ne!(status.identity.image, [0; 8], "the image knows its build id");
     board.take_command(false).unwrap();
-    let refused = board.arm(Task::JointServo(ServoMode::Pid)).unwrap_err();
+    let refused = board.arm(TaskConfig::JointServo(ServoMode::Pid)).unwrap_err();
     assert!(refused.to_string().contains("no robot model"), "{refused}");
     // The log is only cleared by who has read it.
     assert!(board.ask("clear", Request::ClearFaults { total: total + 1 }).is_err());
@@ -198,11 +198,11 @@ fn the_image_acts_on_no_damaged_frame() {
         };
         for index in 0..60 {
             // Short ones, as the emulated UART is slow.
-            let request = if index % 2 == 0 { Request::Disarm } else { Request::ReadExport { offset: 7 } };
+            let request = if index % 2 == 0 { Request::Disable } else { Request::ReadExport { offset: 7 } };
             damage.pass(&frame(request).1, &mut wire);
             sent += 1;
         }
-        let good = [frame(Request::Disarm), frame(Request::Disarm)];
+        let good = [frame(Request::Disable), frame(Request::Disable)];
         good.iter().for_each(|(_, bytes)| wire.extend(bytes));
         let mut answered = HashSet::new();
         let deadline = Instant::now() + Duration::from_secs(30);

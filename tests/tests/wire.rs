@@ -10,12 +10,14 @@
 use std::collections::HashMap;
 
 use tesaki::control::ServoMode;
+use tesaki::fault::FaultCause;
 use tesaki::model::{Reaction, RobotModel};
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    ActuatorFrame, FaultCause, FromBoard, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
-    SensorFrame, SetPoint, Stream, Task,
+    ActuatorFrame, FromBoard, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFrame, Stream,
 };
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 use tesaki_sim::virtual_board::VirtualBoard;
@@ -31,7 +33,9 @@ fn bytes_of<T: serde::Serialize>(message: &T) -> Vec<u8> {
 }
 
 fn goal(positions: &[f32]) -> Request {
-    Request::SetPoint(SetPoint::Goal { positions: heapless::Vec::from_slice(positions).unwrap() })
+    Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+        positions: heapless::Vec::from_slice(positions).unwrap(),
+    }))
 }
 
 /// A board in this process, its client, and the machine.
@@ -161,7 +165,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
     // Each way of being damaged occurred and was told from the others.
     assert!(counts.framing > 10_000 && counts.checksum > 10_000, "{counts:?}");
     assert!(requests.intact > 10_000 && answers.intact > 10_000, "the line must not be dead either");
-    assert_eq!(rig.mode(), Mode::Disarmed, "nothing was armed by accident");
+    assert_eq!(rig.mode(), Mode::Disabled, "nothing was armed by accident");
     println!("{burst} bursts: {counts:?}, injected {} and {}", forth.injected(), back.injected());
 }
 
@@ -173,7 +177,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
     let mut rig = Rig::new(&model);
     rig.tick();
     rig.grants(Request::SetRate { stream: Stream::Telemetry, every: 1 });
-    rig.grants(Request::Arm { task: Task::JointServo(ServoMode::Pid) });
+    rig.grants(Request::Enable(TaskConfig::JointServo(ServoMode::Pid)));
     // About one frame in a hundred is hit.
     let faults: LinkFaults = "seed=2,flip=1e-4,drop=5e-5,splice=3e-3,duplicate=3e-3".parse().unwrap();
     let (mut forth, mut back) = (Damage::new(&faults, 0), Damage::new(&faults, 1));
@@ -196,7 +200,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
         }
         rig.board.tick(&rig.sensors, &mut out);
         assert!(
-            matches!(rig.mode(), Mode::Armed(_)),
+            matches!(rig.mode(), Mode::Enabled(_)),
             "tick {index}: {:?}",
             rig.board.node().faults().faults.last()
         );
@@ -279,7 +283,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
     let start: Vec<f32> = homed.iter().map(|&angle| angle as f32).collect();
     rig.grants(Request::Home { positions: heapless::Vec::from_slice(&start).unwrap() });
     tick(&mut rig);
-    rig.grants(Request::Arm { task: Task::JointServo(servo) });
+    rig.grants(Request::Enable(TaskConfig::JointServo(servo)));
     // Under way: 0.3 rad/s when the last set-point comes.
     let point = |index: u32| -> Request {
         let moved = 0.003 * index as f32;
@@ -289,7 +293,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
                 velocity: 0.3,
                 acceleration: 0.0,
             });
-            Request::SetPoint(SetPoint::Stream { points: points.collect() })
+            Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points.collect() }))
         } else {
             goal(&start.iter().map(|angle| angle + 0.2).collect::<Vec<f32>>())
         }
@@ -307,7 +311,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         }
         let (actuators, truth, _) = tick(&mut rig);
         if silent < 10 {
-            assert!(matches!(rig.mode(), Mode::Armed(_)), "{case}: after {silent} ticks");
+            assert!(matches!(rig.mode(), Mode::Enabled(_)), "{case}: after {silent} ticks");
         }
         if silent >= 11 {
             assert_eq!(rig.mode(), Mode::Fault, "{case}: after {silent} ticks");
@@ -343,7 +347,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
     let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
     rig.grants(Request::ClearFaults { total: log.total });
     assert!(!tick(&mut rig).0.enabled, "{case}: cleared is disarmed");
-    rig.grants(Request::Arm { task: Task::JointServo(servo) });
+    rig.grants(Request::Enable(TaskConfig::JointServo(servo)));
     let (_, before, _) = tick(&mut rig);
     for _ in 0..9 {
         let (actuators, truth, _) = tick(&mut rig);

@@ -6,9 +6,9 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::control::Impedance;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::model::RobotModel;
-use tesaki_description::robot::RobotFolder;
 use tesaki::task::TaskConfig;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
 use super::common::{introduce, stopped};

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
 use tesaki::control::ServoMode;
-use tesaki::protocol::Task;
+use tesaki::task::TaskConfig;
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
@@ -78,7 +78,7 @@ fn servo(from: [f64; JOINTS], to: [f64; JOINTS], mode: ServoMode, seed: u64) -> 
         actuators.enabled
     };
     tick(&mut controller, &mut plant);
-    controller.arm(Task::JointServo(mode)).unwrap();
+    controller.arm(TaskConfig::JointServo(mode)).unwrap();
     let goal = to.map(|angle| angle as f32);
     let mut worst = 0.0_f64;
     for number in 0..400 {

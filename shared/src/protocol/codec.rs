@@ -338,7 +338,7 @@ mod tests {
     fn a_frame_has_the_bytes_worked_out_by_hand() {
         // Client 1, sequence 9, request 6 (Disarm), each a varint: 01 09 06; CRC-32 of them from Python's zlib, low
         // byte first: 59 ad 22 c6; no zero among the seven bytes, so COBS puts an 8 in front.
-        let bytes = encoded(&RequestFrame { client: 1, sequence: 9, request: Request::Disarm });
+        let bytes = encoded(&RequestFrame { client: 1, sequence: 9, request: Request::Disable });
         assert_eq!(bytes, [8, 1, 9, 6, 0x59, 0xad, 0x22, 0xc6, 0]);
         // The check value of CRC-32/ISO-HDLC.
         assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
@@ -368,7 +368,7 @@ mod tests {
         let mut stream = vec![0x55; 2 * MAX_FRAME];
         stream.push(0);
         stream.extend([3, 1, 0]); // says three bytes, is one
-        stream.extend(encoded(&RequestFrame { client: 1, sequence: 1, request: Request::Disarm }));
+        stream.extend(encoded(&RequestFrame { client: 1, sequence: 1, request: Request::Disable }));
         stream.extend(encoded(&frame()));
         let mut decoder = Decoder::new();
         let results: Vec<Result<ActuatorFrame, _>> =
@@ -397,7 +397,7 @@ mod tests {
         let point = JointPoint { position: value, velocity: value, acceleration: value };
         let points = [point; MAX_JOINTS].into_iter().collect();
         let torques = [value; MAX_JOINTS].into_iter().collect();
-        let request = Request::SetPoint(SetPoint::Guide { points, torques });
+        let request = Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }));
         let record = LogRecord::Request(RequestFrame { client, sequence, request });
         encoded(&FromBoard::Log(LogEntry { index: u32::MAX, record }));
         let mut log = FaultLog::new();

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!  samples with        ┌─ estimate of the hand ─► prediction ─► offset of ─► limits of ──► PosePoint
-//!  time stamps ───────►│  (late, shuffled,        to now        the clutch   speed and     ElbowPoint
+//!  time stamps ───────►│  (late, shuffled,        to now        the clutch   speed and     ElbowSetpoint
 //!  (pose; elbow)       └─  or none at all)                                   acceleration   each tick
 //! ```
 //!

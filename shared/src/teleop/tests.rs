@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 
 use super::operator_estimate::OperatorEstimate;
 use super::*;
-use crate::arm::PosePoint;
+use crate::task::impedance::PosePoint;
 use crate::{TICK, math};
 
 /// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later (`tests/oracles/hand_estimate.py`).

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use tesaki::manipulation::{GraspTelemetry, Phase};
+use tesaki::task::grasping::{GraspTelemetry, Phase};
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::qemu::Qemu;
 use tesaki_supervisor::hand::FingerBoard;

@@ -1,6 +1,6 @@
 //! A box that is lifted, turned and put down.
 
-use tesaki::manipulation::{GraspCommand, Phase};
+use tesaki::task::grasping::{GraspCommand, Phase};
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::plant::ObjectTruth;
 use tesaki_supervisor::hand::FingerBoard;
@@ -56,7 +56,7 @@ fn over_a_wire_it_is_the_same_to_the_last_bit_and_lost_telemetry_costs_little() 
     let here = course(Rig::new(1, natives()));
     let wired = course(Rig::new(1, Some([0; 3].map(Wired::new))));
     assert_eq!(wired.map(f64::to_bits), here.map(f64::to_bits));
-    // Each board's telemetry of another tick is lost, one in ten or so.
+    // PerFinger board's telemetry of another tick is lost, one in ten or so.
     let [of_lift, of_turn, of_return, of_angle] = course(Rig::new(1, Some([7, 11, 13].map(Wired::new))));
     println!("lossy: {of_lift:.5} {of_turn:.5} {of_return:.5} {of_angle:.5}");
     assert!(of_lift < 2e-3 && of_return < 2e-3, "{of_lift} {of_return}");

@@ -1,10 +1,10 @@
 //! What three boards do not do together.
 
-use tesaki::manipulation::{GraspCommand, GraspPlan, ObjectControl, WrenchGains};
 use tesaki::protocol::{Mode, Request};
+use tesaki::task::grasping::{GraspCommand, GraspPlan, ObjectControl, WrenchGains};
+use tesaki_description::robot::chain_model;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::{HandError, MultiBoardHand};
-use tesaki_description::robot::chain_model;
 
 use super::rig::{Rig, natives};
 
@@ -18,7 +18,7 @@ fn what_three_boards_cannot_do_is_said() {
     let refused = rig.hand().command(&GraspCommand::PutDown).unwrap_err();
     assert_eq!(refused.to_string(), "not possible while the hand is ready");
     rig.wait(3);
-    rig.hand().boards_mut()[1].request(Request::Disarm).unwrap();
+    rig.hand().boards_mut()[1].request(Request::Disable).unwrap();
     let gone = rig.tick().unwrap_err();
     assert_eq!(gone.to_string(), "finger2_tip was disarmed by somebody else, or reset");
     assert!(!rig.hand().is_armed());

@@ -1,16 +1,18 @@
 //! The simulated hand with a box in front of it, and one board or three that control it.
 
 use tesaki::control::ServoMode;
-use tesaki::manipulation::{GraspCommand, GraspPlan, GraspTelemetry, Phase};
-use tesaki::protocol::{FaultCause, SensorFlags, SensorFrame, Task};
+use tesaki::fault::FaultCause;
+use tesaki::protocol::{SensorFlags, SensorFrame};
+use tesaki::task::TaskConfig;
+use tesaki::task::grasping::{GraspCommand, GraspPlan, GraspTelemetry, Phase};
+use tesaki_description::grasp::load_placed;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::boards;
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectTruth, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_supervisor::Board;
-use tesaki_description::grasp::load_placed;
 use tesaki_supervisor::hand::{FingerBoard, HandError, MultiBoardHand};
-use tesaki_description::robot::RobotFolder;
 use tesaki_tests::{robot, robot_folder};
 
 use super::links::Cable;
@@ -103,7 +105,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         match &mut self.control {
             Control::One(board) => {
                 board.tare().unwrap();
-                board.arm(Task::Grasp).unwrap();
+                board.arm(TaskConfig::Grasping(())).unwrap();
             }
             Control::Three(hand) => {
                 hand.tare().unwrap();

@@ -1,6 +1,6 @@
 //! How fast the grip answers a contact that begins to slide.
 
-use tesaki::manipulation::GraspTelemetry;
+use tesaki::task::grasping::GraspTelemetry;
 use tesaki_sim::controller::Native;
 use tesaki_sim::plant::{ContactTruth, Load};
 

@@ -8,14 +8,14 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use tesaki_description::grasp::load_placed;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::serve::{home_command, serve};
 use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_description::grasp::load_placed;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
-use tesaki_description::robot::RobotFolder;
 
 pub fn hand3() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")

@@ -3,8 +3,10 @@
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-use tesaki::arm::PosePoint;
-use tesaki::protocol::{FaultCause, Item, Mode, Reply, Request, SetPoint, Task};
+use tesaki::fault::FaultCause;
+use tesaki::kinematics::PosePoint;
+use tesaki::protocol::{Item, Mode, Reply, Request};
+use tesaki::task::{TaskConfig, TaskKind};
 use tesaki_tests::robot;
 
 use super::fuzz;
@@ -53,10 +55,10 @@ fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
                 assert_eq!(rig.ask(Request::Tare), Reply::Done, "seed {seed}");
                 let reply = rig.ask(Request::Impedance(settings));
                 assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
-                let reply = rig.ask(Request::Arm { task: Task::Impedance });
+                let reply = rig.ask(Request::Enable(TaskConfig::Impedance));
                 assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
             }
-            if rig.node.mode() == Mode::Armed(Task::Impedance) {
+            if rig.node.mode() == Mode::Enabled(TaskKind::Impedance) {
                 seen.borrow_mut()
                     .insert(if rig.node.tool().unwrap().contact { "contact" } else { "free" }.to_owned());
             }
@@ -74,9 +76,9 @@ fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
                 0 => any_request(&mut random, &model, &[]),
                 1..6 => Request::Impedance(any_settings(&mut random)),
                 6 => Request::Export(Item::State),
-                7 => Request::Arm { task: Task::Impedance },
+                7 => Request::Enable(TaskConfig::Impedance),
                 8..80 => any_pose(&mut random, &place),
-                80..200 => Request::SetPoint(SetPoint::Keep),
+                80..200 => Request::Keep,
                 _ => continue,
             };
             if let Reply::Exported { length, .. } = rig.ask(request) {

@@ -5,10 +5,12 @@ use std::collections::BTreeSet;
 
 use tesaki::control::{JointPoint, ServoMode};
 use tesaki::kinematics::{Chain, Finger};
-use tesaki::manipulation::{GraspCommand, GraspPlan, Phase};
 use tesaki::model::RobotModel;
 use tesaki::node::Node;
-use tesaki::protocol::{JointTelemetry, Mode, Refusal, Reply, Request, SensorFrame, SetPoint, Task};
+use tesaki::protocol::{JointTelemetry, Mode, Refusal, Reply, Request, SensorFrame};
+use tesaki::task::grasping::{GraspCommand, GraspPlan, Phase};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
 
 use super::random::Random;
 use super::requests::{any_command, any_plan, any_request};
@@ -98,11 +100,20 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
                 let home = Request::Home { positions: home.clone() };
                 // Some are one board of several that hold an object together.
                 let guided = random.one_in(4);
-                let task = if guided { Task::JointServo(ServoMode::Observer) } else { Task::Grasp };
-                let arm = Request::Arm { task };
-                for request in [home, Request::Tare, arm, Request::Grasp(GraspCommand::Grasp(plan))] {
+                let task = if guided {
+                    TaskConfig::JointServo(ServoMode::Observer)
+                } else {
+                    TaskConfig::Grasping(())
+                };
+                let arm = Request::Enable(task);
+                for request in [
+                    home,
+                    Request::Tare,
+                    arm,
+                    Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))),
+                ] {
                     let reply = rig.ask(request);
-                    let begun = matches!(reply, Reply::Done | Reply::Refused(Refusal::Unable(_)));
+                    let begun = matches!(reply, Reply::Done | Reply::Refused(Refusal::GraspRefusal(_)));
                     assert!(begun || guided, "seed {seed}: {reply:?}");
                 }
             }
@@ -112,8 +123,8 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
             phases.borrow_mut().insert(format!("{:?}", grasp.phase));
             let request = match random.below(400) {
                 0 => any_request(&mut random, &model, &[]),
-                1..8 => Request::Grasp(any_command(&mut random)),
-                8..80 if rig.node.mode() == Mode::Armed(Task::JointServo(ServoMode::Observer)) => {
+                1..8 => Request::Task(TaskCommand::Grasping(any_command(&mut random))),
+                8..80 if rig.node.mode() == Mode::Enabled(TaskKind::JointServo) => {
                     let small = |random: &mut Random| random.below(201) as f32 / 1000.0 - 0.1;
                     let near = |joint: &JointTelemetry| JointPoint {
                         position: joint.reference + 0.05 * small(&mut random),
@@ -126,9 +137,9 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
                     if random.one_in(4) {
                         torques[random.below(home.len())] = random.value();
                     }
-                    Request::SetPoint(SetPoint::Guide { points, torques })
+                    Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }))
                 }
-                8..200 => Request::SetPoint(SetPoint::Keep),
+                8..200 => Request::Keep,
                 _ => continue,
             };
             rig.ask(request);

@@ -19,8 +19,8 @@ mod rig;
 
 use std::time::{Duration, Instant};
 
-use tesaki::manipulation::GraspPlan;
 use tesaki::model::RobotModel;
+use tesaki::task::grasping::GraspPlan;
 use tesaki_tests::{robot, robot_folder};
 
 /// Runs `body` with seed after seed for as long as asked.

@@ -1,12 +1,14 @@
 //! Arbitrary requests, most of them nearly possible.
 
-use tesaki::arm::{ArmSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use tesaki::control::{Impedance, JointPoint, ServoMode};
-use tesaki::kinematics::TipPoint;
-use tesaki::manipulation::{FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::checksum;
-use tesaki::protocol::{Item, MODEL_CHUNK, Request, SCHEMA_KEY, SetPoint, Stream, Task};
+use tesaki::protocol::{Item, MODEL_CHUNK, Request, SCHEMA_KEY, Stream};
+use tesaki::task::grasping::{FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 
 use super::box_plan;
 use super::random::Random;
@@ -30,16 +32,18 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         5 => Request::Home { positions: list(random) },
         6 | 7 => {
             let task = match random.below(5) {
-                0 | 1 => Task::Grasp,
-                2 => Task::Impedance,
-                3 => Task::JointServo(ServoMode::Pid),
-                _ => Task::JointServo(ServoMode::Observer),
+                0 | 1 => TaskConfig::Grasping(()),
+                2 => TaskConfig::Impedance,
+                3 => TaskConfig::JointServo(ServoMode::Pid),
+                _ => TaskConfig::JointServo(ServoMode::Observer),
             };
-            Request::Arm { task }
+            Request::Enable(task)
         }
-        8 => Request::Disarm,
-        9..12 => Request::SetPoint(SetPoint::Goal { positions: list(random) }),
-        12 | 13 => Request::SetPoint(SetPoint::Stream { points: points(random, count) }),
+        8 => Request::Disable,
+        9..12 => Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions: list(random) })),
+        12 | 13 => {
+            Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points(random, count) }))
+        }
         14 if random.one_in(2) => {
             let axes = |random: &mut Random, scale: f32| [0; 3].map(|_| random.value() * scale);
             let tip = |random: &mut Random| TipPoint {
@@ -48,20 +52,25 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
                 acceleration: axes(random, 1.0),
             };
             let tips = 1 + random.below(4);
-            Request::SetPoint(SetPoint::Reach { tips: (0..tips).map(|_| tip(random)).collect() })
+            Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+                tips: (0..tips).map(|_| tip(random)).collect(),
+            }))
         }
         14 => Request::Stop,
         15 if random.one_in(2) => Request::Tare,
-        21 => Request::SetPoint(SetPoint::Keep),
+        21 => Request::Keep,
         22 => {
             let torques = list(random).iter().map(|value| value * 0.4).collect();
-            Request::SetPoint(SetPoint::Guide { points: points(random, count), torques })
+            Request::Task(TaskCommand::JointServo(JointCommand::Guide {
+                points: points(random, count),
+                torques,
+            }))
         }
-        23 if random.one_in(4) => Request::ReadGrasp,
-        24 if random.one_in(4) => Request::ReadArm,
+        23 if random.one_in(4) => Request::ReadTask,
+        24 if random.one_in(4) => Request::ReadTask,
         24 => Request::Impedance(any_settings(random)),
         25 => any_pose(random, &REST),
-        23 => Request::Grasp(any_command(random)),
+        23 => Request::Task(TaskCommand::Grasping(any_command(random))),
         15 => Request::ReadStatus,
         16 => Request::ReadFaults,
         17 => Request::ClearFaults { total: random.below(5) as u32 },
@@ -139,7 +148,7 @@ pub const REST: PosePoint = PosePoint {
 };
 
 /// Mostly possible.
-pub fn any_settings(random: &mut Random) -> ArmSettings {
+pub fn any_settings(random: &mut Random) -> ImpedanceSettings {
     let wild = random.one_in(4);
     let between = |random: &mut Random, least: f32, most: f32| {
         if wild && random.one_in(4) {
@@ -157,12 +166,12 @@ pub fn any_settings(random: &mut Random) -> ArmSettings {
         impedance.damping[axis] = mass * between(random, 0.1, 100.0);
         impedance.stiffness[axis] = mass * between(random, 1.0, 2500.0);
     }
-    ArmSettings {
+    ImpedanceSettings {
         impedance,
-        law: if random.one_in(3) { Law::Printed } else { Law::Following },
+        law: if random.one_in(3) { Law::Direct } else { Law::ModelFollowing },
         redundancy: [
             Redundancy::None,
-            Redundancy::Driven { joint: random.below(8) as u8 },
+            Redundancy::DrivenJoint { joint: random.below(8) as u8 },
             Redundancy::ArmAngle,
         ][random.below(3)],
         elbow_bandwidth: between(random, 0.1, 50.0),
@@ -196,6 +205,6 @@ pub fn any_pose(random: &mut Random, place: &PosePoint) -> Request {
         acceleration: [0; 6].map(|_| spoil(0.0, 3.0)),
     };
     let elbow =
-        ElbowPoint { angle: spoil(0.0, 0.2), velocity: spoil(0.0, 0.5), acceleration: spoil(0.0, 3.0) };
-    Request::SetPoint(SetPoint::Pose { point, elbow })
+        ElbowSetpoint { angle: spoil(0.0, 0.2), velocity: spoil(0.0, 0.5), acceleration: spoil(0.0, 3.0) };
+    Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
 }

@@ -51,7 +51,7 @@ impl Rig {
             assert!(*torque == 0.0 || (torque - *last).abs() <= rate, "seed {seed}: from {last} to {torque}");
             *last = *torque;
         }
-        assert!(!(actuators.enabled && self.node.mode() == Mode::Disarmed), "seed {seed}");
+        assert!(!(actuators.enabled && self.node.mode() == Mode::Disabled), "seed {seed}");
         self.records.push(LogRecord::Sensors(frame));
         self.records.push(LogRecord::Actuators(actuators));
     }

@@ -2,14 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::arm::{ArmError, BadSettings, Law, Redundancy};
 use tesaki::control::ImpedanceTerm;
-use tesaki::manipulation::{
-    BadPlan, Failure, GraspCommand, InternalForce, ObjectControl, Phase, PlanField, Unable,
-};
+use tesaki::fault::FaultCause;
 use tesaki::model::Reaction;
 use tesaki::node::Node;
-use tesaki::protocol::{FaultCause, FromBoard, Refusal, Reply, Request, SCHEMA_KEY, SetPoint};
+use tesaki::protocol::{FromBoard, Refusal, Reply, Request, SCHEMA_KEY};
+use tesaki::task::TaskCommand;
+use tesaki::task::grasping::{
+    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, ObjectControl, Phase, PlanField,
+};
+use tesaki::task::impedance::{ArmError, InvalidSettings, Law, Redundancy};
+use tesaki::task::joint_servo::JointCommand;
 
 use super::golden::{golden, hex, parse};
 use super::message::Message;
@@ -64,7 +67,7 @@ fn the_page_is_about_this_version_of_the_messages() {
     );
     for variants in [
         Request::VARIANTS,
-        SetPoint::VARIANTS,
+        Request::Task(TaskCommand::JointServo(JointCommand::VARIANTS)),
         Reply::VARIANTS,
         Refusal::VARIANTS,
         FaultCause::VARIANTS,
@@ -73,12 +76,12 @@ fn the_page_is_about_this_version_of_the_messages() {
         ObjectControl::VARIANTS,
         Phase::VARIANTS,
         Failure::VARIANTS,
-        Unable::VARIANTS,
-        BadPlan::VARIANTS,
+        GraspRefusal::VARIANTS,
+        InvalidPlan::VARIANTS,
         PlanField::VARIANTS,
         Law::VARIANTS,
         Redundancy::VARIANTS,
-        BadSettings::VARIANTS,
+        InvalidSettings::VARIANTS,
         ImpedanceTerm::VARIANTS,
         ArmError::VARIANTS,
     ] {

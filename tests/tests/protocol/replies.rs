@@ -1,12 +1,13 @@
 //! One of each reply, refusal and stream.
 
-use tesaki::arm::ArmTelemetry;
-use tesaki::manipulation::{BadPlan, Failure, GraspTelemetry, Phase, Unable};
+use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::model::{Field, ModelError, Problem};
 use tesaki::protocol::{
-    Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, LogEntry, Mode, Refusal, Reply, Task, Telemetry,
-    TipTelemetry, Tips,
+    FromBoard, JointTelemetry, LogEntry, Mode, Refusal, Reply, Telemetry, TipTelemetry, Tips,
 };
+use tesaki::task::TaskKind;
+use tesaki::task::grasping::{Failure, GraspRefusal, GraspTelemetry, InvalidPlan, Phase};
+use tesaki::task::impedance::ImpedanceTelemetry;
 
 use super::message::Message;
 use super::messages::Messages;
@@ -41,11 +42,11 @@ impl Messages {
         let (received, announced) = (0x0102_0304, 0xdead_beef);
         self.refused("model-checksum", Refusal::ModelChecksum { received, announced });
         self.refused("model-unreadable", Refusal::ModelUnreadable { length: 5000, limit: 4096 });
-        self.refused("wrong-mode-disarmed", Refusal::WrongMode(Mode::Disarmed));
-        self.refused("wrong-mode-armed-pid", Refusal::WrongMode(Mode::Armed(PID)));
-        self.refused("wrong-mode-armed-observer", Refusal::WrongMode(Mode::Armed(OBSERVER)));
-        self.refused("wrong-mode-armed-grasp", Refusal::WrongMode(Mode::Armed(Task::Grasp)));
-        self.refused("wrong-mode-armed-impedance", Refusal::WrongMode(Mode::Armed(Task::Impedance)));
+        self.refused("wrong-mode-disarmed", Refusal::WrongMode(Mode::Disabled));
+        self.refused("wrong-mode-armed-pid", Refusal::WrongMode(Mode::Enabled(PID)));
+        self.refused("wrong-mode-armed-observer", Refusal::WrongMode(Mode::Enabled(OBSERVER)));
+        self.refused("wrong-mode-armed-grasp", Refusal::WrongMode(Mode::Enabled(TaskKind::Grasping)));
+        self.refused("wrong-mode-armed-impedance", Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance)));
         self.refused("wrong-mode-fault", Refusal::WrongMode(Mode::Fault));
         self.refused("not-homed", Refusal::NotHomed { joint: 8 });
         self.refused("faults-unread", Refusal::FaultsUnread { total: 3 });
@@ -91,21 +92,24 @@ impl Messages {
 
     pub fn unable(&mut self) {
         let mut unable =
-            |name: &str, unable| self.refused(&format!("unable-{name}"), Refusal::Unable(unable));
+            |name: &str, unable| self.refused(&format!("unable-{name}"), Refusal::GraspRefusal(unable));
         for (phase, name) in PHASES {
-            unable(&format!("busy-{name}"), Unable::Busy(phase));
+            unable(&format!("busy-{name}"), GraspRefusal::Busy(phase));
         }
         let (value, lower, upper) = (2.0, 0.25, 1.0);
         for (field, name) in PLAN_FIELDS {
-            unable(&format!("plan-{name}"), Unable::Plan(BadPlan::Value { field, value, lower, upper }));
+            unable(
+                &format!("plan-{name}"),
+                GraspRefusal::Plan(InvalidPlan::Value { field, value, lower, upper }),
+            );
         }
-        unable("plan-contact", Unable::Plan(BadPlan::Contact { finger: 2 }));
-        unable("plan-no-triangle", Unable::Plan(BadPlan::NoTriangle));
-        unable("plan-cannot-grip", Unable::Plan(BadPlan::CannotGrip));
-        unable("plan-unbalanced", Unable::Plan(BadPlan::Unbalanced { rest: 0.25 }));
-        unable("out-of-reach", Unable::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
-        unable("not-finite", Unable::NotFinite);
-        unable("too-fast", Unable::TooFast { value: 0.375, limit: 0.2 });
+        unable("plan-contact", GraspRefusal::Plan(InvalidPlan::Contact { finger: 2 }));
+        unable("plan-no-triangle", GraspRefusal::Plan(InvalidPlan::NoTriangle));
+        unable("plan-cannot-grip", GraspRefusal::Plan(InvalidPlan::CannotGrip));
+        unable("plan-unbalanced", GraspRefusal::Plan(InvalidPlan::Unbalanced { rest: 0.25 }));
+        unable("out-of-reach", GraspRefusal::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
+        unable("not-finite", GraspRefusal::NotFinite);
+        unable("too-fast", GraspRefusal::TooFast { value: 0.375, limit: 0.2 });
     }
 
     pub fn board(&mut self) {
@@ -145,13 +149,13 @@ impl Messages {
                 let telemetry = Telemetry { tick, mode, faults, joints };
                 self.add(format!("board-{name}"), Message::Board(FromBoard::Telemetry(telemetry)));
             };
-        telemetry("telemetry-none", 0, Mode::Disarmed, 0, &[]);
+        telemetry("telemetry-none", 0, Mode::Disabled, 0, &[]);
         let two = [[0.5, -0.25, 0.5625, 0.03125], [-0.5, 0.25, -0.5625, -0.03125]];
-        telemetry("telemetry-pid", 1234, Mode::Armed(PID), 0, &two);
+        telemetry("telemetry-pid", 1234, Mode::Enabled(PID), 0, &two);
         telemetry("telemetry-16", u32::MAX, Mode::Fault, u32::MAX, &[[f32::MIN; 4]; 16]);
-        telemetry("telemetry-grasp", 1235, Mode::Armed(Task::Grasp), 0, &two[..1]);
-        telemetry("telemetry-impedance", 1236, Mode::Armed(Task::Impedance), 0, &two[..1]);
-        telemetry("session-telemetry", 3, Mode::Armed(OBSERVER), 0, &[[0.0; 4]]);
+        telemetry("telemetry-grasp", 1235, Mode::Enabled(TaskKind::Grasping), 0, &two[..1]);
+        telemetry("telemetry-impedance", 1236, Mode::Enabled(TaskKind::Impedance), 0, &two[..1]);
+        telemetry("session-telemetry", 3, Mode::Enabled(OBSERVER), 0, &[[0.0; 4]]);
         let tip = TipTelemetry {
             position: [0.1, -0.04, 0.0625],
             force: [1.5, 0.0, -0.5],
@@ -188,7 +192,7 @@ impl Messages {
             self.reply(&format!("read-grasp-{name}"), Reply::Grasp(grasp));
         }
         self.add("board-arm", Message::Board(FromBoard::Arm(PUSHED)));
-        let longest = ArmTelemetry {
+        let longest = ImpedanceTelemetry {
             tick: u32::MAX,
             position: [f32::MIN; 3],
             rotation: [f32::MIN; 4],

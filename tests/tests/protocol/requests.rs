@@ -1,10 +1,12 @@
 //! One of each request.
 
-use tesaki::arm::{ArmSettings, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use tesaki::control::{Impedance, JointPoint, ServoMode};
-use tesaki::kinematics::TipPoint;
-use tesaki::manipulation::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki::protocol::{Item, Request, SetPoint, Stream, Task};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
+use tesaki::protocol::{Item, Request, Stream};
+use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 
 use super::messages::Messages;
 use super::values::{BOX, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, YIELDING, list};
@@ -22,38 +24,48 @@ impl Messages {
         self.request("model-commit", Request::ModelCommit);
         self.request("home", Request::Home { positions: list([0.25, -1.5]) });
         self.request("home-none", Request::Home { positions: list([]) });
-        self.request("arm-pid", Request::Arm { task: PID });
-        self.request("arm-observer", Request::Arm { task: OBSERVER });
-        self.request("arm-grasp", Request::Arm { task: Task::Grasp });
-        self.request("arm-impedance", Request::Arm { task: Task::Impedance });
-        self.request("disarm", Request::Disarm);
-        let goal = SetPoint::Goal { positions: list([0.5, -0.25, 0.125]) };
-        self.request("set-point-goal", Request::SetPoint(goal));
-        let stream = SetPoint::Stream { points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]) };
-        self.request("set-point-stream", Request::SetPoint(stream));
-        let stream = SetPoint::Stream { points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]) };
-        self.request("set-point-stream-16", Request::SetPoint(stream));
+        self.request("arm-pid", Request::Enable(PID));
+        self.request("arm-observer", Request::Enable(OBSERVER));
+        self.request("arm-grasp", Request::Enable(TaskConfig::Grasping(())));
+        self.request("arm-impedance", Request::Enable(TaskConfig::Impedance));
+        self.request("disarm", Request::Disable);
+        let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: list([0.5, -0.25, 0.125]),
+        }));
+        self.request("set-point-goal", goal);
+        let stream = Request::Task(TaskCommand::JointServo(JointCommand::Stream {
+            points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]),
+        }));
+        self.request("set-point-stream", stream);
+        let stream = Request::Task(TaskCommand::JointServo(JointCommand::Stream {
+            points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]),
+        }));
+        self.request("set-point-stream-16", stream);
         let moving = TipPoint {
             position: [0.1, -0.04, 0.0625],
             velocity: [0.5, -0.25, 0.125],
             acceleration: [2.0, -1.0, 0.0],
         };
-        let reach = SetPoint::Reach { tips: list([moving, TipPoint::default()]) };
-        self.request("set-point-reach", Request::SetPoint(reach));
+        let reach = Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+            tips: list([moving, TipPoint::default()]),
+        }));
+        self.request("set-point-reach", reach);
         let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
-        let reach = SetPoint::Reach { tips: list([TipPoint { position, velocity, acceleration }; 6]) };
-        self.request("set-point-reach-6", Request::SetPoint(reach));
-        self.request("set-point-keep", Request::SetPoint(SetPoint::Keep));
-        let guide = SetPoint::Guide {
+        let reach = Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+            tips: list([TipPoint { position, velocity, acceleration }; 6]),
+        }));
+        self.request("set-point-reach-6", reach);
+        self.request("set-point-keep", Request::Keep);
+        let guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
             points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]),
             torques: list([0.125, -0.0625]),
-        };
-        self.request("set-point-guide", Request::SetPoint(guide));
-        let guide = SetPoint::Guide {
+        }));
+        self.request("set-point-guide", guide);
+        let guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
             points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]),
             torques: list([f32::MIN; 16]),
-        };
-        self.request("set-point-guide-16", Request::SetPoint(guide));
+        }));
+        self.request("set-point-guide-16", guide);
         self.request("stop", Request::Stop);
         self.request("read-status", Request::ReadStatus);
         self.request("read-faults", Request::ReadFaults);
@@ -78,7 +90,8 @@ impl Messages {
     }
 
     fn grasps(&mut self) {
-        let mut grasp = |name: &str, command| self.request(name, Request::Grasp(command));
+        let mut grasp =
+            |name: &str, command| self.request(name, Request::Task(TaskCommand::Grasping(command)));
         grasp("grasp", GraspCommand::Grasp(BOX));
         let normal = GraspPlan {
             clearance: 0.005,
@@ -109,7 +122,7 @@ impl Messages {
         grasp("grasp-move", GraspCommand::Move { translation, rotation, duration: 1.5 });
         grasp("grasp-put-down", GraspCommand::PutDown);
         grasp("grasp-open", GraspCommand::Open);
-        self.request("read-grasp", Request::ReadGrasp);
+        self.request("read-grasp", Request::ReadTask);
     }
 
     fn impedances(&mut self) {
@@ -117,17 +130,17 @@ impl Messages {
         impedance("impedance", YIELDING);
         impedance(
             "impedance-driven",
-            ArmSettings { redundancy: Redundancy::Driven { joint: 2 }, ..YIELDING },
+            ImpedanceSettings { redundancy: Redundancy::DrivenJoint { joint: 2 }, ..YIELDING },
         );
-        let (law, redundancy) = (Law::Printed, Redundancy::None);
+        let (law, redundancy) = (Law::Direct, Redundancy::None);
         let force = ForceSource::Observer { bandwidth: 30.0 };
-        impedance("impedance-observed", ArmSettings { force, ..YIELDING });
-        impedance("impedance-printed", ArmSettings { law, redundancy, ..YIELDING });
+        impedance("impedance-observed", ImpedanceSettings { force, ..YIELDING });
+        impedance("impedance-printed", ImpedanceSettings { law, redundancy, ..YIELDING });
         let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
-        let longest = ArmSettings {
+        let longest = ImpedanceSettings {
             impedance: Impedance { mass, damping, stiffness },
-            law: Law::Following,
-            redundancy: Redundancy::Driven { joint: u8::MAX },
+            law: Law::ModelFollowing,
+            redundancy: Redundancy::DrivenJoint { joint: u8::MAX },
             elbow_bandwidth: f32::MIN,
             force: ForceSource::Observer { bandwidth: f32::MIN },
             contact_force: f32::MIN,
@@ -135,7 +148,10 @@ impl Messages {
         };
         impedance("impedance-longest", longest);
         let mut pose = |name: &str, point, elbow| {
-            self.request(name, Request::SetPoint(SetPoint::Pose { point, elbow }));
+            self.request(
+                name,
+                Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow })),
+            );
         };
         let point = PosePoint {
             position: PUSHED.position,
@@ -143,11 +159,11 @@ impl Messages {
             velocity: [0.125, 0.0, 0.0, 0.0, 0.0, 0.5],
             acceleration: [0.0; 6],
         };
-        pose("set-point-pose", point, ElbowPoint { angle: 0.25, ..ElbowPoint::default() });
+        pose("set-point-pose", point, ElbowSetpoint { angle: 0.25, ..ElbowSetpoint::default() });
         let [velocity, acceleration] = [[f32::MIN; 6]; 2];
         let point = PosePoint { position: [f32::MIN; 3], rotation: [f32::MIN; 4], velocity, acceleration };
-        let elbow = ElbowPoint { angle: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
+        let elbow = ElbowSetpoint { angle: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
         pose("set-point-pose-longest", point, elbow);
-        self.request("read-arm", Request::ReadArm);
+        self.request("read-arm", Request::ReadTask);
     }
 }

@@ -3,8 +3,10 @@
 use tesaki::model::Reaction;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{
-    ActuatorFrame, Mode, NodeStatus, Refusal, Reply, Request, SensorFrame, SetPoint, Status, Stream,
+    ActuatorFrame, Mode, NodeStatus, Refusal, Reply, Request, SensorFrame, Status, Stream,
 };
+use tesaki::task::TaskCommand;
+use tesaki::task::joint_servo::JointCommand;
 
 use super::message::Message;
 use super::messages::Messages;
@@ -62,14 +64,15 @@ impl Messages {
         step("model-commit", Request::ModelCommit, Reply::Done, 1);
         step("home", Request::Home { positions: list([0.0]) }, Reply::Done, 2);
         step("set-rate", Request::SetRate { stream: Stream::Telemetry, every: 1 }, Reply::Done, 2);
-        step("arm", Request::Arm { task: OBSERVER }, Reply::Done, 2);
-        let goal = |angle| Request::SetPoint(SetPoint::Goal { positions: list([angle]) });
+        step("arm", Request::Enable(OBSERVER), Reply::Done, 2);
+        let goal =
+            |angle| Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions: list([angle]) }));
         step("goal", goal(0.5), Reply::Done, 3);
         let outside = Refusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 };
         step("goal-outside", goal(2.0), Reply::Refused(outside), 3);
-        step("disarm", Request::Disarm, Reply::Done, 3);
+        step("disarm", Request::Disable, Reply::Done, 3);
         let node = NodeStatus {
-            mode: Mode::Disarmed,
+            mode: Mode::Disabled,
             model: "finger".try_into().unwrap(),
             model_checksum,
             homed: 1,

@@ -2,20 +2,24 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ForceSource, Law, Redundancy};
 use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, ServoMode};
-use tesaki::manipulation::{
-    Failure, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, PlannedContact,
-    WrenchGains,
-};
+use tesaki::fault::FaultCause;
 use tesaki::model::{
     ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains,
     Pose, Reaction, RobotModel, Safety, ServoGains,
 };
 use tesaki::protocol::codec::FrameCounts;
 use tesaki::protocol::{
-    ActuatorFrame, BoardStatus, ClockSource, FaultCause, Identity, LinkStatistics, LogRecord, LogStart, Mode,
-    NodeStatus, Request, RequestFrame, ResetCause, SensorFlags, SensorFrame, Status, Task,
+    ActuatorFrame, BoardStatus, ClockSource, Identity, LinkStatistics, LogRecord, LogStart, Mode, NodeStatus,
+    Request, RequestFrame, ResetCause, SensorFlags, SensorFrame, Status,
+};
+use tesaki::task::TaskConfig;
+use tesaki::task::grasping::{
+    Failure, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, PlannedContact,
+    WrenchGains,
+};
+use tesaki::task::impedance::{
+    ArmError, ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy,
 };
 
 use super::variants::Variants;
@@ -31,9 +35,9 @@ pub const IDENTITY: Identity = Identity {
     capabilities: 29,
 };
 
-pub const PID: Task = Task::JointServo(ServoMode::Pid);
+pub const PID: Task = TaskConfig::JointServo(ServoMode::Pid);
 
-pub const OBSERVER: Task = Task::JointServo(ServoMode::Observer);
+pub const OBSERVER: Task = TaskConfig::JointServo(ServoMode::Observer);
 
 /// Collects into the lists of messages, which have a capacity.
 pub fn list<T, L: FromIterator<T>>(items: impl IntoIterator<Item = T>) -> L {
@@ -156,7 +160,7 @@ pub const PHASES: [(Phase, &str); Phase::VARIANTS.len()] = [
     (Phase::Approach, "approach"),
     (Phase::Touch, "touch"),
     (Phase::Squeeze, "squeeze"),
-    (Phase::Feel, "feel"),
+    (Phase::ProbeFriction, "feel"),
     (Phase::Hold, "hold"),
     (Phase::Move, "move"),
     (Phase::Lower, "lower"),
@@ -182,13 +186,13 @@ pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
     (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
 ];
 
-pub const YIELDING: ArmSettings = ArmSettings {
+pub const YIELDING: ImpedanceSettings = ImpedanceSettings {
     impedance: Impedance {
         mass: [1.5, 1.5, 1.5, 0.0625, 0.0625, 0.0625],
         damping: [7.5, 7.5, 7.5, 0.5, 0.5, 0.5],
         stiffness: [300.0, 300.0, 300.0, 8.0, 8.0, 8.0],
     },
-    law: Law::Following,
+    law: Law::ModelFollowing,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
     force: ForceSource::Sensor,
@@ -196,7 +200,7 @@ pub const YIELDING: ArmSettings = ArmSettings {
     reach: [0.25, 1.5],
 };
 
-pub const PUSHED: ArmTelemetry = ArmTelemetry {
+pub const PUSHED: ImpedanceTelemetry = ImpedanceTelemetry {
     tick: 1234,
     position: [0.5, 0.0, -0.25],
     rotation: [0.0, 0.0, 0.0, 1.0],
@@ -207,21 +211,21 @@ pub const PUSHED: ArmTelemetry = ArmTelemetry {
     elbow: 0.25,
 };
 
-pub const BAD_SETTINGS: [(BadSettings, &str); 10] = [
+pub const BAD_SETTINGS: [(InvalidSettings, &str); 10] = [
     (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
-    (BadSettings::Joint { joint: 7, joints: 7 }, "joint"),
-    (BadSettings::NoArmAngle, "no-arm-angle"),
-    (BadSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
-    (BadSettings::ContactForce { value: -1.0 }, "contact-force"),
-    (BadSettings::Reach { value: 0.0 }, "reach"),
-    (BadSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
-    (BadSettings::NoFreeJoint, "no-free-joint"),
+    (InvalidSettings::Joint { joint: 7, joints: 7 }, "joint"),
+    (InvalidSettings::NoArmAngle, "no-arm-angle"),
+    (InvalidSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
+    (InvalidSettings::ContactForce { value: -1.0 }, "contact-force"),
+    (InvalidSettings::Reach { value: 0.0 }, "reach"),
+    (InvalidSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
+    (InvalidSettings::NoFreeJoint, "no-free-joint"),
 ];
 
-const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {
-    BadSettings::Impedance(BadImpedance { term, axis, value, limit })
+const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {
+    InvalidSettings::Impedance(BadImpedance { term, axis, value, limit })
 }
 
 pub const ARM_ERRORS: [(ArmError, &str); ArmError::VARIANTS.len()] = [
@@ -318,7 +322,7 @@ pub fn quiet_board() -> BoardStatus {
 
 pub fn statuses() -> BTreeMap<&'static str, Status> {
     let nobody = NodeStatus {
-        mode: Mode::Disarmed,
+        mode: Mode::Disabled,
         model: "".try_into().unwrap(),
         model_checksum: 0,
         homed: 0,
@@ -383,7 +387,7 @@ pub fn sensor_frame(
 }
 
 pub fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {
-    let request = RequestFrame { client: CLIENT, sequence: 9, request: Request::Disarm };
+    let request = RequestFrame { client: CLIENT, sequence: 9, request: Request::Disable };
     let torques = list([0.25, -0.25]);
     [
         ("request", LogRecord::Request(request)),

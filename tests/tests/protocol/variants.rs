@@ -3,16 +3,19 @@
 use std::collections::BTreeSet;
 
 use serde::Serialize;
-use tesaki::arm::{ArmError, BadSettings, Law, Redundancy};
 use tesaki::control::{BadImpedance, ImpedanceTerm, ServoMode};
-use tesaki::manipulation::{
-    BadPlan, Failure, GraspCommand, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, Unable,
-};
+use tesaki::fault::FaultCause;
 use tesaki::model::{Field, Problem, Reaction};
 use tesaki::protocol::{
-    ClockSource, FaultCause, FromBoard, Item, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request,
-    RequestFrame, ResetCause, SetPoint, Status, Stream, Task,
+    ClockSource, FromBoard, Item, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, RequestFrame,
+    ResetCause, Status, Stream,
 };
+use tesaki::task::grasping::{
+    Failure, GraspCommand, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, ObjectControl, Phase,
+    PlanField,
+};
+use tesaki::task::impedance::{ArmError, InvalidSettings, Law, Redundancy};
+use tesaki::task::{TaskCommand, TaskConfig};
 
 use super::message::Message;
 
@@ -52,7 +55,7 @@ variants! {
     SetPoint { Goal, Stream, Reach, Keep, Guide, Pose }
     Law { Printed, Following }
     Redundancy { None, Driven, ArmAngle }
-    BadSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint }
+    InvalidSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint }
     ImpedanceTerm { Mass, Damping, Stiffness }
     ArmError { Distance, Turn, NotFinite, NotAUnit, NoSettings, Elbow }
     GraspCommand { Grasp, Move, PutDown, Open }
@@ -60,8 +63,8 @@ variants! {
     ObjectControl { Differential, Wrench }
     Phase { Ready, Approach, Touch, Squeeze, Feel, Hold, Move, Lower, Open }
     Failure { Obstructed, NothingThere, NoGrip, NothingBelow, OutOfReach }
-    Unable { Busy, Plan, OutOfReach, NotFinite, TooFast }
-    BadPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
+    GraspRefusal { Busy, Plan, OutOfReach, NotFinite, TooFast }
+    InvalidPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
     PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
     FromBoard { Reply, Telemetry, Status, Log, Tips, Grasp, Arm }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Grasp, Arm }
@@ -69,7 +72,7 @@ variants! {
         SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
         FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
         NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
-        NotAHand, NotTared, Unable, TooMuchTorque, NotAnArm, Settings, Arm,
+        NotAHand, NotTared, GraspRefusal, TooMuchTorque, NotAnArm, Settings, Arm,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -109,14 +112,14 @@ impl Seen {
 
     pub fn task(&mut self, task: Task) {
         self.variant(&task);
-        if let Task::JointServo(mode) = task {
+        if let TaskConfig::JointServo(mode) = task {
             self.variant(&mode);
         }
     }
 
     pub fn mode(&mut self, mode: Mode) {
         self.variant(&mode);
-        if let Mode::Armed(task) = mode {
+        if let Mode::Enabled(task) = mode {
             self.task(task);
         }
     }
@@ -124,11 +127,11 @@ impl Seen {
     pub fn request(&mut self, frame: &RequestFrame) {
         self.variant(&frame.request);
         match &frame.request {
-            Request::Arm { task } => self.task(*task),
-            Request::SetPoint(set_point) => self.variant(set_point),
+            Request::Enable(task) => self.task(*task),
+            set_point => self.variant(set_point),
             Request::SetRate { stream, .. } => self.variant(stream),
             Request::Export(item) => self.variant(item),
-            Request::Grasp(command) => {
+            Request::Task(TaskCommand::Grasping(command)) => {
                 self.variant(command);
                 if let GraspCommand::Grasp(plan) = command {
                     self.variant(&plan.internal);
@@ -143,13 +146,13 @@ impl Seen {
         }
     }
 
-    pub fn unable(&mut self, unable: &Unable) {
+    pub fn unable(&mut self, unable: &GraspRefusal) {
         self.variant(unable);
         match unable {
-            Unable::Busy(phase) => self.variant(phase),
-            Unable::Plan(plan) => {
+            GraspRefusal::Busy(phase) => self.variant(phase),
+            GraspRefusal::Plan(plan) => {
                 self.variant(plan);
-                if let BadPlan::Value { field, .. } = plan {
+                if let InvalidPlan::Value { field, .. } = plan {
                     self.variant(field);
                 }
             }
@@ -173,10 +176,10 @@ impl Seen {
             }
             Refusal::WrongMode(mode) => self.mode(*mode),
             Refusal::Unsafe(fault) => self.variant(&fault.cause),
-            Refusal::Unable(unable) => self.unable(unable),
+            Refusal::GraspRefusal(unable) => self.unable(unable),
             Refusal::Settings(bad) => {
                 self.variant(bad);
-                if let BadSettings::Impedance(BadImpedance { term, .. }) = bad {
+                if let InvalidSettings::Impedance(BadImpedance { term, .. }) = bad {
                     self.variant(term);
                 }
             }

@@ -1,9 +1,9 @@
 //! A hand with open fingers around something that stands nearly where it is thought to be.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::robot::RobotFolder;
-use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
 
 use crate::grasp_scene::{on_support, open_posture};
 use crate::motion::Motion;

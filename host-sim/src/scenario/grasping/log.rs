@@ -7,7 +7,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use super::T;
 use crate::plant::{ContactTruth, ObjectTruth};
 use crate::report::{Column, csv};
-use tesaki::manipulation::Phase;
+use tesaki::task::grasping::Phase;
 
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]

@@ -6,13 +6,15 @@ use nalgebra::Vector3;
 use super::bench::{Bench, COUNTS_PER_RADIAN, refusal};
 use super::grasp::KEEP;
 use crate::TICK;
-use crate::arm::tests::{SOFT, arm7};
-use crate::arm::{ArmError, ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, PosePoint, Redundancy};
 use crate::kinematics::Chain;
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
+use crate::task::impedance::tests::{SOFT, arm7};
+use crate::task::impedance::{
+    ArmError, ElbowSetpoint, ForceSource, ImpedanceSettings, ImpedanceTelemetry, PosePoint, Redundancy,
+};
 
-pub(super) const ARM: Request = Request::Arm { task: Task::Impedance };
+pub(super) const ARM: Request = Request::Enable(TaskConfig::Impedance);
 /// Elbow bent by 90°, the rest a little.
 pub(super) const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];
 
@@ -89,12 +91,12 @@ impl Machine {
         self.bench.sensors.forces[0] =
             [force.x, force.y, force.z, torque.x, torque.y, torque.z].map(|value| value as i32 + noise);
         self.bench.tick();
-        matches!(self.bench.node.mode(), Mode::Armed(_))
+        matches!(self.bench.node.mode(), Mode::Enabled(_))
     }
 }
 
-pub(super) fn seen(bench: &mut Bench) -> ArmTelemetry {
-    let Reply::Arm(arm) = bench.ask(Request::ReadArm) else { panic!() };
+pub(super) fn seen(bench: &mut Bench) -> ImpedanceTelemetry {
+    let Reply::Arm(arm) = bench.ask(Request::ReadTask) else { panic!() };
     assert_eq!(Some(arm), bench.node.tool());
     arm
 }
@@ -103,15 +105,15 @@ fn fault(bench: &Bench) -> Fault {
     *bench.node.faults().faults.last().unwrap()
 }
 
-fn pose(point: PosePoint, elbow: ElbowPoint) -> Request {
-    Request::SetPoint(SetPoint::Pose { point, elbow })
+fn pose(point: PosePoint, elbow: ElbowSetpoint) -> Request {
+    Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
 }
 
 /// The set-point where the tool is.
-fn here(bench: &mut Bench) -> (PosePoint, ElbowPoint) {
-    let ArmTelemetry { position, rotation, elbow, .. } = seen(bench);
+fn here(bench: &mut Bench) -> (PosePoint, ElbowSetpoint) {
+    let ImpedanceTelemetry { position, rotation, elbow, .. } = seen(bench);
     let point = PosePoint { position, rotation, velocity: [0.0; 6], acceleration: [0.0; 6] };
-    (point, ElbowPoint { angle: elbow, ..ElbowPoint::default() })
+    (point, ElbowSetpoint { angle: elbow, ..ElbowSetpoint::default() })
 }
 
 #[test]
@@ -122,7 +124,7 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
     let mut bench = Bench::new();
     bench.command();
     assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::NotAnArm);
-    assert_eq!(refusal(bench.ask(Request::ReadArm)), Refusal::NotAnArm);
+    assert_eq!(refusal(bench.ask(Request::ReadTask)), Refusal::NotAnArm);
     assert_eq!(bench.push(&short), Reply::Done);
     bench.sensors.encoders = [0; 5].into_iter().collect();
     bench.sensors.currents = [0; 5].into_iter().collect();
@@ -138,7 +140,7 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
     assert_eq!(refusal(bench.ask(ARM)), Refusal::NotTared { chain: 0 });
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
     assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
-    let bad = ArmSettings { contact_force: 0.0, ..SOFT };
+    let bad = ImpedanceSettings { contact_force: 0.0, ..SOFT };
     assert_eq!(
         refusal(bench.ask(Request::Impedance(bad))).to_string(),
         "the contact force is 0 N; it must be positive and finite"
@@ -146,26 +148,26 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
     assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
     assert_eq!(bench.ask(Request::Impedance(SOFT)), Reply::Done);
     assert_eq!(bench.ask(ARM), Reply::Done);
-    assert_eq!(bench.node.mode(), Mode::Armed(Task::Impedance));
+    assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Impedance));
     assert_eq!(bench.node.mode().to_string(), "armed (impedance)");
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::WrongMode(Mode::Armed(Task::Impedance)));
+    assert_eq!(refusal(bench.ask(ARM)), Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance)));
 
     // Settings outlast the arming, not the model.
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert_eq!(bench.ask(ARM), Reply::Done);
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert_eq!(bench.push(&arm7()), Reply::Done);
     bench.sensors.forces.clear();
     bench.tick();
     assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
     // Without a sensor there is nothing to tare, but the motors can be asked.
     assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::NoForceSensor);
-    let deaf = ArmSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
+    let deaf = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
     assert_eq!(
         refusal(bench.ask(Request::Impedance(deaf))).to_string(),
         "the bandwidth of the force observer is 60 rad/s; possible is 10 to 50 rad/s"
     );
-    let observing = ArmSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
     assert_eq!(bench.ask(Request::Impedance(observing)), Reply::Done);
     assert_eq!(refusal(bench.ask(Request::Tare)), Refusal::NoForceSensor);
     assert_eq!(bench.ask(ARM), Reply::Done);
@@ -175,17 +177,29 @@ fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
 #[test]
 fn the_joints_of_an_arm_that_yields_are_led_by_nobody_else() {
     let mut bench = armed();
-    let armed = Refusal::WrongMode(Mode::Armed(Task::Impedance));
-    let goal = || SetPoint::Goal { positions: Vec::from_slice(&[0.0; 7]).unwrap() };
-    assert_eq!(refusal(bench.ask(Request::SetPoint(goal()))), armed);
-    assert_eq!(refusal(bench.ask(Request::SetPoint(SetPoint::Stream { points: Vec::new() }))), armed);
-    assert_eq!(refusal(bench.ask(Request::SetPoint(SetPoint::Reach { tips: Vec::new() }))), armed);
+    let armed = Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance));
+    let goal = || {
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: Vec::from_slice(&[0.0; 7]).unwrap(),
+        }))
+    };
+    assert_eq!(refusal(bench.ask(goal())), armed);
+    assert_eq!(
+        refusal(
+            bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: Vec::new() })))
+        ),
+        armed
+    );
+    assert_eq!(
+        refusal(bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips: Vec::new() })))),
+        armed
+    );
     assert_eq!(bench.ask(KEEP), Reply::Done);
     let (point, elbow) = here(&mut bench);
     assert_eq!(bench.ask(pose(point, elbow)), Reply::Done);
     // And a pose is for nobody else, settings neither.
-    bench.ask(Request::Disarm);
-    assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::WrongMode(Mode::Disarmed));
+    bench.ask(Request::Disable);
+    assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::WrongMode(Mode::Disabled));
     bench.arm();
     let servo = bench.node.mode();
     assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::WrongMode(servo));
@@ -214,7 +228,7 @@ fn a_pose_that_jumps_is_refused_by_name_and_the_arm_stays() {
         text.starts_with("the set-point is turned by 3.14") && text.ends_with("at most 1 rad is allowed"),
         "{text}"
     );
-    let other = ElbowPoint { angle: elbow.angle + 3.0, ..elbow };
+    let other = ElbowSetpoint { angle: elbow.angle + 3.0, ..elbow };
     assert!(matches!(refusal(machine.bench.ask(pose(point, other))), Refusal::Arm(ArmError::Elbow { .. })));
     let spoilt = PosePoint { position: [x, f32::NAN, z], ..point };
     assert_eq!(refusal(machine.bench.ask(pose(spoilt, elbow))), Refusal::Arm(ArmError::NotFinite));
@@ -263,7 +277,7 @@ fn an_arm_follows_its_set_point_and_yields_to_a_push() {
 /// Pulled until it faults.
 fn pulled_away(wrench: [f32; 6]) -> Machine {
     let mut machine = Machine::armed();
-    let narrow = ArmSettings { reach: [0.1, 0.3], ..SOFT };
+    let narrow = ImpedanceSettings { reach: [0.1, 0.3], ..SOFT };
     assert_eq!(machine.bench.ask(Request::Impedance(narrow)), Reply::Done);
     assert!((0..500).any(|_| {
         machine.bench.ask(KEEP);
@@ -340,14 +354,14 @@ fn a_disarmed_arm_shows_where_it_is() {
     let mut bench = bench(&feeling());
     let first = seen(&mut bench);
     assert!((first.elbow, first.contact) == (0.0, false));
-    let redundancy = Redundancy::Driven { joint: 2 };
-    assert_eq!(bench.ask(Request::Impedance(ArmSettings { redundancy, ..SOFT })), Reply::Done);
+    let redundancy = Redundancy::DrivenJoint { joint: 2 };
+    assert_eq!(bench.ask(Request::Impedance(ImpedanceSettings { redundancy, ..SOFT })), Reply::Done);
     assert!((seen(&mut bench).elbow - ANGLES[2]).abs() < 1e-4);
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
     assert_eq!(bench.ask(ARM), Reply::Done);
     let armed = seen(&mut bench);
     assert_eq!((armed.position, armed.rotation), (first.position, first.rotation));
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     // Led by hand, and pushed.
     let mut moved = ANGLES;
     moved[3] += 0.1;

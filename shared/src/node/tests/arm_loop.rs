@@ -6,11 +6,11 @@ use nalgebra::{SVector, Vector3, Vector6};
 use super::arm::{ANGLES, ARM, bench, seen, stand};
 use super::bench::Bench;
 use crate::TICK;
-use crate::arm::tests::{SOFT, arm7};
-use crate::arm::{ArmSettings, ForceSource};
 use crate::kinematics::Chain;
 use crate::model::RobotModel;
 use crate::protocol::{Mode, Reply, Request, SetPoint};
+use crate::task::impedance::tests::{SOFT, arm7};
+use crate::task::impedance::{ForceSource, ImpedanceSettings};
 
 /// Steps of the machine in a control period; the drives follow after one of them.
 const STEPS: u16 = 12;
@@ -27,7 +27,7 @@ struct Machine {
 }
 
 impl Machine {
-    fn armed(settings: &ArmSettings) -> Self {
+    fn armed(settings: &ImpedanceSettings) -> Self {
         let mut model = arm7();
         for joint in &mut model.joints {
             (joint.friction.coulomb, joint.friction.viscous) = (0.0, VISCOUS);
@@ -50,8 +50,8 @@ impl Machine {
         for _ in 0..ticks {
             stand(&mut self.bench, self.angles.as_slice());
             let output = self.bench.tick();
-            assert!(matches!(self.bench.node.mode(), Mode::Armed(_)), "{:?}", self.bench.node.faults());
-            assert_eq!(self.bench.ask(Request::SetPoint(SetPoint::Keep)), Reply::Done);
+            assert!(matches!(self.bench.node.mode(), Mode::Enabled(_)), "{:?}", self.bench.node.faults());
+            assert_eq!(self.bench.ask(Request::Keep), Reply::Done);
             let wanted = Joints::from_iterator(output.torques.iter().copied());
             for step in 0..STEPS {
                 let torques = if step == 0 { self.torques } else { wanted };
@@ -72,7 +72,7 @@ impl Machine {
 #[test]
 fn an_arm_without_a_force_sensor_yields_to_what_its_motors_feel() {
     let observing =
-        ArmSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 3.0, ..SOFT };
+        ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 3.0, ..SOFT };
     let mut machine = Machine::armed(&observing);
     // Too early: the tare comes by itself, once the arm has rested.
     assert_eq!(machine.bench.ask(Request::Tare), Reply::Done);
@@ -94,8 +94,8 @@ fn an_arm_without_a_force_sensor_yields_to_what_its_motors_feel() {
     assert!((Vector3::from(back.position) - Vector3::from(free.position)).norm() < 1e-3, "{back:?}");
 
     // Another source while armed would forget what is in the way.
-    let sensing = ArmSettings { force: ForceSource::Sensor, ..observing };
+    let sensing = ImpedanceSettings { force: ForceSource::Sensor, ..observing };
     assert!(matches!(machine.bench.ask(Request::Impedance(sensing)), Reply::Refused(_)));
-    let slower = ArmSettings { force: ForceSource::Observer { bandwidth: 20.0 }, ..observing };
+    let slower = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 20.0 }, ..observing };
     assert_eq!(machine.bench.ask(Request::Impedance(slower)), Reply::Done);
 }

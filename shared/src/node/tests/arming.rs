@@ -33,5 +33,5 @@ fn arms_only_when_everything_is_ready() {
     bench.sensors.supply = 24_000;
     bench.tick();
     assert_eq!(bench.arm(), Reply::Done);
-    assert_eq!(refusal(bench.arm()), Refusal::WrongMode(Mode::Armed(Task::JointServo(ServoMode::Pid))));
+    assert_eq!(refusal(bench.arm()), Refusal::WrongMode(Mode::Enabled(TaskKind::JointServo)));
 }

@@ -120,11 +120,13 @@ impl Bench {
     }
 
     pub fn arm(&mut self) -> Reply {
-        self.ask(Request::Arm { task: Task::JointServo(ServoMode::Pid) })
+        self.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Pid)))
     }
 
     pub fn goal(&mut self, positions: [f32; 3]) -> Reply {
-        self.ask(Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&positions).unwrap() }))
+        self.ask(Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: Vec::from_slice(&positions).unwrap(),
+        })))
     }
 
     pub fn tick(&mut self) -> ActuatorFrame {

@@ -40,8 +40,8 @@ fn the_largest_state_can_be_exported() {
     // Nothing is missing in what the types say.
     assert_eq!(longest_after(&Some(Reaction::Hold)), 2);
     assert_eq!(longest_after(&[JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 }; 2]), 24);
-    assert_eq!(longest_after(&Task::Grasp), 2);
-    assert_eq!(longest_after(&crate::arm::tests::SOFT), 18 * 4 + 1 + 2 + 5 + 4 * 4);
+    assert_eq!(longest_after(&TaskConfig::Grasping(())), 2);
+    assert_eq!(longest_after(&crate::task::impedance::tests::SOFT), 18 * 4 + 1 + 2 + 5 + 4 * 4);
     assert_eq!(longest_after(&(u32::MAX, u16::MAX, i32::MIN, true)), 5 + 3 + 5 + 1);
 }
 

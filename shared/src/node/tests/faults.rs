@@ -67,7 +67,7 @@ fn silence_of_the_supervisor_ends_in_the_configured_reaction() {
         // 100 ms of silence are allowed: the tenth tick is still armed, the eleventh is not.
         for _ in 0..10 {
             assert!(bench.tick().enabled);
-            assert!(matches!(bench.node.mode(), Mode::Armed(_)));
+            assert!(matches!(bench.node.mode(), Mode::Enabled(_)));
         }
         let output = bench.tick();
         let fault = *bench.node.faults().faults.last().unwrap();
@@ -102,7 +102,7 @@ fn a_fault_stays_until_it_was_read() {
     let Reply::Faults(log) = bench.ask(Request::ReadFaults) else { panic!() };
     assert_eq!(log.faults[0].cause, FaultCause::Stop);
     assert_eq!(bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
-    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    assert_eq!(bench.node.mode(), Mode::Disabled);
     // After a reset the board gives the log back, and it is still there to be read.
     let mut reborn = Node::new();
     reborn.restore_faults(log.clone());
@@ -115,7 +115,7 @@ fn disarm_puts_a_faulted_node_off_but_keeps_the_fault() {
     bench.tick();
     bench.ask(Request::Stop);
     assert!(bench.tick().enabled, "the reaction is to hold");
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert!(!bench.tick().enabled);
     assert_eq!(bench.node.mode(), Mode::Fault);
 }

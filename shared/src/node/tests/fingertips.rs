@@ -38,7 +38,7 @@ fn fingers_at(angles: [f32; 6]) -> Bench {
 }
 
 fn reach(tips: &[TipPoint]) -> Request {
-    Request::SetPoint(SetPoint::Reach { tips: Vec::from_slice(tips).unwrap() })
+    Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips: Vec::from_slice(tips).unwrap() }))
 }
 
 pub fn references(bench: &Bench) -> std::vec::Vec<JointPoint> {

@@ -76,8 +76,10 @@ fn force_sensors_that_are_dead_saturated_or_overloaded_are_faults_by_name() {
                 return *bench.node.faults().faults.last().unwrap();
             }
             let now = [0, 1, 2, 3, 4, 5].map(|joint| bench.node.state.joints[joint].position);
-            let hold = SetPoint::Goal { positions: Vec::from_slice(&now).unwrap() };
-            bench.ask(Request::SetPoint(hold));
+            let hold = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+                positions: Vec::from_slice(&now).unwrap(),
+            }));
+            bench.ask(hold);
         }
         panic!("no fault")
     };

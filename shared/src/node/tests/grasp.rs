@@ -7,12 +7,12 @@ use super::fingertips::{fingers, references};
 use super::force_sensors::{SENSOR, feeling_fingers};
 use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::TipPoint;
-use crate::manipulation::{
-    BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
-    PlanField, PlannedContact, Unable,
-};
 use crate::model::{ChainModel, MAX_JOINTS, RobotModel};
 use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
+use crate::task::grasping::{
+    Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan,
+    ObjectControl, Phase, PlanField, PlannedContact,
+};
 
 /// Three such fingers; the third stands opposite the middle between the others.
 fn hand() -> RobotModel {
@@ -51,9 +51,9 @@ fn tared_hand() -> Bench {
     bench
 }
 
-const GRASP: Request = Request::Arm { task: Task::Grasp };
+const GRASP: Request = Request::Enable(TaskConfig::Grasping(()));
 
-pub const KEEP: Request = Request::SetPoint(SetPoint::Keep);
+pub const KEEP: Request = Request::Keep;
 
 /// What is 2 mm in front of the tips of [`untared_hand`].
 pub fn in_front() -> GraspPlan {
@@ -76,7 +76,7 @@ pub fn in_front() -> GraspPlan {
 }
 
 fn seen(bench: &mut Bench) -> GraspTelemetry {
-    let Reply::Grasp(grasp) = bench.ask(Request::ReadGrasp) else { panic!() };
+    let Reply::Grasp(grasp) = bench.ask(Request::ReadTask) else { panic!() };
     assert_eq!(grasp, bench.node.grasp());
     grasp
 }
@@ -96,14 +96,14 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
 
     let mut bench = untared_hand();
     assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
-    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    assert_eq!(bench.node.mode(), Mode::Disabled);
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
     assert_eq!(bench.ask(GRASP), Reply::Done);
-    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
-    assert_eq!(refusal(bench.ask(GRASP)), Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+    assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping));
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::WrongMode(Mode::Enabled(TaskKind::Grasping)));
     assert_eq!(bench.node.mode().to_string(), "armed (grasp)");
     // Another model may have other sensors.
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert_eq!(bench.push(&hand()), Reply::Done);
     bench.tick();
     assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
@@ -111,17 +111,17 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
 
 #[test]
 fn keep_keeps_an_armed_node_alive_whatever_its_task() {
-    let servo = |mode| Request::Arm { task: Task::JointServo(mode) };
+    let servo = |mode| Request::Enable(TaskConfig::JointServo(mode));
     for arm in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
         let mut bench = tared_hand();
-        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disarmed));
+        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disabled));
         assert_eq!(bench.ask(arm), Reply::Done);
         let before = references(&bench);
         let tick = |bench: &mut Bench| {
             // Noise keeps the force sensors alive.
             bench.sensors.forces.iter_mut().for_each(|counts| counts[3] = 1 - counts[3]);
             bench.tick();
-            matches!(bench.node.mode(), Mode::Armed(_))
+            matches!(bench.node.mode(), Mode::Enabled(_))
         };
         for _ in 0..100 {
             assert!(tick(&mut bench));
@@ -138,14 +138,14 @@ fn keep_keeps_an_armed_node_alive_whatever_its_task() {
 #[test]
 fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
     let mut bench = tared_hand();
-    let command = || Request::Grasp(GraspCommand::Grasp(in_front()));
-    assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disarmed));
+    let command = || Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())));
+    assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disabled));
     assert_eq!(bench.arm(), Reply::Done);
     let mode = bench.node.mode();
-    for command in [command(), Request::Grasp(GraspCommand::Open)] {
+    for command in [command(), Request::Task(TaskCommand::Grasping(GraspCommand::Open))] {
         assert_eq!(refusal(bench.ask(command)), Refusal::WrongMode(mode));
     }
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert_eq!(bench.ask(GRASP), Reply::Done);
     bench.tick();
     let before = bench.node.telemetry();
@@ -156,13 +156,18 @@ fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
         .collect();
     let tips = [TipPoint::default(); 3].into_iter().collect();
     for set_point in [
-        SetPoint::Goal { positions: points.iter().map(|point| point.position).collect() },
-        SetPoint::Stream { points: points.clone() },
-        SetPoint::Reach { tips },
-        SetPoint::Guide { torques: [0.0; 9].into_iter().collect(), points },
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: points.iter().map(|point| point.position).collect(),
+        })),
+        Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points.clone() })),
+        Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips })),
+        Request::Task(TaskCommand::JointServo(JointCommand::Guide {
+            torques: [0.0; 9].into_iter().collect(),
+            points,
+        })),
     ] {
-        let refused = refusal(bench.ask(Request::SetPoint(set_point)));
-        assert_eq!(refused, Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+        let refused = refusal(bench.ask(set_point));
+        assert_eq!(refused, Refusal::WrongMode(Mode::Enabled(TaskKind::Grasping)));
     }
     assert_eq!(bench.node.telemetry(), before);
 }
@@ -177,16 +182,20 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
         GraspCommand::Open,
         GraspCommand::Move { translation: [0.0; 3], rotation: [0.0; 3], duration: 1.0 },
     ] {
-        let busy = Refusal::Unable(Unable::Busy(Phase::Ready));
-        assert_eq!(refusal(bench.ask(Request::Grasp(command))), busy);
+        let busy = Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Ready));
+        assert_eq!(refusal(bench.ask(Request::Task(TaskCommand::Grasping(command)))), busy);
     }
-    let grasp = |plan| Request::Grasp(GraspCommand::Grasp(plan));
+    let grasp = |plan| Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan)));
     let deep = GraspPlan { clearance: 0.5, ..in_front() };
-    let Refusal::Unable(Unable::Plan(bad)) = refusal(bench.ask(grasp(deep))) else { panic!() };
-    assert_eq!(bad, BadPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 });
+    let Refusal::GraspRefusal(GraspRefusal::Plan(bad)) = refusal(bench.ask(grasp(deep))) else { panic!() };
+    assert_eq!(
+        bad,
+        InvalidPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 }
+    );
     let mut far = in_front();
     far.contacts[2].position[0] = 0.15;
-    let Refusal::Unable(Unable::OutOfReach { finger: 2, .. }) = refusal(bench.ask(grasp(far))) else {
+    let Refusal::GraspRefusal(GraspRefusal::OutOfReach { finger: 2, .. }) = refusal(bench.ask(grasp(far)))
+    else {
         panic!()
     };
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
@@ -195,11 +204,11 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
     bench.tick();
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Approach);
-    let busy = Refusal::Unable(Unable::Busy(Phase::Approach));
+    let busy = Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Approach));
     assert_eq!(refusal(bench.ask(grasp(in_front()))), busy);
     for _ in 0..10 {
         bench.tick();
-        assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
+        assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping));
     }
     assert_eq!(bench.ask(KEEP), Reply::Done);
     // Half a newton on the way is more than three times the touch force.
@@ -208,9 +217,9 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
     let after = seen(&mut bench);
     let Some(Failure::Obstructed { finger: 2, force }) = after.failure else { panic!("{after:?}") };
     assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
-    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp), "that does no harm");
-    let open = Request::Grasp(GraspCommand::Open);
-    assert_eq!(refusal(bench.ask(open.clone())), Refusal::Unable(Unable::Busy(Phase::Ready)));
+    assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping), "that does no harm");
+    let open = Request::Task(TaskCommand::Grasping(GraspCommand::Open));
+    assert_eq!(refusal(bench.ask(open.clone())), Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Ready)));
     assert_eq!(seen(&mut bench).failure, after.failure);
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).failure, None);
@@ -235,8 +244,14 @@ fn what_is_refused_to_a_hand_says_why() {
             Refusal::NotTared { chain: 1 },
             "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing touches the tips",
         ),
-        (Refusal::Unable(Unable::Busy(Phase::Move)), "not possible while the hand moves an object"),
-        (Refusal::Unable(Unable::Plan(BadPlan::NoTriangle)), "the contacts are at the same place or in line"),
+        (
+            Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Move)),
+            "not possible while the hand moves an object",
+        ),
+        (
+            Refusal::GraspRefusal(GraspRefusal::Plan(InvalidPlan::NoTriangle)),
+            "the contacts are at the same place or in line",
+        ),
         (
             Refusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
             "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",

@@ -6,10 +6,10 @@ use crate::protocol::{FaultCause, Refusal, Reply, Request, SetPoint, Task};
 
 pub fn guide(positions: [f32; 3], torques: &[f32]) -> Request {
     let points = positions.map(|position| JointPoint { position, ..JointPoint::default() });
-    Request::SetPoint(SetPoint::Guide {
+    Request::Task(TaskCommand::JointServo(JointCommand::Guide {
         points: points.into_iter().collect(),
         torques: torques.iter().copied().collect(),
-    })
+    }))
 }
 
 #[test]
@@ -18,7 +18,7 @@ fn a_guided_torque_is_added_and_stays_in_the_reaction_until_the_node_is_disarmed
         // One of two nodes gets torques; the joints of both stand still.
         let mut benches = [(); 2].map(|()| {
             let mut bench = Bench::ready(&model());
-            assert_eq!(bench.ask(Request::Arm { task: Task::JointServo(mode) }), Reply::Done);
+            assert_eq!(bench.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
             bench.tick();
             bench
         });
@@ -39,18 +39,21 @@ fn a_guided_torque_is_added_and_stays_in_the_reaction_until_the_node_is_disarmed
         }
         assert_eq!(benches[0].node.faults().faults.last().unwrap().cause, FaultCause::CommandTimeout);
         for bench in &mut benches {
-            bench.ask(Request::Disarm);
+            bench.ask(Request::Disable);
             assert_eq!(bench.tick().torques, [0.0; 3]);
             let Reply::Faults(log) = bench.ask(Request::ReadFaults) else { panic!() };
             assert_eq!(bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
-            assert_eq!(bench.ask(Request::Arm { task: Task::JointServo(mode) }), Reply::Done);
+            assert_eq!(bench.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
         }
         assert!(near(added(&mut benches), [0.0; 3], 1e-6));
         // A set-point of another kind takes it off.
         assert_eq!(benches[0].ask(guide([0.0; 3], &[0.125; 3])), Reply::Done);
         assert!(near(added(&mut benches), [0.125; 3], 1e-4));
         let rest = [JointPoint::default(); 3].into_iter().collect();
-        assert_eq!(benches[0].ask(Request::SetPoint(SetPoint::Stream { points: rest })), Reply::Done);
+        assert_eq!(
+            benches[0].ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: rest }))),
+            Reply::Done
+        );
         assert!(near(added(&mut benches), [0.0; 3], 1e-4));
     }
 }
@@ -70,7 +73,10 @@ fn a_guide_that_is_refused_changes_neither_points_nor_torques() {
     assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0; 2]))), count);
     let points = [JointPoint::default(); 2].into_iter().collect();
     let torques = [0.0; 3].into_iter().collect();
-    assert_eq!(refusal(bench.ask(Request::SetPoint(SetPoint::Guide { points, torques }))), count);
+    assert_eq!(
+        refusal(bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques })))),
+        count
+    );
     assert_eq!(format!("{:?}", bench.node.state.joints), before);
     assert_eq!(bench.ask(guide([0.01; 3], &[0.6, -0.6, 0.0])), Reply::Done, "the limits themselves");
 }

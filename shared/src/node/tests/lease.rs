@@ -26,7 +26,11 @@ fn a_new_model_does_not_cost_the_commander_its_lease() {
 fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
     let mut bench = Bench::armed(&model());
     bench.tick();
-    let goal = || Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&[0.0; 3]).unwrap() });
+    let goal = || {
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: Vec::from_slice(&[0.0; 3]).unwrap(),
+        }))
+    };
     let other = 8;
     assert!(matches!(refusal(bench.send(other, 1, goal())), Refusal::SchemaMismatch { .. }));
     bench.send(other, 2, Request::Hello { schema: SCHEMA_KEY });
@@ -54,16 +58,16 @@ fn only_the_commander_moves_the_machine_but_anyone_may_look_and_stop_it() {
 #[test]
 fn requests_that_come_twice_or_late_change_nothing() {
     let mut bench = Bench::ready(&model());
-    let arm = || Request::Arm { task: Task::JointServo(ServoMode::Pid) };
+    let arm = || Request::Enable(TaskConfig::JointServo(ServoMode::Pid));
     let first = bench.sequence + 1;
     assert_eq!(bench.ask(arm()), Reply::Done);
     assert_eq!(bench.send(7, first, arm()), Reply::Done, "its reply was lost");
-    bench.ask(Request::Disarm);
+    bench.ask(Request::Disable);
     assert_eq!(bench.send(7, first, arm()), Reply::Done, "an echo of what happened");
-    assert_eq!(bench.node.mode(), Mode::Disarmed, "and not armed again");
+    assert_eq!(bench.node.mode(), Mode::Disabled, "and not armed again");
     assert_eq!(bench.ask(Request::ReleaseCommand), Reply::Done);
     assert_eq!(refusal(bench.send(7, first, arm())), Refusal::NotCommander);
     bench.command();
     assert!(matches!(refusal(bench.send(7, first, arm())), Refusal::Stale { .. }));
-    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    assert_eq!(bench.node.mode(), Mode::Disabled);
 }

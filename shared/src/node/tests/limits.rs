@@ -7,9 +7,9 @@ use super::bench::{Bench, model};
 use super::grasp::{KEEP, in_front};
 use super::guide::guide;
 use crate::control::{JointPoint, ServoMode};
-use crate::manipulation::GraspCommand;
 use crate::model::MAX_JOINTS;
 use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, SetPoint, Stream, Task};
+use crate::task::grasping::GraspCommand;
 
 fn any_request() -> impl Strategy<Value = Request> {
     let value = prop_oneof![
@@ -20,11 +20,11 @@ fn any_request() -> impl Strategy<Value = Request> {
     let torques = proptest::collection::vec(prop_oneof![4 => -0.7_f32..0.7, 1 => any::<f32>()], 3);
     prop_oneof![
         Just(KEEP),
-        Just(Request::ReadGrasp),
-        Just(Request::Grasp(GraspCommand::Grasp(in_front()))),
+        Just(Request::ReadTask),
+        Just(Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())))),
         torques.prop_map(|torques| guide([0.0; 3], &torques)),
         Just(Request::Hello { schema: SCHEMA_KEY }),
-        Just(Request::Disarm),
+        Just(Request::Disable),
         Just(Request::Stop),
         Just(Request::ReadFaults),
         (0_u32..4).prop_map(|total| Request::ClearFaults { total }),
@@ -35,19 +35,19 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Export(Item::State)),
         any::<u32>().prop_map(|offset| Request::ReadExport { offset }),
         (any::<u32>(), any::<u32>()).prop_map(|(length, checksum)| Request::ModelBegin { length, checksum }),
-        Just(Request::Arm { task: Task::JointServo(ServoMode::Pid) }),
-        Just(Request::Arm { task: Task::JointServo(ServoMode::Observer) }),
+        Just(Request::Enable(TaskConfig::JointServo(ServoMode::Pid))),
+        Just(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))),
         list.clone().prop_map(|list| Request::Home { positions: Vec::from_slice(&list).unwrap() }),
-        list.prop_map(|list| Request::SetPoint(SetPoint::Goal {
+        list.prop_map(|list| Request::Task(TaskCommand::JointServo(JointCommand::Goal {
             positions: Vec::from_slice(&list).unwrap()
-        })),
+        }))),
         points.prop_map(|points| {
             let points = points.iter().map(|&(position, velocity, acceleration)| JointPoint {
                 position,
                 velocity,
                 acceleration,
             });
-            Request::SetPoint(SetPoint::Stream { points: points.collect() })
+            Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points.collect() }))
         }),
     ]
 }

@@ -15,13 +15,15 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
         refusal(bench.goal([0.0, 0.0, 1.6])),
         Refusal::OutsideLimits { joint: 2, value: 1.6, lower: -1.5, upper: 1.5 }
     );
-    let short = Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&[0.0; 2]).unwrap() });
+    let short = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+        positions: Vec::from_slice(&[0.0; 2]).unwrap(),
+    }));
     assert_eq!(refusal(bench.ask(short)), Refusal::JointCount { got: 2, expected: 3 });
     let stream = |position, velocity| {
         let rest = JointPoint::default();
         let points =
             Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
-        Request::SetPoint(SetPoint::Stream { points })
+        Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
     };
     assert_eq!(refusal(bench.ask(stream(0.5, 0.0))), Refusal::Jump { joint: 2, value: 0.5, limit: 0.2 });
     assert_eq!(refusal(bench.ask(stream(0.0, 9.0))), Refusal::TooFast { joint: 2, value: 9.0, limit: 8.0 });
@@ -39,7 +41,10 @@ fn a_stream_is_followed_to_the_point_and_left_without_a_jump() {
         position += 0.01 * 0.5;
         let point = JointPoint { position, velocity: 0.5, acceleration: 0.0 };
         let points = Vec::from_slice(&[JointPoint::default(), point, JointPoint::default()]).unwrap();
-        assert_eq!(bench.ask(Request::SetPoint(SetPoint::Stream { points })), Reply::Done);
+        assert_eq!(
+            bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))),
+            Reply::Done
+        );
         bench.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
         bench.tick();
         assert_eq!(bench.node.telemetry().joints[1].reference, position);

@@ -107,7 +107,8 @@ impl GraspState {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
         if !self.motion.is_done() {
             velocities = three.joint_velocities(arms, &wanted.twist).map_err(|error| error.finger)?;
-            accelerations = three.joint_velocities(arms, &wanted.acceleration).map_err(|error| error.finger)?;
+            accelerations =
+                three.joint_velocities(arms, &wanted.acceleration).map_err(|error| error.finger)?;
         }
         // Where the tips are in the object, so that their places to each other are left to the forces; while they rub or
         // let go, where they were.

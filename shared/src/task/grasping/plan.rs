@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::PerFinger;
 use crate::control::ServoMode;
-use crate::grasp::{InvalidContact, Contact, GraspMap, GripState, LeastGrip, GraspMapError, GripError, NormalGripError};
+use crate::grasp::{
+    Contact, GraspMap, GraspMapError, GripError, GripState, InvalidContact, LeastGrip, NormalGripError,
+};
 
 /// Friction assumed of contacts where it is to be felt, until then.
 pub(super) const ASSUMED_FRICTION: f32 = 0.4;
@@ -235,7 +237,9 @@ impl GraspPlan {
             let contact =
                 Contact::try_new(position, normal, friction, self.force_limit).map_err(|error| {
                     let (field, value) = match error {
-                        InvalidContact::Position | InvalidContact::Normal => return InvalidPlan::Contact { finger },
+                        InvalidContact::Position | InvalidContact::Normal => {
+                            return InvalidPlan::Contact { finger };
+                        }
                         InvalidContact::Friction(value) => (PlanField::Friction, value),
                         InvalidContact::Limit(value) => (PlanField::ForceLimit, value),
                     };
@@ -244,7 +248,9 @@ impl GraspPlan {
             let _ = contacts.push(contact); // three places for three contacts
         }
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).map_err(|error| match error {
-            GraspMapError::Coincident { .. } | GraspMapError::Contacts(_) | GraspMapError::Origin => InvalidPlan::NoTriangle,
+            GraspMapError::Coincident { .. } | GraspMapError::Contacts(_) | GraspMapError::Origin => {
+                InvalidPlan::NoTriangle
+            }
         })?;
         if map.inverse().conditioning().rank < 6 {
             return Err(InvalidPlan::NoTriangle);

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki_description::grasp;
-use tesaki_supervisor::Board;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::grasping::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskTelemetry};
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
 
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::CalibrationFile;
 use tesaki_description::grasp;
 use tesaki_supervisor::Board;
-use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, Stream, Telemetry};
-use tesaki::task::grasping::GraspTelemetry;
 use tesaki_supervisor::identify::{
     Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identified, identify, update,
     with_head,

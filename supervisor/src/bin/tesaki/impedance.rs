@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki_description::impedance;
-use tesaki_supervisor::Board;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskTelemetry};
+use tesaki_description::impedance;
+use tesaki_supervisor::Board;
 
 use crate::args::{Hold, Impedance, Options};
 use crate::board_session::BoardSession;

@@ -1,9 +1,9 @@
 //! The arm angle and its Jacobian.
 
 use super::machine::{DOWN, Machine, POSTURES, arm7};
-use crate::arm::ArmAngle;
 use crate::kinematics::Chain;
 use crate::model::MAX_CHAIN_JOINTS;
+use crate::task::impedance::ArmAngle;
 
 #[test]
 fn the_jacobian_of_the_arm_angle_is_how_it_changes() {

@@ -6,14 +6,15 @@ use heapless::Vec;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::TICK;
-use crate::arm::resolve::Joints;
-use crate::arm::{
-    Arm, ArmCommand, ArmSense, ArmSettings, ArmState, ElbowPoint, ForceSource, Law, PosePoint, Redundancy,
-};
 use crate::control::{ErrorObserver, Impedance};
 use crate::kinematics::{Chain, Jacobian};
 use crate::model::{
     ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety, test_joint,
+};
+use crate::task::impedance::resolve::Joints;
+use crate::task::impedance::{
+    Arm, ArmCommand, ArmSense, ArmState, ElbowSetpoint, ForceSource, ImpedanceSettings, Law, PosePoint,
+    Redundancy,
 };
 
 /// The shape of `robots/arm7`, in round numbers.
@@ -65,13 +66,13 @@ pub fn arm7() -> RobotModel {
 }
 
 /// 1.5 kg, 30 N·s/m, 300 N/m; the arm angle stays.
-pub const SOFT: ArmSettings = ArmSettings {
+pub const SOFT: ImpedanceSettings = ImpedanceSettings {
     impedance: Impedance {
         mass: [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
         damping: [30.0, 30.0, 30.0, 1.0, 1.0, 1.0],
         stiffness: [300.0, 300.0, 300.0, 10.0, 10.0, 10.0],
     },
-    law: Law::Following,
+    law: Law::ModelFollowing,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
     force: ForceSource::Sensor,
@@ -115,7 +116,7 @@ impl Machine {
         self.chain.posture(angles).jacobian()
     }
 
-    pub fn state(&self, settings: &ArmSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ArmState {
+    pub fn state(&self, settings: &ImpedanceSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ArmState {
         let mut state = ArmState::NONE;
         state.configure(&self.arm(), settings).unwrap();
         state.begin(&self.arm(), angles).unwrap();
@@ -151,8 +152,8 @@ pub fn accelerations(command: &ArmCommand) -> Joints {
 }
 
 /// The elbow where it is.
-pub fn elbow(machine: &Machine, state: &ArmState) -> ElbowPoint {
+pub fn elbow(machine: &Machine, state: &ArmState) -> ElbowSetpoint {
     let sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
     let angle = state.telemetry(&machine.arm(), &sense, 0).elbow;
-    ElbowPoint { angle, ..ElbowPoint::default() }
+    ElbowSetpoint { angle, ..ElbowSetpoint::default() }
 }

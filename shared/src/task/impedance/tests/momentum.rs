@@ -2,9 +2,9 @@
 
 use super::machine::Machine;
 use crate::TICK;
-use crate::arm::momentum::MomentumObserver;
-use crate::arm::resolve::Joints;
 use crate::model::MAX_CHAIN_JOINTS;
+use crate::task::impedance::momentum::MomentumObserver;
+use crate::task::impedance::resolve::Joints;
 
 /// Of each tick: angles, torques held from then on, and the joint torques of a push behind a filter of 30
 /// rad/s, half a period ago (`tests/oracles/momentum.py`).

@@ -5,9 +5,9 @@ use core::f32::consts::FRAC_PI_2;
 use nalgebra::{SVector, Vector6};
 
 use super::machine::{Machine, POSTURES};
-use crate::arm::resolve::Resolver;
 use crate::kinematics::Jacobian;
 use crate::model::MAX_CHAIN_JOINTS;
+use crate::task::impedance::resolve::Resolver;
 
 /// Solves for `tool` as often as it takes to know the weakest direction.
 fn resolver(jacobian: Jacobian, driven: Option<usize>) -> (Resolver, f32) {

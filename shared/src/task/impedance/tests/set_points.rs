@@ -3,12 +3,12 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::machine::{Machine, POSTURES, SOFT, elbow};
-use crate::arm::{ArmSense, ArmSettings, ArmState, ElbowPoint, PosePoint};
+use crate::task::impedance::{ArmSense, ArmState, ElbowSetpoint, ImpedanceSettings, PosePoint};
 
 #[test]
 fn the_orientation_takes_the_shorter_way() {
     let machine = Machine::new();
-    let settings = ArmSettings { reach: [0.1, 3.0], ..SOFT };
+    let settings = ImpedanceSettings { reach: [0.1, 3.0], ..SOFT };
     let angles = POSTURES[0];
     for angle in [2.99_f32, -2.99] {
         for sign in [1.0, -1.0] {
@@ -35,7 +35,7 @@ fn a_set_point_without_a_successor_comes_to_rest() {
         velocity: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
         acceleration: [5.0; 6],
     };
-    let mut elbow = ElbowPoint { angle: 0.0, velocity: 1.0, acceleration: 5.0 };
+    let mut elbow = ElbowSetpoint { angle: 0.0, velocity: 1.0, acceleration: 5.0 };
     for _ in 0..100 {
         (point, elbow) = (point.coasted(), elbow.coasted());
     }
@@ -57,7 +57,7 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
     let mut state = machine.state(&SOFT, &POSTURES[0]);
     let (here, elbow) = (machine.point(&POSTURES[0]), elbow(&machine, &state));
     let [x, y, z] = here.position;
-    let refused = |point: PosePoint, elbow: ElbowPoint, text: &str| {
+    let refused = |point: PosePoint, elbow: ElbowSetpoint, text: &str| {
         let mut state = state;
         let before = postcard::to_stdvec(&state).unwrap();
         let error = state.aim(&machine.arm(), &point, &elbow).unwrap_err().to_string();
@@ -81,11 +81,11 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
         refused(PosePoint { acceleration: fast(100.0 * most.min(1e30)), ..here }, elbow, "m from the tool");
         let velocity = [0.0, 0.0, 0.0, 0.0, 0.0, 20.0 * most.min(1e30)];
         refused(PosePoint { velocity, ..here }, elbow, "turned by");
-        refused(here, ElbowPoint { angle: most, ..elbow }, "rad from the elbow; at most 1 rad is allowed");
-        refused(here, ElbowPoint { velocity: 10.0 * most, ..elbow }, "");
+        refused(here, ElbowSetpoint { angle: most, ..elbow }, "rad from the elbow; at most 1 rad is allowed");
+        refused(here, ElbowSetpoint { velocity: 10.0 * most, ..elbow }, "");
     }
     let all = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
-    state.aim(&machine.arm(), &all, &ElbowPoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
+    state.aim(&machine.arm(), &all, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
     assert_eq!(
         { ArmState::NONE }.aim(&machine.arm(), &here, &elbow).unwrap_err().to_string(),
         "the arm has no impedance yet: send its settings first"

@@ -5,13 +5,13 @@ use core::f32::consts::PI;
 use nalgebra::Vector3;
 
 use super::machine::{Machine, POSTURES, SOFT, accelerations, elbow, follow};
-use crate::arm::resolve::Joints;
-use crate::arm::{ArmCommand, ArmSense, ArmSettings, BadSettings, Law, Redundancy};
 use crate::model::MAX_CHAIN_JOINTS;
+use crate::task::impedance::resolve::Joints;
+use crate::task::impedance::{ArmCommand, ArmSense, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 
 #[test]
 fn settings_that_make_no_sense_are_refused_by_name() {
-    let refused = |change: fn(&mut ArmSettings), text: &str| {
+    let refused = |change: fn(&mut ImpedanceSettings), text: &str| {
         let mut settings = SOFT;
         change(&mut settings);
         let error = settings.validate(7).unwrap_err();
@@ -24,13 +24,13 @@ fn settings_that_make_no_sense_are_refused_by_name() {
     refused(|s| s.impedance.damping[2] = -1.0, "the damping along z is -1 N·s/m");
     refused(|s| s.impedance.stiffness[4] = -1.0, "the stiffness about y is -1 N·m/rad");
     refused(|s| s.impedance.stiffness[4] = f32::NAN, "the stiffness about y is NaN");
-    refused(|s| s.redundancy = Redundancy::Driven { joint: 7 }, "joint 7 is to be driven by itself");
+    refused(|s| s.redundancy = Redundancy::DrivenJoint { joint: 7 }, "joint 7 is to be driven by itself");
     refused(|s| s.elbow_bandwidth = 0.0, "the bandwidth of the elbow is 0 rad/s");
     refused(|s| s.elbow_bandwidth = f32::INFINITY, "50 rad/s at most");
     refused(|s| s.contact_force = f32::NAN, "the contact force is NaN N");
     refused(|s| s.reach[0] = -1.0, "the reach is -1");
     refused(|s| s.reach[1] = PI, "less than half a turn");
-    assert_eq!(SOFT.validate(6).unwrap_err(), BadSettings::NoArmAngle);
+    assert_eq!(SOFT.validate(6).unwrap_err(), InvalidSettings::NoArmAngle);
     assert!(SOFT.validate(7).is_ok());
 }
 
@@ -99,7 +99,7 @@ fn another_law_forgets_what_the_observers_learnt() {
     let most =
         |command: &ArmCommand| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
     let learnt = most(&state.tick(&arm, &sense).unwrap());
-    state.configure(&arm, &ArmSettings { law: Law::Printed, ..SOFT }).unwrap();
+    state.configure(&arm, &ImpedanceSettings { law: Law::Direct, ..SOFT }).unwrap();
     assert_eq!(state.tick(&arm, &sense).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);
     state.configure(&arm, &SOFT).unwrap();
     // From here on it is a joint that does not move for a tick, not one that has not for ten.

@@ -1,14 +1,14 @@
 //! What stops an arm.
 
 use super::machine::{Machine, POSTURES, SOFT, follow};
-use crate::arm::{ArmError, ArmSense, ArmSettings, Law};
+use crate::task::impedance::{ArmError, ArmSense, ImpedanceSettings, Law};
 
 #[test]
 fn a_force_that_is_no_number_stops_the_arm() {
     let machine = Machine::new();
-    for law in [Law::Printed, Law::Following] {
+    for law in [Law::Direct, Law::ModelFollowing] {
         for value in [f32::NAN, f32::INFINITY] {
-            let mut state = machine.state(&ArmSettings { law, ..SOFT }, &POSTURES[0]);
+            let mut state = machine.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
             let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
             sense.wrench[4] = value;
             assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), ArmError::NotFinite);
