@@ -1,4 +1,4 @@
-//! Control of single joints, and the impedance of a tool. Chains and tasks build on it.
+//! Control laws of single joints, and the target impedance of a tool.
 
 mod friction;
 mod impedance;
@@ -27,7 +27,7 @@ pub struct JointPoint {
     pub acceleration: f32,
 }
 
-/// How a joint servo damps and how it learns about disturbances.
+/// Feedback law of a joint servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ServoMode {
@@ -37,21 +37,21 @@ pub enum ServoMode {
     Observer,
 }
 
-/// What a joint's torque is made of, besides the command's own.
+/// How the joint torques are computed, before a task's feed-forward is added.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Actuation {
     /// 0: the joint's servo, with gravity, inertia and friction fed forward.
     Servo,
-    /// 1: damping of so much torque per speed [N·m·s/rad]; gravity and friction fed forward when `compensated`.
+    /// 1: torque control with damping.
     Torque {
-        /// Hand3 (20), `K_d`.
+        /// `K_d` of (Hand3 eq. 20) [N·m·s/rad].
         damping: f32,
-        /// Whether weight and friction of the fingers are fed forward.
+        /// Whether gravity and friction of the joints are compensated by feed-forward.
         compensated: bool,
     },
-    /// 2: the torque that the whole arm's dynamics need for the accelerations that a task asks for.
+    /// 2: inverse dynamics of the whole chain for the accelerations that a task commands.
     Acceleration {
-        /// Share of the friction that is fed forward.
+        /// Fraction of the friction model that is fed forward, 0 to 1.
         friction: f32,
     },
 }

@@ -10,10 +10,11 @@ const ROUNDING: f32 = 4e-7;
 /// A load this near to what can be held, over its size, is not refused.
 const NEAR: f32 = 2e-5;
 
-/// Proof that no contact forces hold a load: a twist `y` against which the load has more power than any forces inside their
-/// cones and limits, `y·w > max y·(G f)`. If forces held the load, both would be the same.
+/// Proof that no contact forces hold a load: a twist
+/// `y` against which the load has more power than any forces inside their cones and limits, `y·w > max y·(G
+/// f)`. If forces held the load, both would be the same.
 ///
-/// In plain words: the object gives way along `−y`.
+/// The object accelerates along `−y`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
     /// The twist, of any length, about the contacts' centroid, where rounding does least [m; 1].
@@ -21,8 +22,8 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not count on how the
-    /// certificate was found, and allows for the rounding of its own sums.
+    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not
+    /// count on how the certificate was found, and allows for the rounding of its own sums.
     pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
         let (linear, angular) = halves(&self.twist);
         let angular = angular * map.length;

@@ -3,8 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::Contact;
 use crate::math;
 
-/// The forces that a contact can have, in units of the load: at least `least` and at most `limit` along its normal, and at
-/// most friction times that across it. A cone with its tip cut off and a flat end.
+/// The forces that a contact can have, in units of the load: at least `least` and at most `limit` along its
+/// normal, and at most friction times that across it. A cone with its tip cut off and a flat end.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cone {
     normal: Vector3<f32>,
@@ -23,7 +23,8 @@ pub(super) struct Projection {
     pub support: f32,
     /// Unit vector across the normal, towards the given force; 0 for one along the normal.
     across: Vector3<f32>,
-    /// The derivative: along the normal, between it and `across`, along `across`, and at right angles to both.
+    /// The derivative: along the normal, between it and `across`, along `across`, and at right angles to
+    /// both.
     derivative: [f32; 4],
 }
 

@@ -14,23 +14,24 @@ use crate::math;
 /// Loads smaller than this share of the least normal force are balanced as exactly as one of that size.
 const MIN_LOAD: f32 = 0.01;
 
-/// The least grip that holds a load: of all contact forces `f` that
+/// *Least grip*: the contact forces `f` that minimise `½ Σ |f|²` subject to
 ///
-/// - make the wrench wanted, `G f = w`,
-/// - push along the normals with at least `least` and at most the contact's limit,
-/// - and stay inside the friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`,
+/// - the wrench `G f = w`,
+/// - normal forces between `least` and the contact's limit,
+/// - friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`.
 ///
-/// those of the least sum of squares `½ Σ |f|²`. This is strictly convex, so there is exactly one answer and it moves
-/// steadily with contacts and load; and because the pseudo-inverse's part is at right angles to all internal forces
-/// (Hand3 (18)), it is also the answer with the smallest *internal* force.
+/// This is strictly convex, so there is exactly one answer and it moves steadily with contacts and load; and
+/// because the pseudo-inverse's part is at right angles to all internal forces (Hand3 (18)), it is also the
+/// answer with the smallest *internal* force.
 ///
 /// # How
-/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints: maximise
-/// `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated cone, which has a closed
-/// form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's
-/// method (semismooth, damped, with a line search) takes a few steps from the last tick's twist. The forces `pᵢ` are inside
-/// their cones at every step; there is no linearisation of the cones and no interior to find first. Where nothing holds the
-/// load `y` grows along a twist that proves it: the [`Certificate`].
+/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints:
+/// maximise `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated
+/// cone, which has a closed form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian
+/// `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's method (semismooth, damped, with a line search) takes a few steps
+/// from the last tick's twist. The forces `pᵢ` are inside their cones at every step; there is no
+/// linearisation of the cones and no interior to find first. Where nothing holds the load `y` grows along a
+/// twist that proves it: the [`Certificate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeastGrip {
     pub(super) margin: f32,
@@ -42,30 +43,31 @@ pub struct LeastGrip {
 /// The last solution's twist, from which the next search starts, and the search that a call has left off.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripState {
-    /// About the contacts' centroid, the angular half times the length, over the load: so it stays the same when the
-    /// whole grasp moves.
+    /// About the contacts' centroid, the angular half times the length, over the load: so it stays the same
+    /// when the whole grasp moves.
     pub(super) twist: [f32; 6],
     pub(super) begun: Option<SearchState>,
 }
 
 impl GripState {
-    /// Nothing is known.
+    /// No previous solution.
     pub const START: Self = Self { twist: [0.0; 6], begun: None };
 }
 
-/// Forces that hold the load.
+/// Contact forces that balance the load.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grip {
     /// The contacts' forces on the object [N].
     pub forces: ContactForces,
-    /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4, or what
-    /// [`LeastGrip::with_tolerance`] allows. A load below a hundredth of the least normal force counts as that much.
+    /// What is missing to the load, over the load, with moments over
+    /// [`GraspMap::length`]: at most 1e-4, or what [`LeastGrip::with_tolerance`] allows. A load below a
+    /// hundredth of the least normal force counts as that much.
     pub residual: f32,
     /// Newton steps taken, in all calls.
     pub steps: u8,
 }
 
-/// Bad settings of a [`LeastGrip`].
+/// Why the settings of a [`LeastGrip`] are invalid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidGripSettings {
     /// The margin is not at least 0 and less than 1.
@@ -74,7 +76,7 @@ pub enum InvalidGripSettings {
     MinForce(f32),
 }
 
-/// Why there is no grip.
+/// Why [`LeastGrip`] returned no forces.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GripError {
     /// The load is not finite.
@@ -88,8 +90,9 @@ pub enum GripError {
     },
     /// No forces hold the load, and this proves it.
     CannotHold(Certificate),
-    /// Neither forces nor proof were found: the load is at the edge of what can be held, or only forces of more than some
-    /// twenty times its size could hold it, for which single precision has not the digits. The next search starts anew.
+    /// Neither forces nor proof were found: the load is at the edge of what can be held, or only forces of
+    /// more than some twenty times its size could hold it, for which single precision has not the digits. The
+    /// next search starts anew.
     NotConverged {
         /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
         residual: f32,
@@ -105,8 +108,8 @@ impl LeastGrip {
     /// What [`Self::advance`] may take of a tick: enough for about four steps with three contacts.
     pub const INSTRUCTIONS_PER_TICK: u32 = 25_000;
 
-    /// A grip that leaves `margin` of the friction unused (0 to 1) and pushes with at least `least` [N] at each contact, so
-    /// that none is lost.
+    /// A grip that leaves `margin` of the friction unused (0 to 1) and pushes with at least `least` [N] at
+    /// each contact, so that none is lost.
     ///
     /// # Errors
     /// Which of them cannot be.
@@ -120,16 +123,16 @@ impl LeastGrip {
         Ok(Self { margin, least, open: 0.0 })
     }
 
-    /// The same, content with forces that leave up to this `share` of the load missing, and twice that of the sum of squares
-    /// unknown. A load that is measured changes from tick to tick: a search for all digits that makes a step a tick runs after
-    /// it for ever, while each of its steps is good enough.
+    /// The same, content with forces that leave up to this `share` of the load missing, and twice that of the
+    /// sum of squares unknown. A load that is measured changes from tick to tick: a search for all digits
+    /// that makes a step a tick runs after it for ever, while each of its steps is good enough.
     #[must_use]
     pub const fn with_tolerance(self, fraction: f32) -> Self {
         Self { open: fraction, ..self }
     }
 
-    /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the opposite of what
-    /// gravity and inertia do to it.
+    /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the
+    /// opposite of what gravity and inertia do to it.
     ///
     /// # Errors
     /// Nothing holds the load, or it is at the edge of what can be held.
@@ -142,10 +145,11 @@ impl LeastGrip {
         self.advance(map, load, state, u32::MAX)
     }
 
-    /// Like [`Self::solve`], but ends when a further Newton step might take the call beyond `most` instructions of a
-    /// Cortex-M4F, as counted by the kinds of work, alike on all machines. A call takes at least one step: up to
-    /// 17 000 instructions with three contacts, 24 000 with six. The next call goes on, with the contacts and the load
-    /// that it is given. All calls together take no more steps than one of [`Self::solve`], at most 39.
+    /// Like [`Self::solve`], but ends when a further Newton step might take the call beyond `most`
+    /// instructions of a Cortex-M4F, as counted by the kinds of work, alike on all machines. A call takes at
+    /// least one step: up to 17 000 instructions with three contacts, 24 000 with six. The next call goes on,
+    /// with the contacts and the load that it is given. All calls together take no more steps than one of
+    /// [`Self::solve`], at most 39.
     ///
     /// # Errors
     /// As above, or [`GripError::Unfinished`].
@@ -212,8 +216,12 @@ impl LeastGrip {
 impl fmt::Display for InvalidGripSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Margin(value) => write!(f, "the margin is {value}; it is at least 0 and less than 1"),
-            Self::MinForce(value) => write!(f, "the least normal force is {value} N"),
+            Self::Margin(value) => {
+                write!(f, "the friction margin is {value}; it must be at least 0 and less than 1")
+            }
+            Self::MinForce(value) => {
+                write!(f, "the minimum normal force is {value} N; it must be finite and not negative")
+            }
         }
     }
 }

@@ -8,11 +8,12 @@ use crate::math::{self, abs};
 
 /// Most independent internal forces: six contacts in line.
 const MAX_INTERNAL: usize = 3 * MAX_CONTACTS - 5;
-/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single precision.
+/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single
+/// precision.
 const SWEEPS: usize = 6;
 
-/// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose wrench is 0.
-/// There are 3n − 6 of them, or 3n − 5 for contacts in line.
+/// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose
+/// wrench is 0. There are 3n − 6 of them, or 3n − 5 for contacts in line.
 #[derive(Clone, Debug)]
 pub struct InternalForces {
     basis: Vec<ContactForces, MAX_INTERNAL>,
@@ -35,7 +36,8 @@ pub struct NormalGrip {
 pub enum NormalGripError {
     /// No forces along the normals balance.
     Unbalanced {
-        /// The least wrench that remains, over the root of the sum of squares of the forces, moments over the length.
+        /// The least wrench that remains, over the root of the sum of squares of the forces, moments over the
+        /// length.
         residual: f32,
     },
     /// More than one combination balances.
@@ -50,8 +52,8 @@ pub enum NormalGripError {
 }
 
 impl GraspMap {
-    /// `E`, 9 × 3, of Hand3 (18): its columns are unit forces by which contacts 2 and 3, 1 and 3, 1 and 2 press towards
-    /// each other.
+    /// `E`, 9 × 3, of Hand3 (18): its columns are unit forces by which contacts 2 and 3, 1 and 3, 1 and 2
+    /// press towards each other.
     ///
     /// # Errors
     /// There are not three contacts.
@@ -78,7 +80,8 @@ impl GraspMap {
         let inverse = self.inverse();
         let count = self.levers.len();
         let dimension = 3 * count - usize::from(inverse.conditioning().rank);
-        // Unit forces without what moves the object, the one with most left first (Gram and Schmidt with pivots).
+        // Unit forces without what moves the object, the one with most left first (Gram and Schmidt with
+        // pivots).
         let mut basis = Vec::<ContactForces, MAX_INTERNAL>::new();
         let mut left: ContactForces = self.levers.iter().map(|_| Vector3::repeat(1.0)).collect();
         for (place, left) in left.iter_mut().enumerate() {
@@ -123,10 +126,10 @@ impl GraspMap {
         forces
     }
 
-    /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`. `tolerance` is the
-    /// largest wrench that may remain, over the root of the sum of squares of the forces and with moments over
-    /// [`GraspMap::length`]: measured contacts never balance exactly. What remains is then balanced by the least forces
-    /// across the normals.
+    /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`.
+    /// `tolerance` is the largest wrench that may remain, over the root of the sum of squares of the forces
+    /// and with moments over [`GraspMap::length`]: measured contacts never balance exactly. What remains is
+    /// then balanced by the least forces across the normals.
     ///
     /// # Errors
     /// The normals do not balance in one way, with all contacts pushing.

@@ -12,31 +12,36 @@ const RANK_TOLERANCE: f32 = 1e-3;
 const NEAR_LINE: f32 = 0.1;
 /// The sigma_max share of a load that may be left over where the contacts resist it in no way.
 const REST_TOLERANCE: f32 = 1e-4;
-/// The inverse iteration multiplies by the 2ⁿth power of the inverse. What is left of other directions falls by the ratio
-/// of the two sigma_min eigenvalues each time; at worst, the ratio being near 1, the singular value is 0.1 % too large.
+/// The inverse iteration multiplies by the 2ⁿth power of the inverse. What is left of other directions falls
+/// by the ratio of the two sigma_min eigenvalues each time; at worst, the ratio being near 1, the singular
+/// value is 0.1 % too large.
 const SQUARES: usize = 8;
 
-/// How well contacts resist loads: the singular values of the grasp map with moments about the contacts' centroid and
-/// over [`GraspMap::length`], which makes them plain numbers that depend neither on the origin nor on the axes.
+/// How well contacts resist loads: the singular values of the grasp map with moments about the contacts'
+/// centroid and over [`GraspMap::length`], which makes them plain numbers that depend neither on the origin
+/// nor on the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditioning {
     /// 6, or 5 where the contacts are in one line and nothing resists a moment about it.
     pub rank: u8,
     /// The sigma_max singular value: √n for n contacts, that of the forces.
     pub sigma_max: f32,
-    /// The sigma_min singular value, of the moment about `axis`: 0 in line; at best √(2n/3), for three contacts √(3/2).
+    /// The sigma_min singular value, of the moment about `axis`: 0 in line; at best √(2n/3), for three
+    /// contacts √(3/2).
     pub sigma_min: f32,
     /// The sigma_max over the sigma_min; infinite when the rank is 5.
     pub condition: f32,
-    /// The axis, a unit vector, about which a moment is resisted worst: that of least distance from the contacts.
+    /// The axis, a unit vector, about which a moment is resisted worst: that of least distance from the
+    /// contacts.
     pub axis: Vector3<f32>,
 }
 
 /// The pseudo-inverse of the grasp map: the contact forces of least sum of squares for a wrench, Hand3 (18).
 ///
-/// About the centroid, `G Gᵀ` falls apart into `n` times the identity, for forces, and one 3 × 3 block for moments. That
-/// block's weakest axis is found by inverse iteration. Near a line it is split off, and the residual, always well conditioned,
-/// is inverted: there is no loss of digits near a line, and nothing to divide by in one.
+/// About the centroid, `G Gᵀ` falls apart into `n` times the identity, for forces, and one 3 × 3 block for
+/// moments. That block's weakest axis is found by inverse iteration. Near a line it is split off, and the
+/// residual, always well conditioned, is inverted: there is no loss of digits near a line, and nothing to
+/// divide by in one.
 #[derive(Clone, Debug)]
 pub struct WrenchInverse<'a> {
     map: &'a GraspMap,
@@ -84,8 +89,8 @@ impl GraspMap {
         let sigma_min: f32 = self.levers.iter().map(|lever| axis.cross(lever).norm_squared()).sum();
         let sigma_max = math::sqrt(count);
         let full = sigma_min > RANK_TOLERANCE * RANK_TOLERANCE * count;
-        // Far from a line the block has an inverse as it is. Near one the axis, then exact because the other eigenvalues are
-        // far away, gets an eigenvalue as large as theirs, and its own is kept apart.
+        // Far from a line the block has an inverse as it is. Near one the axis, then exact because the other
+        // eigenvalues are far away, gets an eigenvalue as large as theirs, and its own is kept apart.
         let near = sigma_min < NEAR_LINE * count;
         let moved = if near { count - sigma_min } else { 0.0 };
         let outer = axis * axis.transpose();
@@ -114,7 +119,8 @@ impl WrenchInverse<'_> {
         &self.conditioning
     }
 
-    /// `f = Gᵀ (G Gᵀ)⁻¹ w`: of all contact forces [N] that make `wrench` [N; N·m] the least ones. They may pull.
+    /// `f = Gᵀ (G Gᵀ)⁻¹ w`: of all contact forces [N] that make `wrench` [N; N·m] the least ones. They may
+    /// pull.
     ///
     /// # Errors
     /// The wrench is not finite, or nothing resists it.

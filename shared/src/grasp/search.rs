@@ -10,24 +10,26 @@ use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
 
-/// Most Newton steps, in all calls; after so many of them what is good enough is taken, or the search ends.
+/// Maximum number of Newton steps in all calls; then a residual below `MAX_RESIDUAL` is accepted, or the
+/// search fails.
 const MAX_STEPS: u8 = 39;
-/// After so many of them the axis about which contacts in line turn is tried as a proof.
+/// Step at which the line through collinear contacts is tried as a certificate.
 const AXIS_PROOF_STEP: u8 = 8;
-/// After so many of them a search that did not begin at 0 begins anew there.
+/// Step at which a warm-started search restarts at 0.
 const RESTART_STEP: u8 = 12;
-/// After so many of them what is good enough is taken.
+/// Step from which `MAX_GAP` suffices instead of `TARGET_GAP`.
 const ACCEPT_STEP: u8 = 16;
-/// What may be missing to the load, over the load: what is searched for, and what is good enough.
+/// Residual wrench over the load: the target, and the maximum of an accepted solution.
 const TARGET_RESIDUAL: f32 = 1e-5;
 const MAX_RESIDUAL: f32 = 9e-5;
-/// What rounding leaves, over the root of the sum of the forces' squares.
+/// Rounding error of the residual over the norm of the contact forces.
 const ROUNDING: f32 = 6e-7;
-/// By how much what is missing may change the sum of squares, over half of it.
+/// Relative duality gap that the residual may cause: the target, and the maximum of an accepted solution.
 const TARGET_GAP: f32 = 2e-4;
 const MAX_GAP: f32 = 8e-4;
 
-/// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one divides it.
+/// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one
+/// divides it.
 const INITIAL_DAMPING: f32 = 1e-3;
 const DAMPING_INCREASE: f32 = 8.0;
 const DAMPING_DECREASE: f32 = 0.1;
@@ -35,23 +37,24 @@ const MAX_DAMPING: f32 = 1.0;
 /// The least damping: single precision leaves as much noise in the Hessian.
 const MIN_DAMPING: f32 = 1e-5;
 const MIN_PIVOT: f32 = 1e-7;
-/// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
+/// Line search (curvature condition): the slope at its end over the slope at its start. Backtracks below
+/// −this, extends above it.
 const MAX_SLOPE_RATIO: f32 = 0.5;
-/// Most shortenings of a step, and most times that one is made longer by the factor.
+/// Maximum numbers of backtracks and extensions of a step, and the factor of an extension.
 const MAX_BACKTRACKS: u32 = 4;
 const MAX_EXTENSIONS: usize = 3;
 const EXTENSION: f32 = 4.0;
-/// Farther out than this, in units of the load, sums of single precision say nothing.
+/// Bound on the dual variable in units of the load; beyond it single precision has no significant digits.
 const MAX_TWIST: f32 = 3e4;
 /// Where nothing changes along a step, points so many steps ahead are tried as a proof.
 const RAY_LENGTHS: [f32; 2] = [10.0, 1000.0];
 
-/// What something takes in instructions of a Cortex-M4F: at all, and for each contact. Measured, and rounded up.
+/// Cost in instructions of a Cortex-M4F: fixed, and per contact. Measured and rounded up.
 #[derive(Clone, Copy)]
 struct Cost(u32, u32);
 
-/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the axis of
-/// contacts in line.
+/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the
+/// axis of contacts in line.
 const START: Cost = Cost(500, 25);
 const EVALUATION: Cost = Cost(390, 180);
 const DIRECTION: Cost = Cost(1720, 140);
@@ -69,15 +72,16 @@ impl Cost {
     }
 }
 
-/// The most that a step takes with the proofs tried after it. A new begin, which is never where the axis is tried, takes less
-/// than that.
+/// The most that a step takes with the proofs tried after it. A new begin, which is never where the axis is
+/// tried, takes less than that.
 const STEP: Cost = DIRECTION
     .and(EVALUATION.times(1 + MAX_BACKTRACKS))
     .and(SEPARATION.times(4))
     .and(PROOF.times(5))
     .and(AXIS);
 
-/// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the length.
+/// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the
+/// length.
 pub(super) struct Search<'a> {
     pub map: &'a GraspMap,
     pub cones: Vec<Cone, MAX_CONTACTS>,
@@ -147,9 +151,9 @@ impl SearchState {
 }
 
 impl Search<'_> {
-    /// Newton's method from where it has left off, until it ends or a further step might take it beyond `most`
-    /// instructions: where it ends. It takes at least one step. `proves` tells whether a twist proves that nothing holds
-    /// the load.
+    /// Newton's method from where it has left off, until it ends or a further step might take it beyond
+    /// `most` instructions: where it ends. It takes at least one step. `proves` tells whether a twist proves
+    /// that nothing holds the load.
     pub fn run(
         &self,
         begun: &mut SearchState,
@@ -158,8 +162,8 @@ impl Search<'_> {
     ) -> Result<Point, SearchEnd> {
         self.take(START);
         let mut point = self.at(begun.twist.into());
-        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good. On the way a
-        // step may lead there and out again.
+        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good. On
+        // the way a step may lead there and out again.
         let mut astray = begun.steps == 0 && point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
         let (mut ahead, before) = (None, begun.steps);
         let enough = most.saturating_sub(self.instructions(STEP));
@@ -269,7 +273,8 @@ impl Search<'_> {
         Point { twist, nearest: all, missing: stack(&force, &moment), support, square }
     }
 
-    /// A damped Newton step, made shorter or longer as needed; the direction, if the slope along it has hardly changed.
+    /// A damped Newton step, made shorter or longer as needed; the direction, if the slope along it has
+    /// hardly changed.
     fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
@@ -294,7 +299,8 @@ impl Search<'_> {
         (next, flat.then_some(direction))
     }
 
-    /// A point before the end of a step that went too far: the slope along it falls from `slope` to `end` < 0.
+    /// A point before the end of a step that went too far: the slope along it falls from `slope` to `end` <
+    /// 0.
     fn shorter(&self, point: &Point, direction: &Vector6<f32>, slope: f32, end: f32) -> Point {
         let (mut lower, mut upper) = ((0.0, slope), (1.0, end));
         let mut tries = 1;
@@ -358,7 +364,8 @@ impl Search<'_> {
     }
 }
 
-/// How much the sum of squares would change with what is missing, over half of the sum: the twist is its gradient.
+/// How much the sum of squares would change with what is missing, over half of the sum: the twist is its
+/// gradient.
 fn changes(point: &Point) -> f32 {
     2.0 * abs(point.twist.dot(&point.missing)) / point.square
 }

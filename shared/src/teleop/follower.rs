@@ -9,18 +9,18 @@ use crate::TICK;
 use crate::arm::{ElbowPoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
 
-/// The norm of a unit quaternion is this near to 1.
+/// Tolerance of the norm of a unit quaternion.
 const NORM_TOLERANCE: f32 = 1e-3;
-/// Clocks that are set to each other differ by less than this [s].
+/// Tolerance of clock synchronisation [s].
 const CLOCK_TOLERANCE: f32 = 2e-3;
-/// After so long without a sample nothing is left of the motion before [s].
+/// A gap between samples longer than this resets the estimator [s].
 const MAX_GAP: f32 = 0.3;
-/// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which [`Instant`]s cannot be
-/// told apart.
+/// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which
+/// [`Instant`]s cannot be told apart.
 const MAX_KEPT_AGE: i32 = 10_000_000;
-/// No hand is farther from where the master counts from [m].
+/// Maximum distance of the operator's hand from the master's origin [m].
 const MAX_DISTANCE: f32 = 100.0;
-/// No elbow is turned farther [rad].
+/// Maximum elbow angle [rad].
 const MAX_ELBOW_ANGLE: f32 = 100.0;
 
 /// A time of the clock that master and slave share: microseconds, which may wrap around.
@@ -35,8 +35,8 @@ impl Instant {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// A time longer ago than [`MAX_KEPT_AGE`] stays that long ago, so that a clock that wraps around does not make it seem later
-    /// than now. So does one as far ahead, which only a clock that was set can make.
+    /// A time longer ago than [`MAX_KEPT_AGE`] stays that long ago, so that a clock that wraps around does
+    /// not make it seem later than now. So does one as far ahead, which only a clock that was set can make.
     fn forget(&mut self, now: Self) {
         if !(-MAX_KEPT_AGE..=MAX_KEPT_AGE).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
             self.0 = now.0.wrapping_sub(MAX_KEPT_AGE.cast_unsigned());
@@ -44,7 +44,7 @@ impl Instant {
     }
 }
 
-/// Where the master's hand was.
+/// A measured pose of the operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct MasterSample {
     /// When.
@@ -58,7 +58,7 @@ pub struct MasterSample {
 /// A setting: its name, its value, the least and the most that it may be.
 pub(super) type Number = (&'static str, f32, [f32; 2]);
 
-/// How a slave is to follow.
+/// Settings of a [`Follower`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FollowerSettings {
@@ -70,8 +70,8 @@ pub struct FollowerSettings {
     pub elbow_model: OperatorModel,
     /// The tool's way for the hand's: 0.001 to 100.
     pub scale: f32,
-    /// A sample that is farther from where the hand should be is refused [m, rad]: 0.1 mm to 10 m, 0.1 mrad to 3 rad,
-    /// less than half a turn.
+    /// A sample that is farther from where the hand should be is refused [m, rad]: 0.1 mm to 10 m, 0.1 mrad
+    /// to 3 rad, less than half a turn.
     pub max_innovation: [f32; 2],
     /// A sample that is older is refused [s]: 0.001 to 1.
     pub max_sample_age: f32,
@@ -86,8 +86,9 @@ pub struct FollowerSettings {
 impl FollowerSettings {
     /// For a person's arm at a master with encoders of 16 bits, and a gravity sensor at the elbow.
     ///
-    /// The jerk of a hand that moves ±0.1 m at half a hertz changes by 10 m/s³ in a second, at the ends of a stroke of 0.2 m in
-    /// 1.5 s by 4 or 7 at once; an unsupported hand trembles by some 0.05 mm along each axis.
+    /// The jerk of a hand that moves ±0.1 m at half a hertz changes by 10 m/s³ in a second, at the ends of a
+    /// stroke of 0.2 m in 1.5 s by 4 or 7 at once; an unsupported hand trembles by some 0.05 mm along each
+    /// axis.
     pub const HUMAN: Self = Self {
         position_model: OperatorModel { jerk_diffusion: 30.0, tremor: 2e-4, noise: 2e-5 },
         rotation_model: OperatorModel { jerk_diffusion: 80.0, tremor: 2e-4, noise: 1e-4 },
@@ -101,7 +102,7 @@ impl FollowerSettings {
     };
 }
 
-/// Makes set-points for a slave arm of what comes from a master.
+/// Computes set-points of a slave arm from the samples of a master.
 #[derive(Clone, Copy, Debug)]
 pub struct Follower {
     settings: FollowerSettings,
@@ -138,7 +139,7 @@ struct Elbow {
     angle: OperatorEstimate<1>,
 }
 
-/// What lies between hand and tool.
+/// Offset between operator's hand and tool while the clutch is closed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ClutchOffset {
     /// The tool's place less the hand's, scaled.
@@ -179,10 +180,10 @@ impl OperatorHand {
 }
 
 impl Follower {
-    /// With settings that are checked.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// The first number that is wrong.
+    /// The first value outside its limits.
     pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
         let of_models = models.into_iter().flat_map(OperatorModel::numbers);
@@ -289,8 +290,8 @@ impl Follower {
         Ok(())
     }
 
-    /// Closes the clutch: hand and tool, as they are, belong together from now on. The hand counts as it was in its last
-    /// sample, without tremor; what it has moved since then is made up for.
+    /// Closes the clutch: hand and tool, as they are, belong together from now on. The hand counts as it was
+    /// in its last sample, without tremor; what it has moved since then is made up for.
     ///
     /// # Errors
     /// Nobody knows where the hand is.

@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use crate::TICK;
 use crate::math;
 
-/// Slower than this, the handle stands still [m/s]: damping it would take no energy.
+/// Below this speed the handle counts as at rest [m/s]; damping would dissipate nothing.
 const STILL: f32 = 1e-4;
 
 /// Energy is counted in pieces larger than this [J]: what a noisy place gives and takes again is none.
@@ -12,18 +12,20 @@ const QUANTUM: f32 = 1e-3;
 /// A microjoule [J].
 const MICRO: f32 = 1e-6;
 
-/// One end of a delayed two-way link between a master and a slave: an observer of the energy that comes out there, and what
-/// keeps that to what went in at the other end (time-domain passivity with the energies of both directions apart; Ryu,
-/// Artigas and Preusche 2010).
+/// One end of a delayed bilateral link: passivity observer and passivity controller with separate energies
+/// for the two directions (time-domain passivity approach; Ryu, Artigas and Preusche 2010).
 ///
-/// Under hold, the work of a force over a control period is exactly the force times the way. Each end counts what goes in
-/// ([`PowerPort::energy_in`], which travels to the other end beside the force or the position) and what comes out. The other end's
-/// count arrives late, never early, so keeping to it keeps the whole link from making energy, whatever the delay.
+/// Under hold, the work of a force over a control period is exactly the force times the way. Each end counts
+/// what goes in ([`PowerPort::energy_in`], which travels to the other end beside the force or the position)
+/// and what comes out. The other end's count arrives late, never early, so keeping to it keeps the whole link
+/// from making energy, whatever the delay.
 ///
-/// Counts grow for as long as the link is up, so they are whole microjoules: an `f32` of 16 kJ is off by a millijoule.
+/// Counts grow for as long as the link is up, so they are whole microjoules: an `f32` of 16 kJ is off by a
+/// millijoule.
 ///
 /// - At the *master*, a force comes out: it is damped ([`PowerPort::damping_force`]).
-/// - At the *slave*, a motion comes out: it waits until there is energy for it ([`PowerPort::limit_displacement`]).
+/// - At the *slave*, a motion comes out: it waits until there is energy for it
+///   ([`PowerPort::limit_displacement`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PowerPort {
     /// Energy that went in here so far [µJ].
@@ -38,18 +40,19 @@ pub struct PowerPort {
     uncounted_damping: f32,
 }
 
-/// What a link may do.
+/// Limits of the passivity controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerPortLimits {
-    /// Most damping that the master's end adds [N·s/m]; less than the mass of handle and hand over a control period.
+    /// Most damping that the master's end adds [N·s/m]; less than the mass of handle and hand over a control
+    /// period.
     pub max_damping: f32,
-    /// Energy that may come out before any went in [J]: without it, a spring at the slave's end could not begin to be
-    /// pressed.
+    /// Energy that may come out before any went in [J]: without it, a spring at the slave's end could not
+    /// begin to be pressed.
     pub energy_reserve: f32,
 }
 
 impl PowerPort {
-    /// Nothing went in or came out.
+    /// No energy has passed yet.
     pub const fn new() -> Self {
         Self { energy_in: 0, energy_out: 0, dissipated: 0, uncounted_output: 0.0, uncounted_damping: 0.0 }
     }
@@ -77,7 +80,8 @@ impl PowerPort {
             - self.uncounted_output
     }
 
-    /// Counts a period in which the link pushed with `force` [N], in the mean, over a `way` [m], and with `damping` besides.
+    /// Counts a period in which the link pushed with `force` [N], in the mean, over a `way` [m], and with
+    /// `damping` besides.
     pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, way: &Vector3<f32>) {
         self.uncounted_output += force.dot(way);
         if math::abs(self.uncounted_output) > QUANTUM {
@@ -90,8 +94,8 @@ impl PowerPort {
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
-    /// The damping [N] to be added to `force` at the master's end, whose handle moves with `velocity` [m/s]; `received`: what
-    /// has gone in at the other end, as far as it is known here [µJ].
+    /// The damping [N] to be added to `force` at the master's end, whose handle moves with `velocity` [m/s];
+    /// `received`: what has gone in at the other end, as far as it is known here [µJ].
     pub fn damping_force(
         &self,
         limits: &PowerPortLimits,
@@ -108,8 +112,8 @@ impl PowerPort {
         velocity * -math::clamp(excess / (square * TICK), 0.0, limits.max_damping)
     }
 
-    /// How much of `way` [m] the slave's end may go while the link pushes there with `force` [N] at most; `received` as in
-    /// [`PowerPort::damping_force`].
+    /// How much of `way` [m] the slave's end may go while the link pushes there with `force` [N] at most;
+    /// `received` as in [`PowerPort::damping_force`].
     pub fn limit_displacement(
         &self,
         limits: &PowerPortLimits,
@@ -146,8 +150,8 @@ mod tests {
 
     const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
 
-    /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never hold more than
-    /// what was put in.
+    /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never
+    /// hold more than what was put in.
     fn largest_swing(guarded: bool) -> f32 {
         let (mass, stiffness, delay) = (1.5_f32, 300.0_f32, 3);
         let (mut place, mut speed) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());
