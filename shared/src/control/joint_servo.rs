@@ -9,7 +9,7 @@ use crate::math;
 use crate::model::JointModel;
 use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
 
-/// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3, section 4, figure 6).
+/// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3 section 4, figure 6).
 ///
 /// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference,
 /// [`JointServo::update`] the torque; between them the caller computes the model's torque for the references

@@ -6,7 +6,7 @@ use crate::TICK;
 use crate::model::PidGains;
 use crate::signal::PseudoDifferentiator;
 
-/// PID on a joint angle with a pseudo-differentiator (Hand3, section 4).
+/// PID on a joint angle with a pseudo-differentiator (Hand3 section 4).
 ///
 /// `u = K_p·e + ∫ K_i·e + K_d·H(e)`, `e = reference − measured`. `H` acts on the reference's velocity and the
 /// change of the measurement, not on the position error, so a set-point step causes no derivative kick.

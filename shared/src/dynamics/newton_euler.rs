@@ -5,7 +5,7 @@ use crate::kinematics::{Chain, Link};
 use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// What the outward pass leaves for the inward pass.
+/// Results of the outward pass.
 #[derive(Clone, Copy)]
 struct Pass {
     sine: f32,
@@ -19,11 +19,10 @@ impl Chain {
     /// torques [N·m] that give the accelerations `qdd` [rad/s²] at angles `q` [rad] and velocities
     /// `qd` [rad/s] under `gravity` [m/s², base frame].
     ///
-    /// The slices hold one value a joint, base to tip; what is missing counts as 0 in none of them: the
-    /// shortest decides how many joints are computed. A tilted base is a `gravity` that is tilted in its
-    /// frame. The inertias of rotors are included if the chain has them ([`Chain::with_rotor_inertia`]);
-    /// friction is what [`FrictionFeedforward`](crate::control::FrictionFeedforward) adds, with its rule for
-    /// joints at rest.
+    /// The slices hold one value per joint, base to tip; the shortest decides how many joints are computed.
+    /// For a tilted base, pass `gravity` in its frame. Rotor inertia is included if the chain has it
+    /// ([`Chain::with_rotor_inertia`]); friction is added by
+    /// [`FrictionFeedforward`](crate::control::FrictionFeedforward).
     pub fn inverse_dynamics(
         &self,
         gravity: &Vector3<f32>,
@@ -35,11 +34,10 @@ impl Chain {
         self.newton_euler(gravity, None, q, qd, qdd, torques);
     }
 
-    /// [`Chain::inverse_dynamics`] while the world acts on the tip with `wrench`: force [N] and moment [N·m]
-    /// about the tip's origin, both in axes of the base. A wrench that the *tip* exerts has the opposite
-    /// sign.
+    /// [`Chain::inverse_dynamics`] with an external wrench on the tip: force [N] and moment [N·m] about the
+    /// tip's origin in base axes. A wrench that the *tip* exerts has the opposite sign.
     ///
-    /// It counts only when all joints of the chain are computed.
+    /// Ignored unless all joints of the chain are computed.
     ///
     /// ```
     /// # use nalgebra::{Vector3, Vector6};
@@ -70,7 +68,7 @@ impl Chain {
         self.newton_euler(gravity, None, q, qd, &[0.0; MAX_CHAIN_JOINTS], torques);
     }
 
-    /// Inlined, so that nothing of the wrench is left where there is none.
+    /// Always inlined, so that the version without a wrench contains none of its code.
     #[inline(always)]
     fn newton_euler(
         &self,
@@ -84,10 +82,10 @@ impl Chain {
         let zero = Vector3::zeros();
         let mut passes = Vec::<Pass, MAX_CHAIN_JOINTS>::new();
 
-        // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its
-        // own frame. Gravity enters as an upward acceleration of the base.
+        // Outward pass: angular velocity and acceleration, and the acceleration of the origin, of each link
+        // in its own frame. Gravity enters as upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
-        // The wrench on the tip is turned along.
+        // The tip's wrench is rotated along.
         let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
         for (index, (((link, &q), &qd), &qdd)) in self.links.iter().zip(q).zip(qd).zip(qdd).enumerate() {
             let (sine, cosine) = math::sin_cos(q);
@@ -127,7 +125,7 @@ impl Chain {
         qdd: &[f32],
         torques: &mut [f32],
     ) {
-        // Inwards: force and moment at each joint; the torque is the moment's part along the axis.
+        // Inward pass: the joint torque is the moment's component along the axis.
         let count = passes.len().min(torques.len());
         if let (Some((force, moment)), Some(last)) = (wrench, passes.last_mut()) {
             last.force -= force;
@@ -146,8 +144,7 @@ impl Chain {
             *torque = moment.z;
             child = Some((link, pass, force, moment));
         }
-        // The base takes all the rest: here the moment about the axis is enough, and the compiler leaves the
-        // rest out.
+        // At the base only the moment about the axis is needed; the compiler removes the rest.
         if let Some(((_, pass), torque)) = first {
             let transmitted =
                 |(link, pass, force, moment): (&Link, &Pass, _, _)| pass.transmit(link, &force, &moment);
@@ -206,7 +203,7 @@ impl Pass {
         rotation * Vector3::new(self.cosine * v.x - self.sine * v.y, self.sine * v.x + self.cosine * v.y, v.z)
     }
 
-    /// Force and moment at this link's joint as the parent link feels them, about its own joint.
+    /// Force and moment of this link on the parent link, about the parent's joint.
     #[inline]
     fn transmit(
         &self,

@@ -17,7 +17,7 @@ const NEAR: f32 = 2e-5;
 /// The object accelerates along `−y`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
-    /// The twist, of any length, about the contacts' centroid, where rounding does least [m; 1].
+    /// The twist, of any length, about the contacts' centroid, where rounding does min_force [m; 1].
     pub twist: Vector6<f32>,
 }
 
@@ -29,16 +29,16 @@ impl Certificate {
         let angular = angular * map.length;
         let size = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
         let (force, moment) = map.scaled(load);
-        let mut most = 0.0;
+        let mut max_power = 0.0;
         let mut terms = 0.0;
         for (contact, lever) in map.contacts.iter().zip(&map.levers) {
-            let cone = Cone::new(contact, grip.margin, grip.least, 1.0);
+            let cone = Cone::new(contact, grip.margin, grip.min_force, 1.0);
             let velocity = linear + angular.cross(lever);
-            most += cone.support(&velocity);
+            max_power += cone.support(&velocity);
             terms += contact.limit * (1.0 + contact.friction);
         }
         linear.dot(&force) + angular.dot(&moment)
-            > most
+            > max_power
                 + size * (NEAR * math::sqrt(force.norm_squared() + moment.norm_squared()) + ROUNDING * terms)
     }
 }

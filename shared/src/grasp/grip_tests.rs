@@ -12,7 +12,7 @@ type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-const FREE: LeastGrip = LeastGrip { margin: 0.0, least: 0.0, open: 0.0 };
+const FREE: LeastGrip = LeastGrip { margin: 0.0, min_force: 0.0, open: 0.0 };
 
 /// An object of 40 mm between two fingers that face each other along x.
 fn pinch(friction: f32, limit: f32) -> GraspMap {
@@ -52,7 +52,7 @@ fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Ve
         let along = contact.normal().dot(force);
         let across = (force - contact.normal() * along).norm();
         let friction = contact.friction() * (1.0 - grip.margin);
-        for excess in [across - friction * along, along - contact.limit(), grip.least - along] {
+        for excess in [across - friction * along, along - contact.limit(), grip.min_force - along] {
             worst = worst.max(excess);
         }
     }

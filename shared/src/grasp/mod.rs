@@ -1,7 +1,7 @@
 //! Grasping: what contact forces do to an object, and which are needed to hold it.
 //!
 //! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the
-//!   object (Hand3, section 5).
+//!   object (Hand3 section 5).
 //! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object;
 //!   [`WrenchInverse`] back, to the least forces, with rank and [`Conditioning`].
 //! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move

@@ -4,17 +4,17 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::math;
 
-/// A joint cannot add to a push: what it carries already takes all its torque, or its numbers are not finite.
+/// A joint has no torque left for a contact force, or a value is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NormalForceLimitError {
     /// The joint of the finger, 0 to 2.
     pub joint: u8,
 }
 
-/// The largest normal force [N] that a finger can answer for: with any force inside the friction cone whose
-/// normal part is at most so large, each joint torque `used + (D_Fi J_Fi)ᵀ f`, Hand3 (16), stays within ± its
-/// limit. It is infinite if no joint feels the contact. For the limit of a [`Contact`](super::Contact),
-/// together with what sensor and tip bear.
+/// Maximum normal force [N] of a finger's contact: for any force inside the friction cone with a smaller
+/// normal part, each joint torque `used + (D_Fi J_Fi)ᵀ f` (Hand3 eq. 16) stays within its limit. Infinite if
+/// the contact loads no joint. Use the smaller of this and the limits of sensor and tip for a
+/// [`Contact`](super::Contact).
 ///
 /// - `block`: `D_Fi J_Fi` [m/rad], see [`ThreeFingers::blocks`](super::ThreeFingers::blocks).
 /// - `normal`: unit vector into the object; `friction`: coefficient, less the margin of the
@@ -39,7 +39,7 @@ pub fn normal_force_limit(
     used: &Vector3<f32>,
     limits: &Vector3<f32>,
 ) -> Result<f32, NormalForceLimitError> {
-    let mut most = f32::INFINITY;
+    let mut max_force = f32::INFINITY;
     for (joint, ((column, used), limit)) in (0..).zip(block.column_iter().zip(used).zip(limits)) {
         let along = column.dot(normal);
         let across = friction * math::sqrt((column - normal * along).norm_squared());
@@ -48,12 +48,12 @@ pub fn normal_force_limit(
             if !(room > 0.0 && rate.is_finite()) {
                 return Err(NormalForceLimitError { joint });
             }
-            if rate > 0.0 && room < most * rate {
-                most = room / rate;
+            if rate > 0.0 && room < max_force * rate {
+                max_force = room / rate;
             }
         }
     }
-    Ok(most)
+    Ok(max_force)
 }
 
 impl fmt::Display for NormalForceLimitError {

@@ -17,11 +17,11 @@ const REACH_TOLERANCE: f32 = 1e-6;
 /// Solutions outside a limit by less than this are moved to it [rad].
 const LIMIT_TOLERANCE: f32 = 1e-5;
 
-/// A three-joint finger: one joint that turns it about its root's axis, and two with parallel axes across
-/// that one, which bend it. Its inverse kinematics has a closed form (Hand3, section 2).
+/// A three-joint finger with closed-form inverse kinematics (Hand3 section 2): joint 1 rotates about the root
+/// axis, joints 2 and 3 have parallel axes at right angles to it.
 ///
-/// The shape is found in the chain, whatever its frames, zero angles and directions. The bending joints'
-/// first axis may pass the root's axis at a distance; the tip lies in the plane of bending.
+/// The geometry is recognised from the chain, for any frames, zero angles and directions. The axis of joint 2
+/// may have an offset from that of joint 1; the tip lies in the plane of flexion.
 #[derive(Clone, Debug)]
 pub struct Finger {
     /// Place of the finger's frame in the base frame: z along the first axis, y along the second at angle 0,
@@ -145,9 +145,9 @@ impl Finger {
         })
     }
 
-    /// The joint angles within the limits that bring the tip to
-    /// `point` [m, base frame], of each way to bend the nearest to `near` [rad], and of these the nearest
-    /// first. Where the first joint has no say, on its axis, it keeps the angle that it has in `near`.
+    /// All solutions within the limits for the tip at `point` [m, base frame]: of each branch the one nearest
+    /// to `near` [rad], sorted by distance. On the axis of joint 1, where it is singular, it keeps its angle
+    /// in `near`.
     ///
     /// # Errors
     /// The reason if there is no solution.
@@ -162,7 +162,7 @@ impl Finger {
             *near = math::clamp(*near, lower, upper);
         }
         let place = self.place(point, &near)?;
-        // The finger bends towards the point, or over its axis.
+        // Two sides: flexion towards the point, or over the axis.
         let sides = if self.is_off_axis(place.radius * place.radius) { 2 } else { 1 };
         for side in [place, place.across()].into_iter().take(sides) {
             let Some(bends) = self.bends(&side) else {
@@ -189,8 +189,8 @@ impl Finger {
     /// # Errors
     /// The reason if there is no solution.
     pub fn nearest(&self, point: &Vector3<f32>, near: &[f32; 3]) -> Result<[f32; 3], FingerError> {
-        // As a rule the finger bends towards the point and needs no turns, and the other side, where the
-        // first joint is half a turn away, is farther.
+        // Fast path: usually the finger bends towards the point without whole turns, and the other side, with
+        // joint 1 half a turn away, is farther.
         let place = self.place(point, near)?;
         if let Some([one, other]) = self.bends(&place) {
             let [swing, second, third] = self.limits;
@@ -200,8 +200,8 @@ impl Finger {
             };
             let (to_one, to_other) = (bent(&one), bent(&other));
             let (angles, distance) = if to_other < to_one { (other, to_other) } else { (one, to_one) };
-            let least = PI - abs(angles[0] - near[0]);
-            if distance <= least * least && !(to_one + to_other).is_nan() {
+            let half_turn_distance = PI - abs(angles[0] - near[0]);
+            if distance <= half_turn_distance * half_turn_distance && !(to_one + to_other).is_nan() {
                 return Ok(angles);
             }
         }
@@ -209,7 +209,7 @@ impl Finger {
         self.inverse(point, near).map(|found| found.first().copied().unwrap_or(*near))
     }
 
-    /// Where `point` is for the finger that bends towards it.
+    /// `point` in cylindrical coordinates of the root, on the side towards which the finger bends.
     #[inline(always)]
     fn place(&self, point: &Vector3<f32>, near: &[f32; 3]) -> Result<Place, FingerError> {
         let at = self.root.inverse_transform_point(&Point3::from(*point));
@@ -230,7 +230,7 @@ impl Finger {
         squared > ON_AXIS * ON_AXIS * self.straight
     }
 
-    /// Both ways to bend to `place`.
+    /// Both flexion branches for `place`.
     #[inline(always)]
     fn bends(&self, place: &Place) -> Option<[[f32; 3]; 2]> {
         let (along, height) = (place.radius - self.offset, place.height);
@@ -302,7 +302,7 @@ impl Finger {
         let Some(error) = outside else {
             return Some((angles, distance));
         };
-        if failure.outside.is_none_or(|(least, _)| distance < least) {
+        if failure.outside.is_none_or(|(best, _)| distance < best) {
             failure.outside = Some((distance, error));
         }
         None
@@ -320,11 +320,10 @@ impl Finger {
     }
 }
 
-/// Angles [rad] and their squared distance from where the finger is.
+/// Joint angles [rad] and their squared distance from `near`.
 type Fit = ([f32; 3], f32);
 
-/// A point in the finger's frame: angle about its axis, distance from the axis (negative on the other side),
-/// height.
+/// Cylindrical coordinates in the root frame: azimuth, radius (negative on the other side), height.
 #[derive(Clone, Copy, Default)]
 struct Place {
     swing: f32,
@@ -333,7 +332,7 @@ struct Place {
 }
 
 impl Place {
-    /// The same point, for the finger that bends over its axis.
+    /// The same point for a finger that bends over its axis.
     fn across(self) -> Self {
         Self { swing: self.swing + PI, radius: -self.radius, ..self }
     }
@@ -355,7 +354,7 @@ impl Failure {
         let distance = math::sqrt(along * along + height * height);
         let reach = if distance > a.max(b) { a + b } else { abs(a - b) };
         let gap = abs(reach - distance);
-        if self.beyond.is_some_and(|(least, _)| gap >= least) {
+        if self.beyond.is_some_and(|(smallest, _)| gap >= smallest) {
             return;
         }
         let (along, height) =

@@ -7,8 +7,8 @@ use super::{Chain, Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Share of the squared error [rad²] that is added to the squared singular values: far from the target it
-/// keeps steps sensible, near it nothing of it is left.
+/// Damping over the squared error [rad²]: large far from the target for stable steps, vanishing near it for
+/// fast convergence.
 const DAMPING_FACTOR: f32 = 0.5;
 /// Minimum damping [rad²]: keeps the step finite in singular postures.
 const MIN_DAMPING: f32 = 1e-7;
@@ -17,7 +17,7 @@ const MAX_STEP: f32 = 1.0;
 /// Restarts after this many successive iterations that reduced the squared error by less than a tenth.
 const MAX_STALLS: u8 = 4;
 
-/// Targets beyond this [m] are none: their squares would be infinite.
+/// Maximum distance of a target [m]; squares of larger values overflow.
 pub(super) const MAX_DISTANCE: f32 = 1e6;
 
 /// Target of the tip.
@@ -29,11 +29,11 @@ pub enum Target {
     Pose(IsometryMatrix3<f32>),
 }
 
-/// Inverse kinematics by iteration, for any chain: Levenberg–Marquardt with a damping that follows the
-/// squared error (Sugihara 2011), joint limits by an active set, and new starts when it is stuck.
+/// Iterative inverse kinematics of any chain: Levenberg–Marquardt with damping in proportion to the squared
+/// error (Sugihara 2011), an active set for joint limits, and random restarts.
 ///
-/// Configuration of one chain; nothing is kept from one call to the next. Never more than
-/// `iterations` · (`restarts` + 3) iterations: on the tick path choose [`SolverOptions`] accordingly.
+/// Configuration of one chain, without state. At most `iterations` · (`restarts` + 3) iterations: choose
+/// [`SolverOptions`] accordingly on the tick path.
 #[derive(Clone, Debug)]
 pub struct InverseKinematics {
     joints: Vec<Joint, MAX_CHAIN_JOINTS>,
@@ -43,15 +43,15 @@ pub struct InverseKinematics {
 /// Tolerances and iteration limits of [`InverseKinematics`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolverOptions {
-    /// Largest distance from the target [m]. Tolerances end the search; they are no weights.
+    /// Position tolerance [m].
     pub position_tolerance: f32,
-    /// Largest angle from the target's orientation [rad].
+    /// Orientation tolerance [rad].
     pub rotation_tolerance: f32,
-    /// A metre of distance counts as much as this angle [rad/m]; some 1 to 2 over the chain's length is good.
+    /// Weight of position against orientation [rad/m]; 1 to 2 over the chain's length works well.
     pub radians_per_metre: f32,
-    /// Iterations from one start.
+    /// Maximum iterations per start.
     pub iterations: u16,
-    /// New starts after the first.
+    /// Maximum number of random restarts.
     pub restarts: u16,
 }
 
@@ -67,7 +67,7 @@ impl Default for SolverOptions {
     }
 }
 
-/// A joint's limits [rad] and, when it has no drive of its own, the joint that it follows.
+/// Limits of a joint [rad] and, for a mimic joint, its law.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
     lower: f32,
@@ -93,13 +93,13 @@ pub enum InvalidJoint {
         /// The joint.
         joint: usize,
     },
-    /// The joint follows itself, one that follows another itself, one that is not there, or already another;
-    /// or by a factor that is no number.
+    /// A mimic joint must follow another, existing joint that follows none, with finite coefficients; nothing
+    /// may follow it.
     Mimic {
         /// The joint.
         joint: usize,
     },
-    /// The limits of the joint, and of the one that it follows, leave no angle for both.
+    /// No angle satisfies the limits of the mimic joint and of the joint that it follows.
     MimicLimits {
         /// The joint.
         joint: usize,
@@ -113,7 +113,7 @@ pub struct SolveReport {
     pub position_error: f32,
     /// Angle from the target's orientation [rad]; 0 when it had none.
     pub rotation_error: f32,
-    /// Iterations in all.
+    /// Total number of iterations.
     pub iterations: u32,
 }
 
@@ -124,11 +124,11 @@ pub enum InverseKinematicsError {
     NotFinite,
     /// The chain, the limits and the start have different numbers of joints.
     Joints,
-    /// Out of reach, or not found in the iterations allowed. The angles are the nearest that were found.
+    /// Out of reach, or not found within the iterations. `q` holds the best angles found.
     NotReached(SolveReport),
 }
 
-/// The nearest so far.
+/// The best angles so far.
 struct Best {
     /// Squared error [rad²].
     cost: f32,
@@ -139,10 +139,10 @@ struct Best {
 }
 
 impl InverseKinematics {
-    /// Of a chain with these lower and upper limits of its joints [rad].
+    /// Solver for a chain with these lower and upper joint limits [rad].
     ///
     /// # Errors
-    /// When they are no limits.
+    /// A limit is not finite, the lower one is above the upper one, or there are too many joints.
     pub fn try_new(limits: &[(f32, f32)]) -> Result<Self, InvalidJoint> {
         let mut joints = Vec::new();
         for (joint, &(lower, upper)) in limits.iter().enumerate() {
@@ -154,17 +154,17 @@ impl InverseKinematics {
         Ok(Self { joints, options: SolverOptions::default() })
     }
 
-    /// With other tolerances and bounds.
+    /// Replaces tolerances and iteration limits.
     #[must_use]
     pub const fn with_options(mut self, options: SolverOptions) -> Self {
         self.options = options;
         self
     }
 
-    /// Joint `joint` has no drive: its angle is `multiplier` · angle of joint `of` + `offset`.
+    /// Declares joint `joint` as a mimic joint with the angle `multiplier` · angle of joint `of` + `offset`.
     ///
     /// # Errors
-    /// When that cannot be.
+    /// The joints or coefficients are invalid, or the limits leave no common angle.
     pub fn with_mimic(
         mut self,
         joint: usize,
@@ -180,7 +180,7 @@ impl InverseKinematics {
         if joint == of || own.mimic.is_some() || other.mimic.is_some() || followed || !finite {
             return Err(InvalidJoint::Mimic { joint });
         }
-        // The joint that is followed may go only where both stay within their limits.
+        // Restrict the leading joint so that both stay within their limits.
         let (mut lower, mut upper) = (other.lower, other.upper);
         if multiplier != 0.0 {
             let ends = [(own.lower - offset) / multiplier, (own.upper - offset) / multiplier];
@@ -200,11 +200,11 @@ impl InverseKinematics {
         Ok(self)
     }
 
-    /// Looks for joint angles that bring the tip of `chain` to `target`. `q` [rad] has the start, and gets
-    /// the result, or the nearest that was found. A start outside the limits is moved inside.
+    /// Searches for joint angles that bring the tip of `chain` to `target`. `q` [rad] holds the initial
+    /// angles, which are limited first, and receives the solution or the best angles found.
     ///
     /// # Errors
-    /// When the target is not reached.
+    /// The input is invalid or the target was not reached.
     pub fn solve(
         &self,
         chain: &Chain,
@@ -268,7 +268,7 @@ impl InverseKinematics {
         if reached { Ok(report) } else { Err(InverseKinematicsError::NotReached(report)) }
     }
 
-    /// One step of Levenberg–Marquardt.
+    /// One Levenberg–Marquardt step, limited to `MAX_STEP` and the joint limits.
     fn step<const M: usize>(
         &self,
         posture: &Posture,

@@ -1,6 +1,6 @@
 use crate::{TICK, math};
 
-/// Low-pass filtered derivative: `H(s) = s·ω/(s + ω)` (Hand3, section 4).
+/// Low-pass filtered derivative: `H(s) = s·ω/(s + ω)` (Hand3 section 4).
 ///
 /// Ramp-invariant: `y⁺ = a·y + (1−a)·(u − u_prev)/T`, `a = e^(−ωT)`. On a ramp the slope is exact once the
 /// filter has settled; the step-invariant form would read 15.7 % too much at ω = 30 rad/s and T = 10 ms.
