@@ -4,8 +4,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
+use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
-use tesaki::protocol::{BoardStatus, ClockSource, Fault, FaultCause, Identity, LinkStatistics, ResetCause};
+use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
 use tesaki_firmware::board::{Board, ThisBoard, wants_plant_link};
 use tesaki_firmware::identity::identity;
 use tesaki_firmware::watchdog::Watchdog;

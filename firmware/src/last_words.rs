@@ -4,7 +4,7 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
-use tesaki::protocol::FaultCause;
+use tesaki::fault::FaultCause;
 use tesaki_firmware::board::{Board, ThisBoard};
 use tesaki_firmware::retained::keep_death;
 

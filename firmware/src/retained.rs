@@ -6,8 +6,8 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
+use tesaki::fault::{FaultCause, FaultLog};
 use tesaki::protocol::codec::checksum;
-use tesaki::protocol::{FaultCause, FaultLog};
 
 /// Longest postcard encoding of a [`FaultLog`].
 const LOG: usize = 320;

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
-use tesaki_sim::report::{Metric, Page, Summary, table, write};
+use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
@@ -197,14 +197,14 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
 #[cfg(unix)]
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
+    use tesaki_description::grasp::load_placed;
+    use tesaki_description::robot::RobotFolder;
     use tesaki_sim::grasp_scene::{on_support, open_posture};
     use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
-    use tesaki_supervisor::grasp::load_placed;
     use tesaki_supervisor::hub::Hub;
     use tesaki_supervisor::port::{Address, Announcement};
-    use tesaki_supervisor::robot::RobotFolder;
 
     static STOP: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
@@ -346,6 +346,14 @@ fn progress_bar(name: &str) -> ProgressBar {
     bar
 }
 
+/// The commit of the checkout that this program was built from, if git knows it.
+fn commit() -> Option<String> {
+    let arguments = ["describe", "--always", "--dirty", "--abbrev=12"];
+    let output =
+        std::process::Command::new("git").arg("-C").arg(workspace()).args(arguments).output().ok()?;
+    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
 fn save(
     scenario: &Scenario,
     options: &Run,
@@ -366,9 +374,9 @@ fn save(
             format!("{}-{}", options.seed.start(), options.seed.end())
         }
     );
-    let mut names = vec![("summary.json", "measured against wanted, one JSON object a seed")];
+    let mut names = vec![("summary.json", "measured values and limits, one JSON object per seed")];
     for (name, _) in &outcome.tables {
-        names.push((name, "recorded values of the first seed, one row a tick"));
+        names.push((name, "recorded values of the first seed, one row per control period"));
     }
     names.push((
         "recording.mcap",
@@ -378,15 +386,20 @@ fn save(
         "frames.log",
         "everything that went into and came out of the control core in the first seed's run",
     ));
-    let html = Page::new(scenario.title, summaries)
+    let commit = commit();
+    let page = Page::new(scenario.title, summaries)
         .lead(scenario.lead)
         .figures(&outcome.figures)
         .command(&command)
-        .files(&names)
-        .html();
+        .files(&names);
+    let html = commit.as_deref().map_or(page.clone(), |commit| page.commit(commit)).html();
     let mut files = vec![("summary.json", json.as_str()), ("index.html", html.as_str())];
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
+    let figures = figure_files(&outcome.figures);
+    let figures: Vec<(&str, &str)> =
+        figures.iter().map(|(name, svg)| (name.as_str(), svg.as_str())).collect();
+    write(&dir.join("figures"), &figures)?;
     std::fs::write(dir.join("frames.log"), record)?;
     let urdf = std::fs::read_to_string(robot_folder(scenario, options).join("robot.urdf"))?;
     outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;

@@ -234,6 +234,7 @@ parts! {
 mod tests {
     use super::*;
     use tesaki::protocol::Refusal;
+    use tesaki::robot::LimitRefusal;
 
     fn frame(torques: &[f32]) -> ActuatorFrame {
         ActuatorFrame { sequence: 7, enabled: true, torques: torques.iter().copied().collect() }
@@ -268,7 +269,11 @@ mod tests {
     fn values_are_hashed_without_names_and_wrappers() {
         let mut digest = FramesDigest::default();
         digest.frame(&frame(&[1.0]));
-        digest.reply(&Reply::Refused(Refusal::TooFast { joint: 3, value: 2.0, limit: f32::NAN }));
+        digest.reply(&Reply::Refused(Refusal::Limit(LimitRefusal::TooFast {
+            joint: 3,
+            value: 2.0,
+            limit: f32::NAN,
+        })));
         let mut bytes = vec![0, 7, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 0x3f];
         bytes.extend([2, 3, 0, 0, 0, 0x40, 0, 0, 0xc0, 0x7f]);
         let expected: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();

@@ -2,9 +2,9 @@
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::{Chain, Finger};
-use tesaki::manipulation::GraspPlan;
 use tesaki::model::RobotModel;
-use tesaki_supervisor::grasp::PlacedGrasp;
+use tesaki_description::grasp::PlacedGrasp;
+use tesaki::task::grasping::GraspPlan;
 
 use crate::plant::{ObjectValues, Support};
 

@@ -14,6 +14,7 @@ pub mod grasp_scene;
 pub mod motion;
 pub mod operator;
 pub mod plant;
+mod purpose;
 pub mod qemu;
 pub mod report;
 pub mod scenario;

@@ -21,12 +21,13 @@
 use std::path::Path;
 
 use rapier3d::na::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
-use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
+use tesaki_description::urdf::isometry;
+use tesaki_recording::{LogLevel, McapError, Recording};
 use urdf_rs::{Joint, JointType};
 
-pub use tesaki_supervisor::mcap::Transform;
+pub use tesaki_recording::Transform;
 
-use crate::plant::{Truth, isometry};
+use crate::plant::Truth;
 
 /// One control period [ns].
 const PERIOD: u64 = 10_000_000;

@@ -20,10 +20,11 @@ mod hand3_weights;
 use std::path::Path;
 
 use tesaki::protocol::LogRecord;
+use tesaki_description::calibration::CalibrationError;
+use tesaki_description::grasp::GraspFileError;
+use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::grasp::GraspFileError;
-use tesaki_supervisor::identify::{CalibrationError, IdentifyError};
-use tesaki_supervisor::robot::RobotError;
+use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
 use crate::grasp_scene::SceneError;
@@ -75,13 +76,13 @@ pub struct Setting<'a, 'b> {
     pub seed: u64,
     /// Simulated time [s].
     pub duration: f64,
-    /// Called with the share that is done, 0 to 1.
+    /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a dyn Fn(f64),
 }
 
 /// What a run leaves.
 pub struct Outcome {
-    /// Measured against wanted.
+    /// Measured values and limits.
     pub summary: Summary,
     /// For the page.
     pub figures: Vec<Figure>,

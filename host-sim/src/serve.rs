@@ -5,8 +5,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
-use tesaki::node::Robot;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki::robot::Robot;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 

@@ -61,22 +61,10 @@ impl VirtualBoard {
             self.log(1, LogRecord::Sensors(sensors.clone()), out);
             self.log(0, LogRecord::Actuators(actuators.clone()), out);
         }
-        if self.node.is_due(Stream::Telemetry) {
-            send(&FromBoard::Telemetry(self.node.telemetry()), out);
-        }
-        if self.node.is_due(Stream::Tips) {
-            send(&FromBoard::Tips(self.node.tips()), out);
-        }
-        if self.node.is_due(Stream::Grasp) {
-            send(&FromBoard::Grasp(self.node.grasp()), out);
-        }
-        if self.node.is_due(Stream::Arm)
-            && let Some(arm) = self.node.tool()
-        {
-            send(&FromBoard::Arm(arm), out);
-        }
-        if self.node.is_due(Stream::Status) {
-            send(&FromBoard::Status(self.node.status(&self.status)), out);
+        for stream in Stream::ALL {
+            if let Some(message) = self.node.due(stream, &self.status) {
+                send(&message, out);
+            }
         }
         actuators
     }

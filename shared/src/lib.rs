@@ -22,9 +22,10 @@
 //! | [`dynamics`] | Newton–Euler, mass matrix |
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
-//! | [`arm`] | an arm that yields as told: impedance control, elbow |
-//! | [`teleop`] | a slave that follows a master's hand over a link, and a link that makes no energy |
-//! | [`manipulation`] | an object in the hand: found, grasped, held, moved, put down |
+//! | [`teleop`] | an operator's hand that leads an arm over a link, and a link that makes no energy |
+//! | [`fault`] | causes of faults, and their log |
+//! | [`robot`] | the model made ready for control; what is measured, what the joints are to do |
+//! | [`task`] | what an enabled node does: joint servo, grasping, impedance control |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!
@@ -33,17 +34,18 @@
 
 #![cfg_attr(not(test), no_std)]
 
-pub mod arm;
 pub mod control;
 pub mod dynamics;
+pub mod fault;
 pub mod grasp;
 pub mod kinematics;
-pub mod manipulation;
 pub mod math;
 pub mod model;
 pub mod node;
 pub mod protocol;
+pub mod robot;
 pub mod signal;
+pub mod task;
 pub mod teleop;
 
 /// The control period `T` [s].

@@ -1,11 +1,13 @@
-use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, PosePoint};
-use tesaki::kinematics::TipPoint;
-use tesaki::manipulation::{GraspCommand, GraspTelemetry};
+use tesaki::fault::FaultLog;
+use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
-    FaultLog, Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Status, Stream,
-    Task, codec,
+    Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, Status, Stream, TaskReport, codec,
 };
+use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
+use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 
 /// Why a request to a board came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +49,14 @@ pub enum BoardError {
         /// How long was waited [s].
         seconds: f64,
     },
+    /// The board runs another task than the one that was asked about.
+    #[error("the board's task is not {expected}: {reply}")]
+    OtherTask {
+        /// The task that was expected.
+        expected: &'static str,
+        /// What it reported instead.
+        reply: String,
+    },
     /// The link itself failed.
     #[error("the link to the board failed: {0}")]
     Link(#[from] std::io::Error),
@@ -62,6 +72,17 @@ pub enum BoardError {
     /// The model is too large to send, or what came is none.
     #[error("the robot model cannot be encoded or decoded: {0}")]
     Encoding(#[from] postcard::Error),
+}
+
+/// A copy of what a board has.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// The copy.
+    pub bytes: Vec<u8>,
+    /// Index of the last log entry before it was made.
+    pub index: u32,
+    /// Identifies its layout, see [`Reply::Exported`].
+    pub key: u64,
 }
 
 /// A controller board, near or far: whatever answers [`Request`]s.
@@ -102,7 +123,7 @@ pub trait Board {
     /// Takes command of the board. The client must have said [hello](Self::hello).
     ///
     /// # Errors
-    /// When another client commands. `by_force` replaces it, unless the board is armed.
+    /// When another client commands. `by_force` replaces it, unless the board is enabled.
     fn take_command(&mut self, by_force: bool) -> Result<(), BoardError> {
         self.ask("be commanded", Request::TakeCommand { by_force })
     }
@@ -115,15 +136,15 @@ pub trait Board {
         self.ask("send a stream", Request::SetRate { stream, every })
     }
 
-    /// Reads a copy of what the board has, and the index of the last log entry before it was made.
+    /// Reads a copy of what the board has.
     ///
     /// # Errors
     /// When the board refuses, or another client exports something at the same time, three times in a row.
-    fn export(&mut self, item: Item) -> Result<(Vec<u8>, u32), BoardError> {
+    fn export(&mut self, item: Item) -> Result<Exported, BoardError> {
         const ACTION: &str = "export";
         for _ in 0..3 {
-            let (length, checksum, index) = match self.request(Request::Export(item))? {
-                Reply::Exported { length, checksum, index } => (length, checksum, index),
+            let (length, checksum, index, key) = match self.request(Request::Export(item))? {
+                Reply::Exported { length, checksum, index, key } => (length, checksum, index, key),
                 Reply::Refused(refusal) => return Err(BoardError::Refused { action: ACTION, refusal }),
                 reply => return Err(wrong(ACTION, &reply)),
             };
@@ -138,7 +159,7 @@ pub trait Board {
                 }
             }
             if codec::checksum(&bytes) == checksum {
-                return Ok((bytes, index));
+                return Ok(Exported { bytes, index, key });
             }
         }
         Err(BoardError::ExportDisturbed)
@@ -149,8 +170,7 @@ pub trait Board {
     /// # Errors
     /// When it has none.
     fn model(&mut self) -> Result<RobotModel, BoardError> {
-        let (bytes, _) = self.export(Item::Model)?;
-        Ok(postcard::from_bytes(&bytes)?)
+        Ok(postcard::from_bytes(&self.export(Item::Model)?.bytes)?)
     }
 
     /// Sends a robot model, piece by piece, and has it taken into use.
@@ -185,12 +205,20 @@ pub trait Board {
         self.ask("tare its force sensors", Request::Tare)
     }
 
-    /// Arms the board.
+    /// Starts a task: switches the outputs on.
     ///
     /// # Errors
     /// When the board refuses.
-    fn arm(&mut self, task: Task) -> Result<(), BoardError> {
-        self.ask("arm", Request::Arm { task })
+    fn enable(&mut self, task: TaskConfig) -> Result<(), BoardError> {
+        self.ask("enable its outputs", Request::Enable(task))
+    }
+
+    /// Ends the task: switches the outputs off.
+    ///
+    /// # Errors
+    /// When the link fails.
+    fn disable(&mut self) -> Result<(), BoardError> {
+        self.ask("disable its outputs", Request::Disable)
     }
 
     /// Sends a goal for each joint [rad].
@@ -198,7 +226,10 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn set_goal(&mut self, positions: &[f32]) -> Result<(), BoardError> {
-        self.ask("move", Request::SetPoint(SetPoint::Goal { positions: joints(positions)? }))
+        self.ask(
+            "move",
+            Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions: joints(positions)? })),
+        )
     }
 
     /// Sends the next point of a trajectory for the tip of each finger: one a tick.
@@ -207,7 +238,7 @@ pub trait Board {
     /// When the board refuses.
     fn reach(&mut self, tips: &[TipPoint]) -> Result<(), BoardError> {
         let tips = heapless::Vec::from_slice(tips).map_err(|_| BoardError::TooManyTips(tips.len()))?;
-        self.ask("move its tips", Request::SetPoint(SetPoint::Reach { tips }))
+        self.ask("move its tips", Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips })))
     }
 
     /// Tells a hand what to do next.
@@ -215,47 +246,62 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn grasp(&mut self, command: GraspCommand) -> Result<(), BoardError> {
-        self.ask("grasp", Request::Grasp(command))
+        self.ask("grasp", Request::Task(TaskCommand::Grasping(command)))
+    }
+
+    /// The running task, or the one that ran last.
+    ///
+    /// # Errors
+    /// When no task was enabled yet.
+    fn read_task(&mut self) -> Result<TaskReport, BoardError> {
+        const ACTION: &str = "report on its task";
+        match self.request(Request::ReadTask)? {
+            Reply::Task(report) => Ok(report),
+            Reply::Refused(refusal) => Err(BoardError::Refused { action: ACTION, refusal }),
+            reply => Err(wrong(ACTION, &reply)),
+        }
     }
 
     /// The object in the hand.
     ///
     /// # Errors
-    /// When the board refuses.
+    /// When the board's task is not grasping.
     fn read_grasp(&mut self) -> Result<GraspTelemetry, BoardError> {
-        match self.request(Request::ReadGrasp)? {
-            Reply::Grasp(grasp) => Ok(grasp),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell what it holds", refusal }),
-            reply => Err(wrong("tell what it holds", &reply)),
+        match self.read_task()?.telemetry {
+            TaskTelemetry::Grasping(grasp) => Ok(grasp),
+            other => Err(BoardError::OtherTask { expected: "grasping", reply: format!("{other:?}") }),
         }
-    }
-
-    /// Tells an arm how to behave.
-    ///
-    /// # Errors
-    /// When the board refuses.
-    fn behave(&mut self, settings: ArmSettings) -> Result<(), BoardError> {
-        self.ask("behave like that", Request::Impedance(settings))
-    }
-
-    /// Tells an arm where its tool should be, and its elbow.
-    ///
-    /// # Errors
-    /// When the board refuses.
-    fn aim(&mut self, point: PosePoint, elbow: ElbowPoint) -> Result<(), BoardError> {
-        self.ask("move its tool", Request::SetPoint(SetPoint::Pose { point, elbow }))
     }
 
     /// The arm and its tool.
     ///
     /// # Errors
-    /// When the board refuses.
-    fn read_arm(&mut self) -> Result<ArmTelemetry, BoardError> {
-        match self.request(Request::ReadArm)? {
-            Reply::Arm(arm) => Ok(arm),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell of its tool", refusal }),
-            reply => Err(wrong("tell of its tool", &reply)),
+    /// When the board's task is not impedance control.
+    fn read_impedance(&mut self) -> Result<ImpedanceTelemetry, BoardError> {
+        match self.read_task()?.telemetry {
+            TaskTelemetry::Impedance(arm) => Ok(arm),
+            other => {
+                Err(BoardError::OtherTask { expected: "impedance control", reply: format!("{other:?}") })
+            }
         }
+    }
+
+    /// Gives an arm under impedance control other settings.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn configure_impedance(&mut self, settings: ImpedanceSettings) -> Result<(), BoardError> {
+        let command = ImpedanceCommand::Configure(settings);
+        self.ask("change its impedance", Request::Task(TaskCommand::Impedance(command)))
+    }
+
+    /// Tells an arm under impedance control where its tool and its elbow should be.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn set_target(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), BoardError> {
+        let command = ImpedanceCommand::SetTarget { point, elbow };
+        self.ask("move its tool", Request::Task(TaskCommand::Impedance(command)))
     }
 
     /// Tells the board that the supervisor lives; nothing else changes.
@@ -263,7 +309,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn keep(&mut self) -> Result<(), BoardError> {
-        self.ask("go on", Request::SetPoint(SetPoint::Keep))
+        self.ask("go on", Request::Keep)
     }
 
     /// What the node and the board say of themselves.

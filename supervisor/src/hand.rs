@@ -1,8 +1,8 @@
-//! A hand whose fingers have a board each: what [`HandState`] does on one board, done on the PC over three.
+//! A hand whose fingers have a board each: what [`GraspState`] does on one board, done on the PC over three.
 //!
-//! Each board servoes the three joints of its finger ([`chain_model`](crate::robot::chain_model)) and reads its fingertip's
-//! force sensor. Once a tick [`HandOfBoards::step`] takes what the fingers sense, and sends each board points and torques
-//! ([`SetPoint::Guide`]), which act a tick later than they would on one board.
+//! Each board servoes the three joints of its finger ([`chain_model`](tesaki_description::robot::chain_model)) and reads its
+//! fingertip's force sensor. Once a tick [`MultiBoardHand::step`] takes what the fingers sense, and sends each board points and
+//! torques ([`JointCommand::Guide`]), which act a tick later than they would on one board.
 //!
 //! When a board faults, is switched off, or is not heard, the others are stopped at once, and it gets no more set-points:
 //! within the command timeout all three are in their model's reaction.
@@ -14,22 +14,25 @@ mod model;
 use std::time::{Duration, Instant};
 
 use tesaki::control::ServoMode;
-use tesaki::manipulation::{
-    Each, FINGERS, FingerSense, GraspCommand, GraspPlan, GraspTelemetry, HandCommand, HandState,
-    ObjectControl,
-};
+use tesaki::kinematics::Posture;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Mode, Request, SetPoint, Stream, Task, Telemetry, Tips};
+use tesaki_description::robot::chain_model;
+use tesaki::protocol::{Mode, Request, Stream, Telemetry, Tips};
+use tesaki::task::grasping::{
+    FINGERS, FingerSense, GraspCommand, GraspPlan, GraspState, GraspTelemetry, HandOutput, ObjectControl,
+    PerFinger,
+};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 
 pub use board::{FingerBoard, News};
 pub use error::HandError;
 pub use model::HandModel;
 
 use crate::BoardError;
-use crate::robot::chain_model;
 
 /// Steps without news of a board after which its data are stale. So many telemetries may be lost in a row.
-pub const MOST_AGE: u32 = 3;
+pub const MAX_AGE: u32 = 3;
 /// Longest wait for the first telemetry of a board.
 const FIRST: Duration = Duration::from_millis(300);
 
@@ -43,27 +46,36 @@ struct Member<B> {
     tips: Option<Tips>,
     /// Of the last tick of which both came.
     tick: Option<u32>,
-    sense: FingerSense,
+    sense: Sense,
     tared: bool,
     /// Steps since then.
     age: u32,
 }
 
+/// What a finger senses.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sense {
+    /// Joint angles [rad].
+    angles: [f32; 3],
+    /// Force of the tip on what it touches, in base axes [N].
+    force: [f32; 3],
+}
+
 /// Three boards with a finger each, which hold one object.
-pub struct HandOfBoards<B> {
-    members: Each<Member<B>>,
+pub struct MultiBoardHand<B> {
+    members: PerFinger<Member<B>>,
     model: HandModel,
-    state: HandState,
+    state: GraspState,
     steps: u32,
     armed: bool,
 }
 
-impl<B: FingerBoard> HandOfBoards<B> {
+impl<B: FingerBoard> MultiBoardHand<B> {
     /// A hand of `robot`, whose chains are on these boards, in their order.
     ///
     /// # Errors
     /// The robot is no hand of three fingers that feel.
-    pub fn new(robot: &RobotModel, boards: Each<B>) -> Result<Self, HandError> {
+    pub fn new(robot: &RobotModel, boards: PerFinger<B>) -> Result<Self, HandError> {
         let model = HandModel::try_new(robot)?;
         let mut index = 0;
         let members = boards.map(|board| {
@@ -71,7 +83,6 @@ impl<B: FingerBoard> HandOfBoards<B> {
             let model = chain_model(robot, index).unwrap_or_else(|| robot.clone());
             index += 1;
             let name = model.chains.first().map_or_else(String::new, |chain| chain.name.to_string());
-            let sense = FingerSense::REST;
             Member {
                 name,
                 board,
@@ -79,27 +90,27 @@ impl<B: FingerBoard> HandOfBoards<B> {
                 telemetry: None,
                 tips: None,
                 tick: None,
-                sense,
+                sense: Sense::default(),
                 tared: false,
                 age: 0,
             }
         });
-        Ok(Self { members, model, state: HandState::NONE, steps: 0, armed: false })
+        Ok(Self { members, model, state: GraspState::NONE, steps: 0, armed: false })
     }
 
     /// The boards, in the order of the fingers.
-    pub fn boards(&self) -> Each<&B> {
+    pub fn boards(&self) -> PerFinger<&B> {
         self.members.each_ref().map(|member| &member.board)
     }
 
     /// The same, to be used by hand.
-    pub fn boards_mut(&mut self) -> Each<&mut B> {
+    pub fn boards_mut(&mut self) -> PerFinger<&mut B> {
         self.members.each_mut().map(|member| &mut member.board)
     }
 
     /// What the hand does, as of the last step.
     pub fn telemetry(&self) -> GraspTelemetry {
-        self.state.telemetry(self.steps)
+        self.state.telemetry()
     }
 
     /// Whether the boards are armed, as far as known here.
@@ -125,7 +136,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
     ///
     /// # Errors
     /// The first board that refuses, and why.
-    pub fn home(&mut self, positions: &Each<[f32; 3]>) -> Result<(), HandError> {
+    pub fn home(&mut self, positions: &PerFinger<[f32; 3]>) -> Result<(), HandError> {
         let mut positions = positions.iter();
         self.each(|member| member.board.home(positions.next().map_or(&[], |angles| angles)))
     }
@@ -156,7 +167,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
                 return Err(HandError::NotTared { board: member.name.clone() });
             }
         }
-        let armed = self.each(|member| member.board.arm(Task::JointServo(servo)));
+        let armed = self.each(|member| member.board.enable(TaskConfig::JointServo(servo)));
         if let Err(error) = armed {
             self.disarm();
             return Err(error);
@@ -166,7 +177,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
             (member.telemetry, member.tips) = (None, None);
             member.board.listen().map(|_| ())
         })?;
-        self.state = HandState::at(self.members.each_ref().map(|member| member.sense.angles));
+        self.state = GraspState::at(self.members.each_ref().map(|member| member.sense.angles));
         self.armed = true;
         Ok(())
     }
@@ -182,7 +193,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
         if let GraspCommand::Grasp(GraspPlan { control: ObjectControl::Wrench(_), .. }) = command {
             return Err(HandError::WrenchControl);
         }
-        self.state.command(&self.model.hand(), command).map_err(HandError::Unable)
+        self.state.command(&self.model.hand(), command).map_err(HandError::GraspRefusal)
     }
 
     /// One control period: takes in what the fingers sense, and sends each board what to do next.
@@ -209,33 +220,40 @@ impl<B: FingerBoard> HandOfBoards<B> {
         for member in &mut self.members {
             member.age += 1;
             member.listen()?;
-            if member.age > MOST_AGE {
+            if member.age > MAX_AGE {
                 return Err(HandError::Stale { board: member.name.clone(), steps: member.age });
             }
         }
-        let senses = self.members.each_ref().map(|member| member.sense);
-        let command = self.state.tick(&self.model.hand(), &senses).map_err(HandError::Lost)?;
+        let hand = self.model.hand();
+        let sensed = self.members.each_ref().map(|member| member.sense);
+        let postures: PerFinger<Posture> =
+            std::array::from_fn(|finger| hand.fingers[finger].chain.posture(&sensed[finger].angles));
+        let senses = std::array::from_fn(|finger| {
+            let Sense { angles, force } = sensed[finger];
+            FingerSense { posture: &postures[finger], angles, force }
+        });
+        let command = self.state.tick(&hand, &senses).map_err(HandError::Lost)?;
         let guides = self.guides(&command);
         for (member, guide) in self.members.iter_mut().zip(guides) {
             let board = || member.name.clone();
-            let posted = member.board.post(Request::SetPoint(guide));
+            let posted = member.board.post(guide);
             posted.map_err(|source| HandError::Board { board: board(), source })?;
         }
         Ok(())
     }
 
     /// The command as set-points.
-    fn guides(&self, command: &HandCommand) -> Each<SetPoint> {
+    fn guides(&self, command: &HandOutput) -> PerFinger<Request> {
         let hand = self.model.hand();
-        let mut guides = [SetPoint::Keep, SetPoint::Keep, SetPoint::Keep];
+        let mut guides = [Request::Keep, Request::Keep, Request::Keep];
         let fingers = hand.fingers.iter().zip(command.points.iter().zip(&command.torques));
         for (guide, (finger, (points, torques))) in guides.iter_mut().zip(fingers) {
             let torques = torques.iter().zip(&finger.torque_limits);
-            *guide = SetPoint::Guide {
+            *guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
                 points: points.iter().copied().collect(),
                 // A board refuses more than its joints have; on one board the servo would cut it off.
                 torques: torques.map(|(torque, limit)| torque.clamp(-limit, *limit)).collect(),
-            };
+            }));
         }
         guides
     }
@@ -253,7 +271,7 @@ impl<B: FingerBoard> HandOfBoards<B> {
     pub fn disarm(&mut self) {
         self.armed = false;
         for member in &mut self.members {
-            let _ = member.board.post(Request::Disarm);
+            let _ = member.board.post(Request::Disable);
         }
     }
 
@@ -291,7 +309,7 @@ impl<B: FingerBoard> Member<B> {
         match self.telemetry.as_ref().map(|telemetry| telemetry.mode) {
             Some(Mode::Fault) => return Err(HandError::Fault { board: board(), fault: None }),
             // Nobody listens between a first tick and arming.
-            Some(Mode::Disarmed) if self.tick.is_some() => {
+            Some(Mode::Disabled) if self.tick.is_some() => {
                 return Err(HandError::Disarmed { board: board() });
             }
             _ => {}
@@ -301,9 +319,8 @@ impl<B: FingerBoard> Member<B> {
         let newer = self.tick.is_none_or(|last| (1..1 << 31).contains(&tick.wrapping_sub(last)));
         let ([a, b, c], [tip]) = (&telemetry.joints[..], &tips.tips[..]) else { return Ok(()) };
         if tips.tick == tick && newer {
-            self.sense = FingerSense {
+            self.sense = Sense {
                 angles: [a.position, b.position, c.position],
-                velocities: [a.velocity, b.velocity, c.velocity],
                 // The tip feels what it touches; that feels the opposite.
                 force: tip.force.map(|force| -force),
             };

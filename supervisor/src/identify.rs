@@ -6,13 +6,13 @@
 //! under load, forth and back, give gain and friction by least squares ([`fit`]); [`identify`] makes the motions. The
 //! reference is the force sensor: a gain error of its own is in every torque constant.
 //!
-//! The result is a [`Calibration`], a file of the machine, and with it a model for the board. A drive makes a current of
+//! The result is a [`Calibration`](tesaki_description::calibration::Calibration), a file of the machine, and with it a model for the board. A drive makes a current of
 //! torque over `motor.torque_constant` of that model; so from then on it makes the torque that it is told.
 
 mod calibration;
 mod procedure;
 mod regression;
 
-pub use calibration::{Calibration, CalibrationError, JointCalibration};
+pub use calibration::{identified, update, with_head};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
 pub use regression::{Doubt, Estimate, Fit, Reading, fit};

@@ -1,26 +1,18 @@
-//! The PC at the other end of a tesaki board's serial line: robot folders, the client side of the protocol,
-//! motions for it to send, and the ways to the board: ports, a hub for several programs, and a bad line for tests.
+//! The client side of a tesaki board's serial line: [`Board`] and its requests, serial ports, a hub that shares a
+//! board among programs, a fault injector for the line, a hand of several boards, and identification of joints.
 
-pub mod arm;
 mod board;
 pub mod fault_injector;
-mod file;
-pub mod finding;
-pub mod grasp;
 pub mod hand;
 #[cfg(unix)]
 pub mod hub;
 pub mod identify;
 mod link;
-pub mod mcap;
 #[cfg(feature = "cli")]
 pub mod monitor;
 #[cfg(unix)]
 pub mod port;
-pub mod robot;
 pub mod trajectory;
-pub mod urdf;
 
-pub use board::{Board, BoardError};
-pub use file::FileError;
+pub use board::{Board, BoardError, Exported};
 pub use link::{ByteLink, LinkBoard};

@@ -10,10 +10,10 @@ use crate::{Board, BoardError};
 
 /// How long the first sending of a request waits for its answer before the request is sent again: short enough that a
 /// lost reply does not cost an armed board its command timeout. Then it waits twice as long each time, up to
-/// [`MOST_PATIENCE`], so as not to choke a slow board.
+/// [`MAX_PATIENCE`], so as not to choke a slow board.
 const PATIENCE: Duration = Duration::from_millis(40);
 /// See [`PATIENCE`].
-const MOST_PATIENCE: Duration = Duration::from_millis(160);
+const MAX_PATIENCE: Duration = Duration::from_millis(160);
 /// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board sends.
 const INBOX: usize = 8192;
 
@@ -176,7 +176,7 @@ impl<L: ByteLink> LinkBoard<L> {
             let sent = Instant::now();
             self.send(&frame)?;
             let patience = (sent + wait).min(deadline);
-            wait = (2 * wait).min(MOST_PATIENCE);
+            wait = (2 * wait).min(MAX_PATIENCE);
             loop {
                 if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());

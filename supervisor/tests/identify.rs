@@ -6,11 +6,14 @@ use std::process::Command;
 
 use tesaki::manipulation::{Failure, GraspCommand, GraspTelemetry, HandState, InternalForce, Phase};
 use tesaki::protocol::{JointTelemetry, Mode, Request, SetPoint, Task, Telemetry, TipTelemetry, Tips};
+use tesaki_description::calibration::{Calibration, CalibrationFile};
+use tesaki_description::grasp;
+use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
-    Calibration, Doubt, Estimate, Fit, Identification, IdentifyError, Machine, Sense, Settings, identify,
+    Doubt, Estimate, Fit, Identification, IdentifyError, Machine, Sense, Settings, identified, identify,
+    update, with_head,
 };
-use tesaki_supervisor::robot::RobotFolder;
-use tesaki_supervisor::{BoardError, grasp};
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
 
@@ -33,10 +36,14 @@ fn fits() -> Vec<Fit> {
 #[test]
 fn what_is_written_is_read_and_changes_the_model() {
     let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
-    let calibration = Calibration::identified(&model, &fits());
-    let text = calibration.text("two\nlines", &model, &fits());
+    let calibration = identified(&model, &fits());
+    let mut file = CalibrationFile::default();
+    update(&mut file, &calibration, &model, &fits());
+    let text = with_head(&file.to_string(), "hand3", "7");
+    assert!(text.starts_with("# hand3, board 7: what"), "{text}");
     assert!(
-        text.starts_with("# two\n# lines\n\n[joints.finger1_swing]\n# torque_constant is not identified")
+        text.contains("\n\n[joints.finger1_swing]  # torque_constant is not identified, because"),
+        "{text}"
     );
     assert!(
         text.contains("[joints.finger1_bend]\ntorque_constant = 0.55000  # N·m/A, ± 0.00050\n"),
@@ -52,6 +59,30 @@ fn what_is_written_is_read_and_changes_the_model() {
     assert!(near(swing.motor.torque_constant, 0.5) && near(swing.friction.coulomb, 0.018));
     assert!(near(bend.motor.torque_constant, 0.55) && near(bend.friction.viscous, 0.0025));
     assert!(near(last.motor.torque_constant, 0.55) && near(last.friction.coulomb, 0.02));
+}
+
+#[test]
+fn a_file_keeps_its_comments_when_its_values_change() {
+    let model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.toml");
+    let text = "# hand3, board 5: what it was\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]\n\
+        torque_constant = 0.4\n# By hand.\ncoulomb = 0.5 # N·m\n";
+    std::fs::write(&path, text).unwrap();
+    let mut file = CalibrationFile::open(&path).unwrap();
+    update(&mut file, &identified(&model, &fits()), &model, &fits());
+    let text = with_head(&file.to_string(), "hand3", "7");
+    assert!(text.starts_with("# hand3, board 7: what `tesaki"), "{text}");
+    assert!(!text.contains("board 5") && !text.contains("0.4\n"), "{text}");
+    for kept in [
+        "standard deviations.\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]  # torque_constant is",
+        "\n# By hand.\ncoulomb = 0.018000  # N·m, ± 0.001000\n",
+    ] {
+        assert!(text.contains(kept), "{kept:?} in {text}");
+    }
+    std::fs::write(&path, "[joint.finger1_swing]").unwrap();
+    let said = CalibrationFile::open(&path).unwrap_err().to_string();
+    assert!(said.contains("calibration.toml") && said.contains("unknown field `joint`"), "{said}");
 }
 
 #[test]
@@ -176,7 +207,7 @@ fn a_lost_frame_costs_a_reading_and_spoils_none() {
 
 #[test]
 fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
-    let slack = Failure::GripError { force: 2.1, limit: 3.0 };
+    let slack = Failure::NoGrip { force: 2.1, limit: 3.0 };
     let (line, found) = stub(u32::MAX, Some((6.0, slack)), &[2.0, 6.0, 4.0]);
     let found = found.unwrap();
     let [grip] = found.failed[..] else { panic!("{:?}", found.failed) };
@@ -205,7 +236,7 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
 
 /// Exit code and complaint of `tesaki`.
 fn complaint(arguments: &[&str]) -> (i32, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments).output().unwrap();
+    let output = tesaki_tests::tesaki().args(arguments).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 

@@ -18,6 +18,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from data_file import write
+
+COLUMNS = """
+Stiffness by rows [N m/rad]; damping by rows [N m s/rad]; motions.
+Motions: name, stiffness [N/m] and damping [N s/m] of the wall, a row for each tick of 10 ms.
+Rows: feed-forward torques [N m], references [rad], positions [rad], place of the hand's end [m], mean
+force of the wall over the period before [N].
+"""
+
 HERE = Path(__file__).parent
 URDF = HERE / "../../robots/arm7/robot.urdf"
 PERIOD, STEP = 0.01, 5e-5
@@ -176,7 +185,7 @@ def main():
         text += f'    ("{case[0]}", {wall}, &[\n'
         text += "".join(f"        ({', '.join(map(literal, row))}),\n" for row in rows)
         text += "    ]),\n"
-    (HERE / "data" / "arm_motion.in").write_text(text + "])\n")
+    write("arm_motion.in", __file__, COLUMNS, text + "])\n")
 
     data.qpos[:] = START
     mujoco.mj_forward(model, data)

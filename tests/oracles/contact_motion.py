@@ -16,6 +16,20 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from data_file import write
+
+PINCH_COLUMNS = """
+Motions: name; squeeze [N]; box above the tips [m]; force [N], point [m], begin, ramp and hold [s] of a
+push;
+a row for each tick of 10 ms.
+Rows, of the box: position [m], orientation as quaternion x y z w.
+"""
+HAND_COLUMNS = """
+Stiffness [N m/rad], viscous friction [N m s/rad], a row for each tick of 10 ms.
+Rows: feed-forward torques [N m], references [rad], position [m] and orientation of the box as quaternion
+x y z w, positions of the joints [rad].
+"""
+
 HERE = Path(__file__).parent
 URDF = HERE / "../../robots/hand3/robot.urdf"
 PERIOD, STEP = 0.01, 2e-5
@@ -215,9 +229,9 @@ def main():
         text += f'    ("{case[0]}", {values}, &[\n'
         text += "".join(f"        ({', '.join(map(literal, row))}),\n" for row in pinch(case))
         text += "    ]),\n"
-    (HERE / "data" / "contact_pinch.in").write_text(text + "]\n")
+    write("contact_pinch.in", __file__, PINCH_COLUMNS, text + "]\n")
     rows = "".join(f"    ({', '.join(map(literal, row))}),\n" for row in hand())
-    (HERE / "data" / "contact_hand.in").write_text(f"({STIFFNESS!r}, {VISCOUS!r}, &[\n{rows}])\n")
+    write("contact_hand.in", __file__, HAND_COLUMNS, f"({STIFFNESS!r}, {VISCOUS!r}, &[\n{rows}])\n")
 
 
 if __name__ == "__main__":

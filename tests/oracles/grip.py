@@ -19,6 +19,14 @@ from pathlib import Path
 import cvxpy as cp
 import numpy as np
 
+from data_file import write
+
+COLUMNS = """
+Grasps: margin [1], least normal force [N], load [N, N m], contacts, half the least sum of squares [N^2]
+if the load can be held, whether the load is on the boundary of what can.
+Contacts: position [m], normal, friction [1], force limit [N].
+"""
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 MAX_CONTACTS = 6
@@ -301,7 +309,7 @@ def stored(count=300):
         least = "None" if objective is None else f"Some({number(objective)})"
         near = "true" if boundary(factor) else "false"
         lines.append(f"    ({number(grasp.margin)}, {number(grasp.least)}, {array(grasp.load)}, &[{contacts}], {least}, {near}),")
-    (HERE / "data" / "grip.in").write_text("&[\n" + "\n".join(lines) + "\n]\n")
+    write("grip.in", __file__, COLUMNS, "&[\n" + "\n".join(lines) + "\n]\n")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,14 @@ come from Van Loan's matrix exponential. Jerk driven by white noise, and a tremo
 3 1/s; 240 samples a second with a phase error each, a tenth of them lost, and a gap of 70 ms. Each line: time [us], sample [m], and
 place, velocity and acceleration 25 ms after it."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy.linalg import expm
+
+from data_file import write
+
+COLUMNS = """
+Rows: time [us], sample [m], estimate 25 ms later [position [m], velocity [m/s], acceleration [m/s^2]].
+"""
 
 WANDER, TREMOR, NOISE = 30.0, 2e-4, 2e-5
 OMEGA, FADES, START = 2 * np.pi * 10, 3.0, [1e-6, 1e-2, 1.0, 100.0]
@@ -47,5 +51,4 @@ for number in range(240):
     last = time
     ahead = passing(AHEAD)[0] @ mean
     rows.append(f"({time}, {sample:.9f}, [{ahead[0]:.8f}, {ahead[1]:.7f}, {ahead[2]:.6f}]),\n")
-path = Path(__file__).parent / "data" / "hand_estimate.in"
-path.write_text("&[\n" + "".join(rows) + "]\n")
+write("hand_estimate.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")

@@ -7,9 +7,16 @@ data/identify.in: the readings, and the numbers that `tesaki_supervisor::identif
     python3 tests/oracles/identify.py
 """
 
-from pathlib import Path
-
 import numpy as np
+
+from data_file import write
+
+COLUMNS = """
+Readings; (value, standard deviation) of the gain [1], the Coulomb friction [N m] and the viscous
+friction [N m s/rad];
+residual [N m]; number of readings that move.
+Readings: motion, [torque [N m], load [N m], velocity [rad/s], two weights of the links [N m]].
+"""
 
 MOVING = 0.03
 GAIN, COULOMB, VISCOUS, SHARES = 1.13, 0.0217, 0.0016, (0.9, 1.15)
@@ -71,8 +78,7 @@ def main():
     lines.append(f"    {residual:.12e},")
     lines.append(f"    {count},")
     lines.append(")")
-    path = Path(__file__).parent / "data" / "identify.in"
-    path.write_text("\n".join(lines) + "\n")
+    write("identify.in", __file__, COLUMNS, "\n".join(lines) + "\n")
     print(results, residual, count)
 
 

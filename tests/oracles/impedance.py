@@ -1,10 +1,15 @@
 """Writes data/impedance.in: positions of a mass on a spring and a damper that is released 30 mm off its place, every
 10 ms, by scipy's matrix exponential. M 1.5 kg, K 300 N/m; B 7.5, 30 and 90 N·s/m."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy.linalg import expm
+
+from data_file import write
+
+COLUMNS = """
+Releases of 1.5 kg on 300 N/m, 30 mm off.
+Rows: damping [N s/m], positions every 10 ms [m].
+"""
 
 M, K, PERIOD, START = 1.5, 300.0, 0.01, 0.03
 
@@ -16,5 +21,4 @@ for damping in (7.5, 30.0, 90.0):
         positions.append(state[0])
         state = step @ state
     rows.append(f"({damping}, &[{', '.join(f'{position:.12e}' for position in positions)}]),\n")
-path = Path(__file__).parent / "data" / "impedance.in"
-path.write_text("&[\n" + "".join(rows) + "]\n")
+write("impedance.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")

@@ -15,13 +15,21 @@ Two checks: the torques are M q'' + h - J^T F; an arm with masses agrees with Pi
 file.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 from kinematics import CHAINS, chain_model, fold, jacobian, quaternion, unit
+from data_file import write
 
-DATA = Path(__file__).parent / "data"
+COLUMNS = """
+Chains: name; gravity [m/s^2]; joints; frame of the tip in the last joint's (translation [m], rotation);
+motions.
+Joints: translation [m], rotation as quaternion x y z w, axis, mass [kg], centre of mass [m], inertia xx
+yy zz xy xz yz [kg m^2], rotor inertia [kg m^2].
+Motions: angles [rad], velocities [rad/s], accelerations [rad/s^2], wrench on the tip in base axes [N, N
+m], torques without the wrench, torques with it, torques without acceleration [N m], mass matrix by rows
+[kg m^2].
+"""
+
 FINGERS = ("hand3_finger1", "allegro_thumb")
 rng = np.random.default_rng(20)
 
@@ -167,5 +175,5 @@ if __name__ == "__main__":
     cases = [random_case(*size) for size in sizes]
     arms = [chain for chain in CHAINS if chain[0] in FINGERS or len(fold(*chain[1:])[0]) > 5]
     cases += [real_case(*chain) for chain in arms]
-    (DATA / "inverse_dynamics.in").write_text("&[\n" + "\n".join(cases) + "\n]\n")
+    write("inverse_dynamics.in", __file__, COLUMNS, "&[\n" + "\n".join(cases) + "\n]\n")
     print(*(chain[0] for chain in arms))

@@ -21,6 +21,15 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import minimize
 
+from data_file import write
+
+COLUMNS = """
+Chains: name; joints (translation [m], rotation as quaternion x y z w, axis);
+frame of the tip in the last joint's (translation [m], rotation); states.
+States: angles [rad], velocities [rad/s], tip position [m], rotation matrix by rows, Jacobian by rows [m,
+1], bias acceleration [m/s^2, rad/s^2].
+"""
+
 HERE = Path(__file__).parent
 ROBOTS = HERE / "../robots"
 HAND3 = HERE / "../../robots/hand3/robot.urdf"
@@ -230,4 +239,4 @@ def case(name, path, tip, seed):
 
 if __name__ == "__main__":
     cases = [case(*chain, seed) for seed, chain in enumerate(CHAINS)]
-    (HERE / "data/kinematics.in").write_text("&[\n" + "\n".join(cases) + "\n]\n")
+    write("kinematics.in", __file__, COLUMNS, "&[\n" + "\n".join(cases) + "\n]\n")

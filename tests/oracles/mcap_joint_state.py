@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
-"""Two JointState messages in CDR, serialised by rosbags. Reference bytes for tesaki_supervisor::mcap."""
-
-from pathlib import Path
+"""Two JointState messages in CDR, serialised by rosbags. Reference bytes for tesaki_recording."""
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-DATA = Path(__file__).parent / "data"
+from data_file import write
+
+COLUMNS = """
+Messages of sensor_msgs/msg/JointState in CDR, in hexadecimal; positions [rad], velocities [rad/s],
+efforts [N m].
+"""
+
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPE = "sensor_msgs/msg/JointState"
 
@@ -25,4 +29,4 @@ if __name__ == "__main__":
         joint_state(1_700_000_001_000_000_001, ["thumb_curl"], [0.25], [-1.5], []),
     ]
     text = "&[\n" + "".join(f'    "{message.hex()}",\n' for message in messages) + "]\n"
-    (DATA / "mcap_joint_state.in").write_text(text)
+    write("mcap_joint_state.in", __file__, COLUMNS, text)

@@ -1,13 +1,19 @@
-"""Writes data/momentum.in: the arm of the core's unit tests (shared/src/arm/tests.rs), moved along by torques that are held
+"""Writes data/momentum.in: the arm of the core's unit tests (shared/src/arm/tests/machine.rs), moved along by torques that are held
 for 10 ms each while something pushes and twists its tool. Pinocchio's articulated-body algorithm, Runge–Kutta with
 0.1 ms; rotors 0.03 kg·m², viscous friction 0.3 N·m·s. For every tick: angles, torques held from then on, and the joint
 torques of the push behind a first-order filter of 30 rad/s, half a period earlier: that is where the mean of what a
 period's filter takes in lies, a whole period before its result."""
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
+
+from data_file import write
+
+COLUMNS = """
+The arm of seven joints under a push on its tool, a row for each tick of 10 ms.
+Rows: angles [rad], torques held from then on [N m], filtered joint torques of the push half a period ago
+[N m].
+"""
 
 PERIOD, STEPS, TICKS, BANDWIDTH, VISCOUS, ROTOR = 0.01, 100, 120, 30.0, 0.3, 0.03
 SHAPES = [
@@ -68,5 +74,4 @@ for tick in range(TICKS):
         state = state + h / 6 * (a + 2 * b + 2 * c + d)
         if step == STEPS // 2 - 1:
             filtered_before = state[14:].copy()
-path = Path(__file__).parent / "data" / "momentum.in"
-path.write_text("&[\n" + "".join(rows) + "]\n")
+write("momentum.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")

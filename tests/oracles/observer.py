@@ -2,12 +2,16 @@
 """A joint under state feedback on a disturbance observer, built from matrices: exact discretisation by the matrix
 exponential, gains by Ackermann's formula. Reference values for tesaki::control::ErrorObserver."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy.linalg import expm
 
-DATA = Path(__file__).parent / "data"
+from data_file import write
+
+COLUMNS = """
+A joint that starts 1 mrad off under 5 mN m, a row for each tick of 10 ms.
+Rows: error [rad], effort [N m].
+"""
+
 T, J, W, WO = 0.01, 2.1e-4, 50.0, 120.0
 
 
@@ -41,4 +45,4 @@ if __name__ == "__main__":
         rows.append(f"    ({float(x[0, 0])!r}, {float(u)!r}),")
         x, estimate = A @ x + B * u, A @ estimate + B * u
     text = "&[\n" + "\n".join(rows) + "\n]\n"
-    (DATA / "observer.in").write_text(text)
+    write("observer.in", __file__, COLUMNS, text)

@@ -97,7 +97,8 @@ int main() {
 
 def arm():
     """The Panda of the data file, whose Rust tuples and arrays are Python's."""
-    text = (HERE / "data/inverse_dynamics.in").read_text()
+    lines = (HERE / "data/inverse_dynamics.in").read_text().splitlines()
+    text = "\n".join(line for line in lines if not line.startswith("//"))
     return next(case for case in ast.literal_eval(text.replace("&", "")) if case[0] == "franka_panda")
 
 

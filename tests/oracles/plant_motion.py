@@ -16,6 +16,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from data_file import write
+
+COLUMNS = """
+Motions: name, gravity [m/s^2], viscous friction [N m s/rad], stiffness [N m/rad], a row for each tick of
+10 ms.
+Rows, of nine joints: feed-forward torque [N m], reference [rad], position [rad].
+"""
+
 HERE = Path(__file__).parent
 URDF = HERE / "../../robots/hand3/robot.urdf"
 JOINTS = [f"finger{f}_{j}" for f in (1, 2, 3) for j in ("swing", "bend", "curl")]
@@ -109,7 +117,7 @@ def main():
         text += "    ]),\n"
         error = max(abs(row[1] - row[2]).max() for row in rows)
         print(f"{case[0]}: {len(rows)} periods, furthest from the reference {1e3 * error:.1f} mrad")
-    (HERE / "data" / "plant_motion.in").write_text(text + "]\n")
+    write("plant_motion.in", __file__, COLUMNS, text + "]\n")
 
     model, data = load(TILTED, 0.002)
     data.qpos[:] = START

@@ -1,265 +1,30 @@
 #!/usr/bin/env python3
 """Golden frames: every message of docs/protocol.md, written by hand-made COBS and postcard and by zlib's CRC-32."""
 
-import struct
 import zlib
-from pathlib import Path
 
-DATA = Path(__file__).parent / "data"
+from data_file import write
+from protocol_encoding import (
+    blob, boolean, byte, frame, option, real, reals, sequence, uint,
+)
+from protocol_parts import (
+    ARMED_GRASP, ARMED_IMPEDANCE, ARMED_OBSERVER, ARMED_PID, ARM_ANGLE, ARM_ERRORS, BAD_SETTINGS, BOX, CLIENT,
+    DISARMED, FAILURES, FAULT, FINGER, FIRMWARE, IDENTITY, LEAST_MOTION, LOWEST, NO_GRASP, NO_STATISTICS,
+    PHASES, PLAN_FIELDS, QUIET_BOARD, SCHEMA, SENSOR, TASK, YIELDING, actuators, arm, board_status, by_wrench,
+    differential, fault, frame_counts, goal, grasp, guide, model, node_status, observer, plan, pose, reply,
+    request, sensors, settings, telemetry,
+)
 
-# ---- postcard -------------------------------------------------------------------------------------------------------
-
-
-def uint(value):
-    """u16, u32, u64, lengths and numbers of variants: seven bits a byte, the lowest first."""
-    out = bytearray()
-    while value > 127:
-        out.append(value & 127 | 128)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
-
-
-def sint(value):
-    """i16, i32: zigzag, then as above."""
-    return uint(2 * value if value >= 0 else -2 * value - 1)
-
-
-def byte(value):
-    return bytes([value])
-
-
-boolean = byte
-
-
-def real(value):
-    return struct.pack("<f", value)
-
-
-def reals(values):
-    """A fixed array: no length."""
-    return b"".join(real(value) for value in values)
-
-
-def sequence(items):
-    items = list(items)
-    return uint(len(items)) + b"".join(items)
-
-
-def blob(data):
-    return uint(len(data)) + bytes(data)
-
-
-def text(string):
-    return blob(string.encode())
-
-
-def option(value):
-    return b"\0" if value is None else b"\1" + value
-
-
-def key(value):
-    """A fixed array of bytes, written in hexadecimal."""
-    return bytes.fromhex(value)
-
-
-# ---- frames ---------------------------------------------------------------------------------------------------------
-
-
-def cobs(data):
-    out = b""
-    runs = data.split(b"\0")
-    for run in runs:
-        while len(run) >= 254:  # a full group stands for no zero
-            out, run = out + b"\xff" + run[:254], run[254:]
-        out += bytes([len(run) + 1]) + run
-    # Nothing follows a full group at the end.
-    return out[:-1] if runs[-1] and len(runs[-1]) % 254 == 0 else out
-
-
-def frame(message):
-    return cobs(message + zlib.crc32(message).to_bytes(4, "little")) + b"\0"
-
+COLUMNS = """
+Lines: name of the message, bytes of its frame in hexadecimal (of a model: those that a push carries).
+The units of the numbers in them are those of docs/protocol.md.
+"""
 
 LINES = []
 
 
 def golden(name, message):
     LINES.append((name, frame(message)))
-
-
-# ---- parts of messages ----------------------------------------------------------------------------------------------
-
-SCHEMA = 0x0123456789ABCDEF
-CLIENT = 0xC0FFEE
-IMAGE = "1f2e3d4c5b6a7988"
-BOARD = "300021000d51363034333832"
-FIRMWARE = byte(0) + byte(1) + byte(0)
-IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
-
-DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
-ARMED_GRASP = uint(1) + uint(1)
-ARMED_IMPEDANCE = uint(1) + uint(2)
-
-
-def fault(cause, joint, value, limit, tick):
-    return uint(cause) + option(None if joint is None else byte(joint)) + real(value) + real(limit) + uint(tick)
-
-
-def frame_counts(good, overlong, framing, checksum, malformed):
-    return uint(good) + uint(overlong) + uint(framing) + uint(checksum) + uint(malformed)
-
-
-NO_STATISTICS = frame_counts(0, 0, 0, 0, 0) + uint(0) + uint(0) + uint(0)
-
-
-def node_status(mode, model, checksum, homed, faults, faults_read, commander, tick, supply):
-    return (mode + text(model) + uint(checksum) + uint(homed) + uint(faults) + boolean(faults_read)
-            + option(None if commander is None else uint(commander)) + uint(tick) + real(supply))
-
-
-def board_status(clock, reset, words, stack_used, stack_size, supervisor, plant):
-    return (IDENTITY + uint(clock) + uint(reset) + text(words) + uint(stack_used) + uint(stack_size)
-            + supervisor + plant)
-
-
-QUIET_BOARD = board_status(0, 0, "", 0, 0, NO_STATISTICS, NO_STATISTICS)
-
-
-def sensors(number, flags, supply, encoders, currents, forces=()):
-    return (uint(number) + byte(flags) + uint(supply) + sequence(map(sint, encoders))
-            + sequence(map(sint, currents)) + sequence(b"".join(map(sint, six)) for six in forces))
-
-
-def actuators(number, enabled, torques):
-    return uint(number) + boolean(enabled) + sequence(map(real, torques))
-
-
-def telemetry(tick, mode, faults, joints):
-    return uint(tick) + mode + uint(faults) + sequence(map(reals, joints))
-
-
-def request(number, what, client=CLIENT):
-    return uint(client) + uint(number) + what
-
-
-def reply(number, tick, what, client=CLIENT):
-    return uint(0) + uint(client) + uint(number) + uint(tick) + what
-
-
-def model(reaction):
-    """A robot of one joint."""
-    joint = (
-        text("knuckle")
-        + reals([0.0, 0.0, 0.1]) + reals([0.0, 0.0, 0.0, 1.0])  # origin
-        + reals([0.0, 0.0, 1.0])  # axis
-        + real(0.02) + reals([0.02, 0.0, 0.0]) + reals([1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0])  # link
-        + reals([2e-4, 0.5, 1.5, 1e-3, 300.0, 3e-4])  # motor
-        + reals([0.02, 0.002])  # friction
-        + real(65536.0) + boolean(False) + sint(-40) + boolean(True)  # encoder
-        + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
-        + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
-    )
-    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0) + option(None)
-    safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
-    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
-
-
-FINGER = model(2)
-LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
-TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1), "impedance": uint(2)}
-
-
-def goal(positions):
-    return uint(7) + uint(0) + sequence(map(real, positions))
-
-
-def guide(points, torques):
-    return uint(7) + uint(4) + sequence(map(reals, points)) + sequence(map(real, torques))
-
-
-def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
-    """`contacts`: positions and normals; the others as encoded or as numbers."""
-    return (b"".join(reals(position) + reals(normal) for position, normal in contacts) + real(clearance)
-            + real(touch_force) + option(None if friction is None else real(friction)) + internal + real(force_limit)
-            + boolean(feedback) + control)
-
-
-def differential(observer):
-    return uint(0) + uint(observer)
-
-
-def by_wrench(position, orientation, damping, compensated):
-    return uint(1) + reals(position) + reals(orientation) + real(damping) + boolean(compensated)
-
-
-PHASES = "ready approach touch squeeze feel hold move lower open".split()
-PLAN_FIELDS = "clearance touch-force friction force-limit margin least strength gain".split()
-BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
-       ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
-FAILURES = {
-    "obstructed": uint(0) + byte(2) + real(0.75),
-    "nothing-there": uint(1) + byte(0) + real(0.02),
-    "no-grip": uint(2) + reals([0.25, 3.0]),
-    "nothing-below": uint(3) + real(0.05),
-    "out-of-reach": uint(4) + byte(1),
-}
-
-
-def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded):
-    """What the supervisor sees of a grasp. `pose`: position and quaternion."""
-    return (uint(tick) + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
-            + real(friction) + uint(slips) + boolean(overloaded))
-
-
-SENSOR = uint(0)
-
-
-def observer(bandwidth):
-    return uint(1) + real(bandwidth)
-
-
-def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, reach):
-    """How an arm is to behave. Six numbers each for the impedance."""
-    return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
-            + force + real(contact_force) + reals(reach))
-
-
-def pose(position, rotation, velocity, acceleration, elbow):
-    return uint(7) + uint(5) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration) + reals(elbow)
-
-
-def arm(tick, position, rotation, error, wrench, contact, weakest, elbow):
-    """What the supervisor sees of an arm."""
-    return (uint(tick) + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
-            + reals([weakest, elbow]))
-
-
-LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
-YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
-ARM_ERRORS = {
-    "distance": uint(0) + reals([1.0, 0.25]),
-    "turn": uint(1) + reals([3.125, 1.5]),
-    "not-finite": uint(2),
-    "not-a-unit": uint(3) + real(0.5),
-    "no-settings": uint(4),
-    "elbow": uint(5) + reals([2.0, 1.5]),
-}
-BAD_SETTINGS = {
-    "impedance-mass": uint(0) + uint(0) + byte(4) + reals([0.0, 10000.0]),
-    "impedance-damping": uint(0) + uint(1) + byte(0) + reals([-1.0, 150.0]),
-    "impedance-stiffness": uint(0) + uint(2) + byte(5) + reals([4000.0, 3750.0]),
-    "joint": uint(1) + byte(7) + byte(7),
-    "no-arm-angle": uint(2),
-    "elbow-bandwidth": uint(3) + reals([60.0, 50.0]),
-    "contact-force": uint(4) + real(-1.0),
-    "reach": uint(5) + real(0.0),
-    "force-bandwidth": uint(6) + reals([60.0, 50.0]),
-    "no-free-joint": uint(7),
-}
-
-
-NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]
 
 
 # ---- the session of the page ----------------------------------------------------------------------------------------
@@ -532,10 +297,6 @@ def plant_link():
 
 
 if __name__ == "__main__":
-    assert cobs(b"") == b"\1" and cobs(b"\0") == b"\1\1" and cobs(b"\x0b\0\x16") == b"\2\x0b\2\x16"
-    assert cobs(bytes(range(1, 255))) == b"\xff" + bytes(range(1, 255))
-    assert cobs(b"\0" + bytes(range(1, 255))) == b"\1\xff" + bytes(range(1, 255))
-    assert cobs(b"\1" * 255) == b"\xff" + b"\1" * 254 + b"\2\1"
     requests()
     refusals()
     from_board()
@@ -547,4 +308,4 @@ if __name__ == "__main__":
         LINES.append(("model-" + name, model(number)))
     lines = [f"{name}: {data.hex(' ')}" for name, data in LINES]
     assert len({name for name, _ in LINES}) == len(LINES)
-    (DATA / "protocol_frames.in").write_text("\n".join(lines) + "\n")
+    write("protocol_frames.in", __file__, COLUMNS, "\n".join(lines) + "\n", comment="#")

@@ -7,11 +7,15 @@ number is rounded to single precision first. Writes data/push.in: block by rows,
 largest normal force, and the force that attains it.
 """
 
-from pathlib import Path
-
 import numpy as np
 
-HERE = Path(__file__).parent
+from data_file import write
+
+COLUMNS = """
+Rows: block of the Jacobian by rows [m], normal, friction [1], torques used [N m], limits [N m], largest
+normal force [N], the force that attains it [N].
+"""
+
 
 
 def f32(x):
@@ -84,7 +88,7 @@ def main():
             f"    ({array(block)}, {array(normal)}, {number(friction)}, {array(used)}, {array(limits)}, "
             f"{number(push)}, {array(force)}),"
         )
-    (HERE / "data" / "push.in").write_text("&[\n" + "\n".join(lines) + "\n]\n")
+    write("push.in", __file__, COLUMNS, "&[\n" + "\n".join(lines) + "\n]\n")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,20 @@
 #!/usr/bin/env python3
 """Reference values for tesaki::signal, from SciPy's continuous-time and first-order-hold models."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy import signal
 
-DATA = Path(__file__).parent / "data"
+from data_file import write
+
+STEP_COLUMNS = """
+The step response of 1/(0.2 s + 1)^2, in ticks of 10 ms.
+Rows: tick, position [1], velocity [1/s], acceleration [1/s^2].
+"""
+MOTION_COLUMNS = """
+The pseudo-differentiator 30 s/(s + 30) on a motion, a row for each tick of 10 ms.
+Rows: input [rad], output [rad/s].
+"""
+
 T = 0.01
 
 
@@ -37,5 +45,5 @@ def pseudo_differentiator():
 
 
 if __name__ == "__main__":
-    (DATA / "trajectory_filter.in").write_text(trajectory_filter())
-    (DATA / "pseudo_differentiator.in").write_text(pseudo_differentiator())
+    write("trajectory_filter.in", __file__, STEP_COLUMNS, trajectory_filter())
+    write("pseudo_differentiator.in", __file__, MOTION_COLUMNS, pseudo_differentiator())

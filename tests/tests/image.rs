@@ -1,5 +1,5 @@
-//! The firmware image in QEMU. `cargo xtask test` builds the images and runs these tests; plain `cargo test` leaves
-//! them out, because they need a compiler for the microcontroller and QEMU.
+//! The firmware image in QEMU. `cargo xtask test` builds the images and runs these tests; plain `cargo test`
+//! leaves them out, because they need a compiler for the microcontroller and QEMU.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::HashSet;
@@ -13,15 +13,16 @@ use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{
     FaultCause, FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status, Task,
 };
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
-use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, ByteLink};
+use tesaki_tests::{robot, robot_folder};
 
-/// Most instructions of a tick with an object in the hand, of one with an arm under impedance control, and of one in which
-/// that finds its force in the motors' torques.
+/// Most instructions of a tick with an object in the hand, of one with an arm under impedance control, and of
+/// one in which that finds its force in the motors' torques.
 const GRASP_TICK: u32 = 40_000;
 const ARM_TICK: u32 = 15_000;
 const OBSERVED_TICK: u32 = 17_500;
@@ -32,12 +33,8 @@ fn image(variable: &str) -> PathBuf {
         .into()
 }
 
-fn robots() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"))
-}
-
 fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome {
-    let robot = robots().join(scenario.robot);
+    let robot = robot_folder(scenario.robot);
     let duration = scenario.duration;
     scenario.run(&mut Setting { robot: &robot, controller, seed, duration, progress: &|_| {} }).unwrap()
 }
@@ -129,7 +126,7 @@ fn replay(log: &Path) -> (bool, String) {
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
-    let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
+    let model = robot("hand3").model;
     let mut board = Qemu::boot(&image("TESAKI_ELF")).unwrap();
     board.take_command(false).unwrap();
     board.push_model(&model).unwrap();
@@ -209,7 +206,8 @@ fn the_image_acts_on_no_damaged_frame() {
         good.iter().for_each(|(_, bytes)| wire.extend(bytes));
         let mut answered = HashSet::new();
         let deadline = Instant::now() + Duration::from_secs(30);
-        // The emulated UART has no baud rate and would go on while the board computes: never more than its queue holds.
+        // The emulated UART has no baud rate and would go on while the board computes: never more than its
+        // queue holds.
         assert!(wire.len() < 1000);
         qemu.link_mut().send(&wire).unwrap();
         while !answered.contains(&good[1].0) {

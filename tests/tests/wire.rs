@@ -8,25 +8,21 @@
 )]
 
 use std::collections::HashMap;
-use std::path::Path;
 
 use tesaki::control::ServoMode;
 use tesaki::model::{Reaction, RobotModel};
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    ActuatorFrame, FaultCause, FromBoard, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame,
-    SCHEMA_KEY, SensorFrame, SetPoint, Stream, Task,
+    ActuatorFrame, FaultCause, FromBoard, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
+    SensorFrame, SetPoint, Stream, Task,
 };
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_tests::{robot, set_up, zero_sensors};
 
 const CLIENT: u32 = 0x7e5a;
-
-fn hand3() -> RobotFolder {
-    RobotFolder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")).unwrap()
-}
 
 fn bytes_of<T: serde::Serialize>(message: &T) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
@@ -49,23 +45,9 @@ struct Rig {
 impl Rig {
     /// With a model; its joints are where the encoders say.
     fn new(model: &RobotModel) -> Self {
-        let joints = model.joints.len();
-        let sensors = SensorFrame {
-            supply: 24_000,
-            encoders: std::iter::repeat_n(0, joints).collect(),
-            currents: std::iter::repeat_n(0, joints).collect(),
-            forces: model.chains.iter().filter_map(|chain| chain.force_sensor).map(|_| [0; 6]).collect(),
-            ..SensorFrame::default()
-        };
+        let sensors = zero_sensors(model, 24_000);
         let mut rig = Self { board: VirtualBoard::default(), sequence: 0, sensors, model: model.clone() };
-        rig.grants(Request::Hello { schema: SCHEMA_KEY });
-        rig.grants(Request::TakeCommand { by_force: false });
-        let bytes = postcard::to_stdvec(model).unwrap();
-        rig.grants(Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(&bytes) });
-        for (offset, data) in (0..).step_by(MODEL_CHUNK).zip(bytes.chunks(MODEL_CHUNK)) {
-            rig.grants(Request::ModelChunk { offset, data: heapless::Vec::from_slice(data).unwrap() });
-        }
-        rig.grants(Request::ModelCommit);
+        set_up(model).into_iter().for_each(|request| rig.grants(request));
         rig
     }
 
@@ -112,7 +94,7 @@ struct Line {
 #[test]
 fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
     const DAMAGED: u64 = 1_000_000;
-    let robot = hand3();
+    let robot = robot("hand3");
     let mut rig = Rig::new(&robot.model);
     let faults: LinkFaults = "seed=1,flip=1e-2,drop=1e-2,splice=1e-1,duplicate=1e-1".parse().unwrap();
     let (mut forth, mut back) = (Damage::new(&faults, 0), Damage::new(&faults, 1));
@@ -186,7 +168,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
 #[test]
 fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
     const TICKS: u32 = 360_000;
-    let mut model = hand3().model;
+    let mut model = robot("hand3").model;
     model.joints.iter_mut().for_each(|joint| joint.encoder.relative = false);
     let mut rig = Rig::new(&model);
     rig.tick();
@@ -257,7 +239,7 @@ enum Loss {
 
 #[test]
 fn the_loss_of_the_supervisor_ends_in_the_configured_reaction_and_never_in_a_jump() {
-    let robot = hand3();
+    let robot = robot("hand3");
     for reaction in [Reaction::Off, Reaction::Damp, Reaction::Hold] {
         for servo in [ServoMode::Pid, ServoMode::Observer] {
             for streaming in [false, true] {
@@ -335,7 +317,8 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         if silent == 100 {
             resting = truth.positions;
         } else if silent == 150 && reaction == Reaction::Hold {
-            // A PID that has not learnt the friction yet lets a joint slip by some hundredths before it holds.
+            // A PID that has not learnt the friction yet lets a joint slip by some hundredths before it
+            // holds.
             for (now, then) in truth.positions.iter().zip(&resting) {
                 assert!((now - then).abs() < 0.05, "{case}: still moves: {}", now - then);
             }

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result};
-use object::{Object, ObjectSection, SectionFlags};
 use sha2::{Digest, Sha256};
 
+use crate::footprint::Footprint;
 use crate::tools::{self, ArmCompiler, TARGET};
 
 /// The image that is flashed.
@@ -33,33 +33,6 @@ pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<P
     std::path::absolute(path(binary)).context("the image's path")
 }
 
-/// What the image takes.
-struct Footprint {
-    flash: u64,
-    ram: u64,
-}
-
-fn footprint(image: &Path) -> Result<Footprint> {
-    let bytes = std::fs::read(image)?;
-    let elf = object::File::parse(&*bytes)?;
-    let mut footprint = Footprint { flash: 0, ram: 0 };
-    for section in elf.sections() {
-        let SectionFlags::Elf { sh_flags } = section.flags() else { continue };
-        if sh_flags & u64::from(object::elf::SHF_ALLOC) == 0 {
-            continue;
-        }
-        let in_ram = section.address() >= 0x2000_0000;
-        let has_contents = section.file_range().is_some();
-        if has_contents {
-            footprint.flash += section.size();
-        }
-        if in_ram {
-            footprint.ram += section.size();
-        }
-    }
-    Ok(footprint)
-}
-
 /// SHA-256 of a file, as hexadecimal digits.
 pub fn sha256(file: &Path) -> Result<String> {
     let digest = Sha256::digest(std::fs::read(file)?);
@@ -76,23 +49,24 @@ pub fn run() -> Result<()> {
     report(&image, host_sim)
 }
 
-/// Prints what the image takes. The stack is measured with `host_sim`: the image paints it at boot and tells how far it was
+/// Prints what the image takes, and checks it against the limits. The stack is measured with `host_sim`: the image paints it at boot and tells how far it was
 /// used.
 pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
-    let Footprint { flash, ram } = footprint(image)?;
+    let footprint = Footprint::of(image)?;
+    footprint.print();
     host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
     let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
     let stack = |name: &str| summary["metrics"][name]["value"].as_f64().unwrap_or(f64::NAN);
     println!("image    {}", image.display());
     println!("SHA-256  {}", sha256(image)?);
-    println!("flash    {flash} of {} bytes", 1024 * 1024);
-    println!("RAM      {ram} bytes of static data");
+    println!("flash    {} of {} bytes", footprint.flash(), 1024 * 1024);
+    println!("RAM      {} bytes of static data", footprint.ram());
     println!(
         "stack    {} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
         stack("stack_used"),
         summary["metrics"]["stack_used"]["limit"].as_f64().unwrap_or(f64::NAN),
         summary["ticks"]
     );
-    Ok(())
+    footprint.check()
 }

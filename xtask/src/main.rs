@@ -2,6 +2,7 @@
 
 mod bench;
 mod firmware;
+mod footprint;
 mod sweep;
 mod test;
 mod tools;
@@ -19,10 +20,10 @@ struct Cli {
 #[derive(Subcommand)]
 enum Task {
     /// Run every test there is, those on the emulated board included; installs what is missing where it can
-    Test,
-    /// Build the firmware image; print its flash, RAM, worst stack and SHA-256
+    Test(test::Options),
+    /// Build the firmware image; print what takes its flash, its RAM, worst stack and SHA-256
     Firmware,
-    /// Run scenarios over many seeds; print median and largest of each metric
+    /// Run scenarios on many machines; record, check and tabulate the results
     Sweep(sweep::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
@@ -32,9 +33,9 @@ fn main() -> anyhow::Result<()> {
     // All paths below are relative to the workspace.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     match Cli::parse().task {
-        Task::Test => test::run(),
+        Task::Test(options) => test::run(&options),
         Task::Firmware => firmware::run(),
         Task::Bench(options) => bench::run(&options),
-        Task::Sweep(options) => sweep::run(&options),
+        Task::Sweep(options) => sweep::run(options),
     }
 }

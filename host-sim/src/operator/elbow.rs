@@ -2,10 +2,11 @@
 
 use core::f64::consts::TAU;
 
+use tesaki_rng::Rng;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::Sampling;
-use crate::plant::{Purpose, Random};
+use crate::purpose::Purpose;
 
 /// Acceleration of gravity [m/s²].
 const GRAVITY: f64 = 9.81;
@@ -74,16 +75,16 @@ pub struct ElbowSensor {
     offset: f64,
     /// Of the filter, and when.
     output: Option<(f64, f64)>,
-    random: Random,
+    rng: Rng,
 }
 
 impl ElbowSensor {
     /// A sensor that samples from a seeded phase on.
     pub fn new(values: ElbowSensorValues, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::ElbowSensor);
-        let sampling = Sampling::new(values.rate, 0.5 + 0.5 * random.symmetric());
-        let offset = values.offset * random.symmetric();
-        Self { values, sampling, offset, output: None, random }
+        let mut rng = Purpose::ElbowSensor.rng(seed);
+        let sampling = Sampling::new(values.rate, 0.5 + 0.5 * rng.symmetric());
+        let offset = values.offset * rng.symmetric();
+        Self { values, sampling, offset, output: None, rng }
     }
 
     /// Its constant error [rad].
@@ -103,7 +104,7 @@ impl ElbowSensor {
                 Some((before, output)) => self.filter(output, before, felt),
             };
             self.output = Some((felt, output));
-            samples.push((time, output + self.offset + self.values.noise * self.random.normal()));
+            samples.push((time, output + self.offset + self.values.noise * self.rng.normal()));
         }
         samples
     }

@@ -1,6 +1,8 @@
 //! A link that delays, shuffles and loses.
 
-use crate::plant::{Purpose, Random};
+use tesaki_rng::Rng;
+
+use crate::purpose::Purpose;
 
 /// How good a link is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,7 +32,7 @@ pub struct Packet<T> {
 #[derive(Clone, Debug)]
 pub struct Link<T> {
     values: LinkValues,
-    random: Random,
+    rng: Rng,
     sequence: u32,
     /// The last message was lost.
     losing: bool,
@@ -41,8 +43,8 @@ pub struct Link<T> {
 impl<T> Link<T> {
     /// An idle link. Give each of several a seed of its own.
     pub fn new(values: LinkValues, seed: u64) -> Self {
-        let random = Random::new(seed, Purpose::Link);
-        Self { values, random, sequence: 0, losing: false, under_way: Vec::new() }
+        let rng = Purpose::Link.rng(seed);
+        Self { values, rng, sequence: 0, losing: false, under_way: Vec::new() }
     }
 
     /// Sends a message at a time [s].
@@ -51,7 +53,7 @@ impl<T> Link<T> {
         self.sequence = self.sequence.wrapping_add(1);
         let LinkValues { delay, jitter, loss, burst } = self.values;
         // Both numbers are drawn for each message, so that the one never changes the other's.
-        let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.random.symmetric());
+        let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.rng.symmetric());
         // Bursts end with the chance 1/burst, and begin so that the share comes out.
         let chance = match self.losing {
             _ if burst <= 1.0 => loss,

@@ -3,9 +3,10 @@
 use core::f64::consts::{FRAC_PI_2, TAU};
 
 use rapier3d::na::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use tesaki_rng::Rng;
 
 use super::{HandMotion, HandState, Sampling};
-use crate::plant::{Purpose, Random};
+use crate::purpose::Purpose;
 
 /// Longest step of the operator's arm [s].
 const STEP: f64 = 5e-4;
@@ -81,7 +82,7 @@ pub struct MasterArm {
     kinematics: Kinematics,
     zero_errors: [f64; 6],
     sampling: Sampling,
-    random: Random,
+    rng: Rng,
     time: f64,
     /// Off the motion that is meant [m], [m/s].
     deviation: Vector3<f64>,
@@ -92,23 +93,13 @@ pub struct MasterArm {
 impl MasterArm {
     /// An arm whose handle is at `middle` in the middle of its range; it samples from a seeded phase on.
     pub fn new(values: MasterArmValues, middle: &Isometry3<f64>, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::MasterArm);
-        let sampling = Sampling::new(values.rate, 0.5 + 0.5 * random.symmetric());
-        let zero_errors = [(); 6].map(|()| values.zero_error * random.symmetric());
+        let mut rng = Purpose::MasterArm.rng(seed);
+        let sampling = Sampling::new(values.rate, 0.5 + 0.5 * rng.symmetric());
+        let zero_errors = [(); 6].map(|()| values.zero_error * rng.symmetric());
         let kinematics = Kinematics::new(&values, middle);
         let zero = Vector3::zeros();
         let (deviation, deviation_rate, force) = (zero, zero, zero);
-        Self {
-            values,
-            kinematics,
-            zero_errors,
-            sampling,
-            random,
-            time: 0.0,
-            deviation,
-            deviation_rate,
-            force,
-        }
+        Self { values, kinematics, zero_errors, sampling, rng, time: 0.0, deviation, deviation_rate, force }
     }
 
     /// The force that the motors reflect from now on [N]; larger ones are cut to [`MasterArmValues::force_limit`].
@@ -158,7 +149,7 @@ impl MasterArm {
         let count = TAU / self.values.counts_per_turn;
         let mut read = *angles;
         for (angle, zero) in read.iter_mut().zip(self.zero_errors) {
-            let noisy = *angle + zero + self.values.noise * self.random.normal();
+            let noisy = *angle + zero + self.values.noise * self.rng.normal();
             *angle = libm::round(noisy / count) * count;
         }
         let pose = self.kinematics.forward(&read);

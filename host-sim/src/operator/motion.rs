@@ -6,7 +6,7 @@ use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::Recorded;
-use crate::plant::{Purpose, Random};
+use crate::purpose::Purpose;
 
 /// Physiological tremor of a hand that is held freely [Hz].
 pub const TREMOR_BAND: [f64; 2] = [8.0, 12.0];
@@ -103,8 +103,8 @@ impl HandMotion {
 
     /// Seeded strokes with pauses and reversals, from 0 to about `duration` [s].
     pub fn reaching(start: Isometry3<f64>, values: &StrokeValues, seed: u64, duration: f64) -> Self {
-        let mut random = Random::new(seed, Purpose::HandMotion);
-        let mut within = move |[low, high]: [f64; 2]| low + (high - low) * (0.5 + 0.5 * random.symmetric());
+        let mut rng = Purpose::HandMotion.rng(seed);
+        let mut within = move |[low, high]: [f64; 2]| low + (high - low) * (0.5 + 0.5 * rng.symmetric());
         let (mut strokes, mut time): (Vec<Stroke>, f64) = (Vec::new(), 0.0);
         let (mut place, mut tilt) = (Vector3::zeros(), Vector3::zeros());
         while time < duration {
@@ -135,17 +135,17 @@ impl HandMotion {
     /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1 mm.
     #[must_use]
     pub fn with_tremor(mut self, rms: f64, seed: u64) -> Self {
-        let mut random = Random::new(seed, Purpose::Tremor);
+        let mut rng = Purpose::Tremor.rng(seed);
         let [low, high] = TREMOR_BAND;
         let size = rms * libm::sqrt(2.0 / TREMOR_PARTS as f64);
         for axis in 0..3 {
             for part in 0..TREMOR_PARTS {
                 // One in each slice of the band: their sum beats, but has the size that it should.
-                let place = (part as f64 + 0.5 + 0.5 * random.symmetric()) / TREMOR_PARTS as f64;
+                let place = (part as f64 + 0.5 + 0.5 * rng.symmetric()) / TREMOR_PARTS as f64;
                 let mut amplitude = Vector3::zeros();
                 amplitude[axis] = size;
                 let frequency = TAU * (low + (high - low) * place);
-                self.tremor.push(Tremor { amplitude, frequency, phase: PI * random.symmetric() });
+                self.tremor.push(Tremor { amplitude, frequency, phase: PI * rng.symmetric() });
             }
         }
         self

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use csv::{ReaderBuilder, StringRecord, Trim};
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::HandState;
@@ -42,7 +43,7 @@ pub enum RecordedError {
     #[error("line {line}: {problem}")]
     Line {
         /// From 1.
-        line: usize,
+        line: u64,
         /// What is wrong, and what would do.
         problem: &'static str,
     },
@@ -67,19 +68,18 @@ impl Recorded {
     /// # Errors
     /// The first thing that is wrong, by line.
     pub fn from_csv(text: &str) -> Result<Self, RecordedError> {
-        let mut lines = text.lines().map(str::trim).zip(1..);
-        let header = lines.next().map_or("", |(line, _)| line);
-        if header != HEADER {
-            return Err(RecordedError::Header(header.to_owned()));
+        let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(text.as_bytes());
+        // Text that is UTF-8, with lines of any length, has no errors.
+        let header = reader.headers().cloned().unwrap_or_default();
+        if !header.iter().eq(HEADER.split(',')) {
+            return Err(RecordedError::Header(header.iter().collect::<Vec<_>>().join(",")));
         }
         let mut samples: Vec<Sample> = Vec::new();
-        for (text, line) in lines.filter(|(line, _)| !line.is_empty()) {
-            let sample = sample(text).map_err(|problem| RecordedError::Line { line, problem })?;
+        for record in reader.records().flatten() {
+            let error = |problem| RecordedError::Line { line: line(text, &record), problem };
+            let sample = sample(&record).map_err(error)?;
             if samples.last().is_some_and(|last| last.time >= sample.time) {
-                return Err(RecordedError::Line {
-                    line,
-                    problem: "its time is not after that of the line before",
-                });
+                return Err(error("its time is not after that of the line before"));
             }
             samples.push(sample);
         }
@@ -131,9 +131,17 @@ impl Recorded {
     }
 }
 
+/// The line of a record, from 1: its position is in front of the empty lines before it.
+fn line(text: &str, record: &StringRecord) -> u64 {
+    let Some(position) = record.position() else { return 0 };
+    let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or_default();
+    let empty = rest.chars().take_while(|&c| c == '\n' || c == '\r').filter(|&c| c == '\n');
+    position.line() + empty.map(|_| 1).sum::<u64>()
+}
+
 /// A line, without a velocity.
-fn sample(text: &str) -> Result<Sample, &'static str> {
-    let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
+fn sample(record: &StringRecord) -> Result<Sample, &'static str> {
+    let numbers: Vec<f64> = record.iter().map_while(|word| word.parse().ok()).collect();
     let Ok([time, x, y, z, i, j, k, w]) = <[f64; 8]>::try_from(numbers) else {
         return Err("it does not have eight numbers");
     };
@@ -192,6 +200,7 @@ mod tests {
             "line 3: it does not have eight numbers"
         );
         assert_eq!(error(&format!("{head}0,0,0,0,0,0,0,0")), "line 2: its quaternion is 0");
+        assert_eq!(error(&format!("{head}\r\n\n0,0,0,0,0,0,0,0")), "line 4: its quaternion is 0");
         let twice = "0,0,0,0,0,0,0,1\n".repeat(2);
         assert_eq!(error(&format!("{head}{twice}")), "line 3: its time is not after that of the line before");
     }

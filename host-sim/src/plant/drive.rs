@@ -2,11 +2,11 @@
 
 use core::f64::consts::TAU;
 
+use super::current_loop::Lag;
 use super::factors::JointFactors;
-use super::inner_loop::Lag;
-use super::random::{Purpose, Random};
 use super::tree::Body;
 use super::values::{Drive, PlantOptions, PlantValues};
+use crate::purpose::Purpose;
 
 /// Relative encoders start at a count within ± this.
 const POWER_ON_COUNTS: f64 = 1e6;
@@ -41,8 +41,8 @@ pub fn states(
     values: &PlantValues,
     options: &PlantOptions,
 ) -> Vec<DriveState> {
-    let mut homing = Random::new(options.seed, Purpose::Homing);
-    let mut power_on = Random::new(options.seed, Purpose::PowerOn);
+    let mut homing = Purpose::Homing.rng(options.seed);
+    let mut power_on = Purpose::PowerOn.rng(options.seed);
     let effort = |index: usize| {
         let body = drive_of.iter().position(|&drive| drive == index).and_then(|body| bodies.get(body));
         // A URDF without a limit says 0.

@@ -8,10 +8,10 @@
 use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
+use super::end_effector::Tip;
 use super::error::{PlantError, check};
-use super::grasp::Motion;
+use super::motion::Motion;
 use super::push::Push;
-use super::tips::Tip;
 
 /// A plane that tips cannot pass freely: a spring and a damper along its normal, and friction along it.
 #[derive(Clone, Copy, Debug, PartialEq)]

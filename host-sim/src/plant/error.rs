@@ -27,9 +27,6 @@ pub enum PlantError {
         /// What would do.
         expected: &'static str,
     },
-    /// The URDF is no tree of links.
-    #[error("the URDF is no tree: {0}")]
-    Tree(String),
     /// A joint of a type that the plant does not simulate.
     #[error("joint {joint:?} is of type {kind}: use revolute (with limits), continuous or fixed joints")]
     JointType {

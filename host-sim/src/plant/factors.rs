@@ -1,4 +1,4 @@
-use super::random::{Purpose, Random};
+use crate::purpose::Purpose;
 
 /// By what a joint of the plant, and the link that it moves, differ from the model. 1: not at all.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,8 +31,8 @@ impl JointFactors {
 
 /// Independent factors, uniform in 1 ± `spread`.
 pub fn draw(seed: u64, spread: f64, joints: usize) -> Vec<JointFactors> {
-    let mut random = Random::new(seed, Purpose::Factors);
-    let mut factor = || 1.0 + spread * random.symmetric();
+    let mut rng = Purpose::Factors.rng(seed);
+    let mut factor = || 1.0 + spread * rng.symmetric();
     (0..joints)
         .map(|_| JointFactors {
             mass: factor(),

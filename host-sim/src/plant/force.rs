@@ -1,83 +1,12 @@
 //! Six-axis force sensors between the tips and their links.
 
 use rapier3d::na::{Point3, UnitQuaternion, Vector3, Vector6};
-use serde::Deserialize;
+use tesaki_rng::Rng;
 
-use super::random::{Purpose, Random};
-use super::tips::Tip;
+use super::end_effector::Tip;
+use super::values::{CONTROL_PERIOD, ForceSensorValues};
 use super::world::World;
-use super::{CONTROL_PERIOD, PlantError};
-
-/// The force sensors, all alike. They are read once in a control period.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ForceSensorValues {
-    /// Size of a count, forces [N].
-    pub force_count: f64,
-    /// Size of a count, torques [N·m].
-    pub torque_count: f64,
-    /// Where the reading saturates [N].
-    pub force_range: f64,
-    /// Where the reading saturates [N·m].
-    pub torque_range: f64,
-    /// Each axis multiplies by 1 ± at most this.
-    pub gain_error: f64,
-    /// Largest reading without load [N].
-    pub force_offset: f64,
-    /// Largest reading without load [N·m].
-    pub torque_offset: f64,
-    /// Standard deviation [N].
-    pub force_noise: f64,
-    /// Standard deviation [N·m].
-    pub torque_noise: f64,
-    /// They read the mean over so much time before the reading [s]; over the whole control period if it is not given.
-    #[serde(default)]
-    pub window: Option<f64>,
-}
-
-impl ForceSensorValues {
-    pub(super) fn validate(&self) -> Result<(), PlantError> {
-        let positive = [
-            ("force_count", self.force_count),
-            ("torque_count", self.torque_count),
-            ("force_range", self.force_range),
-            ("torque_range", self.torque_range),
-        ];
-        let others = [
-            ("gain_error", self.gain_error),
-            ("force_offset", self.force_offset),
-            ("torque_offset", self.torque_offset),
-            ("force_noise", self.force_noise),
-            ("torque_noise", self.torque_noise),
-        ];
-        if let Some(window) = self.window
-            && !(window > 0.0 && window <= CONTROL_PERIOD)
-        {
-            let (field, expected) = ("force_sensor.window".to_owned(), "above 0 s, at most a control period");
-            return Err(PlantError::Value { field, value: window, expected });
-        }
-        let bad = |(_, value): &(&str, f64)| !(value.is_finite() && *value >= 0.0);
-        let zero = |(_, value): &(&str, f64)| *value <= 0.0;
-        match positive.into_iter().find(|item| bad(item) || zero(item)).or(others.into_iter().find(bad)) {
-            None => Ok(()),
-            Some((field, value)) => Err(PlantError::Value {
-                field: format!("force_sensor.{field}"),
-                value,
-                expected: "at least 0; counts and ranges above 0",
-            }),
-        }
-    }
-
-    /// The value for forces on axes 0 to 2, that for torques on the others.
-    const fn of_axis(axis: usize, force: f64, torque: f64) -> f64 {
-        if axis < 3 { force } else { torque }
-    }
-
-    /// What a board multiplies counts by, of each axis [N], [N·m].
-    pub fn scales(&self) -> [f64; 6] {
-        core::array::from_fn(|axis| Self::of_axis(axis, self.force_count, self.torque_count))
-    }
-}
+use crate::purpose::Purpose;
 
 /// What the sensor of a tip is subject to: forces [N] and torques [N·m] of the world on the tip, in the frame of its link
 /// and about the origin of that.
@@ -95,7 +24,7 @@ struct Gauge {
 pub struct ForceSensors {
     values: Option<ForceSensorValues>,
     gauges: Vec<Gauge>,
-    random: Random,
+    rng: Rng,
     ideal: bool,
     steps: f64,
 }
@@ -103,20 +32,15 @@ pub struct ForceSensors {
 impl ForceSensors {
     /// One for each tip; they read what the world does at rest.
     pub fn new(values: Option<ForceSensorValues>, world: &World, seed: u64, ideal: bool) -> Self {
-        let mut random = Random::new(seed, Purpose::ForceSensors);
-        let mut sensors = Self {
-            values,
-            gauges: Vec::new(),
-            random: Random::new(seed, Purpose::ForceNoise),
-            ideal,
-            steps: 0.0,
-        };
+        let mut rng = Purpose::ForceSensors.rng(seed);
+        let mut sensors =
+            Self { values, gauges: Vec::new(), rng: Purpose::ForceNoise.rng(seed), ideal, steps: 0.0 };
         for _ in world.tips() {
             let (mut gain, mut offset) = ([1.0; 6], [0.0; 6]);
             for axis in 0..6 {
                 let (force, torque) = values.map_or((0.0, 0.0), |v| (v.force_offset, v.torque_offset));
-                let error = values.map_or(0.0, |v| v.gain_error) * random.symmetric();
-                let shift = ForceSensorValues::of_axis(axis, force, torque) * random.symmetric();
+                let error = values.map_or(0.0, |v| v.gain_error) * rng.symmetric();
+                let shift = ForceSensorValues::of_axis(axis, force, torque) * rng.symmetric();
                 if !ideal {
                     gain[axis] += error;
                     offset[axis] = shift;
@@ -190,11 +114,11 @@ impl ForceSensors {
     /// What the board's converters read now. Reading twice draws noise twice.
     pub fn counts(&mut self) -> Vec<[i32; 6]> {
         let Some(values) = self.values else { return Vec::new() };
-        let (random, ideal) = (&mut self.random, self.ideal);
+        let (rng, ideal) = (&mut self.rng, self.ideal);
         let mut read = |gauge: &Gauge| {
             core::array::from_fn(|axis| {
                 let of_axis = |force, torque| ForceSensorValues::of_axis(axis, force, torque);
-                let noise = of_axis(values.force_noise, values.torque_noise) * random.normal();
+                let noise = of_axis(values.force_noise, values.torque_noise) * rng.normal();
                 let range = of_axis(values.force_range, values.torque_range);
                 let exact = gauge.gain[axis] * gauge.wrench[axis] + gauge.offset[axis];
                 let value = if ideal { exact } else { exact + noise };

@@ -9,12 +9,13 @@ use rapier3d::math::Vector;
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
 
+use super::contact::{Contact, Touch, contact};
+use super::convert::{narrow, pose, wide};
+use super::end_effector::Tip;
+use super::motion::Motion;
 use super::object::{ObjectValues, Shape};
 use super::push::Disturbances;
-use super::stick::Creep;
-use super::tips::Tip;
-use super::touch::{Contact, Touch, contact};
-use super::world::{narrow, pose, wide};
+use super::stiction::Creep;
 
 /// Sweeps over the constraints in a sub-step: many more than a free hand needs, since what squeezes an object is coupled
 /// through it. With 16, joints that should stick creep, and friction of 0.08 N·m takes nothing of a finger's 2 N at rest;
@@ -22,22 +23,6 @@ use super::world::{narrow, pose, wide};
 const SWEEPS: usize = 256;
 /// Spring of a contact, on the masses that it parts: natural frequency [Hz] and damping ratio.
 const SOFTNESS: (f32, f32) = (1000.0, 1.0);
-
-/// Motion of a point of a body in the frame of the base, half a sub-step ago: velocities of the point [m/s] and of the
-/// body [rad/s].
-#[derive(Clone, Copy, Debug)]
-pub struct Motion {
-    pub linear: Vector3<f64>,
-    pub angular: Vector3<f64>,
-}
-
-impl Motion {
-    /// Half a sub-step later: what it will be if it goes on changing as since a sub-step `before`.
-    pub fn half_a_step_on(&self, before: &Self) -> Self {
-        let on = |now: Vector3<f64>, before: Vector3<f64>| now + (now - before) * 0.5;
-        Self { linear: on(self.linear, before.linear), angular: on(self.angular, before.angular) }
-    }
-}
 
 /// An object among the fingertips.
 pub struct Grasp {

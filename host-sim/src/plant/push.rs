@@ -3,10 +3,11 @@
 use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::geometry::ColliderSet;
 use rapier3d::na::{Matrix3, Vector3};
+use tesaki_description::urdf::point_inertia;
 
-use super::tree::point_inertia;
-use super::world::{mass_properties, vector, wide};
-use super::{ObjectValues, PlantError};
+use super::convert::{mass_properties, vector, wide};
+use super::error::PlantError;
+use super::object::ObjectValues;
 
 /// A force on an object or a tip that rises, stays and falls.
 #[derive(Clone, Copy, Debug, PartialEq)]

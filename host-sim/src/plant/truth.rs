@@ -2,7 +2,9 @@
 
 use rapier3d::na::Vector3;
 
-use super::{Plant, in_drive_order};
+use super::contact::Touch;
+use super::end_effector::Tip;
+use super::machine::{Plant, in_drive_order};
 
 /// The machine's own state. Joints are in the order of the drives.
 #[derive(Clone, Debug, PartialEq)]
@@ -125,7 +127,7 @@ impl Plant {
     /// A contact for each fingertip, touching or not, in the order of the URDF; none without an object.
     pub fn contacts(&self) -> Vec<ContactTruth> {
         let touches = self.world.grasp().map_or(&[][..], |grasp| grasp.touches());
-        let truth = |(tip, touch): (&super::tips::Tip, &super::touch::Touch)| ContactTruth {
+        let truth = |(tip, touch): (&Tip, &Touch)| ContactTruth {
             link: tip.link.clone(),
             force: touch.mean_force().into(),
             point: touch.point.into(),
@@ -140,7 +142,7 @@ impl Plant {
 
     /// The tips, in the order of the URDF.
     pub fn tips(&self) -> Vec<TipTruth> {
-        let truth = |(index, tip): (usize, &super::tips::Tip)| {
+        let truth = |(index, tip): (usize, &Tip)| {
             let (frame, around) = (self.world.tip_frame(index)?, self.world.environment().of_tip(index)?);
             let motion = self.world.motion_at(tip.body, &frame.translation.vector);
             let (wrench, walls) = around.means();

@@ -3,7 +3,11 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use tesaki::model::{Encoder, JointModel, Motor};
 
-use super::{CONTROL_PERIOD, ForceSensorValues, ObjectValues, PlantError};
+use super::error::PlantError;
+use super::object::ObjectValues;
+
+/// The control period [s].
+pub const CONTROL_PERIOD: f64 = 0.01;
 
 /// The simulated machine as data, a robot's `plant.toml`: what neither its URDF nor its controller knows.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -222,5 +226,76 @@ impl PlantOptions {
         options.mismatch = false;
         options.ideal_sensors = true;
         options
+    }
+}
+
+/// The force sensors, all alike. They are read once in a control period.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceSensorValues {
+    /// Size of a count, forces [N].
+    pub force_count: f64,
+    /// Size of a count, torques [N·m].
+    pub torque_count: f64,
+    /// Where the reading saturates [N].
+    pub force_range: f64,
+    /// Where the reading saturates [N·m].
+    pub torque_range: f64,
+    /// Each axis multiplies by 1 ± at most this.
+    pub gain_error: f64,
+    /// Largest reading without load [N].
+    pub force_offset: f64,
+    /// Largest reading without load [N·m].
+    pub torque_offset: f64,
+    /// Standard deviation [N].
+    pub force_noise: f64,
+    /// Standard deviation [N·m].
+    pub torque_noise: f64,
+    /// They read the mean over so much time before the reading [s]; over the whole control period if it is not given.
+    #[serde(default)]
+    pub window: Option<f64>,
+}
+
+impl ForceSensorValues {
+    pub(super) fn validate(&self) -> Result<(), PlantError> {
+        let positive = [
+            ("force_count", self.force_count),
+            ("torque_count", self.torque_count),
+            ("force_range", self.force_range),
+            ("torque_range", self.torque_range),
+        ];
+        let others = [
+            ("gain_error", self.gain_error),
+            ("force_offset", self.force_offset),
+            ("torque_offset", self.torque_offset),
+            ("force_noise", self.force_noise),
+            ("torque_noise", self.torque_noise),
+        ];
+        if let Some(window) = self.window
+            && !(window > 0.0 && window <= CONTROL_PERIOD)
+        {
+            let (field, expected) = ("force_sensor.window".to_owned(), "above 0 s, at most a control period");
+            return Err(PlantError::Value { field, value: window, expected });
+        }
+        let bad = |(_, value): &(&str, f64)| !(value.is_finite() && *value >= 0.0);
+        let zero = |(_, value): &(&str, f64)| *value <= 0.0;
+        match positive.into_iter().find(|item| bad(item) || zero(item)).or(others.into_iter().find(bad)) {
+            None => Ok(()),
+            Some((field, value)) => Err(PlantError::Value {
+                field: format!("force_sensor.{field}"),
+                value,
+                expected: "at least 0; counts and ranges above 0",
+            }),
+        }
+    }
+
+    /// The value for forces on axes 0 to 2, that for torques on the others.
+    pub(super) const fn of_axis(axis: usize, force: f64, torque: f64) -> f64 {
+        if axis < 3 { force } else { torque }
+    }
+
+    /// What a board multiplies counts by, of each axis [N], [N·m].
+    pub fn scales(&self) -> [f64; 6] {
+        core::array::from_fn(|axis| Self::of_axis(axis, self.force_count, self.torque_count))
     }
 }

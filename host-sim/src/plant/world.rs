@@ -4,18 +4,18 @@ use rapier3d::dynamics::{
     GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, MultibodyJointHandle, RigidBodyBuilder,
     RigidBodyHandle,
 };
-use rapier3d::math::{Pose, Rotation, Vector};
-use rapier3d::na::{
-    Isometry3, Matrix3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3,
-};
+use rapier3d::math::Vector;
+use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 
+use super::convert::{mass_properties, narrow, pose, vector, wide};
+use super::end_effector::Tip;
 use super::environment::Environment;
 use super::factors::JointFactors;
-use super::grasp::{self, Grasp, Motion};
+use super::grasp::{self, Grasp};
+use super::motion::Motion;
 use super::object::ObjectValues;
 use super::push::Disturbances;
-use super::tips::Tip;
 use super::tree::Body;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few sweeps
@@ -333,44 +333,4 @@ fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize
 
 fn mass(body: &Body, factors: &JointFactors) -> MassProperties {
     mass_properties(body.mass * factors.mass, &body.center_of_mass, body.inertia * factors.inertia)
-}
-
-/// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
-pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
-    let eigen = inertia.symmetric_eigen();
-    let mut axes: Matrix3<f64> = eigen.eigenvectors;
-    if axes.determinant() < 0.0 {
-        axes.column_mut(0).neg_mut();
-    }
-    let frame = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
-    MassProperties::with_principal_inertia_frame(
-        vector(center),
-        narrow(mass),
-        vector(&eigen.eigenvalues),
-        rotation(&frame),
-    )
-}
-
-pub fn pose(pose: &Isometry3<f64>) -> Pose {
-    Pose::from_parts(vector(&pose.translation.vector), rotation(&pose.rotation))
-}
-
-pub fn vector(vector: &Vector3<f64>) -> Vector {
-    Vector::new(narrow(vector.x), narrow(vector.y), narrow(vector.z))
-}
-
-/// In double precision.
-pub fn wide(vector: Vector) -> Vector3<f64> {
-    Vector3::from(vector.to_array().map(f64::from))
-}
-
-fn rotation(rotation: &UnitQuaternion<f64>) -> Rotation {
-    let [x, y, z, w] = rotation.coords.into();
-    Rotation::from_xyzw(narrow(x), narrow(y), narrow(z), narrow(w)).normalize()
-}
-
-/// Rapier works in single precision.
-#[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
-pub const fn narrow(value: f64) -> f32 {
-    value as f32
 }

@@ -1,5 +1,7 @@
 //! Time series for everybody's own plots.
 
+use ::csv::Writer;
+
 /// One column of a table of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column<'a> {
@@ -24,35 +26,22 @@ impl<'a> Column<'a> {
 /// Numbers are the shortest that read back as the same `f64`. Where a column is shorter than the longest its fields are
 /// empty; what is not a number is `NaN`, `inf` or `-inf`.
 pub fn csv(columns: &[Column<'_>]) -> String {
-    let mut text = String::new();
-    let mut row = |fields: &mut dyn Iterator<Item = String>| {
-        for (i, field) in fields.enumerate() {
-            if i > 0 {
-                text.push(',');
-            }
-            text.push_str(&field);
-        }
-        text.push('\n');
-    };
-    row(&mut columns.iter().map(|column| match column.unit.as_str() {
-        "" => quote(&column.name),
-        unit => quote(&format!("{} [{unit}]", column.name)),
-    }));
+    let mut writer = Writer::from_writer(Vec::new());
+    let header = columns.iter().map(|column| match column.unit.as_str() {
+        "" => column.name.clone(),
+        unit => format!("{} [{unit}]", column.name),
+    });
+    // All rows have the same length, and memory is written to: nothing in here can fail.
+    writer.write_record(header).expect("a header can be written to memory");
     let rows = columns.iter().map(|column| column.values.len()).max().unwrap_or(0);
-    for i in 0..rows {
-        row(&mut columns
+    for row in 0..rows {
+        let fields = columns
             .iter()
-            .map(|column| column.values.get(i).map_or_else(String::new, |value| format!("{value:?}"))));
+            .map(|column| column.values.get(row).map_or_else(String::new, |value| format!("{value:?}")));
+        writer.write_record(fields).expect("a row as long as the header can be written to memory");
     }
-    text
-}
-
-fn quote(field: &str) -> String {
-    if field.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.to_owned()
-    }
+    let bytes = writer.into_inner().expect("memory can be flushed");
+    String::from_utf8(bytes).expect("names and numbers are UTF-8")
 }
 
 #[cfg(test)]

@@ -1,6 +1,4 @@
-//! What a figure shows; how it is drawn is in [`super::plot`].
-
-use super::plot;
+//! What a figure shows: panels with lines, limits, marks, phases and events. How it is drawn is in `plot.rs`.
 
 /// How a line is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -8,7 +6,7 @@ pub enum LineStyle {
     /// What was measured.
     #[default]
     Solid,
-    /// What was wanted or computed: references, ideal curves.
+    /// What was asked for or computed: references, targets, ideal curves.
     Dashed,
 }
 
@@ -21,7 +19,8 @@ pub struct Line {
     pub x: Vec<f64>,
     /// Ordinates, one for each abscissa; what is not a number is a gap.
     pub y: Vec<f64>,
-    /// Index into the eight colours of Okabe and Ito; wraps around. [`Line::INK`] is the last.
+    /// Index into the eight colours of the palette, which are those of Okabe and Ito adjusted; wraps around.
+    /// [`Line::INK`] is the last.
     pub colour: usize,
     /// How it is drawn.
     pub style: LineStyle,
@@ -99,14 +98,23 @@ pub struct Mark {
     pub label: String,
 }
 
-/// A stretch of the horizontal axis that is worth a word; it is shaded.
+/// A stretch of the horizontal axis with a name: a phase of a grasp, the time in which errors count.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Window {
+pub struct Phase {
     /// Where it begins.
     pub from: f64,
     /// Where it ends.
     pub to: f64,
-    /// The word, written at its top.
+    /// Its name.
+    pub label: String,
+}
+
+/// A point of the horizontal axis with a name: a step, the begin or end of a contact.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Where it is.
+    pub at: f64,
+    /// Its name.
     pub label: String,
 }
 
@@ -123,7 +131,6 @@ pub struct Panel {
     pub lines: Vec<Line>,
     pub(super) rules: Vec<Rule>,
     pub(super) marks: Vec<Mark>,
-    pub(super) windows: Vec<Window>,
 }
 
 impl Panel {
@@ -136,7 +143,6 @@ impl Panel {
             lines: Vec::new(),
             rules: Vec::new(),
             marks: Vec::new(),
-            windows: Vec::new(),
         }
     }
 
@@ -167,18 +173,11 @@ impl Panel {
         self.marks.push(Mark { x, y, label: label.into() });
         self
     }
-
-    /// The same with a stretch of the horizontal axis shaded.
-    #[must_use]
-    pub fn window(mut self, from: f64, to: f64, label: impl Into<String>) -> Self {
-        self.windows.push(Window { from, to, label: label.into() });
-        self
-    }
 }
 
 /// How the panels of a figure stand to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Layout {
+pub(super) enum Arrangement {
     /// One above the other, on one horizontal axis.
     Stacked,
     /// Side by side, both axes of each panel in one scale.
@@ -198,7 +197,11 @@ pub struct Figure {
     pub unit: String,
     /// The panels, from the top or from the left.
     pub panels: Vec<Panel>,
-    pub(super) layout: Layout,
+    /// Named stretches of the horizontal axis, across all panels.
+    pub phases: Vec<Phase>,
+    /// Named points of the horizontal axis, across all panels.
+    pub events: Vec<Event>,
+    pub(super) arrangement: Arrangement,
 }
 
 impl Figure {
@@ -215,7 +218,9 @@ impl Figure {
             quantity: quantity.into(),
             unit: unit.into(),
             panels: Vec::new(),
-            layout: Layout::Stacked,
+            phases: Vec::new(),
+            events: Vec::new(),
+            arrangement: Arrangement::Stacked,
         }
     }
 
@@ -226,7 +231,7 @@ impl Figure {
         quantity: impl Into<String>,
         unit: impl Into<String>,
     ) -> Self {
-        Self { layout: Layout::Paths, ..Self::stacked(title, caption, quantity, unit) }
+        Self { arrangement: Arrangement::Paths, ..Self::stacked(title, caption, quantity, unit) }
     }
 
     /// The same with one more panel.
@@ -236,9 +241,18 @@ impl Figure {
         self
     }
 
-    /// The figure as an SVG document of its own, on a white ground.
-    pub fn svg(&self) -> String {
-        plot::svg(self, plot::BUCKETS, true)
+    /// The same with a stretch of the horizontal axis named; every other phase is shaded.
+    #[must_use]
+    pub fn phase(mut self, from: f64, to: f64, label: impl Into<String>) -> Self {
+        self.phases.push(Phase { from, to, label: label.into() });
+        self
+    }
+
+    /// The same with a point of the horizontal axis named.
+    #[must_use]
+    pub fn event(mut self, at: f64, label: impl Into<String>) -> Self {
+        self.events.push(Event { at, label: label.into() });
+        self
     }
 
     pub(super) fn line_count(&self) -> usize {
@@ -261,8 +275,8 @@ mod tests {
         let line = Line::solid("", 0, x, y);
         let points = line.decimated(300);
         assert!(points.len() <= 300 * 7, "{}", points.len());
-        for wanted in [Some((12_345.0, 7.0)), Some((54_321.0, -9.0)), None] {
-            assert!(points.contains(&wanted), "{wanted:?}");
+        for kept in [Some((12_345.0, 7.0)), Some((54_321.0, -9.0)), None] {
+            assert!(points.contains(&kept), "{kept:?}");
         }
         assert_eq!(points.first(), Some(&Some((0.0, 0.0))));
         assert_eq!(points.last().copied().flatten().map(|p| p.0), Some(99_999.0));

@@ -1,6 +1,7 @@
 //! Several seeds of one scenario, seen together.
 
-use super::{Metric, Summary, number};
+use super::number;
+use super::summary::{Metric, Summary};
 
 /// The runs of one scenario on one controller, in the order of their seeds as given.
 pub(super) struct Group<'a> {
@@ -62,6 +63,11 @@ impl<'a> Group<'a> {
         Some(Row { metric, median, worst, worst_seed, passed, values })
     }
 
+    /// Whether image and native controller agreed in all runs; `None` where they were not compared.
+    pub fn identical(&self) -> Option<bool> {
+        self.runs.iter().filter_map(|run| run.identical).reduce(|a, b| a && b)
+    }
+
     /// Whether every run passes.
     pub fn pass(&self) -> bool {
         self.runs.iter().all(|run| run.pass())
@@ -106,7 +112,7 @@ pub(super) fn verdict_line(group: &Group<'_>) -> String {
         let passed = group.runs.iter().filter(|run| run.pass()).count();
         parts.push(format!("{passed} of {} seeds pass", group.runs.len()));
     }
-    if group.runs.iter().any(|run| run.identical == Some(false)) {
+    if group.identical() == Some(false) {
         parts.push("image and native controller differ".to_owned());
     }
     parts.join(", ")

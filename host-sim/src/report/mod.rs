@@ -21,20 +21,23 @@
 //! assert!(page.contains("<svg"));
 //! ```
 
+mod axis;
 mod csv;
+mod drawing;
 mod figure;
 mod group;
+mod layout;
+mod metric_table;
 mod number;
 mod page;
-mod plot;
-mod range;
+mod palette;
 mod summary;
-mod table;
+mod terminal;
 mod write;
 
 pub use csv::{Column, csv};
-pub use figure::{Figure, Line, LineStyle, Mark, Panel, Window};
-pub use page::Page;
+pub use figure::{Event, Figure, Line, LineStyle, Mark, Panel, Phase};
+pub use page::{Page, figure_files};
 pub use summary::{Bound, Metric, Summary, json};
-pub use table::table;
+pub use terminal::table;
 pub use write::{WriteError, write};

@@ -1,4 +1,4 @@
-//! What was measured, what was wanted.
+//! What was measured, and the limits on it.
 
 use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 
@@ -16,7 +16,7 @@ pub enum Bound {
     Within,
 }
 
-/// One measured value, and what was wanted of it.
+/// One measured value, and its limit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
     /// What it is, for people.
@@ -25,7 +25,7 @@ pub struct Metric {
     pub value: f64,
     /// The unit of `value` and `limit`; empty for counts and ratios.
     pub unit: String,
-    /// What was wanted; `None` for a value that is only reported.
+    /// The limit; `None` for a value that is only reported.
     pub limit: Option<f64>,
     /// How `limit` limits.
     pub bound: Bound,
@@ -49,7 +49,7 @@ impl Metric {
         }
     }
 
-    /// A value that should be `limit` or less; one with a sign wants [`Metric::within`].
+    /// A value that should be `limit` or less; for one with a sign see [`Metric::within`].
     pub fn at_most(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
         Self { limit: Some(limit), ..Self::reported(label, value, unit) }
     }
@@ -91,7 +91,7 @@ impl Metric {
             })
     }
 
-    /// How bad a value is: the larger, the further from what was wanted. Not a number is the worst of all.
+    /// How bad a value is: the larger, the further beyond its limit. Not a number is the worst of all.
     pub(super) fn badness(&self) -> f64 {
         match self.bound {
             _ if !self.value.is_finite() => f64::INFINITY,
@@ -103,7 +103,7 @@ impl Metric {
     }
 
     /// `≤ 12 mrad`; an en dash for a value that is only reported.
-    pub(super) fn wanted(&self) -> String {
+    pub(super) fn limit_text(&self) -> String {
         let sign = match self.bound {
             Bound::AtMost => "≤ ",
             Bound::AtLeast => "≥ ",
@@ -116,7 +116,7 @@ impl Metric {
     }
 
     /// `8.31 mrad`.
-    pub(super) fn measured(&self) -> String {
+    pub(super) fn measured_text(&self) -> String {
         number::with_unit(&number::measured(self.value, self.limit), &self.unit)
     }
 }

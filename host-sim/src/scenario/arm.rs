@@ -3,12 +3,13 @@
 use std::ops::Range;
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ArmTelemetry, ElbowPoint, ForceSource, Law, PosePoint, Redundancy};
 use tesaki::control::Impedance;
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Request, Task};
+use tesaki_description::robot::RobotFolder;
+use tesaki::task::TaskConfig;
+use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::robot::RobotFolder;
 
 use super::common::{introduce, stopped};
 use super::grasping::T;
@@ -26,11 +27,11 @@ pub const YAW: u8 = 2;
 const LITTLE_FRICTION: f64 = 0.02;
 
 /// The impedance of the paper, section 3.1, on each translation; rotations as firm as suits the wrist.
-pub const fn settings(damping: f32) -> ArmSettings {
-    ArmSettings {
+pub const fn settings(damping: f32) -> ImpedanceSettings {
+    ImpedanceSettings {
         impedance: impedance(1.5, damping, 300.0),
-        law: Law::Following,
-        redundancy: Redundancy::Driven { joint: YAW },
+        law: Law::ModelFollowing,
+        redundancy: Redundancy::DrivenJoint { joint: YAW },
         elbow_bandwidth: 12.0,
         force: ForceSource::Sensor,
         contact_force: 1.5,
@@ -58,7 +59,7 @@ pub struct ElbowTrial {
 
 /// As in the paper, and by all seven joints.
 pub const ELBOW_TRIALS: [ElbowTrial; 2] = [
-    ElbowTrial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::Driven { joint: YAW } },
+    ElbowTrial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::DrivenJoint { joint: YAW } },
     ElbowTrial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
 ];
 
@@ -164,10 +165,10 @@ impl Log {
             vec![("time".to_owned(), "s", series(&|sample| sample.time))];
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
-            columns.push((format!("wanted {name}"), "m", series(&|sample| sample.aim[axis])));
+            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.aim[axis])));
             columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
         }
-        columns.push(("wanted elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
+        columns.push(("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
         let joints = self.0.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
             columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
@@ -190,7 +191,7 @@ pub struct Session<'a, 'b> {
     pub plant: Plant,
     pub log: Log,
     aim: PosePoint,
-    elbow: ElbowPoint,
+    elbow: ElbowSetpoint,
     armed: bool,
 }
 
@@ -201,7 +202,7 @@ impl<'a, 'b> Session<'a, 'b> {
         bench: &'a mut Bench,
         label: &str,
         machine: Machine,
-        settings: ArmSettings,
+        settings: ImpedanceSettings,
     ) -> Result<Self, ScenarioError> {
         let (model, plant) = bench.build(machine)?;
         bench.motion.note(label);
@@ -221,15 +222,14 @@ impl<'a, 'b> Session<'a, 'b> {
             plant,
             log: Log::default(),
             aim,
-            elbow: ElbowPoint::default(),
+            elbow: ElbowSetpoint::default(),
             armed: false,
         };
         introduce(session.controller, &session.model)?;
         session.wait(REST)?;
         session.controller.tare()?;
-        session.controller.behave(settings)?;
-        session.controller.arm(Task::Impedance)?;
-        let tool = session.controller.read_arm()?;
+        session.controller.enable(TaskConfig::Impedance(settings))?;
+        let tool = session.controller.read_impedance()?;
         (session.aim.position, session.aim.rotation) = (tool.position, tool.rotation);
         session.elbow.angle = tool.elbow;
         (session.armed, session.log) = (true, Log::default());
@@ -238,18 +238,18 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     /// Where the tool is to be at first.
-    pub fn start(&self) -> (PosePoint, ElbowPoint) {
+    pub fn start(&self) -> (PosePoint, ElbowSetpoint) {
         (self.aim, self.elbow)
     }
 
     /// What the controller sees of the arm.
-    pub fn telemetry(&mut self) -> Result<ArmTelemetry, ScenarioError> {
-        Ok(self.controller.read_arm()?)
+    pub fn telemetry(&mut self) -> Result<ImpedanceTelemetry, ScenarioError> {
+        Ok(self.controller.read_impedance()?)
     }
 
     /// One control period in which the tool is to be at `point`, and the elbow at `elbow`.
-    pub fn follow(&mut self, point: PosePoint, elbow: ElbowPoint) -> Result<(), ScenarioError> {
-        self.controller.aim(point, elbow)?;
+    pub fn follow(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), ScenarioError> {
+        self.controller.set_target(point, elbow)?;
         (self.aim, self.elbow) = (point, elbow);
         self.tick()
     }
@@ -288,7 +288,7 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Switches the arm off; what was recorded.
     pub fn end(self) -> Result<Log, ScenarioError> {
-        self.controller.ask("disarm", Request::Disarm)?;
+        self.controller.disable()?;
         Ok(self.log)
     }
 }

@@ -1,32 +1,34 @@
 //! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the link make energy?
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ElbowPoint, PosePoint};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{PowerPort, PowerPortLimits};
+use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{HandMotion, Link, LinkValues, MasterArm, MasterArmValues, Stroke};
 use crate::plant::Wall;
-use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+use crate::report::{Column, Figure, Line, LineStyle, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-bilateral",
-    title: "Touching from afar",
-    about: "an operator presses the arm against walls of 200 to 50 000 N/m and feels them, with delays of 0, 20 and 50 ms",
+    title: "Bilateral teleoperation against walls",
+    about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of 0, 20 and 50 ms",
     robot: "arm7",
     duration: 62.0,
     lead: &[
-        "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and means to stay there. The seven-joint arm \
-         follows, meets a wall of 200, 2000 or 50 000 N/m after 2 cm, and the force of its impedance's spring, K 300 N/m, \
-         comes back to the handle. The operator's arm yields: 1.5 kg, 15 N·s/m, 300 N/m. The link takes 0, 20 or 50 ms each \
-         way. The arm differs from the controller's model by up to 20 %.",
-        "At each end the energy that goes into the link and comes out of it is counted; what comes out is kept to what went in at the \
-         other end, by damping at the handle and by waiting at the arm. Either end may give 20 mJ in advance; what is owed beyond \
-         that is the energy of the first contact, before either end knew of it. The ends count the force of the spring; the true forces \
-         and ways of handle and wall tell what operator and wall really gave and got. It has settled when the handle stays within 2 mm of where \
-         it is at the end. The last run is without that guard.",
+        "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and intends to stay there. The seven-joint arm \
+         follows and meets a wall of 200, 2000 or 50 000 N/m after 2 cm. The spring force of its impedance, K = 300 N/m, is \
+         reflected to the handle. The operator's arm is compliant: 1.5 kg, 15 N·s/m, 300 N/m. The link delays each direction by \
+         0, 20 or 50 ms. The arm differs from the controller's model by up to 20 %.",
+        "Time-domain passivity control: each end counts the energy that enters and leaves the link, and limits what leaves to what \
+         has entered at the other end, by damping at the handle and by holding back the arm's set-point. Either end may give \
+         20 mJ in advance; what is owed beyond that is the energy of the first contact, before either end could know of it. The \
+         ends count with the spring's force; the metrics use the true forces and displacements of handle and wall. The \
+         handle has settled when it stays within 2 mm of its final position. The last run is without passivity control.",
     ],
     run,
 };
@@ -104,7 +106,7 @@ impl Run {
     }
 
     fn label(&self) -> String {
-        let guard = if self.guarded { "" } else { ", unguarded" };
+        let guard = if self.guarded { "" } else { ", no passivity control" };
         format!("{} N/m, {} ms{guard}", self.wall, (1e3 * self.delay).round())
     }
 
@@ -139,13 +141,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         add_metrics(&mut summary, run);
     }
     let tables = runs.iter().map(|run| (format!("{}.csv", run.name()), run.table())).collect();
-    let figures = vec![
-        figure("Handle", "handle", "mm", &runs, |run, index| 1e3 * run.ticks[index].handle),
-        figure("Force into the wall", "force", "N", &runs, |run, index| {
-            run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
-        }),
-        figure("Energy in the link", "energy", "mJ", &runs, |run, index| 1e3 * run.ticks[index].energy),
-    ];
+    let figures = vec![handle(&runs), force(&runs), energy(&runs)];
     let summary = summary.ticks(u64::from(bench.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
@@ -164,7 +160,7 @@ fn touch(
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
     let mut made = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
-    let heavy = ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
+    let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
     let mut session = Session::begin(setting, bench, &made.label(), Machine::Mismatched, heavy)?;
     let (point, elbow) = session.start();
     let start = Vector3::from(point.position).map(f64::from);
@@ -215,7 +211,7 @@ struct Ends {
     master: PowerPort,
     slave: PowerPort,
     guarded: bool,
-    elbow: ElbowPoint,
+    elbow: ElbowSetpoint,
     point: PosePoint,
     /// Where the handle is, and its velocity.
     handle: Vector3<f64>,
@@ -234,7 +230,7 @@ struct Ends {
 }
 
 impl Ends {
-    fn new(start: Vector3<f64>, elbow: ElbowPoint, point: PosePoint, guarded: bool) -> Self {
+    fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, guarded: bool) -> Self {
         let zero = Vector3::zeros();
         Self {
             master: PowerPort::new(),
@@ -299,7 +295,7 @@ impl Ends {
 
 fn add_metrics(summary: &mut Summary, run: &Run) {
     let (name, label) = (run.name(), run.label());
-    let text = format!("{label}: until the handle has settled");
+    let text = format!("{label}: settling time of the handle");
     let settled = run.settled();
     let metric = if run.guarded {
         Metric::at_most(text, settled, 2.0, "s")
@@ -307,7 +303,7 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
         Metric::reported(text, settled, "s")
     };
     summary.insert(format!("{name}_settled"), metric);
-    let text = format!("{label}: energy that the wall got before the operator had put it in");
+    let text = format!("{label}: largest energy the wall received beyond the operator's input");
     let made = 1e3 * run.made();
     let metric = if run.guarded {
         Metric::at_most(text, made, MOST_MADE, "mJ")
@@ -315,34 +311,84 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
         Metric::reported(text, made, "mJ")
     };
     summary.insert(format!("{name}_made"), metric);
-    let text = format!("{label}: energy that came out of the link before it went in, as its ends count");
+    let text = format!("{label}: largest energy owed by the link, as its ends count");
     summary.insert(format!("{name}_owed"), Metric::reported(text, -1e3 * run.least(), "mJ"));
     let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
     summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }
 
-fn figure(
-    title: &str,
-    quantity: &str,
-    unit: &str,
-    runs: &[Run],
-    value: impl Fn(&Run, usize) -> f64,
-) -> Figure {
-    let caption = "A panel for each delay, and one without the guard.";
-    let mut figure = Figure::stacked(title, caption, "time", "s");
-    let mut panel_of = |name: String, chosen: Vec<&Run>| {
-        let mut panel = Panel::new(name, quantity, unit);
-        for (colour, run) in chosen.into_iter().enumerate() {
-            let time: Vec<f64> = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
-            let values = (0..run.ticks.len()).map(|index| value(run, index)).collect();
-            panel = panel.line(Line::solid(format!("{} N/m", run.wall), colour, time, values));
-        }
-        figure = std::mem::replace(&mut figure, Figure::stacked("", "", "", "")).panel(panel);
-    };
-    let (guarded, unguarded): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.guarded);
-    for (delay, chosen) in DELAYS.into_iter().zip(guarded.chunks(WALLS.len())) {
-        panel_of(format!("{} ms", (1e3 * delay).round()), chosen.to_vec());
+/// A curve of a run, and how it is drawn.
+type Curve = (LineStyle, fn(&Run, usize) -> f64);
+
+fn handle(runs: &[Run]) -> Figure {
+    let caption = "Position of the handle, and where the operator intends it to be (dashed). A panel for each delay; the last one \
+                   is without passivity control.";
+    let mut figure = figure(
+        ("Position of the handle", caption),
+        ("position", "mm"),
+        runs,
+        &[(LineStyle::Solid, |run, index| 1e3 * run.ticks[index].handle)],
+    );
+    let time: Vec<f64> =
+        (0..((BEGIN + TIME + STAY) / T).round() as usize).map(|tick| tick as f64 * T).collect();
+    let intended: Vec<f64> =
+        time.iter().map(|time| 1e3 * WAY * minimum_jerk((time - BEGIN) / TIME)[0]).collect();
+    for panel in &mut figure.panels {
+        panel.lines.push(Line::dashed("operator's intention", Line::INK, time.clone(), intended.clone()));
     }
-    panel_of(format!("{} ms, unguarded", (1e3 * DELAYS[2]).round()), unguarded);
+    figure
+}
+
+fn force(runs: &[Run]) -> Figure {
+    let caption = "Force on the wall, and the force that the operator feels at the handle (dashed).";
+    figure(
+        ("Contact force", caption),
+        ("force", "N"),
+        runs,
+        &[
+            (LineStyle::Solid, |run, index| {
+                run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
+            }),
+            (LineStyle::Dashed, |run, index| -run.ticks[index].force),
+        ],
+    )
+}
+
+fn energy(runs: &[Run]) -> Figure {
+    let caption = "Energy that has entered the link minus that which has left it, as its ends count. Below zero the link owes energy.";
+    let value = |run: &Run, index: usize| 1e3 * run.ticks[index].energy;
+    figure(("Energy in the link", caption), ("energy", "mJ"), runs, &[(LineStyle::Solid, value)])
+}
+
+/// A panel for each delay, and one without passivity control; a colour for each wall.
+fn figure(
+    (title, caption): (&str, &str),
+    (quantity, unit): (&str, &str),
+    runs: &[Run],
+    curves: &[Curve],
+) -> Figure {
+    let mut figure = Figure::stacked(title, caption, "time", "s")
+        .phase(BEGIN, BEGIN + TIME, "operator moves")
+        .phase(BEGIN + TIME, BEGIN + TIME + STAY, "operator stays");
+    let (guarded, unguarded): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.guarded);
+    let delays = DELAYS.into_iter().zip(guarded.chunks(WALLS.len())).map(|(delay, runs)| (delay, "", runs));
+    let all = delays.chain([(DELAYS[2], ", no passivity control", unguarded.as_slice())]);
+    for (delay, what, runs) in all {
+        let mut panel = Panel::new(format!("{} ms{what}", (1e3 * delay).round()), quantity, unit);
+        for &(style, value) in curves {
+            for run in runs {
+                let time = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
+                let values = (0..run.ticks.len()).map(|index| value(run, index)).collect();
+                let colour = WALLS.iter().position(|wall| wall.total_cmp(&run.wall).is_eq()).unwrap_or(0);
+                let name = match (style, curves.len()) {
+                    (LineStyle::Dashed, _) => format!("{} N/m, handle", run.wall),
+                    (LineStyle::Solid, 1) => format!("{} N/m", run.wall),
+                    (LineStyle::Solid, _) => format!("{} N/m, wall", run.wall),
+                };
+                panel = panel.line(Line { style, ..Line::solid(name, colour, time, values) });
+            }
+        }
+        figure = figure.panel(panel);
+    }
     figure
 }

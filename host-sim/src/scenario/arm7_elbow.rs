@@ -2,7 +2,8 @@
 //! holding the hand, and by the arm angle with all seven.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, ElbowPoint};
+use tesaki::kinematics::ElbowSetpoint;
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, impedance, settings};
@@ -14,15 +15,17 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-elbow",
     title: "The elbow swings, the hand stays",
-    about: "the elbow swings by 30° in a second and back while the hand holds its place, by shoulder yaw and by arm angle",
+    about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and by arm angle",
     robot: "arm7",
     duration: 15.0,
     lead: &[
-        "The tool of the seven-joint arm has an impedance (M 1.5 kg, B 30 N·s/m, K 300 N/m) and nothing touches it. The elbow is \
-         swung by 30° within a second, and back after a rest, along a minimum-jerk course. How far does the hand move?",
-        "Two ways to lead the elbow: as in the paper, the shoulder's yaw follows by itself and six joints take the hand, whose \
-         accelerations make up for what the yaw does; and the angle of the plane through shoulder, elbow and wrist, brought about by \
-         a motion of all seven joints that leaves the hand in peace. The machine differs from the controller's model by up to 20 %.",
+        "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), without contact. The \
+         elbow swings by 30° within a second, rests, and swings back, along a minimum-jerk trajectory. How far does the hand \
+         move?",
+        "Two ways to resolve the redundancy: as in the paper, the shoulder yaw is driven directly, and the other six joints keep the \
+         hand in place, with accelerations that compensate the yaw; or the arm angle, of the plane through shoulder, elbow \
+         and wrist, is changed by a null-space motion of all seven joints. The machine differs from the controller's model by \
+         up to 20 %.",
     ],
     run,
 };
@@ -47,7 +50,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
-    let firm = ArmSettings {
+    let firm = ImpedanceSettings {
         impedance: impedance(1.5, 30.0, 300.0),
         redundancy: trial.redundancy,
         ..settings(30.0)
@@ -59,7 +62,7 @@ fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -
         for tick in 1..=(TIME / T).round() as usize {
             let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let way = to - from;
-            let at = ElbowPoint {
+            let at = ElbowSetpoint {
                 angle: elbow.angle + (from + way * share) as f32,
                 velocity: (way * rate / TIME) as f32,
                 acceleration: (way * change / (TIME * TIME)) as f32,
@@ -96,7 +99,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
     );
     insert(
         "turn",
-        Metric::reported(format!("{label}: largest turn of the hand"), largest(|off| off.1), "mrad"),
+        Metric::reported(format!("{label}: largest rotation of the hand"), largest(|off| off.1), "mrad"),
     );
     let elbow = |sample: &Sample| Vector3::from(elbow(sample));
     let all = swings(log);
@@ -116,17 +119,29 @@ fn elbow(sample: &Sample) -> [f64; 3] {
 }
 
 fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
-    let caption =
-        "How far the hand is from where it was before the first swing, and the joint angles since then.";
+    let caption = "Displacement of the hand since before the first swing, change of the elbow's set-point, and changes of the joint \
+                   angles.";
     let samples = swings(log);
     let time: Vec<f64> = (0..samples.len()).map(|index| index as f64 * T).collect();
     let off = away(samples).into_iter().map(|off| off.0).collect();
-    let hand = Panel::new("Hand", "off its place", "mm").line(Line::solid("hand", 0, time.clone(), off));
-    let mut joints = Panel::new("Joints", "turned", "rad");
+    let hand = Panel::new("Displacement of the hand", "displacement", "mm")
+        .rule(1.0, "limit 1 mm")
+        .line(Line::solid("hand", Line::INK, time.clone(), off));
+    let mut joints = Panel::new("Joint angles", "change", "rad");
     let first = samples.first().map_or(Vec::new(), |first| first.joints.clone());
     for (joint, start) in first.iter().enumerate() {
         let turned = samples.iter().map(|sample| sample.joints[joint] - start).collect();
-        joints = joints.line(Line::solid(format!("{}", joint + 1), joint, time.clone(), turned));
+        joints = joints.line(Line::solid(format!("joint {}", joint + 1), joint, time.clone(), turned));
     }
-    Figure::stacked(capital(trial.label), caption, "time", "s").panel(hand).panel(joints)
+    let elbow = samples.first().map_or(f64::NAN, |first| first.elbow);
+    let elbow = samples.iter().map(|sample| sample.elbow - elbow).collect();
+    joints = joints.line(Line::dashed("elbow set-point", Line::INK, time, elbow));
+    let [there, back] = [0.0, TIME + REST];
+    Figure::stacked(capital(trial.label), caption, "time", "s")
+        .phase(there, there + TIME, "swing")
+        .phase(there + TIME, back, "at rest")
+        .phase(back, back + TIME, "swing back")
+        .phase(back + TIME, back + TIME + REST, "at rest")
+        .panel(hand)
+        .panel(joints)
 }

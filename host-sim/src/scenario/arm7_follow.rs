@@ -3,7 +3,8 @@
 mod trace;
 
 use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use tesaki::arm::{ArmSettings, ElbowPoint, Law, PosePoint};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::task::impedance::{ImpedanceSettings, Law};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
 use self::trace::{Trace, sides};
@@ -19,23 +20,24 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-follow",
-    title: "An arm that follows a hand",
-    about: "a person's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's law and under ours",
+    title: "The arm follows an operator's hand",
+    about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's law and ours",
     robot: "arm7",
     duration: 88.0,
     lead: &[
-        "A person moves the handle of a master arm, which is sampled 240 times a second; a link brings the samples 20 to 23 ms \
-         later and loses 2 % of them. The hand trembles by 0.05 mm (root mean square) along each axis at 8 to 12 Hz. A sensor at the elbow tells how \
-         the arm is tilted, and the shoulder's yaw follows that.",
-        "The error is the true place of the tool less the true place of the hand at the same time. Where the clutch closes both \
-         are at the same place by definition: what master and slave measure wrong there is not counted, what they measure wrong on \
-         the way from there is. At rest the mean over a second counts, from 1 s after the motion: the tremor is no error of the arm.",
-        "Further trials: strokes of minimum jerk with pauses, in which the hand turns too; twice the tremor; a link with up to 20 ms of \
-         jitter that loses 20 % in bursts of six; and a clutch that is opened and closed on the way.",
-        "Ours estimates the hand's motion from the samples, predicts it to now, and gives the arm place, velocity and \
-         acceleration; mass, damping and stiffness (those of the paper) act on the error. The paper's law takes the last sample for the \
-         place where the spring is at rest. All machines differ from the model by up to 20 %; under the paper's law with the friction \
-         that its errors imply.",
+        "A person moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the samples 20 to 23 ms later and \
+         loses 2 % of them. The person's tremor is 0.05 mm (rms) along each axis, at 8 to 12 Hz. A sensor at the person's elbow \
+         measures the tilt of the arm, and the shoulder yaw of the robot follows it.",
+        "The error is the true position of the tool minus the true position of the person's hand at the same time. Both are taken \
+         relative to where the clutch closes: measurement errors of master and slave at that place do not count, changes of these \
+         errors on the way do. The error at rest is the mean over one second, from 1 s after the motion, because tremor is \
+         not an error of the arm.",
+        "Further trials: minimum-jerk strokes with pauses, in which the hand also turns; twice the tremor; a link with up to 20 ms of \
+         jitter that loses 20 % of the samples in bursts of six; and a clutch that opens and closes during the motion.",
+        "Our law estimates the hand's motion from the samples, predicts it to the present, and commands position, velocity and \
+         acceleration; the paper's mass, damping and stiffness act on the error. The paper's law takes the latest sample as the \
+         equilibrium position of the spring. All machines differ from the model by up to 20 %; those under the paper's law have \
+         the friction that the paper's errors imply.",
     ],
     run,
 };
@@ -85,7 +87,7 @@ struct Trial {
 const OURS: Trial = Trial {
     name: "ours",
     label: "ours",
-    law: Law::Following,
+    law: Law::ModelFollowing,
     course: Course::Sine,
     link: GOOD_LINK,
     tremor: TREMOR,
@@ -96,7 +98,7 @@ const OURS: Trial = Trial {
 const TRIALS: [Trial; 6] = [
     OURS,
     Trial { name: "strokes", label: "ours, strokes", course: Course::Strokes, ..OURS },
-    Trial { name: "paper", label: "the paper's law", law: Law::Printed, limits: None, ..OURS },
+    Trial { name: "paper", label: "the paper's law", law: Law::Direct, limits: None, ..OURS },
     Trial { name: "tremor", label: "ours, twice the tremor", tremor: 2.0 * TREMOR, limits: None, ..OURS },
     Trial { name: "loss", label: "ours, a bad link", link: BAD_LINK, limits: None, ..OURS },
     Trial {
@@ -169,14 +171,14 @@ impl Operator {
 enum Slave {
     Ours(Follower, Box<FollowerState>),
     /// The last sample is where the spring is at rest.
-    Paper(PosePoint, ElbowPoint),
+    Paper(PosePoint, ElbowSetpoint),
 }
 
 impl Slave {
-    fn new(law: Law, (aim, elbow): (PosePoint, ElbowPoint)) -> Self {
+    fn new(law: Law, (aim, elbow): (PosePoint, ElbowSetpoint)) -> Self {
         match law {
-            Law::Printed => Self::Paper(aim, elbow),
-            Law::Following => {
+            Law::Direct => Self::Paper(aim, elbow),
+            Law::ModelFollowing => {
                 let follower =
                     Follower::try_new(FollowerSettings::HUMAN).expect("its own settings are valid");
                 Self::Ours(follower, Box::new(FollowerState::at(aim.position, aim.rotation, elbow.angle)))
@@ -217,7 +219,7 @@ impl Slave {
         }
     }
 
-    fn tick(&mut self, time: f64) -> (PosePoint, ElbowPoint) {
+    fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
         match self {
             Self::Ours(follower, state) => follower.tick(state, instant(time)),
             Self::Paper(aim, elbow) => (*aim, *elbow),
@@ -247,9 +249,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn follow(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
-    let machine = if trial.law == Law::Printed { Machine::Paper } else { Machine::Mismatched };
-    let damping = if trial.law == Law::Printed { PAPER_DAMPING } else { DAMPING };
-    let settings = ArmSettings { law: trial.law, ..settings(damping) };
+    let machine = if trial.law == Law::Direct { Machine::Paper } else { Machine::Mismatched };
+    let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
+    let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let mut session = Session::begin(setting, bench, trial.label, machine, settings)?;
     session.wait(0.5)?;
     let now = session.plant.tips().swap_remove(0);
@@ -290,21 +292,21 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
     let (moving, rest) = (BEGIN..END + 1.0, END + 1.0..END + REST);
     let text = |text: &str| format!("{label}: {text}");
     if let Some([open, close]) = trial.clutch {
-        let text_open = text("motion of the tool from 0.3 s after the clutch opened until it closed");
+        let text_open = text("motion of the tool while the clutch is open, from 0.3 s on");
         insert("open", Metric::at_most(text_open, trace.wander(&(open + 0.3..close)), 0.2, "mm"));
         let largest = trace.largest_beside(&(close + 0.5..END + 1.0), &rest);
-        let note = "the lasting difference is taken out: it is what the clutch is for";
-        let text_closed = text("largest error from 0.5 s after the clutch closed");
+        let note = "relative to the mean difference at rest, which the clutch is meant to create";
+        let text_closed = text("largest error later than 0.5 s after the clutch closed");
         insert("closed", Metric::at_most(text_closed, largest, 1.0, "mm").note(note));
     } else {
         let largest = trace.largest(&moving, |moment| moment.error().norm());
         let reversals = trace.reversals(&moving);
         let still = trace.mean_error(&rest).norm();
-        let most = Metric::reported(text("largest error of the motion"), largest, "mm");
+        let most = Metric::reported(text("largest position error in motion"), largest, "mm");
         let at_ends = Metric::reported(text("largest error along x at the reversals"), reversals, "mm");
         let at_rest = Metric::reported(text("error at rest"), still, "mm");
         match (law, limits) {
-            (Law::Printed, _) => {
+            (Law::Direct, _) => {
                 insert("largest", most);
                 insert("reversals", at_ends.paper("7 mm"));
                 let along = trace.mean_error(&rest).x.abs();
@@ -323,53 +325,56 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
             }
         }
     }
-    if *law == Law::Following {
+    if *law == Law::ModelFollowing {
         let predicted = trace.largest(&moving, |moment| moment.predicted().norm());
         let own = trace.largest(&moving, |moment| moment.own().norm());
         if trial.clutch.is_none() {
-            insert("prediction", Metric::reported(text("of it the set-point's"), predicted, "mm"));
+            insert(
+                "prediction",
+                Metric::reported(text("largest error of the set-point, without the arm"), predicted, "mm"),
+            );
         }
         insert("arm", Metric::reported(text("largest distance of the tool from the set-point"), own, "mm"));
     }
     let all = CLOSE..END + REST;
     let elbow = trace.largest(&(BEGIN..END), |moment| moment.elbow().abs());
     if trial.clutch.is_none() {
-        insert("elbow", Metric::reported(text("largest error of the shoulder's yaw"), elbow, "mrad"));
+        insert("elbow", Metric::reported(text("largest error of the shoulder yaw"), elbow, "mrad"));
     }
     // To the digits of single precision.
     let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
     let limit = f64::from(FollowerSettings::HUMAN.position_limits.acceleration);
     let acceleration = Metric {
-        limit: (*law == Law::Following).then_some(limit),
+        limit: (*law == Law::ModelFollowing).then_some(limit),
         ..Metric::reported(text("largest acceleration of the set-point"), acceleration, "m/s²")
     };
     insert("acceleration", acceleration);
-    insert("rate", Metric::reported(text("largest change of a torque"), trace.torque_rate(&all), "N·m/s"));
+    insert("rate", Metric::reported(text("largest rate of a torque"), trace.torque_rate(&all), "N·m/s"));
 }
 
 fn figure(trial: &Trial, trace: &Trace) -> Figure {
-    let caption = "Top: how far hand and tool are from their common start along x, as the paper's figure 7. Bottom: the true tool less \
-                   the true hand at the same time.";
+    let caption = "Top: positions of hand and tool along x from their common start (as in the paper's figure 7). Bottom: position of \
+                   the true tool minus that of the true hand at the same time.";
     let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
     let time = trace.times();
-    let mut way = Panel::new("Along x", "off the start", "mm");
     let [hand, tool] = sides(trace, 0);
-    way = way.line(Line::solid("slave", 5, time.clone(), tool)).line(Line::dashed(
-        "master",
-        Line::INK,
-        time.clone(),
-        hand,
-    ));
-    let mut error = Panel::new("Error", "tool less hand", "mm");
+    let position = Panel::new("Position along x", "position", "mm")
+        .line(Line::solid("tool", 0, time.clone(), tool))
+        .line(Line::dashed("hand", Line::INK, time.clone(), hand));
+    let mut error = Panel::new("Error", "tool minus hand", "mm");
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         error = error.line(Line::solid(name, axis, time.clone(), trace.errors(axis)));
     }
     if let Some([limit, _]) = trial.limits {
-        error = error.band(limit, "wanted");
+        error = error.band(limit, format!("limit ±{limit} mm"));
     }
+    figure = figure.event(CLOSE, "clutch closes").phase(BEGIN, END, "hand moves").phase(
+        END,
+        END + REST,
+        "at rest",
+    );
     if let Some([open, close]) = trial.clutch {
-        way = way.window(open, close, "clutch open");
+        figure = figure.event(open, "clutch opens").event(close, "clutch closes");
     }
-    figure = figure.panel(way);
-    figure.panel(error)
+    figure.panel(position).panel(error)
 }

@@ -1,7 +1,7 @@
 //! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance says?
 
 use rapier3d::na::Vector3;
-use tesaki::arm::{ArmSettings, Law};
+use tesaki::task::impedance::{ImpedanceSettings, Law};
 
 use super::arm::{Bench, Log, Machine, Session, settings};
 use super::common::capital;
@@ -12,19 +12,19 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-release",
-    title: "An arm let go",
-    about: "the tool is held 3 cm off its place, along each axis, and let go, under the paper's law and under ours",
+    title: "The arm released under impedance control",
+    about: "the tool is displaced by 3 cm along each axis and released, under the paper's law and under ours",
     robot: "arm7",
     duration: 96.0,
     lead: &[
-        "The tool of the seven-joint arm, elbow at 90°, has the impedance M 1.5 kg, K 300 N/m, and B 7.5 or 30 N·s/m. Somebody \
-         takes it, leads it 3 cm along an axis, holds it there and lets it go just before the force sensor is read. What follows is \
-         compared with the exact motion of a mass on a spring and a damper from then on. Let go between two readings, the arm hears of it \
-         half a control period late.",
-        "Three machines: one that is as the controller's model says, but for sensors with noise and a friction of a \
-         tenth of a newton at the tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and \
-         the same under the paper's law as printed, which reckons with the measured state, holds its acceleration for a period, and \
-         does not compensate friction. The paper found it difficult to come near the theory.",
+        "The tool of the seven-joint arm, with the elbow at 90°, has the impedance M = 1.5 kg, K = 300 N/m, and B = 7.5 or \
+         30 N·s/m. A person displaces it by 3 cm along an axis, holds it there and releases it just before the force sensor is \
+         read. The motion is compared with the exact one of a mass on a spring and a damper. If it is released halfway between \
+         two readings, the controller notices half a control period late.",
+        "Three machines: one that matches the controller's model, except for sensor noise and a friction equivalent to 0.1 N at the \
+         tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and the same machine under the \
+         paper's law as printed, which uses the measured state, holds its acceleration for a control period, and does not \
+         compensate friction. The paper reports that it was difficult to come close to the theory.",
     ],
     run,
 };
@@ -56,15 +56,15 @@ const TRIALS: [Trial; 4] = [
         name: "true",
         label: "true model",
         machine: Machine::True,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: None,
         limit: Some(0.3),
     },
     Trial {
         name: "between",
-        label: "true model, let go between two readings",
+        label: "true model, released between two readings",
         machine: Machine::True,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: Some(0.5 * T),
         limit: None,
     },
@@ -72,7 +72,7 @@ const TRIALS: [Trial; 4] = [
         name: "ours",
         label: "mismatched",
         machine: Machine::Mismatched,
-        law: Law::Following,
+        law: Law::ModelFollowing,
         before: None,
         limit: Some(1.5),
     },
@@ -80,7 +80,7 @@ const TRIALS: [Trial; 4] = [
         name: "paper",
         label: "the paper's law",
         machine: Machine::Mismatched,
-        law: Law::Printed,
+        law: Law::Direct,
         before: None,
         limit: None,
     },
@@ -164,7 +164,7 @@ fn release(
     damping: f32,
     axis: usize,
 ) -> Result<Release, ScenarioError> {
-    let settings = ArmSettings { law: trial.law, ..settings(damping) };
+    let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let label = format!("{}, B {damping} N·s/m, {}", trial.label, AXES[axis]);
     let mut session = Session::begin(setting, bench, &label, trial.machine, settings)?;
     session.wait(0.5)?;
@@ -187,7 +187,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
         let of_damping =
             || releases.iter().filter(move |release| release.damping.total_cmp(&f64::from(damping)).is_eq());
         let worst = of_damping().map(Release::error).fold(f64::NAN, f64::max);
-        let text = format!("{label}, B {damping}: largest distance from the exact curve");
+        let text = format!("{label}, B {damping}: largest deviation from the exact motion");
         let metric = match trial.limit {
             Some(limit) => Metric::at_most(text, worst, limit, "mm"),
             None => Metric::reported(text, worst, "mm"),
@@ -203,10 +203,10 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
 }
 
 fn figure(trial: &Trial, releases: &[Release]) -> Figure {
-    let caption = "How far the tool is off its place, along the axis of each release. Dashed: the exact motion of the mass.";
-    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
+    let caption = "Displacement of the tool along the axis of each release, and the exact motion (dashed).";
+    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s").event(0.0, "released");
     for damping in DAMPINGS {
-        let mut panel = Panel::new(format!("B {damping} N·s/m"), "off its place", "mm");
+        let mut panel = Panel::new(format!("B {damping} N·s/m"), "displacement", "mm");
         for release in
             releases.iter().filter(|release| release.damping.total_cmp(&f64::from(damping)).is_eq())
         {

@@ -1,7 +1,7 @@
 //! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes the tool farther.
 
 use rapier3d::na::Vector3;
-use tesaki::arm::ArmSettings;
+use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, settings};
@@ -12,17 +12,18 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-straight",
-    title: "The elbow becomes straight",
-    about: "the tool is led 3 cm beyond the arm's reach, rests there, and comes back: through a singular posture and out of it",
+    title: "The arm through its straight-elbow singularity",
+    about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out of it",
     robot: "arm7",
     duration: 15.0,
     lead: &[
-        "The set-point of the seven-joint arm's tool is led outwards within 1.5 s, along the line from the shoulder to the wrist, to 3 cm \
-         beyond the arm's reach; it stays for a second and comes back. On the way the elbow becomes straight: there no motion of the \
-         joints moves the tool along that line, and what the tool should do asks for accelerations without bound.",
-        "The solution is damped near singular postures, by the smallest singular value of the Jacobian. The tool stays behind where it \
-         cannot go; torques and speeds stay what they are elsewhere; and it is on its way again as soon as there is one. The machine \
-         differs from the controller's model by up to 20 %. (The wrist's other singular posture, folded by 90°, is beyond its limits.)",
+        "The set-point of the seven-joint arm's tool moves outwards within 1.5 s, along the line from the shoulder to the wrist, to \
+         3 cm beyond the arm's reach. It stays for a second and returns. On the way the elbow becomes straight: in this singular \
+         configuration no joint motion moves the tool along that line, and an undamped solution would need unbounded accelerations.",
+        "Near singular configurations the inverse is damped, depending on the smallest singular value of the Jacobian. The tool stays \
+         behind where it cannot reach; torques and speeds remain normal; and it follows again as soon as it can. The machine \
+         differs from the controller's model by up to 20 %. (The wrist's other singular configuration, folded by 90°, is \
+         outside its limits.)",
     ],
     run,
 };
@@ -51,7 +52,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
-    let settings = ArmSettings { redundancy: trial.redundancy, ..settings(30.0) };
+    let settings = ImpedanceSettings { redundancy: trial.redundancy, ..settings(30.0) };
     let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, settings)?;
     session.wait(1.0)?;
     let (start, elbow) = session.start();
@@ -88,24 +89,24 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     let all = 0.0..log.now();
     let straight = -log.largest(&all, |sample| -sample.joints[3].abs());
-    let text = format!("{label}: the elbow at its straightest");
+    let text = format!("{label}: smallest elbow angle");
     insert("straight", Metric::at_most(text, 1e3 * straight, 100.0, "mrad"));
-    let text = format!("{label}: largest speed of a joint, of 5 rad/s that the elbow may have");
+    let text = format!("{label}: largest joint speed, the elbow is rated at 5 rad/s");
     insert("speed", Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"));
-    let text = format!("{label}: largest torque, of 60 N·m that the shoulder may have");
+    let text = format!("{label}: largest torque, the shoulder is rated at 60 N·m");
     let torque =
         |sample: &Sample| sample.torques.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
     insert("torque", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
-    let text = format!("{label}: largest change of a torque");
+    let text = format!("{label}: largest rate of a torque");
     insert("rate", Metric::at_most(text, largest_rate(log, |sample| &sample.torques), 1000.0, "N·m/s"));
-    let text = format!("{label}: largest turn of the hand");
+    let text = format!("{label}: largest rotation of the hand");
     let turn = log
         .0
         .first()
         .map_or(f64::NAN, |first| log.largest(&all, |sample| 1e3 * first.turn().angle_to(&sample.turn())));
     insert("turn", Metric::reported(text, turn, "mrad"));
     let back = log.0.last().map_or(f64::NAN, off);
-    let text = format!("{label}: off its place after coming back");
+    let text = format!("{label}: position error after the return");
     insert("back", Metric::at_most(text, back, 1.0, "mm"));
 }
 
@@ -115,16 +116,39 @@ fn off(sample: &Sample) -> f64 {
 }
 
 fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
-    let caption = "How far the tool is from its set-point, the elbow's angle, and the torques.";
+    let caption = "Displacement of the tool from its start and that of the set-point (dashed), position error, elbow angle, and motor torques.";
     let series = |value: &dyn Fn(&Sample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
     let time = series(&|sample| sample.time);
-    let tool = Panel::new("Tool", "behind", "mm").line(Line::solid("tool", 0, time.clone(), series(&off)));
+    let start = log.0.first().map_or(Vector3::repeat(f64::NAN), |first| first.aim);
+    let tool = Panel::new("Tool", "displacement", "mm")
+        .line(Line::solid(
+            "tool",
+            0,
+            time.clone(),
+            series(&|sample| 1e3 * (sample.position() - start).norm()),
+        ))
+        .line(Line::dashed(
+            "set-point",
+            Line::INK,
+            time.clone(),
+            series(&|sample| 1e3 * (sample.aim - start).norm()),
+        ));
+    let error =
+        Panel::new("Position error", "error", "mm").line(Line::solid("error", 1, time.clone(), series(&off)));
     let elbow = series(&|sample| sample.joints[3]);
     let elbow = Panel::new("Elbow", "angle", "rad").line(Line::solid("elbow", 3, time.clone(), elbow));
     let mut torques = Panel::new("Torques", "torque", "N·m");
     for joint in 0..log.0.first().map_or(0, |first| first.torques.len()) {
         let values = series(&|sample| sample.torques[joint]);
-        torques = torques.line(Line::solid(format!("{}", joint + 1), joint, time.clone(), values));
+        torques = torques.line(Line::solid(format!("joint {}", joint + 1), joint, time.clone(), values));
     }
-    Figure::stacked(capital(trial.label), caption, "time", "s").panel(tool).panel(elbow).panel(torques)
+    let [out, back] = [1.0, 1.0 + TIME + REST];
+    Figure::stacked(capital(trial.label), caption, "time", "s")
+        .phase(out, out + TIME, "set-point outwards")
+        .phase(out + TIME, back, "beyond reach")
+        .phase(back, back + TIME, "set-point back")
+        .panel(tool)
+        .panel(error)
+        .panel(elbow)
+        .panel(torques)
 }

@@ -1,6 +1,7 @@
 //! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance says?
 
-use tesaki::arm::{ArmSettings, ForceSource, PosePoint};
+use tesaki::kinematics::PosePoint;
+use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Log, Machine, Session, impedance, settings};
@@ -11,19 +12,19 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-wall",
-    title: "An arm that meets walls",
-    about: "the tool is led 3 cm into walls of 200 to 50 000 N/m, rests there, and comes back; also without a force sensor",
+    title: "Contact of the arm with stiff and soft walls",
+    about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force sensor",
     robot: "arm7",
     duration: 36.0,
     lead: &[
-        "The tool of the seven-joint arm is led forward by 5 cm within half a second, where a wall stands after 2 cm; it stays for \
-         2.5 seconds and is led back. The impedance is M 3.5 kg, what the arm itself presents along this axis, B 60 N·s/m and \
-         K 300 N/m. The wall's stiffness is 200, 2000, 10 000 or 50 000 N/m, with little damping. The machine differs from \
-         the controller's model by up to 20 %.",
-        "At rest the tool should press as the two springs say that are then in series. It has settled once the force stays within \
-         a newton of what it is at the end. Two of the walls are met once more without the force sensor: a momentum observer finds \
-         the force in the motors' torques. It cannot tell a push from friction and weight that the model does not know, so only what \
-         is more than 6 N counts as a contact.",
+        "The set-point of the seven-joint arm's tool moves forward by 5 cm within half a second; a wall stands in the way after 2 cm. \
+         The set-point stays for 2.5 seconds and returns. The impedance is M = 3.5 kg, the arm's own effective mass along this \
+         axis, B = 60 N·s/m and K = 300 N/m. The stiffness of the wall is 200, 2000, 10 000 or 50 000 N/m, with little damping. \
+         The machine differs from the controller's model by up to 20 %.",
+        "At rest the contact force should be that of two springs in series, the impedance's and the wall's. It has settled once it \
+         stays within 1 N of its final value. Two of the walls are then met without the force sensor: a momentum observer \
+         estimates the external force from the motor torques. It cannot tell a contact from unmodelled friction and weight, so \
+         only an estimate above 6 N counts as a contact.",
     ],
     run,
 };
@@ -71,7 +72,7 @@ impl Contact {
     }
 
     fn label(&self) -> String {
-        format!("{} N/m{}", self.stiffness, if self.is_observed() { ", without a sensor" } else { "" })
+        format!("{} N/m{}", self.stiffness, if self.is_observed() { ", without a force sensor" } else { "" })
     }
 
     /// Force into the wall [N].
@@ -119,7 +120,12 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         add_metrics(&mut summary, contact);
     }
     let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures: vec![figure(&contacts)], tables, motion: bench.motion })
+    Ok(Outcome {
+        summary,
+        figures: vec![forces(&contacts), positions(&contacts)],
+        tables,
+        motion: bench.motion,
+    })
 }
 
 fn meet(
@@ -131,7 +137,7 @@ fn meet(
     let mut contact =
         Contact { stiffness, force, log: Log::default(), felt: f64::NAN, arrived: 0.0, left: 0.0, end: 0.0 };
     let mut heavy =
-        ArmSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
+        ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
     if contact.is_observed() {
         heavy.contact_force = DOUBT;
     }
@@ -172,37 +178,75 @@ fn meet(
 fn add_metrics(summary: &mut Summary, contact: &Contact) {
     let name = |what: &str| format!("{}_{what}", contact.name());
     let label = contact.label();
-    let text = format!("{label}: until the force has settled");
+    let text = format!("{label}: settling time of the force");
     let settled = contact.settled();
     if contact.is_observed() {
         summary.insert(name("settled"), Metric::reported(text, settled, "s"));
-        let text = format!("{label}: force felt at rest less the true one");
+        let text = format!("{label}: estimated minus true force at rest");
         summary.insert(name("felt"), Metric::within(text, contact.felt - contact.rest(), MOST_DOUBT, "N"));
     } else {
         summary.insert(name("settled"), Metric::at_most(text, settled, 2.0, "s"));
     }
     let error = contact.rest() - contact.expected();
-    let text = format!("{label}: force at rest less {:.2} N, what the springs say", contact.expected());
+    let text =
+        format!("{label}: force at rest minus {:.2} N, that of the springs in series", contact.expected());
     summary.insert(name("rest"), Metric::reported(text, error, "N"));
     summary.insert(name("peak"), Metric::reported(format!("{label}: largest force"), contact.peak(), "N"));
     let back = contact.log.during(&(contact.end - 0.1..contact.end));
     let off = back.last().map_or(f64::NAN, |sample| (sample.position() - sample.aim).norm());
-    let text = format!("{label}: off its place after coming back");
+    let text = format!("{label}: position error after the return");
     summary.insert(name("back"), Metric::reported(text, 1e3 * off, "mm"));
 }
 
-fn figure(contacts: &[Contact]) -> Figure {
-    let caption =
-        "What the wall takes from the tool, means over a control period. Dashed: what the two springs say.";
-    let mut figure = Figure::stacked("Force into the wall", caption, "time", "s");
+/// A figure with what the set-point does, which is the same at all walls.
+fn timeline(title: &str, caption: &str, contacts: &[Contact]) -> Figure {
+    let figure = Figure::stacked(title, caption, "time", "s");
+    let Some(contact) = contacts.first() else { return figure };
+    figure
+        .phase(contact.arrived - TIME, contact.arrived, "set-point forward")
+        .phase(contact.arrived, contact.left, "at rest")
+        .phase(contact.left, contact.left + TIME, "set-point back")
+}
+
+fn forces(contacts: &[Contact]) -> Figure {
+    let caption = "True contact force, averaged over each control period. Dashed: the force of the two springs in series. Circles: \
+                   the contact begins and ends.";
+    let mut figure = timeline("Contact force", caption, contacts);
     for contact in contacts {
         let samples = contact.log.during(&(0.0..contact.end));
         let time: Vec<f64> = samples.iter().map(|sample| sample.time).collect();
         let force = samples.iter().map(Contact::force).collect();
         let expected = vec![contact.expected(); 2];
-        let panel = Panel::new(contact.label(), "force", "N")
-            .line(Line::solid("force", 0, time, force))
-            .line(Line::dashed("springs", Line::INK, vec![contact.arrived, contact.left], expected));
+        let mut panel = Panel::new(contact.label(), "force", "N")
+            .line(Line::solid("contact force", 0, time, force))
+            .line(Line::dashed(
+                "springs in series",
+                Line::INK,
+                vec![contact.arrived, contact.left],
+                expected,
+            ));
+        let touches = |sample: &&super::arm::Sample| Contact::force(sample) > 0.0;
+        for end in [samples.iter().find(touches), samples.iter().rev().find(touches)].into_iter().flatten() {
+            panel = panel.mark(end.time, 0.0, "");
+        }
+        figure = figure.panel(panel);
+    }
+    figure
+}
+
+fn positions(contacts: &[Contact]) -> Figure {
+    let caption = "Position of the tool normal to the wall, from its start, and the set-point (dashed).";
+    let mut figure = timeline("Tool position", caption, contacts);
+    for contact in contacts {
+        let samples = contact.log.during(&(0.0..contact.end));
+        let start = samples.first().map_or(f64::NAN, |sample| sample.aim.x);
+        let time: Vec<f64> = samples.iter().map(|sample| sample.time).collect();
+        let position = samples.iter().map(|sample| 1e3 * (sample.position().x - start)).collect();
+        let setpoint = samples.iter().map(|sample| 1e3 * (sample.aim.x - start)).collect();
+        let panel = Panel::new(contact.label(), "position", "mm")
+            .rule(1e3 * CLEARANCE, "wall")
+            .line(Line::solid("tool", 0, time.clone(), position))
+            .line(Line::dashed("set-point", Line::INK, time, setpoint));
         figure = figure.panel(panel);
     }
     figure

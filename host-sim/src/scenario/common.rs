@@ -2,7 +2,7 @@
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::Task;
+use tesaki::task::TaskConfig;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::ScenarioError;
@@ -28,7 +28,7 @@ pub fn prepare(
     let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
     controller.home(&homed)?;
     tick(controller, plant)?;
-    controller.arm(Task::JointServo(mode))?;
+    controller.enable(TaskConfig::JointServo(mode))?;
     // What the encoder makes of the homed angle: the nearest whole count.
     let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
         let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;

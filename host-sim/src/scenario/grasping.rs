@@ -10,7 +10,7 @@ mod session;
 
 pub use bench::{Bench, Held, PAPER_STRENGTH};
 pub use calibrating::calibrate;
-pub use figures::{components, moved, xyz};
+pub use figures::{component_targets, components, moved, xyz};
 pub use firmness::{Firmness, firmness, internal_forces};
 pub use log::{Log, Sample, table};
 pub use session::{MOVE, Session};

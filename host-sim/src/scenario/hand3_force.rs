@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspPlan, InternalForce};
+use tesaki::task::grasping::{GraspPlan, InternalForce};
 
 use super::common::capital;
 use super::grasping::{
@@ -17,20 +17,20 @@ use tesaki_supervisor::identify::Identification;
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
     title: "Fingertip forces of the three-finger hand",
-    about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, closed on the sensors, identified before",
+    about: "a box is held with 2, 2 and 4 N: paper's law, feed-forward, force feedback, feed-forward after identification",
     robot: "hand3",
     duration: 170.0,
     lead: &[
-        "The hand finds a box that stands up to 5 mm off the place where it should be, grasps it with fingertip forces \
-         of 2, 2 and 4 N along the box's x axis, and what the box stands on is taken away. Then nothing moves, and the \
-         true contact forces over the last two of four seconds are compared with the commanded ones.",
-        "Four ways to make the forces: the paper's law (the object's pose gives a wrench, the joints get torques for it \
-         and for the internal force, weight and friction of the fingers are not compensated) on joints with four times \
-         the friction, the size that the paper's loss implies; the joint servos with the forces fed forward, gravity \
-         and friction compensated; the same with the internal forces corrected by the force sensors; and fed forward \
-         again, by a controller that knows the torque constants and the friction that it has identified before, by \
-         motions of this machine, from its own telemetry. Forces that are only fed forward are shaken before they \
-         count, so that the joints' friction takes little of them. The paper commanded 2 N and measured 0.89 N on finger 1.",
+        "The hand locates a box that stands up to 5 mm away from its nominal position, and grasps it with fingertip forces \
+         of 2, 2 and 4 N along the box's x axis. The support is removed. Then nothing moves, and the true contact forces \
+         over the last two of four seconds are compared with the commanded ones.",
+        "Four controllers are compared. The paper's law: object pose control gives a wrench, which is converted to joint \
+         torques together with the internal force; the fingers' weight and friction are not compensated, and the joints \
+         have four times the nominal friction, as the paper's loss of force implies. Feed-forward: joint servos with the \
+         forces fed forward, gravity and friction compensated. Force feedback: the same, with the internal forces \
+         corrected by the force sensors. Feed-forward after identification: torque constants and friction were identified \
+         beforehand from this machine's telemetry. Forces that are only fed forward are dithered before they are \
+         evaluated, so that joint friction takes little of them. The paper commanded 2 N and measured 0.89 N on finger 1.",
     ],
     run,
 };
@@ -72,7 +72,7 @@ const TRIALS: [Trial; 4] = [
     },
     Trial {
         name: "closed",
-        label: "closed on the force sensors",
+        label: "force feedback",
         paper_law: false,
         feedback: true,
         identified: false,
@@ -109,7 +109,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut bench = Bench::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
-    let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s");
+    let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
+        .event(BEFORE, "support removed")
+        .phase(BEFORE + HOLD - COUNTED, BEFORE + HOLD, "evaluated");
     let mut tables = Vec::new();
     for trial in &TRIALS {
         let held = Held {
@@ -162,15 +164,18 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
         summary.insert(format!("{}_{name}", trial.name), metric);
     };
     let [first, ..] = &fingers;
-    let text = format!("{label}: force of finger 1 of the 2 N commanded");
+    let text = format!("{label}: force of finger 1, 2 N commanded");
     insert(
         "finger1",
         Metric::reported(text, first.force, "N").paper(if trial.paper_law { "0.89 N" } else { "" }),
     );
     if trial.paper_law {
-        let text = format!("{label}: finger 1's force less the paper's");
+        let text = format!("{label}: force of finger 1 minus the paper's");
         let metric = Metric::within(text, first.force - PAPER_FORCE, PAPER_BAND, "N");
-        insert("finger1_against_paper", metric.note("a third of the paper's force to either side"));
+        insert(
+            "finger1_against_paper",
+            metric.note("the limit is a third of the paper's force on either side"),
+        );
     }
     let worst = |wanted: &dyn Fn(usize) -> f64| {
         let errors = fingers.iter().enumerate();
@@ -179,18 +184,18 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
             .fold(f64::NAN, f64::max)
     };
     let error = worst(&|finger| COMMANDED[finger]);
-    let text = format!("{label}: error of the force, worst finger");
+    let text = format!("{label}: force error, worst finger");
     let metric = match trial.limit {
         None => Metric::reported(text, error, "%"),
         Some(limit) => Metric::at_most(text, error, limit, "%"),
     };
     insert("error", metric);
-    let text = format!("{label}: the same against what the controller wants");
+    let text = format!("{label}: force error against the controller's own target");
     insert("error_of_wanted", Metric::reported(text, worst(&|finger| fingers[finger].wanted), "%"));
     let ripple = fingers.iter().enumerate();
     let ripple =
         ripple.map(|(finger, measured)| 100.0 * measured.ripple / COMMANDED[finger]).fold(f64::NAN, f64::max);
-    let text = format!("{label}: largest change of a force while it counts");
+    let text = format!("{label}: largest deviation of a force from its mean");
     insert("ripple", Metric::reported(text, ripple, "%"));
 }
 
@@ -207,23 +212,26 @@ fn add_identified(
         let Ok(found) = fit.gain else { continue };
         known += 1.0;
         gain = gain.max(100.0 * (found.value / factors.torque_constant - 1.0).abs());
-        let dynamics = bench.robot.urdf.joints.iter().find(|other| other.name == joint.name.as_str());
+        let dynamics = bench.robot.urdf.robot.joints.iter().find(|other| other.name == joint.name.as_str());
         let nominal = dynamics.and_then(|joint| joint.dynamics.as_ref()).map_or(f64::NAN, |d| d.friction);
         if let Ok([found, _]) = fit.friction {
             coulomb = coulomb.max(1e3 * (found.value - nominal * factors.coulomb).abs());
         }
     }
-    let known = Metric::reported("Identified: torque constants, of nine", known, "");
-    summary.insert("identified_joints", known.note("the others are said to be loaded too little"));
+    let known = Metric::reported("Identified torque constants, of nine", known, "");
+    summary.insert(
+        "identified_joints",
+        known.note("the identification rejects the others because they carry too little load"),
+    );
     let failed: Vec<String> = found.failed.iter().map(ToString::to_string).collect();
-    let text = "Identification: grips that could not be made";
+    let text = "Identification: grasps that failed";
     summary.insert(
         "identified_without",
         Metric::reported(text, failed.len() as f64, "").note(failed.join("; ")),
     );
-    let text = "Identified: torque constant, largest error";
+    let text = "Identified torque constants: largest error";
     summary.insert("identified_gain", Metric::reported(text, gain, "%"));
-    let text = "Identified: Coulomb friction, largest error";
+    let text = "Identified Coulomb friction: largest error";
     summary.insert("identified_coulomb", Metric::reported(text, coulomb, "mN·m"));
     Ok(())
 }
@@ -232,12 +240,14 @@ fn add_identified(
 const PAPER_FORCE: f64 = 0.89;
 const PAPER_BAND: f64 = 0.30;
 
-const CAPTION: &str = "True contact force of finger 1 on the box in the hand's frame, from two seconds before the support is taken away; \
-                       shaded: the two seconds that count. Dashed: commanded. The paper's figure 11 commands (1.48, 0, −1.34) N, \
-                       along the x axis of a box that was pitched by 33 mrad less, and shows 0.89 N.";
+/// The figures begin so long before the support is removed [s].
+const BEFORE: f64 = 2.0;
+
+const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's frame, and the commanded force (dashed). The metrics \
+                       are taken over the last two seconds (shaded). The paper's figure 11 commands (1.48, 0, −1.34) N, along \
+                       the x axis of a box that was pitched by 33 mrad less, and shows 0.89 N.";
 
 fn panel(trial: &Trial, log: &Log) -> Panel {
-    const BEFORE: f64 = 2.0;
     let span = log.held - BEFORE..log.held + HOLD;
     let panel = Panel::new(capital(trial.label), "force", "N");
     let mut panel = components(panel, log, &span, |sample| sample.force(0));
@@ -247,7 +257,7 @@ fn panel(trial: &Trial, log: &Log) -> Panel {
     let ends = vec![0.0, BEFORE + HOLD - T];
     for axis in 0..3 {
         let value = normal[axis] * COMMANDED[0];
-        panel = panel.line(Line::dashed("wanted", Line::INK, ends.clone(), vec![value; 2]));
+        panel = panel.line(Line::dashed("commanded", Line::INK, ends.clone(), vec![value; 2]));
     }
-    panel.window(BEFORE + HOLD - COUNTED, BEFORE + HOLD, "counts")
+    panel
 }

@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspCommand, Phase};
+use tesaki::task::grasping::{GraspCommand, Phase};
 
 use super::common::capital;
-use super::grasping::{Bench, Held, Log, MOVE, Session, require_duration, table, xyz};
+use super::grasping::{Bench, Held, Log, MOVE, Sample, Session, require_duration, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -18,12 +18,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 67.0,
     lead: &[
-        "A box stands up to 5 mm off the place where it should be, on a support. The hand homes, tares its force sensors, \
-         approaches, feels for the box, takes hold of it, feels its friction by rubbing two fingers along it, lifts it by \
-         1 cm, turns it by 0.1 rad about the hand's y axis and back, shifts it by 1 cm along x and back, lowers it until \
-         something carries it, and opens.",
-        "The same with a cylinder and with a wedge whose faces lean towards each other by 11.5°, with internal forces \
-         between each two contacts as their grasp files say; these are turned by +0.1 and −0.1 rad.",
+        "A box stands on a support, up to 5 mm away from its nominal position. The hand homes, tares its force sensors, \
+         approaches, touches the box, squeezes it, probes its friction with two fingers, lifts it by 1 cm, turns it by \
+         0.1 rad about the hand's y axis and back, moves it by 1 cm along x and back, lowers it onto the support, and \
+         opens.",
+        "The same is done with a cylinder and with a wedge whose faces are inclined towards each other by 11.5°. Their grasp \
+         files specify internal forces between each pair of contacts. Both are turned by +0.1 and −0.1 rad.",
     ],
     run,
 };
@@ -55,6 +55,8 @@ struct Record {
     log: Log,
     /// When each turn began [s].
     turned: Vec<f64>,
+    /// When each motion that was commanded began [s], and what it was.
+    motions: Vec<(f64, String)>,
     force_limit: f64,
 }
 
@@ -67,20 +69,23 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let force_limit = f64::from(bench.grasp(trial.object)?.plan.force_limit);
         let held = Held { label: trial.object, object: trial.object, change: &|_| {}, paper: false };
         let mut session = Session::begin(setting, &mut bench, &held)?;
+        let mut motions = vec![(session.log.now(), "lift".to_owned())];
         let up = session.lift()?;
         let mut turned = Vec::new();
         for &turn in trial.turns {
+            motions.push((session.log.now(), format!("{} rad", signed(turn))));
             turned.push(session.bring(up, [0.0, turn, 0.0])?);
             session.wait(MOVE + REST)?;
         }
         for &shift in trial.shifts {
+            motions.push((session.log.now(), format!("{} mm", signed(1e3 * shift))));
             session.bring([up[0] + shift, up[1], up[2]], [0.0; 3])?;
             session.wait(MOVE + REST)?;
         }
         session.forget_aim();
         session.send("put down", GraspCommand::PutDown)?;
         session.until(Phase::Ready, DOWN_TIME)?;
-        let record = Record { log: session.end()?, turned, force_limit };
+        let record = Record { log: session.end()?, turned, motions, force_limit };
         add_metrics(&mut summary, trial, &record);
         figures.push(figure(trial, &record));
         tables.push((format!("{}.csv", trial.object), table(&record.log)));
@@ -90,7 +95,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
-    let Record { log, turned, force_limit } = record;
+    let Record { log, turned, force_limit, .. } = record;
     let (name, label) = (trial.object, capital(trial.object));
     let mut insert = |key: &str, metric: Metric| summary.insert(format!("{name}_{key}"), metric);
     let dropped = f64::from(u8::from(log.lost.is_some()));
@@ -98,14 +103,20 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     metric.note = log.lost.as_ref().map(|lost| format!("the {name} was lost {lost}"));
     insert("dropped", metric);
     let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
-    insert("friction_found", Metric::reported(format!("{label}: friction, as counted on"), log.friction, ""));
-    insert("friction_true", Metric::reported(format!("{label}: friction, true"), friction, ""));
+    insert(
+        "friction_found",
+        Metric::reported(format!("{label}: friction, controller's estimate"), log.friction, ""),
+    );
+    insert("friction_true", Metric::reported(format!("{label}: friction, true value"), friction, ""));
     let whole: Range<f64> = 0.0..log.now();
     let of_contacts = |value: fn(&ContactTruth) -> f64| {
         log.largest(&whole, |sample| sample.contacts.iter().map(value).fold(f64::NAN, f64::max))
     };
     let depth = 1e3 * of_contacts(|contact| contact.depth);
-    insert("depth", Metric::at_most(format!("{label}: deepest a fingertip went in"), depth, DEPTH, "mm"));
+    insert(
+        "depth",
+        Metric::at_most(format!("{label}: largest penetration of a fingertip"), depth, DEPTH, "mm"),
+    );
     let force = of_contacts(ContactTruth::normal_force);
     insert("force_peak", Metric::at_most(format!("{label}: largest normal force"), force, *force_limit, "N"));
     let pitch = |time: f64| log.at(time).map_or(f64::NAN, |sample| sample.angles()[1]);
@@ -113,35 +124,94 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let errors = turned.iter().zip(trial.turns);
     let errors = errors.map(|(begin, turn)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - turn).abs());
     let worst = errors.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
-    insert("turn_error", Metric::reported(format!("{label}: error of the turn at rest"), worst, "mrad"));
+    insert("turn_error", Metric::reported(format!("{label}: pitch error at rest"), worst, "mrad"));
     let way = log.samples.first().zip(log.samples.last());
     let way = way.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
-    let text = format!("{label}: from where it was taken to where it was put down");
+    let text = format!("{label}: distance from pick-up to put-down");
     insert("put_down", Metric::reported(text, way, "mm"));
-    insert("time", Metric::reported(format!("{label}: time of it all"), log.now(), "s"));
+    insert("time", Metric::reported(format!("{label}: total time"), log.now(), "s"));
+}
+
+/// With a sign, but for nothing: `+0.1`, `−0.1`, `0`.
+fn signed(value: f64) -> String {
+    let sign = if value > 0.0 { "+" } else { "" };
+    format!("{sign}{value}").replace('-', "−")
+}
+
+const fn phase_name(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Ready => "ready",
+        Phase::Approach => "approach",
+        Phase::Touch => "touch",
+        Phase::Squeeze => "squeeze",
+        Phase::Feel => "probe friction",
+        Phase::Hold => "hold",
+        // The commanded motion stands there.
+        Phase::Move => "",
+        Phase::Lower => "lower",
+        Phase::Open => "open",
+    }
 }
 
 fn figure(trial: &Trial, record: &Record) -> Figure {
     let log = &record.log;
-    let start = log.samples.first().map_or(Vector3::zeros(), |sample| sample.position());
-    let mut way = Panel::new("Motion of the object", "motion", "mm");
+    let caption = "The true object from enabling the hand until it is open again, its references (dashed), and the contact \
+                   force of each finger with the controller's target (dashed).";
+    let mut figure = Figure::stacked(capital(trial.object), caption, "time", "s");
+    // Holding before the lift and between two motions: only the first is named.
+    let mut held = false;
+    let ends = log.phases.iter().skip(1).map(|(time, _)| *time).chain([log.now()]);
+    for (&(begin, phase), end) in log.phases.iter().zip(ends) {
+        let again = phase == Phase::Hold && std::mem::replace(&mut held, true);
+        figure = figure.phase(begin, end, if again { "" } else { phase_name(phase) });
+    }
+    for (time, label) in &record.motions {
+        figure = figure.event(*time, label.as_str());
+    }
+    figure.panel(displacement(log)).panel(pitch(log)).panel(forces(log))
+}
+
+/// The sample when the hand began to hold the object: references count from there.
+fn when_held(log: &Log) -> Option<&Sample> {
+    log.at(log.held)
+}
+
+fn displacement(log: &Log) -> Panel {
+    let start = log.samples.first().map_or(Vector3::zeros(), Sample::position);
+    let held = when_held(log).map_or(Vector3::repeat(f64::NAN), Sample::position);
+    let mut panel = Panel::new("Displacement of the object", "displacement", "mm");
     for (axis, name) in xyz() {
         let values = log.series(|sample| 1e3 * (sample.position() - start)[axis]);
-        way = way.line(Line::solid(name, axis, log.times(), values));
+        panel = panel.line(Line::solid(name, axis, log.times(), values));
     }
-    let pitch = Panel::new("Pitch", "angle", "rad").line(Line::solid(
-        "pitch",
-        3,
-        log.times(),
-        log.series(|sample| sample.angles()[1]),
-    ));
-    let mut forces = Panel::new("Normal force of each finger", "force", "N");
+    for (axis, name) in xyz() {
+        let reference = |sample: &Sample| 1e3 * (held + sample.aim[0] - start)[axis];
+        let values = log.series(|sample| if sample.time < log.held { f64::NAN } else { reference(sample) });
+        panel = panel.line(Line::dashed(format!("{name} reference"), axis, log.times(), values));
+    }
+    panel
+}
+
+fn pitch(log: &Log) -> Panel {
+    let held = when_held(log).map_or(f64::NAN, |sample| sample.angles()[1]);
+    let reference =
+        log.series(|sample| if sample.time < log.held { f64::NAN } else { held + sample.aim[1][1] });
+    Panel::new("Pitch of the object", "angle", "rad")
+        .line(Line::solid("pitch", 3, log.times(), log.series(|sample| sample.angles()[1])))
+        .line(Line::dashed("pitch reference", 3, log.times(), reference))
+}
+
+fn forces(log: &Log) -> Panel {
+    let mut panel = Panel::new("Contact force of each finger", "force", "N");
     for finger in 0..3 {
-        let values =
-            log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, ContactTruth::normal_force));
-        forces =
-            forces.line(Line::solid(format!("finger {}", finger + 1), 4 + finger % 3, log.times(), values));
+        let name = format!("finger {}", finger + 1);
+        let size = log.series(|sample| sample.force(finger).norm());
+        panel = panel.line(Line::solid(name, 4 + finger, log.times(), size));
     }
-    let caption = "The true object from the moment when the hand is armed to the open hand, and the normal forces on it.";
-    Figure::stacked(capital(trial.object), caption, "time", "s").panel(way).panel(pitch).panel(forces)
+    for finger in 0..3 {
+        let name = format!("finger {} target", finger + 1);
+        let target = log.series(|sample| sample.wanted[finger].norm());
+        panel = panel.line(Line::dashed(name, 4 + finger, log.times(), target));
+    }
+    panel
 }

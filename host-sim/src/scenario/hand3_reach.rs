@@ -8,7 +8,7 @@ use tesaki::control::ServoMode;
 use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::Refusal;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -26,13 +26,13 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 2.0 * TRIAL,
     lead: &[
-        "The tips of all three fingers draw a circle of 10 mm radius at one turn a second, and a square of 16 mm whose \
-         sides take half a second each, in planes across the hand's x axis. The supervisor streams a point of the path \
-         for each tip every 10 ms, with its velocity and acceleration; the board finds the joint angles in closed form, \
-         their velocities with the Jacobian and their accelerations with J̇q̇, and feeds them forward.",
-        "The path of a tip is that of its frame in the physics, not what the controller believes: besides the errors of \
-         the servos it has that of the homing, up to 2 mrad a joint, which no servo can see. It shifts the whole figure; \
-         the second pair of rows is without that shift.",
+        "The tips of all three fingers draw a circle of 10 mm radius at one turn per second, and a square of 16 mm whose \
+         sides take half a second each, in planes normal to the hand's x axis. Every 10 ms the supervisor sends a point \
+         of each path with its velocity and acceleration. The board computes the joint angles in closed form, the joint \
+         velocities with the Jacobian and the joint accelerations with J̇q̇, and feeds them forward.",
+        "The fingertip's position is the true one of the physics engine, not the controller's estimate. Besides the servo \
+         errors it contains the homing error, up to 2 mrad per joint, which no servo can detect. It shifts the whole \
+         figure; the rows \"without the constant offset\" exclude it.",
     ],
     run,
 };
@@ -191,7 +191,7 @@ fn run_trial(
         plant.apply(&actuators)?;
         progress(f64::from(tick + 1) / f64::from(ticks));
     }
-    controller.ask("disarm", tesaki::protocol::Request::Disarm)?;
+    controller.disable()?;
     Ok(recording)
 }
 
@@ -296,7 +296,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
             None => Metric::reported(rms_label, all, "mm"),
         };
         summary.insert(format!("{}_{figure}_rms", trial.name), rms);
-        let label = format!("{label}: {figure}, without the constant shift");
+        let label = format!("{label}: {figure}, rms without the constant offset");
         summary.insert(
             format!("{}_{figure}_rms_without_shift", trial.name),
             Metric::reported(label, shifted, "mm"),
@@ -312,17 +312,17 @@ fn tip_name(model: &RobotModel, tip: usize) -> String {
 
 /// The figures as drawn, and as wanted.
 fn paths(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let caption = "Each fingertip in the y–z plane of the hand, from the middle of its figures: the circle's three turns at full \
-                   speed and twice round the square. Dashed: the path that was asked for.";
+    let caption = "Each fingertip in the y–z plane of the hand, relative to the centre of its figures: three turns of the circle \
+                   at full speed, and twice around the square. Dashed: the reference path.";
     let mut figure = Figure::paths(format!("{}: paths", capital(trial.label)), caption, "y", "mm");
     for (tip, places) in recording.tips.iter().enumerate() {
         let center = places.first().map_or_else(Vector3::zeros, |(_, wanted)| *wanted);
         let (y, z) = recording.drawn(places.iter().map(|(got, _)| got - center));
-        let (wanted_y, wanted_z) = recording.drawn(places.iter().map(|(_, wanted)| wanted - center));
+        let (reference_y, reference_z) = recording.drawn(places.iter().map(|(_, wanted)| wanted - center));
         figure = figure.panel(
             Panel::new(tip_name(model, tip), "z", "mm")
                 .line(Line::solid("true path", tip, y, z))
-                .line(Line::dashed("wanted", Line::INK, wanted_y, wanted_z)),
+                .line(Line::dashed("reference", Line::INK, reference_y, reference_z)),
         );
     }
     figure
@@ -339,15 +339,19 @@ fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
         let distances = samples.map(distance).collect();
         panel = panel.line(Line::solid(tip_name(model, tip), tip, recording.time.clone(), distances));
     }
-    for (figure, (from, to)) in FIGURES {
-        panel = panel.window(from, to, figure);
-    }
     if let Some(limit) = trial.limit {
-        panel = panel.rule(limit, format!("{limit} mm rms"));
+        panel = panel.rule(limit, format!("limit {limit} mm rms"));
     }
-    let caption = "Distance of each fingertip, as the physics has it, from where it should be at that time, from the first \
-                   point in space on. The shaded stretches count.";
-    Figure::stacked(format!("{}: distance from the path", capital(trial.label)), caption, "time", "s")
+    let caption = "Distance of the true fingertip from its reference at the same time. The metrics are taken over the circle \
+                   at full speed and over the square (shaded).";
+    let title = format!("{}: distance from the path", capital(trial.label));
+    let (circle_end, square_begin) = (FIGURES[0].1.1, FIGURES[1].1.0);
+    FIGURES
+        .into_iter()
+        .fold(Figure::stacked(title, caption, "time", "s"), |figure, (name, (from, to))| {
+            let figure = figure.phase(from, to, name);
+            if to < square_begin { figure.phase(circle_end, square_begin, "") } else { figure }
+        })
         .panel(panel)
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Refusal;
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::common::{capital, prepare, stopped};
@@ -23,15 +23,15 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 42.0,
     lead: &[
-        "All nine joints of the three-finger hand step by ±0.3 rad at once, shaped by the trajectory filter \
-         1/(T_f s + 1)² with T_f = 0.2 s, under a control period of 10 ms. Masses, inertias, friction and torque \
-         constants of the simulated machine differ from the controller's model by up to 20 %, each by a factor of its \
-         own; encoders and currents come in whole counts.",
+        "All nine joints of the three-finger hand step by ±0.3 rad at the same time. The trajectory filter \
+         1/(T_f s + 1)² with T_f = 0.2 s shapes the steps, and the control period is 10 ms. Masses, inertias, friction \
+         and torque constants of the simulated machine differ from the controller's model by up to 20 %, each by its \
+         own factor; encoder and current readings are quantised.",
         "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), and state \
-         feedback on an observer of velocity and disturbance. Both share the feed-forward of gravity, inertia and \
-         friction. Each machine steps up and down twice: the first time the servo knows the friction only as the \
-         model has it, the second time it has learnt the difference. The last two figures repeat both with four \
-         times the friction, the size that the paper's loss of fingertip force implies.",
+         feedback with an observer of velocity and disturbance. Both use the same feed-forward of gravity, inertia and \
+         friction. Each machine steps up and down twice: at first the servo only has the model's friction, the second \
+         time it has adapted to the true one. The last two figures repeat both with four times the friction, which is \
+         what the paper's loss of fingertip force implies.",
     ],
     run,
 };
@@ -245,7 +245,7 @@ fn run_trial(
         plant.apply(&actuators)?;
         progress(f64::from(tick + 1) / f64::from(ticks));
     }
-    controller.ask("disarm", tesaki::protocol::Request::Disarm)?;
+    controller.disable()?;
     Ok(recording)
 }
 
@@ -267,7 +267,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     let Trial { name, limits, .. } = trial;
     let label = capital(trial.label);
     let peak_label = format!("{label}: largest error");
-    let settled_label = format!("{label}: largest error from 1 s on");
+    let settled_label = format!("{label}: largest error later than 1 s after a step");
     let metrics = match *limits {
         Some((peak_limit, settled_limit)) => [
             Metric::at_most(peak_label, peak, peak_limit, "mrad"),
@@ -280,8 +280,8 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     let [peak, settled] = metrics;
     summary.insert(format!("{name}_error_peak"), peak);
     summary.insert(format!("{name}_error_settled"), settled);
-    let first = Metric::reported(format!("{label}: largest error of the first motions"), first_peak, "mrad")
-        .note("largest error of the first step in each direction, before the servo has learnt the friction");
+    let first = Metric::reported(format!("{label}: largest error of the first steps"), first_peak, "mrad")
+        .note("the first step in each direction, before the servo has adapted to the friction");
     summary.insert(format!("{name}_error_first_motions"), first);
     let torque = Metric::reported(format!("{label}: largest torque"), recording.torque_peak(), "N·m");
     summary.insert(format!("{name}_torque_peak"), torque);
@@ -289,16 +289,13 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
 
 /// All joints' angles and torques, and the errors chain by chain; a joint has the colour of its place in the chain.
 fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let mut angles = Panel::new("Motion of the joints from their start", "angle", "rad");
+    let mut angles = Panel::new("Joint angles from the start", "angle", "rad");
     let mut errors = Vec::new();
     let mut torques = Panel::new("Motor torque", "torque", "N·m");
     for joints in model.chain_ranges() {
         let (prefix, names) = split_names(joints.clone().map(|joint| model.joint_name(joint)).collect());
         let title = if prefix.is_empty() { "Error".to_owned() } else { format!("Error, {prefix}") };
         let mut panel = Panel::new(title, "error", "mrad");
-        if let (Some(&from), Some(&to)) = (recording.steps.first(), recording.steps.get(FIRST_MOTIONS)) {
-            panel = panel.window(from as f64 * T, to as f64 * T, "first motions");
-        }
         for (place, (joint, name)) in joints.zip(names).enumerate() {
             let line = |values: Vec<f64>| Line::solid(name, place, recording.time.clone(), values);
             angles = angles.line(line(recording.moved(joint)));
@@ -306,17 +303,32 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
             torques = torques.line(line(recording.torque[joint].clone()));
         }
         errors.push(match trial.limits {
-            Some((peak, _)) => panel.band(peak, format!("±{peak} mrad")),
+            Some((peak, _)) => panel.band(peak, format!("limit ±{peak} mrad")),
             None => panel,
         });
     }
     let start = recording.reference[0].first().copied().unwrap_or(0.0);
     let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
     angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
-    let caption = "True joint angles of the plant against the filtered reference; angles and torques with one line a \
-                   joint. In the first step up and the first step down the servo meets the machine's true friction \
-                   for the first time (shaded); from then on it has learnt it, and the limit counts.";
-    let figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
+    let caption = "True joint angles and the filtered reference, the error of each finger's joints, and the motor torques. \
+                   During the first step up and down (shaded) the servo meets the machine's true friction for the \
+                   first time; afterwards it has adapted to it, and the limit applies.";
+    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
+    let time = |step: Option<&usize>| step.map(|&step| step as f64 * T);
+    if let (Some(from), Some(to)) = (time(recording.steps.first()), time(recording.steps.get(FIRST_MOTIONS)))
+    {
+        let end = recording.time.last().map_or(to, |last| last + T);
+        figure = figure.phase(from, to, "").phase(to, end, "");
+    }
+    for (number, &step) in recording.steps.iter().enumerate() {
+        let size = if number % 2 == 0 { "+" } else { "−" };
+        let adapted = match number {
+            0 => ", friction not yet known",
+            FIRST_MOTIONS => ", friction known",
+            _ => "",
+        };
+        figure = figure.event(step as f64 * T, format!("{size}{STEP} rad{adapted}"));
+    }
     errors.into_iter().fold(figure, Figure::panel).panel(torques)
 }
 

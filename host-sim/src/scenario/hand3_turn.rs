@@ -14,12 +14,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 20.0,
     lead: &[
-        "The hand finds and grasps a box that stands up to 5 mm off the place where it should be, feels its friction, \
-         lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis, each within a second \
-         and with two and a half seconds of rest. The paper's box went from a pitch of 0.769 rad to 0.868, back, to 0.673, \
-         and back.",
-        "An error is that of the true box: its pitch against that before the first turn and the turn asked for since, two \
-         seconds after each turn's end.",
+        "The hand locates and grasps a box that stands up to 5 mm away from its nominal position, probes its friction, \
+         lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis. Each turn takes one \
+         second and is followed by two and a half seconds of rest. In the paper the pitch of the box went from 0.769 rad \
+         to 0.868, back, to 0.673, and back.",
+        "The error is that of the true box, two seconds after the end of each turn: its pitch relative to that before the \
+         first turn, minus the commanded turn.",
     ],
     run,
 };
@@ -61,11 +61,11 @@ fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
     let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TURNS[index]).abs());
     let worst = errors.into_iter().fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
     let mut metric =
-        Metric::at_most("Error of the pitch at rest, worst of four", worst, 2.0, "mrad").paper("1–4 mrad");
+        Metric::at_most("Pitch error at rest, worst of four", worst, 2.0, "mrad").paper("1–4 mrad");
     metric.note = lost;
     summary.insert("turn_error", metric);
     for (number, (error, turn)) in (1..).zip(errors.into_iter().zip(["+0.1", "−0.1", "−0.1", "+0.1"])) {
-        let text = format!("Error of the pitch after turn {number} ({turn} rad)");
+        let text = format!("Pitch error after turn {number} ({turn} rad)");
         summary.insert(format!("turn{number}_error"), Metric::reported(text, error, "mrad"));
     }
     let span = begins[0]..begins[3] + MOVE + AFTER;
@@ -84,25 +84,29 @@ fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
 }
 
 fn figure(log: &Log, begin: f64) -> Figure {
-    let caption = "True roll, pitch and yaw of the box from before the first turn. Dashed: what they should be, from where they \
-                   were then. As the paper's figure 14.";
+    let caption = "True roll, pitch and yaw of the box, and their references (dashed), which begin at the true values before the \
+                   first turn. As in the paper's figure 14.";
     let mut figure = Figure::stacked("Roll, pitch and yaw of the box", caption, "time", "s");
+    for (number, name) in ["+0.1 rad", "−0.1 rad", "−0.1 rad", "+0.1 rad"].into_iter().enumerate() {
+        let begin = number as f64 * (MOVE + REST);
+        figure = figure.phase(begin, begin + MOVE, name).phase(begin + MOVE, begin + MOVE + REST, "at rest");
+    }
     let samples: Vec<&Sample> = log.samples.iter().filter(|sample| sample.time >= begin - 0.5).collect();
     let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
     let start = log.at(begin);
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-        let wanted = |sample: &&Sample| {
+        let reference = |sample: &&Sample| {
             let Some(start) = start else { return f64::NAN };
             let turned = UnitQuaternion::from_scaled_axis(sample.aim[1] - start.aim[1]) * start.turn();
             let (roll, pitch, yaw) = turned.euler_angles();
             [roll, pitch, yaw][axis]
         };
-        let wanted: Vec<f64> = samples.iter().map(wanted).collect();
+        let reference: Vec<f64> = samples.iter().map(reference).collect();
         let got: Vec<f64> = samples.iter().map(|sample| sample.angles()[axis]).collect();
         figure = figure.panel(
             Panel::new(capital(name), name, "rad")
                 .line(Line::solid("true", axis, time.clone(), got))
-                .line(Line::dashed("reference", Line::INK, time.clone(), wanted)),
+                .line(Line::dashed("reference", Line::INK, time.clone(), reference)),
         );
     }
     figure

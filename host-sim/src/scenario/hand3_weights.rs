@@ -4,10 +4,11 @@
 use std::ops::Range;
 
 use rapier3d::na::{Vector3, Vector6};
-use tesaki_supervisor::grasp::PlacedGrasp;
+use tesaki_description::grasp::PlacedGrasp;
 
 use super::grasping::{
-    Bench, Firmness, Held, Log, Session, UP, components, firmness, internal_forces, require_duration, table,
+    Bench, Firmness, Held, Log, Session, UP, component_targets, components, firmness, internal_forces,
+    require_duration, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::{Load, Push};
@@ -20,13 +21,13 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 35.0,
     lead: &[
-        "The hand finds and grasps the box of 23 g, feels its friction by rubbing, and lifts it by 1 cm, to the paper's place. Weights of 50, \
-         100, 200 and 300 g are put on the middle of its top and taken off, each within 0.3 s and one at a time; then \
-         all of them are put on, one after the other, 650 g in the end, and taken off; then it is pushed from the side \
-         with 0.3 N. The hand does not know of any of this but through its force sensors.",
-        "Motion is that of the true box from where it was at the start of each part, sliding the longest path of a \
-         fingertip along the box while friction was at its limit. How firm the grip is: one second after each weight is \
-         on, the sum of the true normal forces over that of the least grip that holds the true load with the true \
+        "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the paper's position. \
+         Weights of 50, 100, 200 and 300 g are put on the middle of its top and removed, one at a time, each within \
+         0.3 s. Then all of them are added one after the other, 650 g in total, and removed together. Finally the box is \
+         pushed from the side with 0.3 N. The hand only knows of this through its force sensors.",
+        "Motion is that of the true box since the start of each part. Sliding is the longest path of a fingertip along the \
+         box while its contact force was at the friction limit. The grip ratio is taken one second after each weight: the \
+         sum of the true normal forces, divided by that of the minimum grip that holds the true load with the true \
          friction.",
     ],
     run,
@@ -45,7 +46,7 @@ const GRIP_AFTER: f64 = 1.0;
 /// From the side [N], and for how long [s].
 const PUSH: f64 = 0.3;
 const PUSH_TIME: f64 = 1.5;
-/// Wanted of each part: motion [mm], sliding [mm] and firmness.
+/// Limits of each part: motion [mm], sliding [mm] and firmness.
 const MOTION: f64 = 0.5;
 const SLIDING: f64 = 0.1;
 const FIRMNESS: f64 = 1.5;
@@ -56,8 +57,6 @@ const TORQUE: f64 = 0.6;
 struct Part {
     name: &'static str,
     label: &'static str,
-    /// For the figure.
-    short: &'static str,
     span: Range<f64>,
 }
 
@@ -76,6 +75,8 @@ struct Record {
     parts: Vec<Part>,
     puts: Vec<Put>,
     empty: Option<Firmness>,
+    /// What happened when [s].
+    events: Vec<(f64, String)>,
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
@@ -103,48 +104,45 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let held = Held { label: "weights", object: "box", change: &change, paper: false };
     let mut session = Session::begin(setting, &mut bench, &held)?;
     session.lift()?;
-    let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0) };
-    for (name, label, short, cumulative) in [
-        ("single", "One at a time", "one at a time", false),
-        ("all", "One on the other", "one on the other", true),
-    ] {
+    let mut record =
+        Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0), events: Vec::new() };
+    for (name, label, cumulative) in [("single", "One at a time", false), ("all", "Cumulative", true)] {
         let begin = session.log.now();
         let mut on = 0.0;
         for mass in WEIGHTS {
             let possible = grip(&session.log, mass).is_some_and(|grip| grip.possible);
             on = if cumulative { on + mass } else { mass };
             session.note(&format!("{:.0} g on", 1e3 * on));
+            record.events.push((session.log.now(), format!("{:.0} g", 1e3 * on)));
             session.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
             session.wait(RAMP + GRIP_AFTER)?;
             let found = if session.log.lost.is_none() { grip(&session.log, 0.0) } else { None };
             record.puts.push(Put { part: name, mass: on, grip: found, possible });
             session.wait(STEP - RAMP - GRIP_AFTER)?;
             if !cumulative {
+                record.events.push((session.log.now(), "off".to_owned()));
                 take_off(&mut session)?;
             }
         }
         if cumulative {
+            record.events.push((session.log.now(), "off".to_owned()));
             take_off(&mut session)?;
         }
-        record.parts.push(Part { name, label, short, span: begin..session.log.now() });
+        record.parts.push(Part { name, label, span: begin..session.log.now() });
     }
     let begin = session.log.now();
     session.note("push");
+    record.events.push((begin, "push".to_owned()));
     let force = [0.0, PUSH, 0.0];
     session.plant.push(Push { force, point: [0.0; 3], ramp: 0.1, hold: PUSH_TIME })?;
     session.wait(PUSH_TIME + 1.0)?;
-    record.parts.push(Part {
-        name: "push",
-        label: "Push from the side",
-        short: "push",
-        span: begin..session.log.now(),
-    });
+    record.parts.push(Part { name: "push", label: "Push from the side", span: begin..session.log.now() });
     let log = session.end()?;
 
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(bench.motion.ticks()));
     add_metrics(&mut summary, &log, &record);
     let begin = record.parts.first().map_or(0.0, |part| part.span.start);
-    let figures = vec![loads(&log, &record, begin), forces(&log, begin)];
+    let figures = vec![loads(&log, &record, begin), forces(&log, &record, begin)];
     let tables = vec![("weights.csv".to_owned(), table(&log))];
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
@@ -164,7 +162,7 @@ fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
         if let Some(put) = impossible(part) {
             metric.limit = None;
             metric.note = Some(format!(
-                "not counted: with the true friction of {:.2} no forces within the limit hold {:.0} g",
+                "no limit: with the true friction of {:.2}, no grip within the force limit can hold {:.0} g",
                 log.samples.last().map_or(f64::NAN, |sample| sample.object.friction),
                 1e3 * put.mass
             ));
@@ -183,27 +181,27 @@ fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
             let values = puts().map(|put| put.grip.as_ref().map_or(f64::NAN, value));
             values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
         };
-        let text = format!("{}: grip over the least that would do, at most", part.label);
+        let text = format!("{}: largest grip ratio", part.label);
         let key = format!("{}_firmness", part.name);
         summary.insert(key, metric(part.name, text, all(|grip| grip.ratio), FIRMNESS, ""));
         for put in puts() {
-            let text = format!("{}: grip over the least, {:.0} g", part.label, 1e3 * put.mass);
+            let text = format!("{}: grip ratio with {:.0} g", part.label, 1e3 * put.mass);
             let ratio = put.grip.map_or(f64::NAN, |grip| grip.ratio);
             let key = format!("{}_firmness_{:.0}g", part.name, 1e3 * put.mass);
             summary.insert(key, Metric::reported(text, ratio, ""));
         }
-        let text = format!("{}: largest joint torque of the least grip", part.label);
-        let note = format!("without the fingers' own weight; a joint has {TORQUE} N·m");
+        let text = format!("{}: largest joint torque of the minimum grip", part.label);
+        let note = format!("without the fingers' own weight; the joints are rated at {TORQUE} N·m");
         let torque = Metric::reported(text, all(|grip| grip.torque), "N·m").note(note);
         summary.insert(format!("{}_least_torque", part.name), torque);
     }
     let empty = record.empty.map_or(f64::NAN, |grip| grip.ratio);
-    let text = "Empty box: grip over the least that would do";
+    let text = "Empty box: grip ratio";
     summary.insert("empty_firmness", Metric::reported(text, empty, ""));
     let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
     summary.insert(
         "friction_found",
-        Metric::reported("Coefficient of friction, as counted on", log.friction, ""),
+        Metric::reported("Coefficient of friction, controller's estimate", log.friction, ""),
     );
     summary.insert("friction_true", Metric::reported("Coefficient of friction, true", friction, ""));
     let whole = log.held..log.now();
@@ -218,8 +216,8 @@ fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
     let samples = log.during(&span);
     let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
     let load = samples.iter().map(|sample| 9.81 * sample.object.load).collect();
-    let mut loads =
-        Panel::new("Weights on the box", "weight", "N").line(Line::solid("weights", 0, time.clone(), load));
+    let loads =
+        Panel::new("Weight on the box", "weight", "N").line(Line::solid("weight", 3, time.clone(), load));
     let forces: Vec<_> = samples.iter().map(internal_forces).collect();
     let mut internal = Panel::new("True internal force of each finger", "force", "N");
     for finger in 0..3 {
@@ -228,22 +226,31 @@ fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
     }
     let start = log.at(begin).map_or(Vector3::repeat(f64::NAN), |sample| sample.position());
     let way = samples.iter().map(|sample| 1e3 * (sample.position() - start).norm()).collect();
-    let motion = Panel::new("Motion of the box from where it was held empty", "motion", "mm")
-        .line(Line::solid("motion", 5, time, way));
-    for part in &record.parts {
-        loads = loads.window(part.span.start - begin, part.span.end - begin, part.short);
-    }
-    let caption = "What is put on the box, and the part of the fingertips' true forces that moves nothing. As the paper's figure 12, \
-                   and how far the box moved.";
-    Figure::stacked("Load and internal force", caption, "time", "s")
-        .panel(loads)
-        .panel(internal)
-        .panel(motion)
+    let motion = Panel::new("Distance of the box from where it was held empty", "distance", "mm")
+        .rule(MOTION, format!("limit {MOTION} mm"))
+        .line(Line::solid("distance", 6, time, way));
+    let caption = "Weight on the box, the internal part of the true fingertip forces (as in the paper's figure 12), and the \
+                   motion of the box.";
+    let figure = Figure::stacked("Load and internal force", caption, "time", "s");
+    mark_parts(figure, record, begin).panel(loads).panel(internal).panel(motion)
 }
 
-fn forces(log: &Log, begin: f64) -> Figure {
-    let caption = "True contact force of finger 1 on the box, in the hand's frame. As the paper's figure 13.";
-    let panel = Panel::new("Force of finger 1", "force", "N");
-    let panel = components(panel, log, &(begin..log.now()), |sample| sample.force(0));
-    Figure::stacked("Force of finger 1 on the box", caption, "time", "s").panel(panel)
+fn forces(log: &Log, record: &Record, begin: f64) -> Figure {
+    let caption = "True contact force of finger 1 on the box in the hand's frame (as in the paper's figure 13), and the \
+                   controller's target (dashed).";
+    let span = begin..log.now();
+    let panel =
+        components(Panel::new("Force of finger 1", "force", "N"), log, &span, |sample| sample.force(0));
+    let panel = component_targets(panel, log, &span, |sample| sample.wanted[0]);
+    let figure = Figure::stacked("Force of finger 1 on the box", caption, "time", "s");
+    mark_parts(figure, record, begin).panel(panel)
+}
+
+/// Parts as phases, weights as events.
+fn mark_parts(mut figure: Figure, record: &Record, begin: f64) -> Figure {
+    for part in &record.parts {
+        figure = figure.phase(part.span.start - begin, part.span.end - begin, "");
+    }
+    let events = record.events.iter();
+    events.fold(figure, |figure, (time, label)| figure.event(time - begin, label.as_str()))
 }

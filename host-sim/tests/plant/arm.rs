@@ -5,10 +5,10 @@ use std::path::Path;
 
 use tesaki::control::ServoMode;
 use tesaki::protocol::Task;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native};
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
 use tesaki_supervisor::Board;
-use tesaki_supervisor::robot::RobotFolder;
 
 pub const JOINTS: usize = 7;
 /// The basic posture.
@@ -115,7 +115,7 @@ fn the_joint_servo_holds_and_moves_the_arm() {
 #[test]
 fn inertias_are_those_of_the_solids() {
     let mut total = 0.0;
-    for link in Arm::exact().robot.urdf.links.iter().filter(|link| link.inertial.mass.value > 0.0) {
+    for link in Arm::exact().robot.urdf.robot.links.iter().filter(|link| link.inertial.mass.value > 0.0) {
         let (mass, inertia, visual) = (link.inertial.mass.value, &link.inertial.inertia, &link.visual[0]);
         total += mass;
         assert_eq!(visual.origin.xyz, link.inertial.origin.xyz, "{}", link.name);

@@ -1,14 +1,23 @@
+use std::path::Path;
+
 use tesaki::model::{Encoder, Motor};
 use tesaki::protocol::ActuatorFrame;
+use tesaki_description::urdf::Urdf;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 
 pub const JOINTS: usize = 9;
 pub const URDF: &str = include_str!("../../../robots/hand3/robot.urdf");
 pub const VALUES: &str = include_str!("../../../robots/hand3/plant.toml");
 
+/// A URDF whose links form a tree.
+pub fn urdf(text: &str) -> Urdf {
+    let (urdf, findings) = Urdf::check(Path::new("robot.urdf"), text);
+    urdf.unwrap_or_else(|| panic!("{findings:?}"))
+}
+
 /// Everything that a plant of the hand is made of, for a test to change.
 pub struct Hand {
-    pub urdf: urdf_rs::Robot,
+    pub urdf: Urdf,
     pub drives: Vec<Drive>,
     pub values: PlantValues,
     pub options: PlantOptions,
@@ -32,7 +41,7 @@ impl Hand {
             })
         });
         Self {
-            urdf: urdf_rs::read_from_string(URDF).unwrap(),
+            urdf: urdf(URDF),
             drives: drives.collect(),
             values: PlantValues::from_toml(VALUES).unwrap(),
             options: PlantOptions { held_at_start: false, ..PlantOptions::exact() },
@@ -52,7 +61,7 @@ impl Hand {
     }
 
     pub fn viscous(mut self, viscous: f64) -> Self {
-        for dynamics in self.urdf.joints.iter_mut().filter_map(|joint| joint.dynamics.as_mut()) {
+        for dynamics in self.urdf.robot.joints.iter_mut().filter_map(|joint| joint.dynamics.as_mut()) {
             dynamics.damping = viscous;
         }
         self

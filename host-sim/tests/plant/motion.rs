@@ -97,7 +97,7 @@ fn the_initial_posture_has_the_papers_numbers() {
 #[test]
 fn inertias_are_those_of_the_solids() {
     let mut links = 0;
-    for link in Hand::exact().urdf.links.iter().filter(|link| link.inertial.mass.value > 0.0) {
+    for link in Hand::exact().urdf.robot.links.iter().filter(|link| link.inertial.mass.value > 0.0) {
         let (mass, inertia) = (link.inertial.mass.value, &link.inertial.inertia);
         let (across, along) = match link.visual[0].geometry {
             urdf_rs::Geometry::Cylinder { radius, length } => {

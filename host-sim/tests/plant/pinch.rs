@@ -1,6 +1,7 @@
 //! Two bars that squeeze a box between their tips: what acts where can be worked out by hand.
 
-use crate::hand::{Hand, frame_of};
+use crate::hand::{Hand, frame_of, urdf};
+use tesaki_description::urdf::Urdf;
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, Shape};
 
 /// From a hinge to the tip's middle [m].
@@ -11,7 +12,7 @@ pub const SIZE: [f64; 3] = [0.098, 0.208, 0.060];
 pub const MASS: f64 = 0.023;
 
 /// Bars that hang down at both ends of x; their hinges turn about y. Positive torque moves a tip towards +x.
-fn urdf() -> urdf_rs::Robot {
+fn bars() -> Urdf {
     let bar = |name: &str, x: f64| {
         format!(
             r#"<joint name="{name}" type="revolute"><origin xyz="{x} 0 0"/><parent link="base"/>
@@ -28,7 +29,7 @@ fn urdf() -> urdf_rs::Robot {
     let x = SIZE[0] / 2.0 + RADIUS;
     let text =
         format!("<robot name=\"pinch\"><link name=\"base\"/>{}{}</robot>", bar("left", -x), bar("right", x));
-    urdf_rs::read_from_string(&text).unwrap()
+    urdf(&text)
 }
 
 pub struct Pinch {
@@ -67,7 +68,7 @@ impl Pinch {
         values.integration.step = step;
         values.posture.clear();
         let options = PlantOptions { held_at_start: false, object: Some(object), ..PlantOptions::exact() };
-        Self { plant: Plant::new(&urdf(), &drives, &values, &options).unwrap() }
+        Self { plant: Plant::new(&bars(), &drives, &values, &options).unwrap() }
     }
 
     /// Squeezes with a force of each tip [N] for a number of control periods.

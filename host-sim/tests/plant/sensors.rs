@@ -1,7 +1,7 @@
 use core::f64::consts::TAU;
 use std::path::Path;
 
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 
 use crate::hand::{Hand, JOINTS, frame, largest};
 

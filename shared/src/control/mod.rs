@@ -7,7 +7,7 @@ mod observer;
 mod pid;
 
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
+pub use impedance::{BadImpedance, Impedance, ImpedanceTerm, MatchedImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};
@@ -35,23 +35,4 @@ pub enum ServoMode {
     Pid,
     /// 1: state feedback on an observer of velocity and disturbance.
     Observer,
-}
-
-/// How the joint torques are computed, before a task's feed-forward is added.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub enum Actuation {
-    /// 0: the joint's servo, with gravity, inertia and friction fed forward.
-    Servo,
-    /// 1: torque control with damping.
-    Torque {
-        /// `K_d` of (Hand3 eq. 20) [N·m·s/rad].
-        damping: f32,
-        /// Whether gravity and friction of the joints are compensated by feed-forward.
-        compensated: bool,
-    },
-    /// 2: inverse dynamics of the whole chain for the accelerations that a task commands.
-    Acceleration {
-        /// Fraction of the friction model that is fed forward, 0 to 1.
-        friction: f32,
-    },
 }

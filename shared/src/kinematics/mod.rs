@@ -11,6 +11,7 @@ mod chain;
 mod finger;
 mod inverse;
 mod posture;
+mod setpoint;
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
@@ -23,3 +24,4 @@ pub use inverse::{
     InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,
 };
 pub use posture::{Jacobian, Posture, TipPoint};
+pub use setpoint::{ElbowSetpoint, PosePoint};

@@ -1,10 +1,17 @@
 use heapless::Vec;
+use postcard_schema::Schema;
 use serde::Serialize;
 
-use crate::protocol::{EXPORT_CHUNK, Refusal, Reply, codec};
+use super::state::State;
+use crate::model::RobotModel;
+use crate::protocol::{EXPORT_CHUNK, Refusal, Reply, codec, longest};
 
-/// Longest export in bytes: a model or a state of sixteen joints.
-const MAX_EXPORT: usize = 4096;
+/// Longest postcard encoding of a [`State`] in bytes.
+pub const MAX_STATE: usize = longest(State::SCHEMA);
+/// Longest postcard encoding of a [`RobotModel`] in bytes.
+pub const MAX_MODEL: usize = longest(RobotModel::SCHEMA);
+/// Longest export.
+const MAX_EXPORT: usize = if MAX_STATE > MAX_MODEL { MAX_STATE } else { MAX_MODEL };
 
 /// A copy of something the node has, to be read piece by piece while the node goes on.
 #[derive(Clone, Debug)]
@@ -13,24 +20,25 @@ pub(super) struct Export {
     length: usize,
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "no export is longer than MAX_EXPORT")]
 impl Export {
     pub const fn new() -> Self {
         Self { bytes: [0; MAX_EXPORT], length: 0 }
     }
 
-    /// Copies `item`.
+    /// Copies `item`, whose layout `key` identifies, after entry `index` of the log.
     #[inline(never)]
-    pub fn begin<T: Serialize>(&mut self, item: &T, index: u32) -> Reply {
-        // Cannot fail: both items are shorter by their types (see the tests).
-        self.length = postcard::to_slice(item, &mut self.bytes).map_or(0, |bytes| bytes.len());
-        let bytes = self.bytes.get(..self.length).unwrap_or_default();
-        #[expect(clippy::cast_possible_truncation, reason = "at most 4096")]
-        Reply::Exported { length: self.length as u32, checksum: codec::checksum(bytes), index }
+    pub fn begin<T: Serialize>(&mut self, item: &T, index: u32, key: u64) -> Result<Reply, Refusal> {
+        self.length = 0;
+        // Cannot fail: the buffer has the length of the longest item by its type.
+        let bytes =
+            postcard::to_slice(item, &mut self.bytes).map_err(|_| Refusal::NotExported { length: 0 })?;
+        self.length = bytes.len();
+        Ok(Reply::Exported { length: self.length as u32, checksum: codec::checksum(bytes), index, key })
     }
 
     /// The piece at `offset`.
     pub fn chunk(&self, offset: u32) -> Result<Reply, Refusal> {
-        #[expect(clippy::cast_possible_truncation, reason = "at most 4096")]
         let refused = Refusal::NotExported { length: self.length as u32 };
         let first = usize::try_from(offset).map_err(|_| refused)?;
         let end = self.length.min(first.saturating_add(EXPORT_CHUNK));

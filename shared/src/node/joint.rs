@@ -1,143 +1,95 @@
-use core::f32::consts::TAU;
-
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::TICK;
-use crate::control::{JointPoint, JointServo, JointServoState, ServoMode};
+use crate::control::{JointPoint, JointServoState, ServoMode};
+use crate::fault::FaultCause;
 use crate::math::{self, abs};
-use crate::model::{JointLimits, JointModel};
-use crate::protocol::{FaultCause, Refusal};
-use crate::signal::PseudoDifferentiator;
+use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
 
-/// Cut-off of the velocity that is watched and shown [rad/s].
-const VELOCITY_CUTOFF: f32 = 100.0;
-/// Counts by which a sound encoder may err between two ticks.
-const COUNT_NOISE: f32 = 2.0;
-/// A motion this many times faster than the velocity limit is the encoder's, not the joint's.
-const JUMP_FACTOR: f32 = 2.0;
-/// A sensor may read a little beyond what the current loop was asked for.
-const CURRENT_MARGIN: f32 = 1.25;
-/// Most of a drive's lag that is made up for, as a share of the period.
-const MOST_CARRY: f32 = 0.3;
+/// Largest lag of a drive that is compensated, as a fraction of the period.
+const MAX_CARRY: f32 = 0.3;
 /// Ticks without a change of the count under a torque that should move the joint.
 const STUCK_TICKS: u16 = 10;
 
-/// What a joint is, made ready for the tick.
-#[derive(Clone, Debug)]
-pub(super) struct JointConfig {
-    pub servo: JointServo,
-    limits: JointLimits,
-    /// Signed.
-    radians_per_count: f32,
-    /// A current beyond it, in counts, is a fault.
-    current_limit: f32,
-    amperes_per_count: f32,
-    /// A change of the angle beyond it in one tick is the encoder's, not the joint's [rad].
-    jump: f32,
-    /// Angles beyond these are a fault: the limits, and room for a permitted error of following [rad].
-    lowest: f32,
-    highest: f32,
-    /// Count at angle 0 of an absolute encoder.
-    zero: Option<i32>,
-    velocity: PseudoDifferentiator,
-    /// Torque beyond the feed-forward that surely moves the joint [N·m].
-    breakaway: f32,
-}
-
-/// What a joint does.
+/// Encoder and servo of a joint.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct JointState {
     /// Count at angle 0; of meaning once homed.
     zero: i32,
     homed: bool,
     count: i32,
-    /// Angle, velocity [rad, rad/s].
-    pub position: f32,
-    pub velocity: f32,
     /// Change of the angle in the last tick [rad].
     change: f32,
     /// Torque of the last tick [N·m], and the part of it that the feed-forward does not explain.
     pub torque: f32,
     pub effort: f32,
-    /// Torque that the task adds for forces on an object [N·m]. It stays in [`Reaction::Hold`](crate::model::Reaction).
-    pub feedforward: f32,
     /// Ticks since the count changed.
     still: u16,
-    pub goal: f32,
-    pub streamed: JointPoint,
-    pub reference: JointPoint,
     pub servo: JointServoState,
 }
 
-impl JointConfig {
-    pub fn new(joint: &JointModel) -> Self {
-        let turn = TAU / joint.encoder.counts_per_turn;
-        Self {
-            servo: JointServo::new(joint),
-            limits: joint.limits,
-            radians_per_count: if joint.encoder.reversed { -turn } else { turn },
-            current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
-            amperes_per_count: joint.motor.current_resolution,
-            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * turn,
-            lowest: joint.limits.lower - joint.limits.following_error,
-            highest: joint.limits.upper + joint.limits.following_error,
-            zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
-            velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
-            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
-        }
+/// All that belongs to one joint.
+pub(super) struct Joint<'a> {
+    pub config: &'a JointConfig,
+    pub state: &'a mut JointState,
+    /// Measured angle [rad] and velocity [rad/s].
+    pub position: &'a mut f32,
+    pub velocity: &'a mut f32,
+    pub reference: &'a mut JointPoint,
+    pub target: &'a mut JointTarget,
+}
+
+/// What the joints of a robot need in a tick, list by list.
+pub(super) struct Joints<'a> {
+    pub robot: &'a Robot,
+    pub states: &'a mut [JointState],
+    pub measured: &'a mut Measured,
+    pub references: &'a mut [JointPoint],
+    pub targets: &'a mut Targets,
+}
+
+impl Joints<'_> {
+    /// All joints, one after the other.
+    #[inline]
+    pub fn each(&mut self) -> impl Iterator<Item = Joint<'_>> {
+        self.range(0, self.robot.joints().len())
     }
 
-    /// Whether the angle may be commanded.
-    pub fn check_position(&self, joint: u8, value: f32) -> Result<(), Refusal> {
-        let JointLimits { lower, upper, .. } = self.limits;
-        if !value.is_finite() {
-            Err(Refusal::NotFinite { joint })
-        } else if value < lower || value > upper {
-            Err(Refusal::OutsideLimits { joint, value, lower, upper })
-        } else {
-            Ok(())
-        }
-    }
-
-    /// Whether the streamed point may follow `reference`.
-    pub fn check_point(&self, joint: u8, point: &JointPoint, reference: &JointPoint) -> Result<(), Refusal> {
-        self.check_position(joint, point.position)?;
-        if !point.velocity.is_finite() || !point.acceleration.is_finite() {
-            return Err(Refusal::NotFinite { joint });
-        }
-        if abs(point.velocity) > self.limits.velocity {
-            return Err(Refusal::TooFast { joint, value: point.velocity, limit: self.limits.velocity });
-        }
-        let limit = self.servo.acceleration(self.limits.torque);
-        if abs(point.acceleration) > limit {
-            return Err(Refusal::TooMuchAcceleration { joint, value: point.acceleration, limit });
-        }
-        let distance = abs(point.position - reference.position);
-        if distance > self.limits.following_error {
-            return Err(Refusal::Jump { joint, value: distance, limit: self.limits.following_error });
-        }
-        Ok(())
+    /// The joints from number `first` on, so many.
+    #[inline]
+    pub fn range(&mut self, first: usize, length: usize) -> impl Iterator<Item = Joint<'_>> {
+        let range = first..first + length;
+        let configs = self.robot.joints().get(range.clone()).unwrap_or_default();
+        let states = self.states.get_mut(range.clone()).unwrap_or_default();
+        let positions = self.measured.positions.get_mut(range.clone()).unwrap_or_default();
+        let velocities = self.measured.velocities.get_mut(range.clone()).unwrap_or_default();
+        let references = self.references.get_mut(range.clone()).unwrap_or_default();
+        let targets = self.targets.joints.get_mut(range).unwrap_or_default();
+        let measured = positions.iter_mut().zip(velocities);
+        let commanded = references.iter_mut().zip(targets);
+        configs.iter().zip(states).zip(measured.zip(commanded)).map(
+            |((config, state), ((position, velocity), (reference, target)))| Joint {
+                config,
+                state,
+                position,
+                velocity,
+                reference,
+                target,
+            },
+        )
     }
 }
 
 impl JointState {
     pub const fn new() -> Self {
-        const REST: JointPoint = JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 };
         Self {
             zero: 0,
             homed: false,
             count: 0,
-            position: 0.0,
-            velocity: 0.0,
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
-            feedforward: 0.0,
             still: 0,
-            goal: 0.0,
-            streamed: REST,
-            reference: REST,
             servo: JointServoState::at(0.0),
         }
     }
@@ -145,11 +97,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        let most = JointPoint { position: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
-        let (goal, streamed, reference) = (f32::MIN, most, most);
-        let feedforward = f32::MIN;
-        let still = u16::MAX;
-        Self { zero: i32::MIN, count: i32::MIN, still, goal, streamed, reference, feedforward, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, still: u16::MAX, ..Self::new() }
     }
 
     /// A joint that was just given its model. It stays homed if it is `the_same` joint with the same encoder.
@@ -167,40 +115,6 @@ impl JointState {
         self.homed
     }
 
-    /// The joint stands at `position` now.
-    pub fn home(&mut self, config: &JointConfig, position: f32) {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "saturates; the angle was checked against the limits"
-        )]
-        let counts = libm::roundf(position / config.radians_per_count) as i32;
-        self.zero = self.count.wrapping_sub(counts);
-        self.homed = true;
-        self.restart(config);
-    }
-
-    /// Takes the encoder's count for the first time, or anew after a pause: no change, no velocity.
-    pub fn first_read(&mut self, config: &JointConfig, count: i32) {
-        self.count = count;
-        self.restart(config);
-    }
-
-    fn restart(&mut self, config: &JointConfig) {
-        self.position = self.angle(config, self.count);
-        (self.change, self.velocity, self.still) = (0.0, 0.0, 0);
-        self.hold_still();
-    }
-
-    /// Takes the encoder's count of this tick.
-    pub fn read(&mut self, config: &JointConfig, count: i32) {
-        self.still = if count == self.count { self.still.saturating_add(1) } else { 0 };
-        self.count = count;
-        let position = self.angle(config, count);
-        self.change = position - self.position;
-        self.position = position;
-        config.velocity.update(&mut self.velocity, self.change);
-    }
-
     fn angle(&self, config: &JointConfig, count: i32) -> f32 {
         #[expect(
             clippy::cast_precision_loss,
@@ -210,128 +124,165 @@ impl JointState {
         counts * config.radians_per_count
     }
 
-    /// What is wrong with the joint's readings, if anything.
-    pub fn inspect(&self, config: &JointConfig, current: i16) -> Option<(FaultCause, f32, f32)> {
-        if abs(self.change) > config.jump {
-            return Some((FaultCause::EncoderJump, self.change, config.jump));
+    /// No torque.
+    pub fn release(&mut self) {
+        (self.torque, self.effort) = (0.0, 0.0);
+        self.servo.clear_torque();
+    }
+}
+
+impl Joint<'_> {
+    /// The joint stands at `position` [rad] now.
+    pub fn home(&mut self, position: f32) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "saturates; the angle was checked against the limits"
+        )]
+        let counts = libm::roundf(position / self.config.radians_per_count) as i32;
+        self.state.zero = self.state.count.wrapping_sub(counts);
+        self.state.homed = true;
+        self.restart();
+    }
+
+    /// Takes the encoder's count for the first time, or anew after a pause: no change, no velocity.
+    pub fn first_read(&mut self, count: i32) {
+        self.state.count = count;
+        self.restart();
+    }
+
+    fn restart(&mut self) {
+        *self.position = self.state.angle(self.config, self.state.count);
+        *self.velocity = 0.0;
+        (self.state.change, self.state.still) = (0.0, 0);
+        self.hold_still();
+    }
+
+    /// Takes the encoder's count of this tick.
+    #[inline]
+    pub fn read(&mut self, count: i32) {
+        let state = &mut *self.state;
+        state.still = if count == state.count { state.still.saturating_add(1) } else { 0 };
+        state.count = count;
+        let position = state.angle(self.config, count);
+        state.change = position - *self.position;
+        *self.position = position;
+        self.config.velocity.update(self.velocity, state.change);
+    }
+
+    /// What is wrong with the joint's readings, if anything: cause, value, limit.
+    #[inline]
+    pub fn inspect(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
+        let (config, state, position) = (self.config, &self.state, *self.position);
+        if abs(state.change) > config.jump {
+            return Some((FaultCause::EncoderJump, state.change, config.jump));
         }
         let current = f32::from(current);
         if abs(current) > config.current_limit {
             let scale = config.amperes_per_count;
             return Some((FaultCause::OverCurrent, current * scale, config.current_limit * scale));
         }
-        if abs(self.velocity) > config.limits.velocity {
-            return Some((FaultCause::VelocityLimit, self.velocity, config.limits.velocity));
+        if abs(*self.velocity) > config.limits.velocity {
+            return Some((FaultCause::VelocityLimit, *self.velocity, config.limits.velocity));
         }
-        if self.homed && self.position < config.lowest {
-            return Some((FaultCause::PositionLimit, self.position, config.limits.lower));
+        if state.homed && position < config.lowest {
+            return Some((FaultCause::PositionLimit, position, config.limits.lower));
         }
-        if self.homed && self.position > config.highest {
-            return Some((FaultCause::PositionLimit, self.position, config.limits.upper));
+        if state.homed && position > config.highest {
+            return Some((FaultCause::PositionLimit, position, config.limits.upper));
         }
         None
     }
 
-    /// What is wrong with the joint under control, if anything.
-    pub fn supervise(&self, config: &JointConfig) -> Option<(FaultCause, f32, f32)> {
-        let error = self.reference.position - self.position;
+    /// What is wrong with the joint under control, if anything: cause, value, limit.
+    #[inline]
+    pub fn supervise(&self) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &self.state);
+        let error = self.reference.position - *self.position;
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
         // A joint that presses on an object stands still under torque.
-        let presses = self.feedforward != 0.0;
-        if self.still >= STUCK_TICKS && abs(self.effort) > config.breakaway && !presses {
-            return Some((FaultCause::EncoderStuck, self.effort, config.breakaway));
+        let presses = self.target.feedforward != 0.0;
+        if state.still >= STUCK_TICKS && abs(state.effort) > config.breakaway && !presses {
+            return Some((FaultCause::EncoderStuck, state.effort, config.breakaway));
         }
         None
     }
 
-    /// The reference of this tick.
-    pub fn advance(&mut self, config: &JointConfig, streaming: bool) {
-        self.reference = if streaming {
-            let point = self.streamed;
-            // A point that no other follows is one to stand at.
-            self.streamed = JointPoint { velocity: 0.0, acceleration: 0.0, ..point };
-            config.servo.follow(&mut self.servo, point)
-        } else {
-            config.servo.approach(&mut self.servo, self.goal)
+    /// Takes the target of this tick for the reference, by way of the trajectory filter where it is a goal.
+    #[inline]
+    pub fn advance(&mut self) {
+        if core::mem::replace(&mut self.target.restart, false) {
+            self.state.servo.restart(*self.position);
+        }
+        *self.reference = match self.target.setpoint {
+            JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
+            JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
         };
     }
 
-    /// The torque of this tick, given the model's torque for the reference.
-    pub fn control(&mut self, config: &JointConfig, mode: ServoMode, model_torque: f32) {
-        let known = model_torque + self.feedforward;
-        let output = config.servo.update(&mut self.servo, mode, &self.reference, self.position, known);
-        self.torque = output.torque;
-        self.effort = output.effort;
+    /// The torque of this tick by the servo, given the model's torque for the reference [N·m].
+    #[inline]
+    pub fn control(&mut self, mode: ServoMode, model_torque: f32) {
+        let known = model_torque + self.target.feedforward;
+        let servo = &mut self.state.servo;
+        let output = self.config.servo.update(servo, mode, self.reference, *self.position, known);
+        self.state.torque = output.torque;
+        self.state.effort = output.effort;
     }
 
-    /// The torque of this tick without the servo: the task's own and damping, and for `compensated` fingers the model's.
+    /// The torque of this tick without the servo: the task's own and damping, and for `compensated` links the model's.
     #[inline(never)]
-    pub fn push(&mut self, config: &JointConfig, damping: f32, compensated: bool, model_torque: f32) {
+    pub fn push(&mut self, damping: f32, compensated: bool, model_torque: f32) {
         let known = if compensated {
-            model_torque + config.servo.friction(&self.servo, self.reference.velocity)
+            model_torque + self.config.servo.friction(&self.state.servo, self.reference.velocity)
         } else {
             0.0
         };
-        self.torque = config.servo.limit(&mut self.servo, known + self.feedforward - damping * self.velocity);
-        self.effort = 0.0;
+        let desired = known + self.target.feedforward - damping * *self.velocity;
+        self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
+        self.state.effort = 0.0;
     }
 
-    /// The torque of this tick from the torque of the arm's links for the reference. Returns the acceleration that the
-    /// limits leave undone [rad/s²], and the mean torque until the next tick [N·m].
+    /// The torque of this tick from the torque of the chain's links for the reference, with this fraction of the friction fed
+    /// forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the next tick [N·m].
     #[inline(never)]
-    pub fn accelerate(&mut self, config: &JointConfig, friction: f32, links: f32) -> [f32; 2] {
-        let of_friction = friction * config.servo.friction(&self.servo, self.reference.velocity);
-        let wanted =
-            links + config.servo.rotor_torque(self.reference.acceleration) + of_friction + self.feedforward;
-        // What is left of the last torque is made up for, so that the mean over the period is what is wanted.
-        let (before, carry) = (self.torque, math::clamp(config.servo.delay_fraction(), 0.0, MOST_CARRY));
-        let ahead = wanted + (wanted - before) * (carry / (1.0 - carry));
-        self.torque = config.servo.limit(&mut self.servo, ahead);
-        self.effort = 0.0;
-        let mean = self.torque + carry * (before - self.torque);
-        [config.servo.acceleration(mean - wanted), mean]
-    }
-
-    /// Whether the task may add this torque.
-    pub fn check_torque(config: &JointConfig, joint: u8, value: f32) -> Result<(), Refusal> {
-        let limit = config.servo.torque_limit();
-        if !value.is_finite() {
-            Err(Refusal::NotFinite { joint })
-        } else if abs(value) > limit {
-            Err(Refusal::TooMuchTorque { joint, value, limit })
-        } else {
-            Ok(())
-        }
+    pub fn accelerate(&mut self, friction: f32, links: f32) -> [f32; 2] {
+        let servo = &self.config.servo;
+        let of_friction = friction * servo.friction(&self.state.servo, self.reference.velocity);
+        let desired =
+            links + servo.rotor_torque(self.reference.acceleration) + of_friction + self.target.feedforward;
+        // The rest of the last torque is compensated, so that the mean over the period is the desired torque.
+        let (before, carry) = (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_CARRY));
+        let ahead = desired + (desired - before) * (carry / (1.0 - carry));
+        self.state.torque = servo.limit(&mut self.state.servo, ahead);
+        self.state.effort = 0.0;
+        let mean = self.state.torque + carry * (before - self.state.torque);
+        [servo.acceleration(mean - desired), mean]
     }
 
     /// The torque against the motion.
-    pub fn damp(&mut self, config: &JointConfig, damping: f32) {
-        self.torque = config.servo.limit(&mut self.servo, -damping * self.velocity);
-        self.effort = 0.0;
+    pub fn damp(&mut self, damping: f32) {
+        self.state.torque = self.config.servo.limit(&mut self.state.servo, -damping * *self.velocity);
+        self.state.effort = 0.0;
     }
 
-    /// No torque.
-    pub fn release(&mut self) {
-        (self.torque, self.effort, self.feedforward) = (0.0, 0.0, 0.0);
-        self.servo.clear_torque();
-    }
-
-    /// At rest where the joint is, everything learnt forgotten.
+    /// At rest where the joint is, everything learnt but the friction forgotten.
     pub fn hold_still(&mut self) {
-        self.goal = self.position;
-        self.reference = JointPoint { position: self.position, ..JointPoint::default() };
-        self.streamed = self.reference;
-        self.servo.restart(self.position);
-        (self.torque, self.effort, self.feedforward, self.still) = (0.0, 0.0, 0.0, 0);
+        let position = *self.position;
+        *self.target = JointTarget::at(position);
+        *self.reference = JointPoint { position, ..JointPoint::default() };
+        let state = &mut *self.state;
+        state.servo.restart(position);
+        (state.torque, state.effort, state.still) = (0.0, 0.0, 0);
     }
 
-    /// Comes to rest: where the joint is, or else along the reference.
+    /// Comes to rest: where the joint is, or else along the reference. The task's torque stays.
     pub fn hold(&mut self, at_once: bool) {
-        self.goal = if at_once { self.position } else { self.servo.resting_point() };
+        let goal = if at_once { *self.position } else { self.state.servo.resting_point() };
+        self.target.setpoint = JointSetpoint::Goal(goal);
         if at_once {
-            self.servo.restart_reference(self.position);
+            self.state.servo.restart_reference(*self.position);
         }
     }
 }

@@ -1,6 +1,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::optional::Optional;
 use crate::protocol::{LEASE, Refusal};
 
 /// A command so many numbers back is not sent again.
@@ -18,7 +19,7 @@ pub(super) struct Lease {
     client: Option<u32>,
     /// Its last command, and why that was refused.
     sequence: u16,
-    refusal: Option<Refusal>,
+    refusal: Optional<Refusal>,
     /// The tick of its last request.
     seen: u32,
 }
@@ -35,7 +36,7 @@ pub(super) enum Admitted {
 impl Lease {
     /// Nobody commands.
     pub const fn new() -> Self {
-        Self { held: false, client: None, sequence: 0, refusal: None, seen: 0 }
+        Self { held: false, client: None, sequence: 0, refusal: Optional::None, seen: 0 }
     }
 
     /// The client that commands.
@@ -52,17 +53,17 @@ impl Lease {
         // Other requests use up numbers, too: without this the next command, after half of all of them, would look older
         // than the last one. The last one cannot come again any more, but this one may be a command.
         if (FORGOTTEN..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
-            (self.sequence, self.refusal) = (sequence.wrapping_sub(1), None);
+            (self.sequence, self.refusal) = (sequence.wrapping_sub(1), Optional::None);
         }
     }
 
-    /// The client wants to command. `armed`: the commander cannot be replaced.
+    /// The client wants to command. `enabled`: the commander cannot be replaced.
     pub fn take(
         &mut self,
         client: u32,
         sequence: u16,
         by_force: bool,
-        armed: bool,
+        enabled: bool,
         now: u32,
     ) -> Result<(), Refusal> {
         if self.client == Some(client) && self.is_older(sequence) {
@@ -71,18 +72,18 @@ impl Lease {
         let expired = now.wrapping_sub(self.seen) > LEASE;
         if let Some(by) = self.commander()
             && by != client
-            && (armed || !(by_force || expired))
+            && (enabled || !(by_force || expired))
         {
             return Err(Refusal::Commanded { by });
         }
-        *self = Self { held: true, client: Some(client), sequence, refusal: None, seen: now };
+        *self = Self { held: true, client: Some(client), sequence, refusal: Optional::None, seen: now };
         Ok(())
     }
 
     /// A command came.
     pub fn admit(&self, client: u32, sequence: u16) -> Result<Admitted, Refusal> {
         if self.client == Some(client) && self.sequence == sequence {
-            return Ok(Admitted::Repeated(self.refusal.map_or(Ok(()), Err)));
+            return Ok(Admitted::Repeated(self.refusal.get().map_or(Ok(()), Err)));
         }
         let by = self.commander().ok_or(Refusal::NotCommander)?;
         if by != client {
@@ -96,7 +97,7 @@ impl Lease {
 
     /// The command was carried out, or refused.
     pub fn remember(&mut self, sequence: u16, result: Result<(), Refusal>) {
-        (self.sequence, self.refusal) = (sequence, result.err());
+        (self.sequence, self.refusal) = (sequence, result.err().into());
     }
 
     /// Nobody commands from now on.
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_client_waits_for_silence_or_takes_by_force_but_never_from_an_armed_one() {
+    fn a_second_client_waits_for_silence_or_takes_by_force_but_never_from_an_enabled_one() {
         let mut lease = commanded_by(1);
         let refused = Err(Refusal::Commanded { by: 1 });
         assert_eq!(lease.take(2, 0, false, false, LEASE), refused);

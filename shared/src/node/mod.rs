@@ -1,39 +1,30 @@
 //! Everything that a controller board decides: modes, limits, faults, tick.
 //!
 //! ```text
-//!              Arm                    fault, Stop
-//!  Disarmed ─────────► Armed(task) ─────────────────► Fault
-//!     ▲ ▲  Disarm           │                          │
-//!     │ └───────────────────┘              ClearFaults │
-//!     └────────────────────────────────────────────────┘
+//!              Enable                   fault, Stop
+//!  Disabled ─────────► Enabled(task) ─────────────────► Fault
+//!     ▲ ▲  Disable          │                             │
+//!     │ └───────────────────┘                 ClearFaults │
+//!     └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`]; `Disarm` puts them off there, too, but the fault stays
-//! until it was read and cleared.
+//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off there, too, but the fault
+//! stays until it was read and cleared.
 //!
 //! A [`Node`] never reads a clock, waits or touches a pin. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
 
 mod export;
+mod force_sensor;
 mod handle;
 mod joint;
 mod lease;
+mod optional;
 mod replay;
-mod robot;
+mod safety;
 mod state;
 mod tick;
-mod tip;
 mod transfer;
-
-#[cfg(test)]
-#[allow(
-    clippy::unwrap_used,
-    clippy::cast_possible_truncation,
-    clippy::float_cmp,
-    clippy::indexing_slicing,
-    reason = "tests"
-)]
-mod tests;
 
 #[cfg(test)]
 #[allow(
@@ -44,29 +35,24 @@ mod tests;
     clippy::indexing_slicing,
     reason = "tests"
 )]
-mod arm_tests;
+mod tests;
 
-#[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
-mod arm_loop_tests;
-
+pub use export::{MAX_MODEL, MAX_STATE};
 pub use replay::{Difference, Replay, ReplayError};
-pub use robot::Robot;
-pub use state::State;
+pub use state::{STATE_KEY, State};
 
 use heapless::Vec;
 
-use crate::arm::ArmTelemetry;
-use crate::control::Actuation;
-use crate::manipulation::GraspTelemetry;
-use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
-use crate::protocol::{Fault, FaultLog, JointTelemetry, Mode, Stream, Telemetry, TipTelemetry, Tips};
+use crate::fault::{Fault, FaultLog};
+use crate::model::MAX_JOINTS;
+use crate::protocol::{
+    BoardStatus, FromBoard, JointTelemetry, Mode, Stream, TaskReport, Telemetry, TipTelemetry, Tips,
+};
+use crate::robot::{Postures, Robot};
+use crate::task::{Io, TaskState};
 use export::Export;
 use joint::JointState;
 use transfer::Transfer;
-
-/// Longest postcard encoding of a [`State`].
-const MAX_STATE: usize = 5120;
 
 /// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
 #[derive(Clone, Debug)]
@@ -75,6 +61,8 @@ pub struct Node {
     model_checksum: u32,
     transfer: Transfer,
     export: Export,
+    /// Follows from the state, and is no part of it.
+    postures: Postures,
     state: State,
 }
 
@@ -85,13 +73,14 @@ impl Default for Node {
 }
 
 impl Node {
-    /// A disarmed node without a robot.
+    /// A disabled node without a robot.
     pub const fn new() -> Self {
         Self {
             robot: Robot::NONE,
             model_checksum: 0,
             transfer: Transfer::new(),
             export: Export::new(),
+            postures: Postures::NONE,
             state: State::new(),
         }
     }
@@ -126,13 +115,27 @@ impl Node {
         self.state.tick
     }
 
+    /// What `stream` sends after the last tick; `None` when it is not due. The log is sent entry by entry, not here.
+    pub fn due(&self, stream: Stream, board: &BoardStatus) -> Option<FromBoard> {
+        if !self.is_due(stream) {
+            return None;
+        }
+        match stream {
+            Stream::Telemetry => Some(FromBoard::Telemetry(self.telemetry())),
+            Stream::Status => Some(FromBoard::Status(self.status(board))),
+            Stream::Log => None,
+            Stream::Tips => Some(FromBoard::Tips(self.tips())),
+            Stream::Task => self.task_report().map(FromBoard::Task),
+        }
+    }
+
     /// Whether `stream` is due after the last tick.
     pub fn is_due(&self, stream: Stream) -> bool {
         let every = self.state.rates.get(stream as usize).copied().unwrap_or(0);
         self.state.tick.checked_rem(every.into()) == Some(0)
     }
 
-    /// Whether anybody wants the log.
+    /// Whether the log is sent.
     pub fn is_logged(&self) -> bool {
         self.state.rates[Stream::Log as usize] != 0
     }
@@ -154,6 +157,7 @@ impl Node {
         match postcard::take_from_bytes(state) {
             Ok((state, [])) => {
                 self.state = state;
+                self.postures.clear();
                 true
             }
             _ => false,
@@ -163,14 +167,13 @@ impl Node {
     /// The state after the last tick.
     pub fn telemetry(&self) -> Telemetry {
         let mut joints = Vec::new();
-        for state in self.state.joints.iter().take(self.robot.joints.len()) {
-            // Cannot fail, as below.
-            let _ = joints.push(JointTelemetry {
-                position: state.position,
-                velocity: state.velocity,
-                reference: state.reference.position,
-                torque: state.torque,
-            });
+        let State { measured, references, .. } = &self.state;
+        let measured = measured.positions.iter().zip(&measured.velocities);
+        let states = self.state.joints.iter().zip(references).zip(measured);
+        for ((state, reference), (&position, &velocity)) in states.take(self.robot.joints().len()) {
+            let reference = reference.position;
+            // Cannot fail: there are no more joints than places.
+            let _ = joints.push(JointTelemetry { position, velocity, reference, torque: state.torque });
         }
         Telemetry { tick: self.state.tick, mode: self.state.mode, faults: self.state.faults.total, joints }
     }
@@ -178,67 +181,39 @@ impl Node {
     /// The tips after the last tick.
     pub fn tips(&self) -> Tips {
         let mut tips = Vec::new();
-        let mut first = 0;
-        for ((chain, _), state) in self.robot.chains.iter().zip(&self.state.tips) {
-            let mut angles = [0.0; MAX_CHAIN_JOINTS];
-            let states = self.state.joints.iter().skip(first).take(chain.len());
-            angles.iter_mut().zip(states).for_each(|(angle, joint)| *angle = joint.position);
-            first += chain.len();
-            let position = chain.posture(&angles).tip().translation.vector.into();
-            let (force, torque, tared) = (state.force, state.torque, state.tared);
+        let measured = &self.state.measured;
+        for (chain, &[fx, fy, fz, tx, ty, tz]) in (0..self.robot.chains().len()).zip(&measured.wrenches) {
+            let Some(posture) = self.postures.of(&self.robot, measured, chain) else { break };
+            let position = posture.tip().translation.vector.into();
+            let (force, torque, tared) = ([fx, fy, fz], [tx, ty, tz], measured.is_tared(chain));
             // Cannot fail: there are no more chains than places.
             let _ = tips.push(TipTelemetry { position, force, torque, tared });
         }
         Tips { tick: self.state.tick, tips }
     }
 
-    /// The grasp after the last tick.
-    pub fn grasp(&self) -> GraspTelemetry {
-        self.state.hand.telemetry(self.state.tick)
+    /// The running task after the last tick, or the one that ran last; `None` before the first.
+    pub fn task_report(&self) -> Option<TaskReport> {
+        let state = &self.state;
+        let telemetry =
+            state.has_task.then(|| state.task.telemetry(&self.robot, &state.measured, &self.postures))?;
+        Some(TaskReport { tick: state.tick, telemetry })
     }
 
-    /// The arm and its tool after the last tick, if the robot is one.
-    pub fn tool(&self) -> Option<ArmTelemetry> {
-        Some(self.state.arm.telemetry(&self.robot.arm()?, &self.state.arm_sense(), self.state.tick))
+    /// The task, and what it reads and writes.
+    fn task_and_io(&mut self) -> (&mut TaskState, Io<'_>) {
+        let Self { robot, postures, state, .. } = self;
+        let State { measured, references, targets, task, .. } = state;
+        (task, Io { robot, measured, postures, references, targets })
     }
 
     /// One value for each joint of the robot.
     fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
-        let count = self.robot.joints.len();
         let mut list = Vec::new();
-        for state in self.state.joints.iter().take(count) {
+        for state in self.state.joints.iter().take(self.robot.joints().len()) {
             // Cannot fail: there are no more states than places. (`collect` would bring in a panic.)
             let _ = list.push(value(state));
         }
         list
-    }
-
-    /// Records a fault and reacts to it.
-    fn fail(&mut self, fault: Fault) {
-        let reaction = match self.robot.loaded() {
-            Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
-            _ => Reaction::Off,
-        };
-        match self.state.mode {
-            Mode::Disarmed => return,
-            // A fault is answered once; only one that takes more away counts after it.
-            Mode::Fault if reaction != Reaction::Off || self.state.reaction == Reaction::Off => return,
-            Mode::Fault => {}
-            Mode::Armed(_) => {
-                if reaction == Reaction::Hold {
-                    // Where no servo was at work, there is no reference to come to rest along.
-                    let no_servo = !matches!(self.state.drive, Actuation::Servo);
-                    let at_once = no_servo || fault.cause.means_motion_is_wrong();
-                    self.state.drive = Actuation::Servo;
-                    for state in &mut self.state.joints {
-                        state.hold(at_once);
-                    }
-                }
-            }
-        }
-        self.state.faults.record(fault);
-        self.state.mode = Mode::Fault;
-        self.state.reaction = reaction;
-        self.state.streaming = false;
     }
 }

@@ -2,7 +2,8 @@ use core::fmt;
 
 use heapless::Vec;
 
-use super::{MAX_STATE, Node};
+use super::export::MAX_STATE;
+use super::{Node, STATE_KEY};
 use crate::protocol::{ActuatorFrame, BoardStatus, LogRecord, SCHEMA_KEY, codec};
 
 /// Repeats a recorded run: gives a node what it was given, and compares what it answers, bit for bit.
@@ -30,6 +31,11 @@ pub enum ReplayError {
     },
     /// It was recorded with another version of the protocol.
     Schema {
+        /// The recording's.
+        recorded: u64,
+    },
+    /// It begins with the state of another version of the control core.
+    StateKey {
         /// The recording's.
         recorded: u64,
     },
@@ -96,6 +102,11 @@ impl fmt::Display for ReplayError {
                 "the recording has schema {recorded:016x}, this program {SCHEMA_KEY:016x}: use the program of the \
                  version that recorded it"
             ),
+            Self::StateKey { recorded } => write!(
+                f,
+                "the recording begins with a state of key {recorded:016x}, this program has {STATE_KEY:016x}: use the \
+                 program of the version that ran on the board"
+            ),
             Self::State => write!(f, "the state in the recording is incomplete or damaged"),
             Self::Order => write!(f, "the recording has an answer without the sensors that it answers"),
         }
@@ -134,7 +145,10 @@ impl<'a> Replay<'a> {
                     return Err(ReplayError::State);
                 }
             }
-            LogRecord::Restore { length, checksum } => {
+            LogRecord::Restore { key, .. } if *key != STATE_KEY => {
+                return Err(ReplayError::StateKey { recorded: *key });
+            }
+            LogRecord::Restore { length, checksum, .. } => {
                 let whole = usize::try_from(*length) == Ok(self.state.len())
                     && codec::checksum(&self.state) == *checksum;
                 if !whole || !self.node.restore(&self.state) {

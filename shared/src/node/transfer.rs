@@ -1,16 +1,14 @@
 #![expect(
     clippy::cast_possible_truncation,
-    reason = "no model is longer than 4096 bytes, no request longer than 336"
+    reason = "no model is longer than MAX_MODEL bytes, no request longer than a frame"
 )]
 
 use heapless::Vec;
 
+use super::export::MAX_MODEL;
 use crate::model::RobotModel;
-use crate::node::Robot;
 use crate::protocol::{Refusal, codec};
-
-/// Longest postcard encoding of a model in bytes.
-const MAX_MODEL: usize = 4096;
+use crate::robot::Robot;
 
 /// A model on its way to the board, chunk by chunk.
 #[derive(Clone, Debug)]

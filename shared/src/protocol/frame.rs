@@ -2,7 +2,9 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{EXPORT_CHUNK, Identity, RequestFrame};
+use super::reply::EXPORT_CHUNK;
+use super::request::RequestFrame;
+use super::status::Identity;
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 
 /// What the sensors of all joints read at one instant. Raw counts: SI conversion happens once, in the node.
@@ -76,6 +78,8 @@ pub enum LogRecord {
         length: u32,
         /// Its [`super::codec::checksum`].
         checksum: u32,
+        /// Its [`STATE_KEY`](crate::node::STATE_KEY).
+        key: u64,
     },
     /// 6: entries are missing here; what follows can be repeated from the next [`LogRecord::Restore`] on.
     Gap {

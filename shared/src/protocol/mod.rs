@@ -9,19 +9,24 @@
 //! [`SCHEMA_KEY`] changes with any change of a message; only [`Request::Hello`] keeps its layout for ever.
 
 pub mod codec;
-mod fault;
 mod frame;
-mod message;
+mod longest;
+mod refusal;
+mod reply;
+mod request;
+mod status;
+mod telemetry;
 
-pub use fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
+pub use crate::fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
 pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
-pub use message::{
-    BoardStatus, ClockSource, EXPORT_CHUNK, FromBoard, Identity, Item, JointTelemetry, LinkStatistics,
-    LogEntry, MODEL_CHUNK, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, ResetCause,
-    SetPoint, Status, Stream, Task, Telemetry, TipTelemetry, Tips,
-};
+pub use longest::longest;
+pub use refusal::Refusal;
+pub use reply::{EXPORT_CHUNK, FromBoard, LogEntry, Reply, ReplyFrame};
+pub use request::{Item, MODEL_CHUNK, Request, RequestFrame};
+pub use status::{BoardStatus, ClockSource, Identity, LinkStatistics, Mode, NodeStatus, ResetCause, Status};
+pub use telemetry::{JointTelemetry, Stream, TaskReport, Telemetry, TipTelemetry, Tips};
 
-/// Ticks of silence after which a commander that has armed nothing can be replaced: 1 s.
+/// Ticks of silence after which a commander that has enabled nothing can be replaced: 1 s.
 pub const LEASE: u32 = 100;
 
 /// Identifies the layout of all messages. Two programs whose keys differ can exchange nothing but
@@ -30,11 +35,10 @@ pub const SCHEMA_KEY: u64 = {
     const fn key<T: postcard_schema::Schema>() -> u64 {
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<T>("tesaki").to_bytes())
     }
-    // Model and state travel as the payload of chunks and therefore count too.
+    // The model travels as the payload of chunks and therefore counts too. A state has a key of its own.
     key::<RequestFrame>()
         ^ key::<FromBoard>().rotate_left(13)
         ^ key::<SensorFrame>().rotate_left(26)
         ^ key::<ActuatorFrame>().rotate_left(39)
         ^ key::<crate::model::RobotModel>().rotate_left(52)
-        ^ key::<crate::node::State>().rotate_left(7)
 };

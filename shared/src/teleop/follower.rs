@@ -6,7 +6,7 @@ use super::motion_limits::MotionTarget;
 use super::operator_estimate::{Motion, OperatorEstimate};
 use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel};
 use crate::TICK;
-use crate::arm::{ElbowPoint, PosePoint};
+use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
 
 /// Tolerance of the norm of a unit quaternion.
@@ -314,7 +314,7 @@ impl Follower {
     }
 
     /// Returns the set-points for the control period that begins `now`. Call it once per period.
-    pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowPoint) {
+    pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowSetpoint) {
         let FollowerSettings { position_limits, rotation_limits, elbow_limits, scale, .. } = &self.settings;
         let times = [
             state.hand.as_mut().map(|hand| &mut hand.time),
@@ -357,7 +357,7 @@ impl Follower {
             velocity: joined(&state.velocity, &state.angular_velocity),
             acceleration: joined(&acceleration, &angular_acceleration),
         };
-        let elbow = ElbowPoint {
+        let elbow = ElbowSetpoint {
             angle: state.elbow_angle.x,
             velocity: state.elbow_velocity.x,
             acceleration: elbow_acceleration.x,

@@ -1,7 +1,9 @@
 use std::fmt;
 use std::ops::Add;
 
-use super::{LinkFaults, Random};
+use tesaki_rng::Rng;
+
+use super::LinkFaults;
 
 /// How many faults were injected, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,7 +82,7 @@ enum Splice {
 #[derive(Clone, Debug)]
 pub struct Damage {
     faults: LinkFaults,
-    random: Random,
+    rng: Rng,
     splice: Splice,
     /// Bytes in the frame that comes in.
     length: u32,
@@ -96,7 +98,7 @@ impl Damage {
     /// The damage of the direction number `direction` of a line, which is another for each.
     pub fn new(faults: &LinkFaults, direction: u64) -> Self {
         let mut damage = Self {
-            random: Random::new(faults.seed, direction),
+            rng: Rng::new(faults.seed, direction),
             faults: faults.clone(),
             splice: Splice::None,
             length: 0,
@@ -134,7 +136,7 @@ impl Damage {
 
     /// Decides at the start of a frame whether it will lose its end.
     fn plan_splice(&mut self) {
-        let (will, place) = (self.random.chance(self.faults.splice), self.random.below(self.usual));
+        let (will, place) = (self.rng.chance(self.faults.splice), self.rng.below(self.usual));
         self.splice = if will { Splice::Before(place) } else { Splice::None };
     }
 
@@ -150,7 +152,7 @@ impl Damage {
         match self.splice {
             Splice::Tail if byte == 0 => {
                 self.injected.spliced += 1;
-                self.splice = match self.random.below(self.length) {
+                self.splice = match self.rng.below(self.length) {
                     0 => Splice::None,
                     head => Splice::Head(head),
                 };
@@ -167,13 +169,13 @@ impl Damage {
 
     fn pass_byte(&mut self, byte: u8, out: &mut Vec<u8>) {
         // One draw decides: a byte is either lost or flipped.
-        let draw = self.random.fraction();
+        let draw = self.rng.uniform();
         let byte = if draw < self.faults.drop {
             self.injected.dropped += 1;
             return;
         } else if draw < self.faults.drop + self.faults.flip {
             self.injected.flipped += 1;
-            byte ^ (1 << self.random.below(8))
+            byte ^ (1 << self.rng.below(8))
         } else {
             byte
         };
@@ -184,7 +186,7 @@ impl Damage {
         if byte == 0 {
             // A lone zero is padding, and says nothing twice.
             let whole = (2..=LONGEST).contains(&self.frame.len());
-            if whole && self.random.chance(self.faults.duplicate) {
+            if whole && self.rng.chance(self.faults.duplicate) {
                 self.injected.duplicated += 1;
                 out.extend_from_slice(&self.frame);
             }

@@ -2,7 +2,9 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::Instant;
 
-use super::{Damage, Injected, LinkFaults, Random};
+use tesaki_rng::Rng;
+
+use super::{Damage, Injected, LinkFaults};
 use crate::ByteLink;
 
 /// One direction: damaged bytes, and when they arrive.
@@ -10,7 +12,7 @@ use crate::ByteLink;
 struct Direction {
     damage: Damage,
     /// Apart from the damage's, so that what happens to bytes does not depend on how they are cut into chunks.
-    random: Random,
+    rng: Rng,
     /// In the order in which they were sent: a late one holds up those behind it.
     chunks: VecDeque<(Instant, Vec<u8>)>,
     delayed: u64,
@@ -21,7 +23,7 @@ impl Direction {
     fn new(faults: &LinkFaults, direction: u64) -> Self {
         Self {
             damage: Damage::new(faults, direction),
-            random: Random::new(faults.seed, direction + 2),
+            rng: Rng::new(faults.seed, direction + 2),
             chunks: VecDeque::new(),
             delayed: 0,
             stalled: 0,
@@ -32,8 +34,8 @@ impl Direction {
     fn push(&mut self, bytes: &[u8], faults: &LinkFaults) {
         let mut due = Instant::now();
         // All numbers are drawn always, so that the third chunk's fate does not depend on the first's.
-        let (delayed, share) = (self.random.chance(faults.delay.probability), self.random.fraction());
-        let stalled = self.random.chance(faults.stall.probability);
+        let (delayed, share) = (self.rng.chance(faults.delay.probability), self.rng.uniform());
+        let stalled = self.rng.chance(faults.stall.probability);
         if delayed {
             self.delayed += 1;
             due += faults.delay.duration.mul_f64(share);

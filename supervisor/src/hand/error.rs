@@ -1,7 +1,7 @@
 use std::fmt;
 
-use tesaki::manipulation::{Loss, Unable};
 use tesaki::protocol::Refusal;
+use tesaki::task::grasping::{GraspFault, GraspRefusal};
 
 use crate::BoardError;
 
@@ -71,33 +71,33 @@ pub enum HandError {
     WrenchControl,
     /// The hand cannot do what it is told now.
     #[error(transparent)]
-    Unable(Unable),
+    GraspRefusal(GraspRefusal),
     /// The object was lost.
     #[error("{}", Words(.0))]
-    Lost(Loss),
+    Lost(GraspFault),
     /// The boards are not armed.
     #[error("the hand is not armed")]
     NotArmed,
 }
 
 /// A loss in words.
-struct Words<'a>(&'a Loss);
+struct Words<'a>(&'a GraspFault);
 
 impl fmt::Display for Words<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            Loss::Contact { finger, force, limit } => write!(
+            GraspFault::Contact { finger, force, limit } => write!(
                 f,
                 "finger {} no longer touches the object in the hand: {force:.3} N, limit {limit:.3} N",
                 finger + 1
             ),
-            Loss::Deformed { distance, limit } => {
+            GraspFault::Deformed { distance, limit } => {
                 write!(f, "the object in the hand slid between the fingers: {distance:.4} m, limit {limit} m")
             }
-            Loss::Moved { distance, limit } => {
+            GraspFault::Moved { distance, limit } => {
                 write!(f, "the object in the hand was moved: {distance:.4} m, limit {limit} m")
             }
-            Loss::NoFrame => write!(f, "the fingertips are in line: where the object is is not known"),
+            GraspFault::NoFrame => write!(f, "the fingertips are in line: where the object is is not known"),
         }
     }
 }

@@ -1,15 +1,15 @@
 use nalgebra::Vector3;
 use tesaki::control::JointServo;
 use tesaki::kinematics::{Chain, Finger};
-use tesaki::manipulation::{Each, Hand, HandFinger};
 use tesaki::model::RobotModel;
+use tesaki::task::grasping::{Hand, HandFinger, PerFinger};
 
 use super::HandError;
 
 /// A robot made ready for the control of an object.
 #[derive(Clone, Debug)]
 pub struct HandModel {
-    fingers: Each<(Chain, Finger, [f32; 3], f32)>,
+    fingers: PerFinger<(Chain, Finger, [f32; 3], f32)>,
     gravity: Vector3<f32>,
 }
 

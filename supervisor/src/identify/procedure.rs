@@ -4,11 +4,13 @@
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::{JointPoint, ServoMode};
 use tesaki::kinematics::Chain;
-use tesaki::manipulation::{
+use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+use tesaki::protocol::{Mode, Request, Telemetry, Tips};
+use tesaki::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
 };
-use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
-use tesaki::protocol::{Mode, Request, SetPoint, Task, Telemetry, Tips};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 
 use super::regression::{Fit, Reading, fit};
 use crate::BoardError;
@@ -80,7 +82,7 @@ pub trait Machine {
     ///
     /// # Errors
     /// When the board refuses, faults or falls silent.
-    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, Self::Error>;
+    fn tick(&mut self, request: Request) -> Result<Sense, Self::Error>;
 
     /// Tells what is done now.
     fn progress(&mut self, text: &str);
@@ -288,10 +290,10 @@ impl Finger {
 }
 
 impl<M: Machine> Course<'_, M> {
-    fn tick(&mut self, set_point: SetPoint) -> Result<(), M::Error> {
-        let sense = self.machine.tick(set_point)?;
+    fn tick(&mut self, request: Request) -> Result<(), M::Error> {
+        let sense = self.machine.tick(request)?;
         let mode = sense.telemetry.mode;
-        if !matches!(mode, Mode::Armed(_)) {
+        if !matches!(mode, Mode::Enabled(_)) {
             return Err(IdentifyError::Stopped(mode).into());
         }
         // A frame may have been lost: the torques before the last ones say nothing about what is sensed now.
@@ -308,15 +310,15 @@ impl<M: Machine> Course<'_, M> {
         Ok(())
     }
 
-    fn arm(&mut self, task: Task) -> Result<(), M::Error> {
+    fn enable(&mut self, task: TaskConfig) -> Result<(), M::Error> {
         self.latest = None;
-        self.machine.ask("arm", Request::Arm { task })
+        self.machine.ask("enable its outputs", Request::Enable(task))
     }
 
-    /// Each joint to and fro by itself, the others at rest.
+    /// PerFinger joint to and fro by itself, the others at rest.
     fn sweep(&mut self, amplitude: f64) -> Result<(), M::Error> {
-        self.arm(Task::JointServo(ServoMode::Observer))?;
-        self.tick(SetPoint::Keep)?;
+        self.enable(TaskConfig::JointServo(ServoMode::Observer))?;
+        self.tick(Request::Keep)?;
         let start: Vec<f64> = self
             .latest
             .iter()
@@ -345,7 +347,7 @@ impl<M: Machine> Course<'_, M> {
                 at = to;
             }
         }
-        self.machine.ask("disarm", Request::Disarm)
+        self.machine.ask("disable its outputs", Request::Disable)
     }
 
     fn sweep_to(
@@ -372,7 +374,7 @@ impl<M: Machine> Course<'_, M> {
                 }
             };
             let points = rest.iter().enumerate().map(|(index, rest)| point(index, rest)).collect();
-            self.tick(SetPoint::Stream { points })?;
+            self.tick(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))?;
         }
         Ok(())
     }
@@ -387,15 +389,15 @@ impl<M: Machine> Course<'_, M> {
             control: ObjectControl::Differential(ServoMode::Observer),
             ..*plan
         };
-        self.arm(Task::Grasp)?;
+        self.enable(TaskConfig::Grasping(()))?;
         self.motion += 1;
-        self.machine.ask("grasp", Request::Grasp(GraspCommand::Grasp(plan)))?;
+        self.machine.ask("grasp", Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))))?;
         let (phase, failure) = self.settle(Phase::Hold)?;
         match failure {
             None if phase == Phase::Hold => {}
             // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
-            Some(failure @ Failure::GripError { .. }) if phase == Phase::Ready => {
-                self.machine.ask("disarm", Request::Disarm)?;
+            Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => {
+                self.machine.ask("disable its outputs", Request::Disable)?;
                 return Ok(Err(failure));
             }
             _ => return Err(IdentifyError::Grasp { strength, phase, failure }.into()),
@@ -416,9 +418,10 @@ impl<M: Machine> Course<'_, M> {
             self.bring(up, still, strength)?;
         }
         self.motion += 1;
-        self.machine.ask("put the object down", Request::Grasp(GraspCommand::PutDown))?;
+        self.machine
+            .ask("put the object down", Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)))?;
         self.until(Phase::Ready, strength)?;
-        self.machine.ask("disarm", Request::Disarm)?;
+        self.machine.ask("disable its outputs", Request::Disable)?;
         Ok(Ok(()))
     }
 
@@ -435,7 +438,7 @@ impl<M: Machine> Course<'_, M> {
         let duration = MOTION as f32;
         let (translation, rotation) = (single(translation), single(rotation));
         let motion = GraspCommand::Move { translation, rotation, duration };
-        self.machine.ask("move the object", Request::Grasp(motion))?;
+        self.machine.ask("move the object", Request::Task(TaskCommand::Grasping(motion)))?;
         self.until(Phase::Hold, strength)
     }
 
@@ -453,7 +456,7 @@ impl<M: Machine> Course<'_, M> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let most = (PATIENCE / TICK) as usize;
         for tick in 1.. {
-            self.tick(SetPoint::Keep)?;
+            self.tick(Request::Keep)?;
             if tick % ASK == 0 || tick >= most {
                 let GraspTelemetry { phase, failure, .. } = self.machine.read_grasp()?;
                 if tick >= most || phase == wanted || phase == Phase::Ready {

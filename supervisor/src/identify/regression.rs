@@ -10,9 +10,9 @@ const RANK: f64 = 1e-8;
 /// Slower than this, the direction of a joint's motion is noise [rad/s].
 const MOVING: f64 = 0.03;
 /// As many readings are needed in each direction.
-const LEAST_READINGS: usize = 100;
+const MIN_READINGS: usize = 100;
 /// A larger standard deviation of the torque constant, over itself, is no result.
-const MOST_DEVIATION: f64 = 0.01;
+const MAX_DEVIATION: f64 = 0.01;
 /// A torque constant is believed from half of to twice what it was taken for.
 const BELIEVED: std::ops::Range<f64> = 0.5..2.0;
 
@@ -60,7 +60,7 @@ pub struct Fit {
 pub enum Doubt {
     /// The joint did not move enough.
     #[error(
-        "it hardly moved: {forth} readings forth and {back} back faster than {MOVING} rad/s, {LEAST_READINGS} of each \
+        "it hardly moved: {forth} readings forth and {back} back faster than {MOVING} rad/s, {MIN_READINGS} of each \
          are needed"
     )]
     Still {
@@ -74,7 +74,7 @@ pub enum Doubt {
         "the forces on the tip loaded it by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most \
          {:.0} % are of use",
         100.0 * deviation,
-        100.0 * MOST_DEVIATION
+        100.0 * MAX_DEVIATION
     )]
     Unloaded {
         /// Largest load less the smallest [N·m].
@@ -105,7 +105,7 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let range =
         moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
     let load_range = (range.1 - range.0).max(0.0);
-    if forth < LEAST_READINGS || back < LEAST_READINGS {
+    if forth < MIN_READINGS || back < MIN_READINGS {
         let still = Doubt::Still { forth, back };
         return Fit {
             gain: Err(still),
@@ -159,7 +159,7 @@ pub fn fit(readings: &[Reading]) -> Fit {
 
     let inverse_gain = value(0);
     let relative = if load_range > 0.0 { variance(0, 0).sqrt() / inverse_gain.abs() } else { f64::INFINITY };
-    let gain = if relative.is_nan() || relative > MOST_DEVIATION {
+    let gain = if relative.is_nan() || relative > MAX_DEVIATION {
         Err(Doubt::Unloaded { load_range, deviation: relative })
     } else if !BELIEVED.contains(&(1.0 / inverse_gain)) {
         Err(Doubt::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
-use tesaki::arm::PosePoint;
+use tesaki::kinematics::PosePoint;
 
 use crate::operator::HandState;
 use crate::report::{Column, csv};

@@ -1,13 +1,14 @@
 //! A hand with open fingers around something that stands nearly where it is thought to be.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
-use tesaki::manipulation::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki_supervisor::grasp::{PlacedGrasp, load_placed};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::grasp::{PlacedGrasp, load_placed};
+use tesaki_description::robot::RobotFolder;
+use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
 
 use crate::grasp_scene::{on_support, open_posture};
 use crate::motion::Motion;
-use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues, Purpose, Random};
+use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
+use crate::purpose::Purpose;
 use crate::scenario::{ScenarioError, Setting};
 
 /// The object stands off the place where it is thought to be by at most this much along each axis of its support [m].
@@ -52,8 +53,7 @@ impl Bench {
 
     /// The link that carries all others.
     pub fn base(&self) -> &str {
-        let carried = |name: &str| self.robot.urdf.joints.iter().any(|joint| joint.child.link == name);
-        self.robot.urdf.links.iter().find(|link| !carried(&link.name)).map_or("", |link| link.name.as_str())
+        self.robot.urdf.base()
     }
 
     /// The grasp of an object, as its file says.
@@ -88,8 +88,8 @@ impl Bench {
     fn standing(&self, object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
         let [x, y, z, w] = grasp.orientation;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        let mut random = Random::new(self.seed, Purpose::Placement);
-        let offset = turn * Vector3::new(OFFSET * random.symmetric(), OFFSET * random.symmetric(), 0.0);
+        let mut rng = Purpose::Placement.rng(self.seed);
+        let offset = turn * Vector3::new(OFFSET * rng.symmetric(), OFFSET * rng.symmetric(), 0.0);
         let object = on_support(object, grasp);
         let place = Vector3::from(object.position) + offset;
         object.at(place.into(), grasp.orientation)
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use crate::controller::{Native, Watched};
 
-    /// Each object has a grasp that the hand can wait in front of, and stands clear of the open fingers.
+    /// PerFinger object has a grasp that the hand can wait in front of, and stands clear of the open fingers.
     #[test]
     fn the_open_hand_touches_nothing() {
         let robot = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));

@@ -1,10 +1,10 @@
 //! The identification of a hand's joints, as its user would do it.
 
-use tesaki::manipulation::GraspTelemetry;
-use tesaki::protocol::{Request, SetPoint, Stream};
+use tesaki::protocol::{Request, Stream};
+use tesaki::task::grasping::GraspTelemetry;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::FingerBoard;
-use tesaki_supervisor::identify::{Calibration, Identification, Machine, Sense, Settings, identify};
+use tesaki_supervisor::identify::{Identification, Machine, Sense, Settings, identified, identify};
 
 use super::T;
 use super::bench::{Bench, Held};
@@ -44,8 +44,8 @@ impl Machine for Simulated<'_, '_> {
         Ok(self.controller.read_grasp()?)
     }
 
-    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, ScenarioError> {
-        self.controller.post(Request::SetPoint(set_point))?;
+    fn tick(&mut self, request: Request) -> Result<Sense, ScenarioError> {
+        self.controller.post(request)?;
         loop {
             self.advance()?;
             // Lost frames only make it wait.
@@ -109,7 +109,7 @@ pub fn calibrate(
         }
         found => found?,
     };
-    Calibration::identified(&model, &found.fits).apply(&mut bench.robot.model)?;
-    setting.controller.ask("disarm", Request::Disarm)?;
+    identified(&model, &found.fits).apply(&mut bench.robot.model)?;
+    setting.controller.disable()?;
     Ok(found)
 }

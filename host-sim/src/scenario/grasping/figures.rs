@@ -30,8 +30,23 @@ pub fn components(
     })
 }
 
-/// How far the object moved from where it was at the start of `span`, along an axis of the hand: time from there [s], true
-/// and wanted way [mm].
+/// The same for the targets of these components, dashed in the same colours.
+pub fn component_targets(
+    panel: Panel,
+    log: &Log,
+    span: &Range<f64>,
+    vector: impl Fn(&Sample) -> Vector3<f64>,
+) -> Panel {
+    let samples = log.during(span);
+    let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
+    xyz().into_iter().fold(panel, |panel, (axis, name)| {
+        let values = samples.iter().map(|sample| vector(sample)[axis]).collect();
+        panel.line(Line::dashed(format!("{name} target"), axis, times.clone(), values))
+    })
+}
+
+/// Displacement of the object since the start of `span` along an axis of the hand: time from there [s], true
+/// displacement and its reference [mm].
 pub fn moved(log: &Log, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
     let samples = log.during(span);
     let start = samples.first();

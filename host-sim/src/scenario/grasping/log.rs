@@ -7,6 +7,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use super::T;
 use crate::plant::{ContactTruth, ObjectTruth};
 use crate::report::{Column, csv};
+use tesaki::manipulation::Phase;
 
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]
@@ -55,6 +56,8 @@ pub struct Log {
     pub held: f64,
     /// Why and when the object was lost.
     pub lost: Option<String>,
+    /// When the controller was first seen in each phase of the grasp [s].
+    pub phases: Vec<(f64, Phase)>,
     /// Coefficient of friction that the hand counts on, when it was last asked.
     pub friction: f64,
 }
@@ -115,7 +118,9 @@ pub fn table(log: &Log) -> String {
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
         columns.push((format!("object {name}"), "rad", log.series(|sample| sample.angles()[axis])));
     }
-    for (part, (quantity, unit)) in [("wanted motion", "m"), ("wanted turn", "rad")].into_iter().enumerate() {
+    for (part, (quantity, unit)) in
+        [("target displacement", "m"), ("target rotation", "rad")].into_iter().enumerate()
+    {
         for (axis, name) in AXES.into_iter().enumerate() {
             columns.push((format!("{quantity} {name}"), unit, log.series(|sample| sample.aim[part][axis])));
         }
@@ -131,7 +136,7 @@ pub fn table(log: &Log) -> String {
         }
         for (axis, letter) in AXES.into_iter().enumerate() {
             columns.push((
-                name(&format!("wanted force {letter}")),
+                name(&format!("target force {letter}")),
                 "N",
                 log.series(|sample| sample.wanted[finger][axis]),
             ));

@@ -1,8 +1,9 @@
 //! A hand that is told what to do with an object, tick by tick, and is watched.
 
 use rapier3d::na::Vector3;
-use tesaki::manipulation::{GraspCommand, Phase};
-use tesaki::protocol::{Mode, Refusal, Request, Task};
+use tesaki::protocol::{Mode, Refusal, Request};
+use tesaki::task::TaskConfig;
+use tesaki::task::grasping::{GraspCommand, Phase};
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -83,7 +84,7 @@ impl<'a, 'b> Session<'a, 'b> {
         session.controller.home(&homed)?;
         session.wait(REST)?;
         session.controller.tare()?;
-        session.controller.arm(Task::Grasp)?;
+        session.controller.enable(TaskConfig::Grasping(()))?;
         (session.armed, session.log.samples) = (true, Vec::new());
         session.send("grasp", GraspCommand::Grasp(plan))?;
         session.until(Phase::Hold, GRASP_TIME)?;
@@ -156,6 +157,7 @@ impl<'a, 'b> Session<'a, 'b> {
         self.log.friction = f64::from(grasp.friction);
         if grasp.phase != self.phase {
             self.phase = grasp.phase;
+            self.log.phases.push((self.log.now(), grasp.phase));
             let failure = grasp.failure.map_or_else(String::new, |failure| format!(": {failure}"));
             self.note = Some(format!("the hand {}{failure}", grasp.phase));
         }
@@ -205,8 +207,8 @@ impl<'a, 'b> Session<'a, 'b> {
         self.note = Some(note.to_owned());
         match self.controller.grasp(command) {
             Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => self.lose(),
-            Err(BoardError::Refused { refusal: Refusal::Unable(unable), .. }) => {
-                self.log.lost = Some(format!("at {:.2} s: asked to {note}: {unable}", self.log.now()));
+            Err(BoardError::Refused { refusal: Refusal::Task(refusal), .. }) => {
+                self.log.lost = Some(format!("at {:.2} s: asked to {note}: {refusal}", self.log.now()));
                 Ok(())
             }
             other => Ok(other?),
@@ -245,7 +247,7 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Switches the hand off; what was recorded.
     pub fn end(self) -> Result<Log, ScenarioError> {
-        self.controller.ask("disarm", Request::Disarm)?;
+        self.controller.disable()?;
         Ok(self.log)
     }
 }

@@ -5,14 +5,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
+use tesaki::task::TaskKind;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{self, Address, Reopening};
 
 use crate::args::Options;
+use crate::board_session::{BoardSession, hex, interrupted, version, words};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, hex, interrupted, version, words};
 
 pub fn list(options: &Options) -> Result<(), Failure> {
     let found = port::list();
@@ -36,18 +37,16 @@ pub fn list(options: &Options) -> Result<(), Failure> {
 
 /// What the capabilities mean.
 fn capabilities(bits: u32) -> String {
-    let known = [
-        (Identity::PLANT_LINK, "plant link"),
-        (Identity::POWER_STAGES, "power stages"),
-        (Identity::JOINT_SERVO, "joint servo"),
-        (Identity::GRASP, "grasp"),
-    ];
-    let names: Vec<&str> = known.iter().filter(|(bit, _)| bits & bit != 0).map(|&(_, name)| name).collect();
+    let board = [(Identity::PLANT_LINK, "plant link"), (Identity::POWER_STAGES, "power stages")]
+        .map(|(bit, name)| (bit, name.to_owned()));
+    let tasks = TaskKind::ALL.iter().map(|&task| (Identity::task(task), task.to_string()));
+    let known = board.into_iter().chain(tasks);
+    let names: Vec<String> = known.filter(|(bit, _)| bits & bit != 0).map(|(_, name)| name).collect();
     names.join(", ")
 }
 
 pub fn info(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let status = session.board.status()?;
     let value =
         json!({ "port": session.place, "identity": session.identity, "status": output::exact(&status) });
@@ -97,14 +96,14 @@ pub fn info(options: &Options) -> Result<(), Failure> {
 }
 
 pub fn disarm(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
-    session.board.ask("disarm", Request::Disarm)?;
+    let mut session = BoardSession::open(options)?;
+    session.board.disable()?;
     let mode = session.board.status()?.node.mode;
     output::result(options, &json!({ "mode": mode }), || format!("outputs off; the board is {mode}"))
 }
 
 pub fn stop(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     session.board.ask("stop", Request::Stop)?;
     let mode = session.board.status()?.node.mode;
     output::result(options, &json!({ "mode": mode }), || match mode {
@@ -114,7 +113,7 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
 }
 
 pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
-    let mut session = if clear { Session::command(options)? } else { Session::open(options)? };
+    let mut session = if clear { BoardSession::command(options)? } else { BoardSession::open(options)? };
     let log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();

@@ -6,9 +6,9 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
-use tesaki_supervisor::finding::{Finding, Weight};
-use tesaki_supervisor::robot::RobotFolder;
-use tesaki_supervisor::urdf::{SerialPath, Urdf, UrdfError};
+use tesaki_description::finding::{Finding, Weight};
+use tesaki_description::robot::RobotFolder;
+use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
 
 use crate::args::Options;
 use crate::failure::Failure;

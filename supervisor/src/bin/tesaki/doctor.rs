@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::protocol::{ClockSource, ResetCause, Status, Stream};
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
-use tesaki_supervisor::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
+use crate::board_session::{Line, dial, place, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
-use crate::session::{Line, dial, place, version};
 
 /// A USB serial adapter that waits longer before it hands bytes over delays every answer by so much [ms].
 const LATENCY: u32 = 4;

@@ -12,8 +12,8 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use serde_json::{Value, json};
-use tesaki_supervisor::finding::Matter;
-use tesaki_supervisor::urdf::{Drive, SerialPath, Urdf};
+use tesaki_description::finding::Matter;
+use tesaki_description::urdf::{Drive, SerialPath, Urdf};
 
 use crate::args::{Eval, Kinematics, Options};
 use crate::failure::Failure;

@@ -6,13 +6,18 @@ use std::process::ExitCode;
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
+use tesaki_description::calibration::CalibrationError;
+use tesaki_description::grasp::GraspFileError;
+use tesaki_description::impedance::ImpedanceFileError;
+use tesaki_description::robot::RobotError;
+use tesaki_description::urdf::UrdfError;
+use tesaki::robot::Concerns;
+use tesaki::task::TaskRefusal;
+use tesaki::task::grasping::GraspRefusal;
+use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::arm::ImpedanceFileError;
-use tesaki_supervisor::grasp::GraspFileError;
-use tesaki_supervisor::identify::{CalibrationError, IdentifyError};
+use tesaki_supervisor::identify::IdentifyError;
 use tesaki_supervisor::port::PortError;
-use tesaki_supervisor::robot::RobotError;
-use tesaki_supervisor::urdf::UrdfError;
 
 /// Why a command came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -84,7 +89,14 @@ fn hint(error: &BoardError) -> &'static str {
         BoardError::Refused { refusal: Refusal::NotHomed { .. }, .. } => {
             " (`tesaki home JOINT=ANGLE … --others 0`)"
         }
-        BoardError::Refused { refusal: Refusal::NotTared { .. }, .. } => " (`tesaki tare`)",
+        BoardError::Refused {
+            refusal:
+                Refusal::Task(
+                    TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
+                    | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
+                ),
+            ..
+        } => " (`tesaki tare`)",
         BoardError::Refused {
             refusal: Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault),
             ..

@@ -7,15 +7,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki::manipulation::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
-use tesaki::protocol::{SetPoint, Task};
-use tesaki_supervisor::{Board, grasp};
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
+use tesaki::protocol::{Request, TaskReport};
+use tesaki::task::grasping::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
+use tesaki::task::{TaskConfig, TaskTelemetry};
 
 use crate::args::{Grasp, Options, Run, Step};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::motion::{End, Motion};
 use crate::output;
-use crate::session::{Session, interrupted};
 
 /// From one sign of life to the next: one for each tick of the board.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -48,16 +50,17 @@ fn take(options: &Options, aim: &Run) -> Result<(), Failure> {
     )?;
     // From here on its telemetry comes, which tells of faults.
     motion.positions()?;
-    motion.arm(Task::Grasp)?;
+    motion.enable(TaskConfig::Grasping(()))?;
     let begun = Instant::now();
-    let last = match motion.grasp(GraspCommand::Grasp(plan)) {
-        Ok(last) => last,
+    let (tick, last) = match motion.grasp(GraspCommand::Grasp(plan)) {
+        Ok(report) => report,
         Err(failure) => {
             motion.end(false)?;
             return Err(failure);
         }
     };
-    let mut course = Course { options, motion, begun, last, held_since: None, held_for: Duration::ZERO };
+    let mut course =
+        Course { options, motion, begun, tick, last, held_since: None, held_for: Duration::ZERO };
     course.tell();
     let result = course.go(&aim.file, &ways);
     course.end(&aim.file, result)
@@ -111,7 +114,8 @@ struct Course<'a> {
     options: &'a Options,
     motion: Motion<'a>,
     begun: Instant,
-    /// What was told last of the hand.
+    /// The last report on the hand, and its tick.
+    tick: u32,
     last: GraspTelemetry,
     /// When the hand held the object first, and for how long it has.
     held_since: Option<Instant>,
@@ -127,7 +131,7 @@ impl Course<'_> {
 
     fn command(&mut self, command: GraspCommand) -> Result<(), Failure> {
         let before = self.last.phase;
-        self.last = self.motion.grasp(command)?;
+        (self.tick, self.last) = self.motion.grasp(command)?;
         if self.last.phase != before {
             self.tell();
         }
@@ -137,18 +141,21 @@ impl Course<'_> {
     /// Keeps the board going until `done`.
     fn follow(&mut self, mut done: impl FnMut(&GraspTelemetry, Instant) -> bool) -> Result<End, Failure> {
         let (options, begun) = (self.options, self.begun);
-        let (last, held_since, held_for) = (&mut self.last, &mut self.held_since, &mut self.held_for);
-        self.motion.drive(
+        let Self { motion, tick, last, held_since, held_for, .. } = self;
+        motion.drive(
             PERIOD,
-            |_| SetPoint::Keep,
+            |_| Request::Keep,
             |news, now| {
                 // What was on its way when the hand was told something still says otherwise.
-                if let Some(grasp) = news.grasp.filter(|grasp| grasp.tick.wrapping_sub(last.tick) < 1 << 31) {
+                if let Some(TaskReport { tick: told, telemetry: TaskTelemetry::Grasping(grasp) }) = &news.task
+                    && told.wrapping_sub(*tick) < 1 << 31
+                {
+                    *tick = *told;
                     if grasp.phase != last.phase {
                         let seconds = (now - begun).as_secs_f32();
                         output::notice(options, &format!("{seconds:6.2} s  the hand {}", grasp.phase));
                     }
-                    *last = grasp;
+                    *last = *grasp;
                 }
                 if matches!(last.phase, Phase::Hold | Phase::Move | Phase::Lower) {
                     *held_for = now - *held_since.get_or_insert(now);
@@ -244,7 +251,7 @@ impl Course<'_> {
     fn put_away(&mut self, file: &Path) -> Result<(), Failure> {
         match self.last.phase {
             Phase::Ready | Phase::Approach | Phase::Touch => return Ok(()),
-            Phase::Squeeze | Phase::Feel => self.command(GraspCommand::Open)?,
+            Phase::Squeeze | Phase::ProbeFriction => self.command(GraspCommand::Open)?,
             Phase::Hold => {}
             Phase::Move | Phase::Lower | Phase::Open => {
                 if self.settle()? == End::Interrupted {
@@ -295,7 +302,7 @@ fn in_words(trouble: &Trouble, file: &Path) -> String {
         Trouble::NothingThere { .. } => format!(
             "Is the object where [object] in {file} says? A larger clearance there lets the fingers feel farther"
         ),
-        Trouble::GripError { .. } => format!(
+        Trouble::NoGrip { .. } => format!(
             "Can the fingers press so hard? Compare force_limit and internal in {file} with the joints' torques, and see \
              whether the object gives way"
         ),
@@ -306,7 +313,7 @@ fn in_words(trouble: &Trouble, file: &Path) -> String {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let grasp = session.board.read_grasp()?;
     output::result(options, &output::exact(&grasp), || {
         let mut text = format!("the hand {}\n", grasp.phase);

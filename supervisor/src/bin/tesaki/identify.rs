@@ -7,18 +7,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::manipulation::GraspTelemetry;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, SetPoint, Stream, Telemetry};
+use tesaki_description::calibration::CalibrationFile;
+use tesaki_description::grasp;
+use tesaki_supervisor::Board;
+use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::task::grasping::GraspTelemetry;
 use tesaki_supervisor::identify::{
-    Calibration, Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identify,
+    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identified, identify, update,
+    with_head,
 };
-use tesaki_supervisor::{Board, grasp};
 
 use crate::args::{Identify, Options};
+use crate::board_session::{BoardSession, hex, interrupted, refused};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, hex, interrupted, refused};
 
 /// A set-point whose telemetry does not come is sent again after this time: well inside the command timeout.
 const PATIENCE: Duration = Duration::from_millis(30);
@@ -35,11 +38,12 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
             aim.file.display()
         )));
     }
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
     // Two minutes of work are not to end here.
+    let mut file = CalibrationFile::open(&aim.out)?;
     let new = !aim.out.exists();
     std::fs::OpenOptions::new().append(true).create(true).open(&aim.out).map_err(Failure::file(&aim.out))?;
     if new {
@@ -69,23 +73,16 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let found = identify(&mut line, &model, &plan, &settings);
     let mut session = line.session;
     if found.is_err() {
-        let _ = session.board.ask("disarm", Request::Disarm);
+        let _ = session.board.disable();
     }
     // As a monitor wants them.
     let _ = session.board.set_rate(Stream::Telemetry, 2);
     let _ = session.board.set_rate(Stream::Tips, 10);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
-    let calibration = Calibration::identified(&model, &fits);
+    let calibration = identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");
-    let mut head = format!(
-        "{}, board {board}: what `tesaki identify` found of its joints, ± standard deviations.\n\
-         To use it: tesaki model push ROBOT --calibration THIS_FILE",
-        model.name
-    );
-    for grip in &failed {
-        let _ = write!(head, "\nWithout one of the grips: {grip}");
-    }
-    let text = calibration.text(&head, &model, &fits);
+    update(&mut file, &calibration, &model, &fits);
+    let text = with_head(&file.to_string(), &model.name, &board);
     let kept = std::fs::write(&aim.out, &text).map_err(Failure::file(&aim.out));
     let out = kept.is_ok().then_some(aim.out.as_path());
     output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;
@@ -178,7 +175,7 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
 
 /// A board on the line.
 struct Line<'a> {
-    session: Session,
+    session: BoardSession,
     options: &'a Options,
     model: &'a RobotModel,
     interrupted: Arc<AtomicBool>,
@@ -192,7 +189,7 @@ impl Machine for Line<'_> {
     type Error = Failure;
 
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Failure> {
-        if matches!(request, Request::Arm { .. }) {
+        if matches!(request, Request::Enable(_)) {
             self.seen_armed = false;
         }
         Ok(self.session.board.ask(action, request)?)
@@ -202,13 +199,13 @@ impl Machine for Line<'_> {
         Ok(self.session.board.read_grasp()?)
     }
 
-    fn tick(&mut self, set_point: SetPoint) -> Result<Sense, Failure> {
+    fn tick(&mut self, request: Request) -> Result<Sense, Failure> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
                 return Err(Failure::Other("interrupted: disarmed, and nothing was identified".to_owned()));
             }
-            self.session.board.post(Request::SetPoint(set_point.clone()))?;
+            self.session.board.post(request.clone())?;
             let deadline = Instant::now() + PATIENCE;
             while let Some(event) = self.session.board.next_event(deadline)? {
                 match event {
@@ -216,7 +213,7 @@ impl Machine for Line<'_> {
                         if telemetry.mode == Mode::Fault {
                             return Err(Failure::Fault(self.session.fault(Some(self.model))?));
                         }
-                        self.seen_armed |= matches!(telemetry.mode, Mode::Armed(_));
+                        self.seen_armed |= matches!(telemetry.mode, Mode::Enabled(_));
                         self.telemetry = self.seen_armed.then_some(telemetry);
                     }
                     FromBoard::Tips(tips) => {

@@ -5,15 +5,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki::arm::ArmTelemetry;
-use tesaki::protocol::{SetPoint, Task};
-use tesaki_supervisor::{Board, arm};
+use tesaki_description::impedance;
+use tesaki_supervisor::Board;
+use tesaki::protocol::{Request, TaskReport};
+use tesaki::task::impedance::ImpedanceTelemetry;
+use tesaki::task::{TaskConfig, TaskTelemetry};
 
 use crate::args::{Hold, Impedance, Options};
+use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion};
 use crate::output;
-use crate::session::Session;
 
 /// Below this the Jacobian is nearly singular.
 const SINGULAR: f32 = 0.06;
@@ -27,7 +29,7 @@ pub fn run(options: &Options, command: &Impedance) -> Result<(), Failure> {
 
 fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let settings = arm::load(&aim.file, &motion.model)?;
+    let settings = impedance::load(&aim.file, &motion.model)?;
     output::confirm(
         options,
         &format!(
@@ -39,8 +41,7 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     )?;
     // From here on its telemetry comes, which tells of faults.
     motion.positions()?;
-    motion.behave(settings)?;
-    motion.arm(Task::Impedance)?;
+    motion.enable(TaskConfig::Impedance(settings))?;
     output::notice(options, "armed: push the tool; Ctrl-C disarms");
     let begun = Instant::now();
     let until = aim.duration.map(|duration| begun + duration);
@@ -48,9 +49,9 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     let (mut force, mut distance) = (0.0_f32, 0.0_f32);
     let end = motion.drive(
         KEEP_ALIVE,
-        |_| SetPoint::Keep,
+        |_| Request::Keep,
         |news, now| {
-            if let Some(arm) = &news.arm {
+            if let Some(TaskReport { telemetry: TaskTelemetry::Impedance(arm), .. }) = &news.task {
                 force = force.max(size(&arm.wrench));
                 distance = distance.max(size(&arm.error));
                 live.show(&in_a_line(arm));
@@ -76,8 +77,8 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
-    let arm = session.board.read_arm()?;
+    let mut session = BoardSession::open(options)?;
+    let arm = session.board.read_impedance()?;
     output::result(options, &output::exact(&arm), || in_words(&arm))
 }
 
@@ -90,9 +91,9 @@ fn list(values: &[f32], digits: usize) -> String {
     values.iter().map(|value| format!("{value:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
-fn in_a_line(arm: &ArmTelemetry) -> String {
+fn in_a_line(arm: &ImpedanceTelemetry) -> String {
     let contact = if arm.contact { "contact" } else { "free" };
-    let singular = if arm.weakest < SINGULAR { "  nearly singular" } else { "" };
+    let singular = if arm.sigma_min < SINGULAR { "  nearly singular" } else { "" };
     format!(
         "tool {} m, {:.1} mm off  {:.1} N, {contact}  elbow {:.3} rad{singular}",
         list(&arm.position, 4),
@@ -102,7 +103,7 @@ fn in_a_line(arm: &ArmTelemetry) -> String {
     )
 }
 
-fn in_words(arm: &ArmTelemetry) -> String {
+fn in_words(arm: &ImpedanceTelemetry) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<14} {value}");
@@ -113,10 +114,7 @@ fn in_words(arm: &ArmTelemetry) -> String {
     line("pushed by", format!("{} N; {} N·m", list(&arm.wrench[..3], 2), list(&arm.wrench[3..], 3)));
     line("contact", if arm.contact { "yes" } else { "no" }.to_owned());
     line("elbow", format!("{:.4} rad", arm.elbow));
-    // 0 before the arm was armed for impedance.
-    if arm.weakest > 0.0 {
-        let singular = if arm.weakest < SINGULAR { ", nearly singular" } else { "" };
-        line("weakest", format!("{:.3}{singular}", arm.weakest));
-    }
+    let singular = if arm.sigma_min < SINGULAR { ", nearly singular" } else { "" };
+    line("sigma_min", format!("{:.3}{singular}", arm.sigma_min));
     text
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod board;
+mod board_session;
 mod check;
 mod doctor;
 mod eval;
@@ -15,7 +16,6 @@ mod output;
 mod parameter;
 mod reach;
 mod recording;
-mod session;
 mod watch;
 
 use std::process::ExitCode;

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use serde_json::json;
 use tesaki::model::RobotModel;
+use tesaki_description::calibration::Calibration;
+use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::BoardError;
-use tesaki_supervisor::identify::Calibration;
-use tesaki_supervisor::robot::{RobotFolder, chain_model};
 
 use crate::args::Options;
+use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::output;
-use crate::session::Session;
 
 pub fn push(
     options: &Options,
@@ -30,7 +30,7 @@ pub fn push(
             Failure::Usage(format!("{} has no tip {tip:?}; its tips are {}", model.name, names.join(", ")))
         })?;
     }
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let node = session.push(&model)?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
@@ -57,7 +57,7 @@ pub fn checksum(model: &RobotModel) -> Result<u32, Failure> {
 }
 
 pub fn show(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     let text = toml::to_string_pretty(&model).map_err(|error| Failure::Other(error.to_string()))?;
     output::result(options, &model, || text)

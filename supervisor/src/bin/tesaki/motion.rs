@@ -4,17 +4,18 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::arm::{ArmSettings, ArmTelemetry};
-use tesaki::manipulation::{GraspCommand, GraspTelemetry};
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{Mode, Request, SetPoint, Task, Telemetry};
+use tesaki::protocol::{Mode, Request, TaskReport, Telemetry};
+use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Arm, Home, Move, Options};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, interrupted};
 
 /// From one set-point to the next: well inside the command timeout, so that a few may be lost.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -34,10 +35,10 @@ pub fn arm(options: &Options, arm: &Arm) -> Result<(), Failure> {
         options,
         &format!("The joints of {} will be powered and hold. Go on?", motion.model.name),
     )?;
-    motion.arm(Task::JointServo(arm.servo.into()))?;
+    motion.enable(TaskConfig::JointServo(arm.servo.into()))?;
     output::notice(options, "armed: the joints hold; Ctrl-C disarms");
     let until = arm.duration.map(|duration| Instant::now() + duration);
-    let hold = goal_set_point(&goal)?;
+    let hold = goal_request(&goal)?;
     let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
     motion.end(end == End::Interrupted)
 }
@@ -58,10 +59,10 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
         options,
         &format!("{} of {} will move. Go on?", output::counted(named.len(), "joint"), motion.model.name),
     )?;
-    motion.arm(Task::JointServo(aim.servo.into()))?;
+    motion.enable(TaskConfig::JointServo(aim.servo.into()))?;
     let deadline = Instant::now() + aim.within;
     let (mut near, mut farthest) = (0, (0, 0.0_f32));
-    let set_point = goal_set_point(&goal)?;
+    let set_point = goal_request(&goal)?;
     let end =
         motion.drive(
             KEEP_ALIVE,
@@ -105,7 +106,7 @@ pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
 }
 
 pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let unit = if home.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
     let mut angles: Vec<Option<f32>> = vec![home.others.map(|angle| angle * unit); model.joints.len()];
@@ -131,13 +132,13 @@ pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
     })
 }
 
-fn goal_set_point(goal: &[f32]) -> Result<SetPoint, Failure> {
+fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
     let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
-    Ok(SetPoint::Goal { positions })
+    Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
 }
 
 pub fn tare(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     output::confirm(options, "What the tips feel now will be taken for nothing. Does nothing touch them?")?;
     session.board.tare()?;
     output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
@@ -176,29 +177,27 @@ pub enum End {
 #[derive(Default)]
 pub struct News {
     pub telemetry: Option<Telemetry>,
-    /// While armed for [`Task::Grasp`].
-    pub grasp: Option<GraspTelemetry>,
-    /// While armed for [`Task::Impedance`].
-    pub arm: Option<ArmTelemetry>,
+    /// What the running task says of itself.
+    pub task: Option<TaskReport>,
 }
 
 /// A board that this program commands and may have armed.
 pub struct Motion<'a> {
-    session: Session,
+    session: BoardSession,
     options: &'a Options,
     pub model: RobotModel,
     armed: bool,
-    /// What tells more of the task than telemetry does.
-    question: Option<Request>,
+    /// Whether to ask for the task's own telemetry.
+    asks: bool,
 }
 
 impl<'a> Motion<'a> {
     pub fn begin(options: &'a Options) -> Result<Self, Failure> {
-        let mut session = Session::command(options)?;
+        let mut session = BoardSession::command(options)?;
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, armed: false, question: None })
+        Ok(Self { session, options, model, armed: false, asks: false })
     }
 
     /// Where the joints are, within their limits.
@@ -211,35 +210,31 @@ impl<'a> Motion<'a> {
             .collect())
     }
 
-    pub fn arm(&mut self, task: Task) -> Result<(), Failure> {
-        // Caught from here on: whoever presses Ctrl-C wants the outputs off.
+    pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
+        // Caught from here on: Ctrl-C switches the outputs off.
         interrupted()?;
-        self.session.board.arm(task).map_err(|error| Failure::from(error).named(&self.model))?;
+        // What joints do, telemetry tells.
+        self.asks = !matches!(task, TaskConfig::JointServo(_));
+        self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
         self.armed = true;
-        self.question = match task {
-            Task::JointServo(_) => None,
-            Task::Grasp => Some(Request::ReadGrasp),
-            Task::Impedance => Some(Request::ReadArm),
-        };
         Ok(())
     }
 
-    /// Tells an arm how to behave.
-    pub fn behave(&mut self, settings: ArmSettings) -> Result<(), Failure> {
-        Ok(self.session.board.behave(settings)?)
-    }
-
-    /// Tells the hand what to do next; returns what it does then.
-    pub fn grasp(&mut self, command: GraspCommand) -> Result<GraspTelemetry, Failure> {
+    /// Tells the hand what to do next; returns the tick and what it does then.
+    pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
         self.session.board.grasp(command)?;
-        Ok(self.session.board.read_grasp()?)
+        let report = self.session.board.read_task()?;
+        match report.telemetry {
+            TaskTelemetry::Grasping(grasp) => Ok((report.tick, grasp)),
+            _ => Err(Failure::Other("another program has enabled another task".to_owned())),
+        }
     }
 
     /// Sends what `aim` says for each moment, one set-point `every` so long, until `done` says so.
     pub fn drive(
         &mut self,
         every: Duration,
-        mut aim: impl FnMut(Instant) -> SetPoint,
+        mut aim: impl FnMut(Instant) -> Request,
         mut done: impl FnMut(&News, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
@@ -254,12 +249,10 @@ impl<'a> Motion<'a> {
             // Counted from the one before, so that being late does not add up.
             let now = Instant::now();
             next = if now > next + every { now + every } else { next + every };
-            self.session.board.post(Request::SetPoint(aim(now)))?;
-            if let Some(question) = &self.question
-                && asked.is_none_or(|last| now - last >= ASK)
-            {
+            self.session.board.post(aim(now))?;
+            if self.asks && asked.is_none_or(|last| now - last >= ASK) {
                 asked = Some(now);
-                self.session.board.post(question.clone())?;
+                self.session.board.post(Request::ReadTask)?;
             }
             let mut news = News::default();
             while Instant::now() < next {
@@ -270,7 +263,7 @@ impl<'a> Motion<'a> {
                 }
             }
             let now = Instant::now();
-            (news.grasp, news.arm) = (self.session.grasp.take(), self.session.arm.take());
+            news.task = self.session.task.take();
             if let Some(telemetry) = &news.telemetry {
                 heard = now;
                 if telemetry.mode == Mode::Fault {
@@ -278,8 +271,8 @@ impl<'a> Motion<'a> {
                     let fault = self.session.fault(Some(&self.model))?;
                     return Err(Failure::Fault(fault));
                 }
-                seen_armed |= matches!(telemetry.mode, Mode::Armed(_));
-                if telemetry.mode == Mode::Disarmed && seen_armed {
+                seen_armed |= matches!(telemetry.mode, Mode::Enabled(_));
+                if telemetry.mode == Mode::Disabled && seen_armed {
                     self.armed = false;
                     return Err(Failure::Other("another program disarmed the board".to_owned()));
                 }
@@ -304,26 +297,24 @@ impl<'a> Motion<'a> {
 
     /// What is new of the task, as JSON.
     fn report(&self, news: &News) -> Option<String> {
-        let text = match (&self.question, news) {
-            (None, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry),
-            (Some(_), News { grasp: Some(grasp), .. }) => serde_json::to_string(grasp),
-            (Some(_), News { arm: Some(arm), .. }) => serde_json::to_string(arm),
-            _ => return None,
-        };
-        text.ok()
+        match (self.asks, news) {
+            (false, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry).ok(),
+            (true, News { task: Some(report), .. }) => Some(output::task(report).to_string()),
+            _ => None,
+        }
     }
 
     /// Switches off on the way out of a failure, if that is still possible.
     fn abandon(&mut self, failure: Failure) -> Failure {
         if self.armed {
-            let _ = self.session.board.ask("disarm", Request::Disarm);
+            let _ = self.session.board.disable();
         }
         failure
     }
 
     /// Switches off and hands the command back.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
-        self.session.board.ask("disarm", Request::Disarm)?;
+        self.session.board.disable()?;
         self.armed = false;
         output::notice(self.options, if interrupted { "\ninterrupted: disarmed" } else { "disarmed" });
         Ok(())

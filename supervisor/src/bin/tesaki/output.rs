@@ -4,6 +4,7 @@ use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use tesaki::protocol::TaskReport;
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -25,6 +26,19 @@ pub fn result<T: Serialize>(
 /// precision.)
 pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
     serde_json::to_string(value).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
+}
+
+/// A task's telemetry for JSON: its tick, then its own fields.
+pub fn task(report: &TaskReport) -> serde_json::Value {
+    let mut value = serde_json::Map::new();
+    value.insert("tick".to_owned(), report.tick.into());
+    // An enumeration is an object with the name of the variant for its only key.
+    if let serde_json::Value::Object(of_task) = exact(&report.telemetry)
+        && let Some((_, serde_json::Value::Object(fields))) = of_task.into_iter().next()
+    {
+        value.extend(fields);
+    }
+    serde_json::Value::Object(value)
 }
 
 /// Prints a line.

@@ -7,12 +7,12 @@ use tesaki::model::RobotModel;
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
+use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::output;
-use crate::session::Session;
 
 pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     let Some(path) = path else {
         return state(options, &mut session, &model);
@@ -33,7 +33,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     })
 }
 
-fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result<(), Failure> {
+fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure> {
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
     let tips = session.tips()?.tips;
@@ -75,7 +75,7 @@ fn state(options: &Options, session: &mut Session, model: &RobotModel) -> Result
 }
 
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
-    let mut session = Session::command(options)?;
+    let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mut tree = tree(&model);
     let names = expand(&tree, path)?;

@@ -7,7 +7,9 @@ use serde_json::json;
 use tesaki::TICK;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
 use tesaki::model::{MAX_CHAINS, RobotModel};
-use tesaki::protocol::{SetPoint, Task, Telemetry};
+use tesaki::protocol::{Request, Telemetry};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
@@ -61,11 +63,13 @@ pub fn run(options: &Options, aim: &Reach) -> Result<(), Failure> {
             motion.model.name
         ),
     )?;
-    motion.arm(Task::JointServo(aim.servo.into()))?;
+    motion.enable(TaskConfig::JointServo(aim.servo.into()))?;
     let begun = Instant::now();
     let set_point = |now: Instant| {
         let share = (now - begun).as_secs_f32() / duration;
-        SetPoint::Reach { tips: ways.iter().map(|way| way.point(share, duration)).collect() }
+        Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+            tips: ways.iter().map(|way| way.point(share, duration)).collect(),
+        }))
     };
     let deadline = begun + Duration::from_secs_f32(duration) + PATIENCE;
     let (mut near, mut farthest) = (0, (String::new(), 0.0_f32));

@@ -15,14 +15,14 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
-use tesaki_supervisor::mcap::{LogLevel, McapError, Recording};
-use tesaki_supervisor::robot::RobotFolder;
+use tesaki_description::robot::RobotFolder;
+use tesaki_recording::{LogLevel, McapError, Recording};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};
+use crate::board_session::{BoardSession, hex, interrupted, version, words};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, hex, interrupted, version, words};
 
 /// A control period [ns].
 const TICK: u64 = 10_000_000;
@@ -37,7 +37,7 @@ const BACKLOG: i32 = 10_000;
 
 pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
     let interrupted = interrupted()?;
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     let robot = record.robot.as_deref().map(RobotFolder::load).transpose()?;
     let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
@@ -169,13 +169,13 @@ struct Log {
 
 impl Log {
     /// What made the recording, the model if there is one, the state: all that a node needs that is as after power-on.
-    fn begin(&mut self, session: &mut Session) -> Result<(), LogError> {
+    fn begin(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let (identity, unix_time) = (session.identity, since.as_secs());
         self.write(&LogRecord::Start(LogStart { schema: SCHEMA_KEY, identity, unix_time }))?;
         self.model = None;
         match session.board.export(Item::Model) {
-            Ok((model, _)) => self.push(&model)?,
+            Ok(model) => self.push(&model.bytes)?,
             Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {}
             Err(error) => return Err(error.into()),
         }
@@ -216,7 +216,7 @@ impl Log {
 
     /// Entries are missing, or the board was reset: what follows cannot be repeated without its state, and its model
     /// when that is another.
-    fn gap(&mut self, session: &mut Session, missing: u32) -> Result<(), LogError> {
+    fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
         self.lost += u64::from(missing);
         self.write(&LogRecord::Gap { missing })?;
@@ -236,19 +236,19 @@ impl Log {
     }
 
     /// The state of the node now. Entries from before it that are still to come will be left out.
-    fn state(&mut self, session: &mut Session) -> Result<(), LogError> {
-        let (state, index) = session.board.export(Item::State)?;
+    fn state(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
+        let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
         for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
             let data = heapless::Vec::from_slice(data).unwrap_or_default();
             self.write(&LogRecord::State { offset, data })?;
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
-        self.write(&LogRecord::Restore { length, checksum: checksum(&state) })?;
+        self.write(&LogRecord::Restore { length, checksum: checksum(&state), key })?;
         (self.last, self.in_step) = (index, false);
         Ok(())
     }
 
-    fn entry(&mut self, session: &mut Session, entry: LogEntry) -> Result<(), LogError> {
+    fn entry(&mut self, session: &mut BoardSession, entry: LogEntry) -> Result<(), LogError> {
         let step = entry.index.wrapping_sub(self.last).cast_signed();
         // From before the state; or the line doubled or delayed it.
         let old = step <= 0 && step > if self.in_step { -DELAYED } else { -BACKLOG };

@@ -8,9 +8,9 @@ use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, Stat
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::Options;
+use crate::board_session::{BoardSession, version, words};
 use crate::failure::Failure;
 use crate::output;
-use crate::session::{Session, version, words};
 
 /// Ticks between two telemetries.
 const EVERY: u16 = 4;
@@ -20,7 +20,7 @@ const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status,
 const SILENCE: Duration = Duration::from_millis(700);
 
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let mut session = Session::open(options)?;
+    let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     if options.json {
         return stream(&mut session);
@@ -38,7 +38,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             Some(Key::Quit) => break,
             // Anyone may stop the machine; the answer shows in the view.
             Some(Key::Stop) => drop(session.board.post(Request::Stop)?),
-            Some(Key::Disarm) => drop(session.board.post(Request::Disarm)?),
+            Some(Key::Disarm) => drop(session.board.post(Request::Disable)?),
             Some(Key::ReadFaults) => {
                 watch.read_faults(&mut session)?;
                 overlay = if overlay == Some(Overlay::Faults) { None } else { Some(Overlay::Faults) };
@@ -55,7 +55,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
 }
 
 /// One object a line, until the reader has had enough.
-fn stream(session: &mut Session) -> Result<(), Failure> {
+fn stream(session: &mut BoardSession) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
     loop {
         match session.telemetry(Duration::from_secs(1)) {
@@ -81,7 +81,7 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(session: &mut Session, model: RobotModel) -> Result<Self, Failure> {
+    fn new(session: &mut BoardSession, model: RobotModel) -> Result<Self, Failure> {
         let joints = model.joints.iter().map(|joint| JointView {
             name: joint.name.to_string(),
             lower: joint.limits.lower,
@@ -104,7 +104,7 @@ impl Watch {
     }
 
     /// Takes what comes until `deadline`.
-    fn listen(&mut self, session: &mut Session, deadline: Instant) -> Result<(), Failure> {
+    fn listen(&mut self, session: &mut BoardSession, deadline: Instant) -> Result<(), Failure> {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => self.telemetry(&telemetry),
@@ -156,8 +156,8 @@ impl Watch {
         self.view.time = f64::from(telemetry.tick) * 0.01;
         self.view.mode = telemetry.mode.to_string();
         (self.view.state, self.view.hint) = match telemetry.mode {
-            Mode::Disarmed => (State::Disarmed, String::new()),
-            Mode::Armed(_) => (State::Armed, "space stops the machine".to_owned()),
+            Mode::Disabled => (State::Disarmed, String::new()),
+            Mode::Enabled(_) => (State::Armed, "space stops the machine".to_owned()),
             Mode::Fault => (State::Fault, "`tesaki faults --clear` leads back to disarmed".to_owned()),
         };
         for (view, joint) in self.view.joints.iter_mut().zip(&telemetry.joints) {
@@ -176,7 +176,7 @@ impl Watch {
         }
     }
 
-    fn read_faults(&mut self, session: &mut Session) -> Result<(), Failure> {
+    fn read_faults(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         match session.board.faults() {
             Ok(log) => {
                 self.view.faults = log.faults.iter().map(|fault| words(fault, Some(&self.model))).collect();

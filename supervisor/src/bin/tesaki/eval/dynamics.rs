@@ -3,7 +3,7 @@
 use nalgebra::{Vector3, Vector6};
 use tesaki::kinematics::Chain;
 use tesaki::model::MAX_CHAIN_JOINTS;
-use tesaki_supervisor::urdf::SerialPath;
+use tesaki_description::urdf::SerialPath;
 
 use super::{Results, Row, Table, exact, forward};
 use crate::failure::Failure;

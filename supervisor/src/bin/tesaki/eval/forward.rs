@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, UnitQuaternion};
 use tesaki::kinematics::{Chain, Posture};
-use tesaki_supervisor::urdf::{PathJoint, SerialPath};
+use tesaki_description::urdf::{PathJoint, SerialPath};
 
 use super::{Results, Row, Table, drives, exact};
 use crate::failure::Failure;

@@ -6,7 +6,7 @@ use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion, Vector
 use tesaki::kinematics::{
     Chain, InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, Target,
 };
-use tesaki_supervisor::urdf::{Drive, SerialPath};
+use tesaki_description::urdf::{Drive, SerialPath};
 
 use super::{Results, Row, Table, exact};
 use crate::failure::Failure;

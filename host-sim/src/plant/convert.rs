@@ -1,0 +1,45 @@
+//! Between the plant's double precision and rapier's types, which are in single precision.
+
+use rapier3d::dynamics::MassProperties;
+use rapier3d::math::{Pose, Rotation, Vector};
+use rapier3d::na::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
+pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
+    let eigen = inertia.symmetric_eigen();
+    let mut axes: Matrix3<f64> = eigen.eigenvectors;
+    if axes.determinant() < 0.0 {
+        axes.column_mut(0).neg_mut();
+    }
+    let frame = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    MassProperties::with_principal_inertia_frame(
+        vector(center),
+        narrow(mass),
+        vector(&eigen.eigenvalues),
+        rotation(&frame),
+    )
+}
+
+pub fn pose(pose: &Isometry3<f64>) -> Pose {
+    Pose::from_parts(vector(&pose.translation.vector), rotation(&pose.rotation))
+}
+
+pub fn vector(vector: &Vector3<f64>) -> Vector {
+    Vector::new(narrow(vector.x), narrow(vector.y), narrow(vector.z))
+}
+
+/// In double precision.
+pub fn wide(vector: Vector) -> Vector3<f64> {
+    Vector3::from(vector.to_array().map(f64::from))
+}
+
+fn rotation(rotation: &UnitQuaternion<f64>) -> Rotation {
+    let [x, y, z, w] = rotation.coords.into();
+    Rotation::from_xyzw(narrow(x), narrow(y), narrow(z), narrow(w)).normalize()
+}
+
+/// Rapier works in single precision.
+#[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
+pub const fn narrow(value: f64) -> f32 {
+    value as f32
+}

@@ -1,0 +1,404 @@
+//! The plant: its parts put together, and what a controller, a scenario and the world do to it.
+
+use rapier3d::na::Isometry3;
+use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
+use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki_description::urdf::Urdf;
+use tesaki_rng::Rng;
+
+use super::drive::{self, DriveState};
+use super::end_effector::tips;
+use super::environment::{Hold, Wall};
+use super::error::PlantError;
+use super::factors::{self, JointFactors};
+use super::force::ForceSensors;
+use super::object::ObjectValues;
+use super::push::{Load, Push};
+use super::tree::{self, Body};
+use super::values::{Drive, Noise, PlantOptions, PlantValues};
+use super::world::{JointValues, World};
+use crate::purpose::Purpose;
+
+/// A simulated robot. Joints are in the order of its drives.
+pub struct Plant {
+    pub(super) world: World,
+    pub(super) drives: Vec<DriveState>,
+    /// For each joint of the world, its drive.
+    pub(super) drive_of: Vec<usize>,
+    factors: Vec<JointFactors>,
+    pub(super) forces: ForceSensors,
+    pub(super) values: PlantValues,
+    rng: Rng,
+    ideal_sensors: bool,
+    held: bool,
+    emergency_stop: bool,
+}
+
+impl Plant {
+    /// Builds the plant of a robot.
+    ///
+    /// # Errors
+    /// What is wrong with URDF, values or options, and where.
+    pub fn new(
+        urdf: &Urdf,
+        drives: &[Drive],
+        values: &PlantValues,
+        options: &PlantOptions,
+    ) -> Result<Self, PlantError> {
+        values.validate()?;
+        if drives.len() > MAX_JOINTS {
+            return Err(PlantError::Count {
+                item: "the list of drives",
+                got: drives.len(),
+                expected: MAX_JOINTS,
+            });
+        }
+        let bodies = tree::bodies(urdf)?;
+        let drive_of = match_drives(&bodies, drives)?;
+        let posture = posture(values, options, drives)?;
+        let spread = if options.mismatch { values.mismatch.spread } else { 0.0 };
+        let factors = factors::draw(options.seed, spread, drives.len());
+
+        let in_world_order = |index: usize| drive_of.get(index).copied().unwrap_or(index);
+        let of_body =
+            |index: usize| factors.get(in_world_order(index)).copied().unwrap_or(JointFactors::NONE);
+        let mut joint_values = Vec::new();
+        for (index, body) in bodies.iter().enumerate() {
+            let factors = of_body(index);
+            let drive = drives.get(in_world_order(index));
+            joint_values.push(JointValues {
+                rotor_inertia: drive.map_or(0.0, |drive| f64::from(drive.motor.rotor_inertia))
+                    * factors.rotor_inertia,
+                coulomb: options.coulomb.unwrap_or(body.coulomb) * factors.coulomb,
+                viscous: body.viscous * factors.viscous,
+            });
+        }
+        let world_posture: Vec<f64> = (0..bodies.len())
+            .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
+            .collect();
+        let world_factors: Vec<JointFactors> = (0..bodies.len()).map(of_body).collect();
+        let mut world = World::new(
+            values.gravity,
+            values.integration.step,
+            &bodies,
+            &joint_values,
+            &world_factors,
+            &world_posture,
+        );
+        if let Some(object) = &options.object {
+            object.validate()?;
+        }
+        let object = options.object.as_ref().map(|object| (object, friction(object, options)));
+        let mut tips = tips(&urdf.robot, &bodies);
+        for tip in &mut tips {
+            tip.mass *= of_body(tip.body).mass;
+            tip.inertia *= of_body(tip.body).inertia;
+        }
+        if object.is_some()
+            && let Some(tip) = tips.iter().find(|tip| tip.radius <= 0.0)
+        {
+            return Err(PlantError::NoSphere(tip.link.clone()));
+        }
+        world.insert_object(tips, object);
+        let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
+        let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
+        Ok(Self {
+            world,
+            drives,
+            drive_of,
+            factors,
+            forces,
+            values: values.clone(),
+            rng: Purpose::Noise.rng(options.seed),
+            ideal_sensors: options.ideal_sensors,
+            held: options.held_at_start,
+            emergency_stop: false,
+        })
+    }
+
+    /// What the board's sensors read now. Reading twice draws noise twice.
+    pub fn sensors(&mut self, sequence: u32) -> SensorFrame {
+        let half = self.values.integration.step / 2.0;
+        let Noise { current, supply } = self.values.noise;
+        let mut noise = |deviation: f64| if self.ideal_sensors { 0.0 } else { deviation * self.rng.normal() };
+        let positions = in_drive_order(&self.drive_of, self.world.positions());
+        let mut frame = SensorFrame {
+            sequence,
+            flags: SensorFlags(if self.emergency_stop { SensorFlags::EMERGENCY_STOP } else { 0 }),
+            supply: counts(1e3 * (self.values.supply.voltage + noise(supply))),
+            ..SensorFrame::default()
+        };
+        for (drive, position) in self.drives.iter().zip(positions) {
+            // Never full: the number of drives was checked.
+            let _ = frame.encoders.push(drive.encoder_count(position));
+            let _ = frame.currents.push(drive.current_count(half, noise(current)));
+        }
+        frame.forces = self.force_sensors().into_iter().take(MAX_CHAINS).collect();
+        frame
+    }
+
+    /// What the force sensors read now, a tip each: forces and torques along x, y and z of the frame of its link, in
+    /// the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws noise twice.
+    ///
+    /// They feel what acts on the tip, at the origin of that frame, as a mean over the last control period: contact, and
+    /// the weight and inertia of the tip itself.
+    pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
+        self.forces.counts()
+    }
+
+    /// Advances by one control period, in which `frame` reaches the drives.
+    ///
+    /// # Errors
+    /// A frame for another number of joints, or a torque that is not a number; the plant has not moved then.
+    pub fn apply(&mut self, frame: &ActuatorFrame) -> Result<(), PlantError> {
+        let (got, expected) = (frame.torques.len(), self.drives.len());
+        if got != expected {
+            return Err(PlantError::Count { item: "the actuator frame", got, expected });
+        }
+        for (drive, &torque) in self.drives.iter().zip(&frame.torques) {
+            if !torque.is_finite() {
+                return Err(PlantError::NotFinite { joint: drive.joint.clone(), torque });
+            }
+        }
+        let step = self.values.integration.step;
+        let delay = self.values.inner_loop.delay + step / 2.0;
+        for (drive, &torque) in self.drives.iter_mut().zip(&frame.torques) {
+            drive.command(if frame.enabled { f64::from(torque) } else { 0.0 }, delay);
+        }
+        self.held &= !frame.enabled;
+        if self.held {
+            return Ok(());
+        }
+        let mut torques = vec![0.0; expected];
+        self.world.begin_period();
+        let steps = self.values.steps();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to steps")]
+        let looked_at = (self.forces.window() / step).round().max(1.0) as usize;
+        for number in 0..steps {
+            if number + looked_at == steps {
+                self.forces.begin_window(&self.world);
+            }
+            for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
+                *torque = drive.advance(step);
+            }
+            let torque_of = |&drive: &usize| torques.get(drive).copied().unwrap_or(0.0);
+            self.world.step(self.drive_of.iter().map(torque_of));
+            self.forces.add(&self.world);
+        }
+        self.forces.finish(&self.world, looked_at as f64 * step);
+        Ok(())
+    }
+
+    /// The amplifiers turn torques into currents by the motors' torque constants in `model`, as those of a board with that
+    /// model do, from now on. Before, they are those of the drives that the plant was built with, about which the true ones are
+    /// spread; the true ones stay.
+    pub fn configure_amplifiers(&mut self, model: &tesaki::model::RobotModel) {
+        for drive in &mut self.drives {
+            if let Some(joint) = model.joints.iter().find(|joint| joint.name == drive.joint.as_str()) {
+                drive.believe(joint.motor.torque_constant.into());
+            }
+        }
+    }
+
+    /// Over how much time before a reading the force sensors take their mean [s].
+    pub fn force_window(&self) -> f64 {
+        self.forces.window()
+    }
+
+    /// The emergency stop, as the sensors report it. It does not act on the drives by itself.
+    pub const fn press_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+    }
+
+    /// Pushes the object, from now on. Nothing happens without one.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn push(&mut self, push: Push) -> Result<(), PlantError> {
+        push.validate()?;
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.push(push, time);
+        }
+        Ok(())
+    }
+
+    /// Puts a weight on the object, beside those that are on it. Nothing happens without an object.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn load(&mut self, load: Load) -> Result<(), PlantError> {
+        load.validate()?;
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.load(load, time);
+        }
+        Ok(())
+    }
+
+    /// Takes all weights off the object, within `ramp` [s].
+    pub fn unload(&mut self, ramp: f64) {
+        let time = self.world.time();
+        if let Some(disturbances) = self.world.disturbances() {
+            disturbances.unload(ramp, time);
+        }
+    }
+
+    /// Puts up a wall that every tip runs against.
+    ///
+    /// # Errors
+    /// A value that makes no sense.
+    pub fn insert_wall(&mut self, wall: Wall) -> Result<(), PlantError> {
+        wall.validate()?;
+        self.world.environment_mut().insert_wall(wall);
+        Ok(())
+    }
+
+    /// Takes all walls away.
+    pub fn remove_walls(&mut self) {
+        self.world.environment_mut().remove_walls();
+    }
+
+    /// Lets somebody take a tip, from now on, in place of whoever held it.
+    ///
+    /// # Errors
+    /// No such tip, or a value that makes no sense.
+    pub fn hold_tip(&mut self, tip: usize, hold: Hold) -> Result<(), PlantError> {
+        hold.validate()?;
+        let frame = self.tip_frame(tip)?;
+        let time = self.world.time();
+        self.world.environment_mut().hold(tip, hold, frame, time);
+        Ok(())
+    }
+
+    /// Lets a tip go after a while [s].
+    ///
+    /// # Errors
+    /// No such tip.
+    pub fn release_tip(&mut self, tip: usize, after: f64) -> Result<(), PlantError> {
+        self.tip_frame(tip)?;
+        let time = self.world.time();
+        self.world.environment_mut().release(tip, time + after);
+        Ok(())
+    }
+
+    /// Pushes a tip, from now on.
+    ///
+    /// # Errors
+    /// No such tip, or a value that makes no sense.
+    pub fn push_tip(&mut self, tip: usize, push: Push) -> Result<(), PlantError> {
+        push.validate()?;
+        self.tip_frame(tip)?;
+        let time = self.world.time();
+        self.world.environment_mut().push(tip, push, time);
+        Ok(())
+    }
+
+    fn tip_frame(&self, tip: usize) -> Result<Isometry3<f64>, PlantError> {
+        self.world.tip_frame(tip).ok_or(PlantError::NoTip { tip, tips: self.world.tips().len() })
+    }
+
+    /// Takes away what the object stands on.
+    pub fn remove_support(&mut self) {
+        self.world.remove_support();
+    }
+
+    /// The angles that homing finds now: the true ones and each joint's homing error [rad].
+    pub fn homed_positions(&self) -> Vec<f64> {
+        let positions = in_drive_order(&self.drive_of, self.world.positions());
+        self.drives.iter().zip(positions).map(|(drive, position)| position + drive.homing_error).collect()
+    }
+
+    /// By what each joint differs from the model.
+    pub fn factors(&self) -> &[JointFactors] {
+        &self.factors
+    }
+
+    /// Where the link behind a joint is, as the frame of the joint, in the frame of the base: position [m] and
+    /// orientation `[x, y, z, w]`. `None` for a joint that does not exist.
+    pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
+        self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
+    }
+}
+
+/// Coefficient of friction of an object's contacts.
+fn friction(object: &ObjectValues, options: &PlantOptions) -> f64 {
+    let spread = if options.mismatch { object.friction_spread } else { 0.0 };
+    object.friction + spread * Purpose::Contact.rng(options.seed).symmetric()
+}
+
+/// The drive of each body's joint.
+fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantError> {
+    let list = |names: Vec<&str>| names.join(", ");
+    for (index, drive) in drives.iter().enumerate() {
+        if drives.iter().take(index).any(|other| other.joint == drive.joint) {
+            return Err(PlantError::TwoDrives(drive.joint.clone()));
+        }
+        if !bodies.iter().any(|body| body.joint == drive.joint) {
+            return Err(PlantError::UnknownJoint {
+                item: "a drive",
+                joint: drive.joint.clone(),
+                place: "the URDF",
+                known: list(bodies.iter().map(|body| body.joint.as_str()).collect()),
+            });
+        }
+    }
+    let find = |body: &Body| {
+        drives.iter().position(|drive| drive.joint == body.joint).ok_or_else(|| PlantError::UnknownJoint {
+            item: "the URDF",
+            joint: body.joint.clone(),
+            place: "the list of drives",
+            known: list(drives.iter().map(|drive| drive.joint.as_str()).collect()),
+        })
+    };
+    bodies.iter().map(find).collect()
+}
+
+/// Angles at the start, in the order of the drives.
+fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Result<Vec<f64>, PlantError> {
+    for joint in values.posture.keys() {
+        if !drives.iter().any(|drive| drive.joint == *joint) {
+            return Err(PlantError::UnknownJoint {
+                item: "plant.toml, [posture],",
+                joint: joint.clone(),
+                place: "the robot",
+                known: drives.iter().map(|drive| drive.joint.as_str()).collect::<Vec<_>>().join(", "),
+            });
+        }
+    }
+    let posture = match &options.posture {
+        Some(posture) if posture.len() == drives.len() => posture.clone(),
+        Some(posture) => {
+            return Err(PlantError::Count {
+                item: "the posture",
+                got: posture.len(),
+                expected: drives.len(),
+            });
+        }
+        None => drives.iter().map(|drive| values.posture.get(&drive.joint).copied().unwrap_or(0.0)).collect(),
+    };
+    for (drive, &angle) in drives.iter().zip(&posture) {
+        if !angle.is_finite() {
+            let field = format!("posture.{}", drive.joint);
+            return Err(PlantError::Value { field, value: angle, expected: "a finite angle [rad]" });
+        }
+    }
+    Ok(posture)
+}
+
+/// Values of the world's joints in the order of the drives.
+pub(super) fn in_drive_order(drive_of: &[usize], values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut ordered = vec![f64::NAN; drive_of.len()];
+    for (&drive, value) in drive_of.iter().zip(values) {
+        if let Some(slot) = ordered.get_mut(drive) {
+            *slot = value;
+        }
+    }
+    ordered
+}
+
+/// Rounds to a sensor's whole counts.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, as a sensor does")]
+fn counts(value: f64) -> u16 {
+    libm::round(value) as u16
+}

@@ -1,0 +1,29 @@
+//! What random numbers are for.
+
+use tesaki_rng::Rng;
+
+/// What a random number is for. Each purpose has a stream of its own, so that a new use never shifts another's numbers.
+/// The numbers are part of every recorded seed: never reuse one.
+#[derive(Clone, Copy)]
+pub(crate) enum Purpose {
+    Factors = 0,
+    Homing = 1,
+    PowerOn = 2,
+    Noise = 3,
+    Contact = 4,
+    ForceSensors = 5,
+    ForceNoise = 6,
+    Placement = 7,
+    HandMotion = 8,
+    Tremor = 9,
+    MasterArm = 10,
+    ElbowSensor = 11,
+    Link = 12,
+}
+
+impl Purpose {
+    /// The random numbers of a seed for this purpose.
+    pub(crate) fn rng(self, seed: u64) -> Rng {
+        Rng::new(seed, self as u64)
+    }
+}

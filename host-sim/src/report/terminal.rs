@@ -1,0 +1,141 @@
+//! The table at the end of a run.
+
+use comfy_table::{
+    Attribute, Cell, CellAlignment, Color, ColumnConstraint, ContentArrangement, Table, presets,
+};
+
+use super::group::{Group, Row, groups, seeds, ticks, verdict_line};
+use super::number;
+use super::summary::Summary;
+
+/// No line of a table is longer than this.
+const WIDTH: u16 = 100;
+
+/// Measured values beside their limits, at most 100 columns wide; one block for each pair of scenario and controller.
+///
+/// For one seed the columns are measured, limit and verdict; for several median, worst (and its seed), limit and verdict.
+/// What the papers got stands beside it where a metric tells it. With `colour` the terminal's green and red are used;
+/// without, the text is plain.
+pub fn table(summaries: &[Summary], colour: bool) -> String {
+    groups(summaries).iter().map(|group| block(group, colour)).collect::<Vec<_>>().join("\n")
+}
+
+fn block(group: &Group<'_>, colour: bool) -> String {
+    let rows = group.rows();
+    let notes = notes(&rows);
+    let mut verdict = plain_table(colour);
+    let (word, shade) = if group.pass() { ("PASS", Color::DarkGreen) } else { ("FAIL", Color::DarkRed) };
+    let word = Cell::new(word).fg(shade).add_attribute(Attribute::Bold);
+    verdict.add_row([word, Cell::new(verdict_line(group))]);
+    let mut parts = vec![title(group, colour), String::new(), metrics(group, &rows, &notes, colour)];
+    parts.extend([String::new(), text(&verdict)]);
+    if !notes.is_empty() {
+        let mut list = plain_table(colour);
+        for (number, note) in (1..).zip(&notes) {
+            list.add_row([dim(format!("[{number}]")), dim(*note)]);
+        }
+        parts.push(text(&list));
+    }
+    parts.join("\n") + "\n"
+}
+
+/// Without lines; the first column keeps its width, and what is long breaks between words.
+fn plain_table(colour: bool) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
+    if colour {
+        table.enforce_styling()
+    } else {
+        table.force_no_tty()
+    };
+    table
+}
+
+fn text(table: &Table) -> String {
+    table.trim_fmt()
+}
+
+fn bold(text: impl ToString) -> Cell {
+    Cell::new(text).add_attribute(Attribute::Bold)
+}
+
+fn dim(text: impl ToString) -> Cell {
+    Cell::new(text).add_attribute(Attribute::Dim)
+}
+
+fn title(group: &Group<'_>, colour: bool) -> String {
+    let first = group.runs[0];
+    let seed = if group.runs.len() == 1 { "seed" } else { "seeds" };
+    let mut facts = vec![first.controller.clone(), format!("{seed} {}", seeds(&group.runs))];
+    facts.push(format!("{} ticks", ticks(&group.runs)));
+    if let Some(hash) = &first.elf_sha256 {
+        facts.push(format!("image {}", hash.chars().take(12).collect::<String>()));
+    }
+    if let Some(identical) = group.identical() {
+        facts.push(if identical { "identical to native" } else { "DIFFERS from native" }.to_owned());
+    }
+    let mut table = plain_table(colour);
+    table.add_row([bold(&first.scenario), dim(facts.join(" · "))]);
+    text(&table)
+}
+
+/// All notes, each once, in the order in which they are first needed.
+fn notes<'a>(rows: &[Row<'a>]) -> Vec<&'a str> {
+    let mut notes = Vec::new();
+    for note in rows.iter().filter_map(|row| row.metric.note.as_deref()) {
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+    notes
+}
+
+fn metrics(group: &Group<'_>, rows: &[Row<'_>], notes: &[&str], colour: bool) -> String {
+    let several = group.runs.len() > 1;
+    let paper = rows.iter().any(|row| row.metric.paper.is_some());
+    let mut header = vec!["quantity"];
+    header.extend(if several { &["median", "worst (seed)", "limit"][..] } else { &["measured", "limit"] });
+    header.extend(paper.then_some("paper"));
+    header.push("verdict");
+    let last = header.len() - 1;
+
+    let mut table = plain_table(colour);
+    table.style_mut().header_separator.fill = Some('─');
+    table.set_header(header.into_iter().map(bold));
+    for row in rows {
+        table.add_row(cells(row, several, paper, notes));
+    }
+    // The label gives way, on several lines if need be.
+    for (i, column) in table.column_iter_mut().enumerate().skip(1) {
+        column.set_constraint(ColumnConstraint::ContentWidth);
+        if i < last {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    text(&table)
+}
+
+fn cells(row: &Row<'_>, several: bool, paper: bool, notes: &[&str]) -> Vec<Cell> {
+    let metric = row.metric;
+    let note = metric.note.as_deref().and_then(|note| notes.iter().position(|other| *other == note));
+    let note = note.map_or_else(String::new, |index| format!(" [{}]", index + 1));
+    let mut cells = vec![Cell::new(format!("{}{note}", metric.label))];
+    if several {
+        let worst = number::measured(row.worst.value, row.worst.limit);
+        let worst = format!("{} ({})", number::with_unit(&worst, &metric.unit), row.worst_seed);
+        cells.extend([row.median_text(), worst].map(Cell::new));
+    } else {
+        cells.push(Cell::new(row.worst.measured_text()));
+    }
+    cells.push(Cell::new(metric.limit_text()));
+    if paper {
+        cells.push(Cell::new(metric.paper.as_deref().unwrap_or("–")));
+    }
+    let verdict = Cell::new(row.verdict());
+    cells.push(match (row.pass(), metric.limit) {
+        (false, _) => verdict.fg(Color::DarkRed).add_attribute(Attribute::Bold),
+        (true, Some(_)) => verdict.fg(Color::DarkGreen),
+        (true, None) => verdict.add_attribute(Attribute::Dim),
+    });
+    cells
+}

@@ -1,0 +1,167 @@
+//! A machine's own values as a file, `calibration.toml`: what was identified of its joints.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use serde::Deserialize;
+use tesaki::model::RobotModel;
+use toml_edit::{DocumentMut, Item, Table, Value};
+
+use crate::file::{self, FileError};
+
+/// What one machine has other than its kind: over the values of `robot.urdf` and `controller.toml`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// By the joints' names.
+    #[serde(default)]
+    pub joints: BTreeMap<String, JointCalibration>,
+}
+
+/// A joint's own values; those that are `None` stay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointCalibration {
+    /// Joint torque for one ampere [N·m/A].
+    pub torque_constant: Option<f32>,
+    /// Coulomb friction [N·m].
+    pub coulomb: Option<f32>,
+    /// Viscous friction [N·m·s/rad].
+    pub viscous: Option<f32>,
+}
+
+/// Why a calibration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// It is of another robot.
+    #[error("[joints.{joint}] belongs to no joint of {robot}; its joints are {joints}")]
+    Stranger {
+        /// The name.
+        joint: String,
+        /// The robot.
+        robot: String,
+        /// Their names.
+        joints: String,
+    },
+    /// A number makes no sense.
+    #[error("the calibration: {0}")]
+    Model(String),
+}
+
+impl Calibration {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// What is wrong, and where.
+    pub fn load(path: &Path) -> Result<Self, CalibrationError> {
+        Ok(file::read(path)?)
+    }
+
+    /// Puts the values into a model.
+    ///
+    /// # Errors
+    /// A joint that the robot does not have, or a number that makes no sense; the model is as it was.
+    pub fn apply(&self, model: &mut RobotModel) -> Result<(), CalibrationError> {
+        let mut changed = model.clone();
+        for (name, values) in &self.joints {
+            let Some(joint) = changed.joints.iter_mut().find(|joint| joint.name == name.as_str()) else {
+                let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+                return Err(CalibrationError::Stranger {
+                    joint: name.clone(),
+                    robot: model.name.to_string(),
+                    joints: names.join(", "),
+                });
+            };
+            for (place, value) in [
+                (&mut joint.motor.torque_constant, values.torque_constant),
+                (&mut joint.friction.coulomb, values.coulomb),
+                (&mut joint.friction.viscous, values.viscous),
+            ] {
+                *place = value.unwrap_or(*place);
+            }
+        }
+        changed.validate().map_err(|error| {
+            let name = error.joint.map_or("", |joint| model.joint_name(usize::from(joint)));
+            let message = format!("joint {name}: {} = {} {}", error.field.path(), error.value, error.problem);
+            CalibrationError::Model(message)
+        })?;
+        *model = changed;
+        Ok(())
+    }
+}
+
+/// A calibration file in which values change and everything else stays as it is, comments too.
+#[derive(Clone, Debug, Default)]
+pub struct CalibrationFile(DocumentMut);
+
+impl CalibrationFile {
+    /// The file at `path`; an empty one if there is none yet.
+    ///
+    /// # Errors
+    /// There is one, but it is no calibration.
+    pub fn open(path: &Path) -> Result<Self, CalibrationError> {
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        Calibration::load(path)?;
+        let file = |message: String| FileError::Toml { path: path.to_owned(), message };
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        Ok(Self(text.parse().map_err(|error: toml_edit::TomlError| file(error.to_string()))?))
+    }
+
+    /// Sets a value of a joint to a number of so many decimals, with a comment behind it. Without one the joint has the
+    /// value of its robot folder.
+    pub fn set(&mut self, joint: &str, key: &str, number: Option<(f32, usize)>, comment: &str) {
+        let table = self.joint(joint);
+        let Some((number, decimals)) = number else {
+            table.remove(key);
+            return;
+        };
+        // As written, 0.55000 says how exact it is.
+        let mut value =
+            format!("{number:.decimals$}").parse().unwrap_or_else(|_| Value::from(f64::from(number)));
+        value.decor_mut().set_prefix(" ");
+        value.decor_mut().set_suffix(format!("  # {comment}"));
+        match table.get_mut(key) {
+            Some(item) => *item = Item::Value(value),
+            None => {
+                table.insert(key, Item::Value(value));
+            }
+        }
+    }
+
+    /// Puts a comment behind the head of a joint's table, in place of what was there.
+    pub fn remark(&mut self, joint: &str, comment: &str) {
+        let suffix = if comment.is_empty() { String::new() } else { format!("  # {comment}") };
+        self.joint(joint).decor_mut().set_suffix(suffix);
+    }
+
+    fn joint(&mut self, name: &str) -> &mut Table {
+        let mut all = Table::new();
+        all.set_implicit(true);
+        let joints = table(self.0.entry("joints").or_insert(Item::Table(all)));
+        table(joints.entry(name).or_insert(Item::Table(Table::new())))
+    }
+}
+
+/// The item as a table that has lines of its own.
+fn table(item: &mut Item) -> &mut Table {
+    if !item.is_table() {
+        *item = Item::Table(std::mem::take(item).into_table().unwrap_or_default());
+    }
+    match item {
+        Item::Table(table) => table,
+        _ => unreachable!("it has just become a table"),
+    }
+}
+
+impl fmt::Display for CalibrationFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}

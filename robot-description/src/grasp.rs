@@ -1,0 +1,182 @@
+//! Grasps as files: what a hand is to grasp, where, and how.
+//!
+//! ```toml
+//! clearance = 0.010                 # m, in front of the surfaces
+//! touch_force = 0.1                 # N
+//! force_limit = 9.0                 # N, of a fingertip
+//! # friction = 0.5                  # left out: the hand finds out by rubbing
+//! internal = { least = { margin = 0.2, least = 0.22, moving = 0.6 } }
+//!
+//! [object]                          # the frame of the contacts, in the base frame
+//! position = [0.090, 0.0, 0.085]    # m
+//! rpy = [0.0, 0.769, 0.0]           # rad, as in URDF
+//!
+//! [[contact]]                       # one for each finger
+//! position = [-0.049, 0.04, 0.0]    # m
+//! normal = [1.0, 0.0, 0.0]          # into the object
+//! # …
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+use tesaki::control::ServoMode;
+use tesaki::task::grasping::{
+    FINGERS, GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlannedContact, WrenchGains,
+};
+
+use crate::file::{self, FileError};
+
+/// Why a grasp cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum GraspFileError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// It has another number of contacts than a hand has fingers.
+    #[error("{}: {got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]", path.display())]
+    Contacts {
+        /// The file.
+        path: PathBuf,
+        /// As many.
+        got: usize,
+    },
+    /// A number makes no sense, or the contacts cannot grip.
+    #[error("{}: {problem}", path.display())]
+    Plan {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: InvalidPlan,
+    },
+}
+
+/// A grasp as a file has it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    clearance: f64,
+    touch_force: f32,
+    force_limit: f32,
+    friction: Option<f32>,
+    #[serde(default)]
+    internal: Internal,
+    #[serde(default = "yes")]
+    feedback: bool,
+    #[serde(default)]
+    control: Control,
+    object: Object,
+    contact: Vec<Contact>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+enum Internal {
+    Least { margin: f32, least: f32, moving: f32 },
+    Normal { strength: f32 },
+    Pairwise { strengths: [f32; 3] },
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+enum Control {
+    Pid,
+    #[default]
+    Observer,
+    Wrench {
+        position: [f32; 2],
+        orientation: [f32; 2],
+        damping: f32,
+        compensated: bool,
+    },
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Object {
+    position: [f64; 3],
+    #[serde(default)]
+    rpy: [f64; 3],
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Contact {
+    position: [f64; 3],
+    normal: [f64; 3],
+}
+
+const fn yes() -> bool {
+    true
+}
+
+impl Default for Internal {
+    fn default() -> Self {
+        Self::Least { margin: 0.2, least: 0.22, moving: 0.6 }
+    }
+}
+
+/// What a grasp file says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedGrasp {
+    /// The plan, checked.
+    pub plan: GraspPlan,
+    /// Where the object's frame is to be, in the base frame [m].
+    pub position: [f64; 3],
+    /// How it is turned there: a unit quaternion `[x, y, z, w]`.
+    pub orientation: [f64; 4],
+}
+
+/// The plan in a grasp file, checked.
+///
+/// # Errors
+/// What is wrong with the file, and where.
+pub fn load(path: &Path) -> Result<GraspPlan, GraspFileError> {
+    load_placed(path).map(|grasp| grasp.plan)
+}
+
+/// The plan in a grasp file, checked, and where it takes the object to be.
+///
+/// # Errors
+/// What is wrong with the file, and where.
+pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
+    let place = || path.to_path_buf();
+    let file: File = file::read(path)?;
+    let got = file.contact.len();
+    let contacts: [Contact; FINGERS] =
+        file.contact.as_slice().try_into().map_err(|_| GraspFileError::Contacts { path: place(), got })?;
+    let [roll, pitch, yaw] = file.object.rpy;
+    let frame = Isometry3::from_parts(
+        Translation3::from(Vector3::from(file.object.position)),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    );
+    #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
+    let single = |vector: Vector3<f64>| -> [f32; 3] { vector.map(|value| value as f32).into() };
+    #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
+    let plan = GraspPlan {
+        contacts: contacts.map(|contact| PlannedContact {
+            position: single((frame * Point3::from(contact.position)).coords),
+            normal: single(frame * Vector3::from(contact.normal)),
+        }),
+        clearance: file.clearance as f32,
+        touch_force: file.touch_force,
+        friction: file.friction,
+        internal: match file.internal {
+            Internal::Least { margin, least, moving } => InternalForce::Least { margin, least, moving },
+            Internal::Normal { strength } => InternalForce::Normal { strength },
+            Internal::Pairwise { strengths } => InternalForce::Pairwise { strengths },
+        },
+        force_limit: file.force_limit,
+        feedback: file.feedback,
+        control: match file.control {
+            Control::Pid => ObjectControl::Differential(ServoMode::Pid),
+            Control::Observer => ObjectControl::Differential(ServoMode::Observer),
+            Control::Wrench { position, orientation, damping, compensated } => {
+                ObjectControl::Wrench(WrenchGains { position, orientation, damping, compensated })
+            }
+        },
+    };
+    plan.validate().map_err(|problem| GraspFileError::Plan { path: place(), problem })?;
+    Ok(PlacedGrasp { plan, position: file.object.position, orientation: frame.rotation.coords.into() })
+}

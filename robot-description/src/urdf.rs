@@ -1,0 +1,174 @@
+//! URDF files: what is wrong with them, all of it and by line, and the serial paths from a base to the tips.
+//!
+//! - [`Urdf::check`] reads a text and tells every [`Finding`];
+//! - [`Urdf::path`] is the chain of rotary joints from the base to any link, through fixed and mimic joints.
+//!
+//! `urdf-rs` makes the values and `roxmltree` knows the lines.
+
+mod fold;
+mod inertia;
+mod joints;
+mod numbers;
+mod path;
+mod source;
+mod structure;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::finding::{Finding, Matter, Report};
+use source::Source;
+
+pub use fold::{MassProperties, RigidBody, axis, isometry, point_inertia, rotated_inertia};
+pub(crate) use fold::{narrow, pose, single};
+pub use path::{Drive, PathJoint, SerialPath};
+
+/// A URDF whose links form a tree.
+#[derive(Clone, Debug)]
+pub struct Urdf {
+    /// The file.
+    pub path: PathBuf,
+    /// Its content.
+    pub robot: urdf_rs::Robot,
+    base: String,
+    link_lines: BTreeMap<String, usize>,
+    joint_lines: BTreeMap<String, usize>,
+}
+
+impl Urdf {
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also tells how many other errors there
+    /// are, which do not matter.
+    ///
+    /// # Errors
+    /// The file cannot be read, or what is wrong in the `matters` given.
+    pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, usize), UrdfError> {
+        let path = Self::locate(path);
+        let text = Self::read_text(&path)?;
+        let (urdf, mut findings) = Self::check(&path, &text);
+        findings.retain(Finding::is_error);
+        let matters =
+            |finding: &Finding| finding.matter == Matter::Kinematics || matters.contains(&finding.matter);
+        match urdf {
+            Some(urdf) if !findings.iter().any(matters) => Ok((urdf, findings.len())),
+            _ => {
+                findings.retain(matters);
+                Err(UrdfError::Wrong(findings))
+            }
+        }
+    }
+
+    /// The file meant by `path`, which may be a folder.
+    pub fn locate(path: &Path) -> PathBuf {
+        if path.is_dir() { path.join("robot.urdf") } else { path.to_owned() }
+    }
+
+    /// The content of the file `path`.
+    ///
+    /// # Errors
+    /// It cannot be read; what may have been meant.
+    pub fn read_text(path: &Path) -> Result<String, UrdfError> {
+        let read = std::fs::read_to_string(path);
+        read.map_err(|source| UrdfError::Read { path: path.to_owned(), hint: hint(path, &source), source })
+    }
+
+    /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be wrong.
+    pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
+        let mut report = Report::new(path);
+        let urdf = Self::read(path, text, &mut report);
+        report.sort();
+        (urdf, report.findings)
+    }
+
+    fn read(path: &Path, text: &str, report: &mut Report) -> Option<Self> {
+        let document = source::parse(text, report)?;
+        let starts = source::line_starts(text);
+        let source = Source::new(&document, &starts, report)?;
+        numbers::check(&source, report);
+        let base = structure::check(&source, report);
+        joints::check(&source, report);
+        inertia::check(&source, report);
+        let robot = match urdf_rs::read_from_string(text) {
+            Ok(robot) => robot,
+            Err(error) => {
+                // What `urdf-rs` tells without a line is mostly found above.
+                if report.findings.iter().all(|finding| finding.matter != Matter::Kinematics) {
+                    report.kinematics(None, error.to_string(), "see http://wiki.ros.org/urdf/XML");
+                }
+                return None;
+            }
+        };
+        let (link_lines, joint_lines) = (source::lines(&source.links), source::lines(&source.joints));
+        Some(Self { path: path.to_owned(), robot, base: base?, link_lines, joint_lines })
+    }
+
+    /// The link that hangs on no joint.
+    pub fn base(&self) -> &str {
+        &self.base
+    }
+
+    /// The line of the link `name`.
+    pub fn line_of_link(&self, name: &str) -> Option<usize> {
+        self.link_lines.get(name).copied()
+    }
+
+    /// The line of the joint `name`.
+    pub fn line_of_joint(&self, name: &str) -> Option<usize> {
+        self.joint_lines.get(name).copied()
+    }
+}
+
+/// The joints in `text` that move, also when they make no tree.
+pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
+    let Ok(document) = roxmltree::Document::parse(text) else { return Vec::new() };
+    let starts = source::line_starts(text);
+    let source = Source::new(&document, &starts, &mut Report::new(Path::new("")));
+    let moving = source.iter().flat_map(|source| &source.joints).filter(|joint| joint.moves());
+    moving.map(|joint| joint.name().to_owned()).collect()
+}
+
+/// What to do about a file that cannot be read; the URDF files beside one that is not there may have been meant.
+fn hint(path: &Path, error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::InvalidData => return "save it as UTF-8".to_owned(),
+        std::io::ErrorKind::PermissionDenied => return "allow reading it".to_owned(),
+        _ => {}
+    }
+    let folder = path.parent().unwrap_or(path);
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|file| file.extension().is_some_and(|extension| extension == "urdf"))
+        .map(|file| file.display().to_string())
+        .collect();
+    names.sort();
+    let meant = if names.is_empty() { String::new() } else { format!("; there is {}", names.join(", ")) };
+    format!("name a URDF file, or a folder with robot.urdf{meant}")
+}
+
+/// Why there is no URDF.
+#[derive(Debug, thiserror::Error)]
+pub enum UrdfError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {source}; {hint}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What to do.
+        hint: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// What is wrong with its kinematics.
+    #[error("{}", list(.0))]
+    Wrong(Vec<Finding>),
+    /// What was asked for is not in it, or cannot be computed.
+    #[error("{0}")]
+    Path(Finding),
+}
+
+/// The findings, one a line.
+pub(crate) fn list(findings: &[Finding]) -> String {
+    findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}

@@ -1,0 +1,100 @@
+//! Impedance files: what is wrong with them is said in words, with the place.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+
+use tesaki::arm::{Law, Redundancy};
+use tesaki::model::RobotModel;
+use tesaki_description::impedance::load;
+use tesaki_description::robot::RobotFolder;
+
+const SOFT: &str = include_str!("../../robots/arm7/impedances/soft.toml");
+
+fn robots() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots")
+}
+
+fn model(robot: &str) -> RobotModel {
+    RobotFolder::load(&robots().join(robot)).unwrap().model
+}
+
+/// What is said of the soft impedance with `from` replaced by `to`.
+#[track_caller]
+fn complaint(from: &str, to: &str) -> String {
+    assert!(SOFT.contains(from), "{from}");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("soft.toml");
+    std::fs::write(&path, SOFT.replacen(from, to, 1)).unwrap();
+    let said = load(&path, &model("arm7")).unwrap_err().to_string();
+    assert!(said.starts_with(path.to_str().unwrap()), "{said}");
+    said
+}
+
+#[test]
+fn the_shipped_impedances_are_read() {
+    let model = model("arm7");
+    let [soft, firm] = ["soft", "firm"]
+        .map(|name| load(&robots().join(format!("arm7/impedances/{name}.toml")), &model).unwrap());
+    assert_eq!((soft.law, soft.redundancy), (Law::Following, Redundancy::ArmAngle));
+    assert_eq!(soft.impedance.stiffness[..], [300.0, 300.0, 300.0, 16.0, 16.0, 16.0]);
+    assert_eq!(soft.reach[..], [0.3, 1.0]);
+    assert!(firm.impedance.stiffness[2] > soft.impedance.stiffness[2]);
+}
+
+#[test]
+fn axes_may_differ_and_a_joint_is_driven_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("own.toml");
+    let text = SOFT
+        .replace("redundancy = \"arm-angle\"", "redundancy = { driven = \"shoulder_yaw\" }")
+        .replace("stiffness = { translation = 300.0", "stiffness = { translation = [100.0, 200, 300.0]");
+    std::fs::write(&path, text).unwrap();
+    let settings = load(&path, &model("arm7")).unwrap();
+    assert_eq!(settings.redundancy, Redundancy::Driven { joint: 2 });
+    assert_eq!(settings.impedance.stiffness[..4], [100.0, 200.0, 300.0, 16.0]);
+    let said = load(&path, &model("hand3")).unwrap_err().to_string();
+    assert!(said.contains("hand3 has no joint \"shoulder_yaw\"") && said.contains("finger1_swing"), "{said}");
+}
+
+#[test]
+fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
+    let said = complaint("mass = { translation = 1.5", "mass = { translation = [1.5, 0.0, 1.5]");
+    assert!(said.contains("the mass along y is 0 kg; possible is 0.001 to 10000 kg"), "{said}");
+    let said = complaint("rotation = 16.0", "rotation = 160.0");
+    assert!(
+        said.contains("the stiffness about x is 160 N·m/rad") && said.contains("0 to 20 N·m/rad"),
+        "{said}"
+    );
+    let said = complaint("damping = { translation = 30.0", "damping = { translation = -30.0");
+    assert!(said.contains("the damping along x is -30 N·s/m") && said.contains("0 to 150 N·s/m"), "{said}");
+    let said = complaint("elbow_bandwidth = 12.0", "elbow_bandwidth = 200.0");
+    assert!(
+        said.contains("the bandwidth of the elbow is 200 rad/s") && said.contains("50 rad/s at most"),
+        "{said}"
+    );
+    let said = complaint("force = \"sensor\"", "force = { observer = 90.0 }");
+    assert!(
+        said.contains("the bandwidth of the force observer is 90 rad/s; possible is 10 to 50 rad/s"),
+        "{said}"
+    );
+    let said = complaint("contact_force = 1.5", "contact_force = nan");
+    assert!(said.contains("the contact force is NaN N"), "{said}");
+    let said = complaint("translation = 0.3", "translation = -0.3");
+    assert!(said.contains("the reach is -0.3"), "{said}");
+}
+
+#[test]
+fn other_mistakes_are_told_with_line_and_key() {
+    let said = complaint("contact_force", "contact_froce");
+    assert!(said.contains("contact_froce") && said.contains("line 6"), "{said}");
+    let said = complaint("\"arm-angle\"", "\"elbow\"");
+    assert!(said.contains("elbow") && said.contains("arm-angle") && said.contains("line 3"), "{said}");
+    let said = complaint("translation = 300.0", "translation = [300.0, 300.0]");
+    assert!(said.contains("expected a number, or three: for x, y and z"), "{said}");
+    let said = complaint("elbow_bandwidth = 12.0 ", "");
+    assert!(said.contains("elbow_bandwidth") || said.contains("expected"), "{said}");
+    let missing = load(Path::new("nowhere/soft.toml"), &model("arm7")).unwrap_err().to_string();
+    assert!(missing.starts_with("nowhere/soft.toml: "), "{missing}");
+    let said = load(&robots().join("arm7/impedances/soft.toml"), &model("hand3")).unwrap_err().to_string();
+    assert!(said.contains("only an arm of seven joints has an arm angle"), "{said}");
+}

@@ -1,0 +1,143 @@
+//! Robot folders: what a good one becomes, and what is said about bad ones.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+
+use tesaki_description::robot::RobotFolder;
+
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
+
+fn text(name: &str) -> String {
+    std::fs::read_to_string(Path::new(FOLDER).join(name)).unwrap()
+}
+
+/// The error for hand3 with `from` replaced by `to` once in the file `name`.
+fn error(name: &str, from: &str, to: &str) -> String {
+    let change = |file: &str| {
+        let text = text(file);
+        if file == name {
+            assert!(text.contains(from), "{from:?} is not in {name}");
+            text.replacen(from, to, 1)
+        } else {
+            text
+        }
+    };
+    let folder = RobotFolder::parse(Path::new("my_hand"), &change("robot.urdf"), &change("controller.toml"));
+    folder.map(|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn hand3_becomes_nine_joints_in_three_chains() {
+    let model = RobotFolder::load(Path::new(FOLDER)).unwrap().model;
+    assert_eq!((model.name.as_str(), model.chains.len(), model.joints.len()), ("hand3", 3, 9));
+    let names: Vec<&str> = model.joints.iter().take(4).map(|joint| joint.name.as_str()).collect();
+    assert_eq!(names, ["finger1_swing", "finger1_bend", "finger1_curl", "finger2_swing"]);
+    // The last link of a finger and its sensor: 10 g and 5 g, fixed together.
+    assert!((model.joints[2].link.mass - 0.015).abs() < 1e-7);
+    assert!((model.joints[0].limits.torque - 0.6).abs() < 1e-7);
+    assert!((model.joints[0].friction.coulomb - 0.02).abs() < 1e-7);
+    // Gains are given per inertia; a curl joint feels its rotor and little else.
+    let curl = &model.joints[2].servo;
+    assert!((2e-4..2.5e-4).contains(&curl.observer.inertia), "{}", curl.observer.inertia);
+    assert!((curl.pid.proportional / curl.observer.inertia - 400.0).abs() < 0.1);
+}
+
+#[test]
+fn nonsense_is_named_by_file_joint_and_field() {
+    let cases = [
+        (
+            "robot.urdf",
+            "<mass value=\"0.01\"/>",
+            "<mass value=\"-0.02\"/>",
+            "link finger1_upper: mass = -0.02 kg is below 0",
+        ),
+        (
+            "robot.urdf",
+            "lower=\"-1.0\" upper=\"1.0\"",
+            "lower=\"2.0\" upper=\"1.0\"",
+            "joint finger1_swing: lower = 2 is not below upper = 1",
+        ),
+        ("robot.urdf", "<robot name=\"hand3\"", "<robt name=\"hand3\"", "robot.urdf"),
+        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "joint finger1_swing is of type Prismatic"),
+        (
+            "controller.toml",
+            "torque_constant = 0.5",
+            "torque_constant = -0.5",
+            "motor.torque_constant = -0.5",
+        ),
+        ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
+        ("controller.toml", "reaction = \"hold\"", "reaction = \"pray\"", "unknown variant `pray`"),
+        ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.thumb]\nx = 1\n[joint.servo]",
+            "[joints.thumb] belongs to no joint",
+        ),
+        (
+            "controller.toml",
+            "command_timeout = 0.1 ",
+            "command_timeout = 0.0 ",
+            "safety.command_timeout = 0 is below 0.01",
+        ),
+    ];
+    for (name, from, to, expected) in cases {
+        let message = error(name, from, to);
+        assert!(message.contains("my_hand") && message.contains(expected), "{from} → {to}: {message}");
+    }
+}
+
+#[test]
+fn a_folder_without_files_says_what_belongs_there() {
+    let message = RobotFolder::load(Path::new("/nowhere")).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("/nowhere/robot.urdf") && message.contains("controller.toml"), "{message}");
+}
+
+#[test]
+fn a_folder_that_says_nothing_of_it_has_a_command_timeout_of_100_ms_and_holds() {
+    let settings =
+        text("controller.toml").replacen("command_timeout = 0.1 ", "# ", 1).replacen("reaction = ", "# ", 1);
+    assert!(!settings.contains("command_timeout"));
+    let model = RobotFolder::parse(Path::new("my_hand"), &text("robot.urdf"), &settings).unwrap().model;
+    assert_eq!(model.safety.reaction, tesaki::model::Reaction::Hold);
+    assert!((model.safety.command_timeout - 0.1).abs() < 1e-9);
+}
+
+#[test]
+fn a_chain_ends_in_the_farthest_of_the_leaves_that_are_fixed_to_its_last_body() {
+    let more = |name: &str, parent: &str, z: &str| {
+        format!(
+            "<joint name=\"to_{name}\" type=\"fixed\"><parent link=\"{parent}\"/><child link=\"{name}\"/>\
+             <origin xyz=\"0 0 {z}\"/></joint><link name=\"{name}\"/></robot>"
+        )
+    };
+    for (name, parent, z, expected) in [
+        ("camera", "finger1_upper", "0.001", "finger1_tip"),
+        ("nail", "finger1_upper", "0.09", "nail"),
+        ("nail", "finger1_tip", "0.002", "nail"),
+        // A leaf on another body is none of the last.
+        ("motor", "finger1_lower", "0.5", "finger1_tip"),
+    ] {
+        let urdf = text("robot.urdf").replace("</robot>", &more(name, parent, z));
+        let folder = RobotFolder::parse(Path::new("my_hand"), &urdf, &text("controller.toml")).unwrap();
+        let chain = &folder.model.chains[0];
+        assert_eq!(chain.name, expected);
+        let distance = nalgebra::Vector3::from(chain.tip.translation).norm();
+        assert!((0.02..0.1).contains(&distance), "{name}: {distance}");
+    }
+}
+
+#[test]
+fn what_a_controller_cannot_drive_is_told() {
+    let branch = "<joint name=\"spread\" type=\"revolute\"><parent link=\"finger1_knuckle\"/><child link=\"flap\"/>\
+        <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint><link name=\"flap\"/></robot>";
+    for (from, to, expected) in [
+        ("</robot>", branch, "branches behind joint finger1_swing into finger1_bend and spread"),
+        ("type=\"revolute\"", "type=\"continuous\"", "finger1_swing is of type Continuous"),
+        ("name=\"hand3\"", "name=\"a_robot_with_a_name_that_is_too_long\"", "36 bytes, at most 32 fit"),
+        ("name=\"hand3\"", "name=\"\"", "the robot has no name"),
+    ] {
+        let said = error("robot.urdf", from, to);
+        assert!(said.contains(expected), "{said}");
+    }
+}

@@ -1,0 +1,438 @@
+//! URDF files: what is said about bad ones, by line, and the paths through good ones.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+
+use tesaki_description::finding::Finding;
+use tesaki_description::urdf::{Drive, Urdf};
+
+/// An arm of two joints that carries two fingers, one with a coupled joint; a slide beside them.
+const ROBOT: &str = r#"<?xml version="1.0"?>
+<robot name="armhand">
+  <link name="base"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.1"/>
+    <axis xyz="0 0 2"/>
+    <limit lower="-1" upper="1.5" effort="5" velocity="2"/>
+  </joint>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0.1 0 0"/>
+      <mass value="0.5"/>
+      <inertia ixx="1e-4" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="wrist" type="continuous">
+    <parent link="upper"/><child link="palm"/>
+    <origin xyz="0.3 0 0" rpy="0 1.5707963267948966 0"/>
+    <axis xyz="0 0 1"/>
+  </joint>
+  <link name="palm"/>
+  <joint name="thumb_base" type="revolute">
+    <parent link="palm"/><child link="thumb"/>
+    <origin xyz="0.02 0 0.05"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="0" upper="1.6" effort="1" velocity="6"/>
+  </joint>
+  <link name="thumb"/>
+  <joint name="thumb_end" type="fixed">
+    <parent link="thumb"/><child link="thumb_tip"/>
+    <origin xyz="0 0 0.04"/>
+  </joint>
+  <link name="thumb_tip"/>
+  <joint name="index_base" type="revolute">
+    <parent link="palm"/><child link="index"/>
+    <origin xyz="-0.02 0 0.05"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="0" upper="1.6" effort="1" velocity="6"/>
+  </joint>
+  <link name="index"/>
+  <joint name="index_curl" type="revolute">
+    <parent link="index"/><child link="index_tip"/>
+    <origin xyz="0 0 0.04"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="0" upper="1.6" effort="1" velocity="6"/>
+    <mimic joint="index_base" multiplier="0.8" offset="0.1"/>
+  </joint>
+  <link name="index_tip"/>
+  <joint name="slide" type="prismatic">
+    <parent link="palm"/><child link="ejector"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="0" upper="0.02" effort="1" velocity="0.1"/>
+  </joint>
+  <link name="ejector"/>
+</robot>
+"#;
+
+fn check(text: &str) -> (Option<Urdf>, Vec<Finding>) {
+    Urdf::check(Path::new("my_hand/robot.urdf"), text)
+}
+
+/// The text with `from` replaced by `to` where it first occurs after `after`.
+fn changed(after: &str, from: &str, to: &str) -> String {
+    let start = ROBOT.find(after).unwrap();
+    let (head, tail) = ROBOT.split_at(start);
+    assert!(tail.contains(from), "{from}");
+    head.to_owned() + &tail.replacen(from, to, 1)
+}
+
+/// The line of `what` after `after`.
+fn line(text: &str, after: &str, what: &str) -> usize {
+    let start = text.find(after).unwrap();
+    let at = start + text[start..].find(what).unwrap();
+    text[..at].matches('\n').count() + 1
+}
+
+#[test]
+fn a_good_robot_has_nothing_wrong() {
+    let (urdf, findings) = check(ROBOT);
+    assert!(findings.is_empty(), "{findings:?}");
+    let urdf = urdf.unwrap();
+    assert_eq!(urdf.base(), "base");
+    assert_eq!(urdf.tips(None), ["thumb_tip", "index_tip", "ejector"]);
+    assert_eq!(urdf.reachable_tips(None), ["thumb_tip", "index_tip", "palm"]);
+    assert_eq!(urdf.tips(Some("index")), ["index_tip"]);
+    assert_eq!(urdf.reachable_tips(Some("palm")), ["thumb_tip", "index_tip"]);
+}
+
+/// What is changed (after, from, to), where the finding is (after, what), and what it says.
+type Case =
+    ((&'static str, &'static str, &'static str), (&'static str, &'static str), &'static [&'static str]);
+
+const CASES: &[Case] = &[
+    // XML
+    (("wrist", "<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 1>"), ("wrist", "</joint"), &["XML", "quotes"]),
+    (("\n</robot>", "\n</robot>", ""), ("<link name=\"ejector\"", "link"), &["never closed"]),
+    (
+        (
+            "<robot",
+            "<robot name=\"armhand\">",
+            "<robot name=\"armhand\" xmlns:xacro=\"http://www.ros.org/wiki/xacro\"><xacro:x/>",
+        ),
+        ("<xacro", "<xacro"),
+        &["xacro:x", "xacro FILE.xacro > robot.urdf"],
+    ),
+    // The tree
+    (
+        ("wrist", "link=\"palm\"", "link=\"plam\""),
+        ("wrist", "<parent"),
+        &["joint wrist", "child link \"plam\" does not exist", "palm"],
+    ),
+    (
+        ("wrist", "<parent link=\"upper\"/>", ""),
+        ("<joint name=\"wrist\"", "<joint"),
+        &["joint wrist has no parent", "add <parent"],
+    ),
+    (
+        ("name=\"slide\"", "link=\"ejector\"", "link=\"index\""),
+        ("<joint name=\"slide\"", "<joint"),
+        &["\"index\" hangs on two joints, index_base (line 35) and slide", "loop", "mimic"],
+    ),
+    (
+        ("shoulder", "<parent link=\"base\"/>", "<parent link=\"thumb_tip\"/>"),
+        ("<joint name=\"shoulder\"", "<joint"),
+        &["loop: ", "shoulder, thumb_end, thumb_base, wrist"],
+    ),
+    (
+        (
+            "<link name=\"ejector\"/>",
+            "<link name=\"ejector\"/>",
+            "<link name=\"ejector\"/><link name=\"alone\"/>",
+        ),
+        ("alone", "alone"),
+        &["two bases", "\"base\" (line 3)", "\"alone\"", "add the joint"],
+    ),
+    (
+        ("name=\"slide\"", "slide", "thumb_base"),
+        ("<joint name=\"thumb_base\" type=\"prismatic\"", "<joint"),
+        &["joint thumb_base exists twice, first in line 23", "name of its own"],
+    ),
+    (
+        ("<link name=\"thumb\"/>", "<link name=\"thumb\"/>", "<link name=\"thumb\"/><link name=\"palm\"/>"),
+        ("<link name=\"thumb\"/>", "<link name=\"palm\""),
+        &["link palm exists twice", "line 22"],
+    ),
+    (
+        ("wrist", "continuous", "revolut"),
+        ("<joint name=\"wrist\"", "<joint"),
+        &["joint wrist", "no joint of type \"revolut\"", "revolute, continuous"],
+    ),
+    // Numbers
+    (
+        ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 0 0,1\""),
+        ("shoulder", "<origin"),
+        &["joint shoulder", "\"0,1\" is no finite number", "with a point"],
+    ),
+    (
+        ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 nan 0.1\""),
+        ("shoulder", "<origin"),
+        &["joint shoulder", "\"nan\" is no finite number"],
+    ),
+    (
+        ("shoulder", "upper=\"1.5\"", "upper=\"inf\""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "\"inf\" is no finite number"],
+    ),
+    (
+        ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 0.1\""),
+        ("shoulder", "<origin"),
+        &["joint shoulder", "2 numbers, 3 expected"],
+    ),
+    (
+        ("shoulder", "upper=\"1.5\"", "upper=\"${pi}\""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "xacro expression"],
+    ),
+    (("<mass", "0.5", "0.5 kg"), ("<mass", "<mass"), &["link upper", "\"kg\" is no finite number"]),
+    (("shoulder", "velocity=\"2\"", ""), ("shoulder", "<limit"), &["joint shoulder", "no velocity", "rad/s"]),
+    (("<inertia ", "iyy=\"2e-3\"", ""), ("<inertia ", "<inertia"), &["link upper", "no iyy"]),
+    (
+        ("<mass", "<mass value=\"0.5\"/>", "<mass value=\"0.5\"/><mass value=\"0.4\"/>"),
+        ("<mass", "<mass"),
+        &["link upper: a second <mass>"],
+    ),
+    (
+        (
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"><visual><geometry><sphere/></geometry></visual></link>",
+        ),
+        ("<sphere", "<sphere"),
+        &["link palm: <sphere> has no radius"],
+    ),
+    // Joints
+    (
+        ("shoulder", "xyz=\"0 0 2\"", "xyz=\"0 0 0\""),
+        ("shoulder", "<axis"),
+        &["joint shoulder", "no direction", "0 0 1"],
+    ),
+    (
+        ("shoulder", "<limit lower=\"-1\" upper=\"1.5\" effort=\"5\" velocity=\"2\"/>", ""),
+        ("<joint name=\"shoulder\"", "<joint"),
+        &["joint shoulder", "lower = upper = 0", "limits are missing", "continuous"],
+    ),
+    (
+        ("shoulder", "lower=\"-1\" upper=\"1.5\"", ""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "lower = upper = 0", "limits are missing"],
+    ),
+    (
+        ("shoulder", "lower=\"-1\"", "lower=\"2\""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "lower = 2 is not below upper = 1.5", "swap"],
+    ),
+    (
+        ("shoulder", "lower=\"-1\" upper=\"1.5\"", "lower=\"-90\" upper=\"90\""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "-90 to 90 rad", "degrees?", "-90° are -1.5708"],
+    ),
+    (
+        ("wrist", "0.3 0 0", "300 0 0"),
+        ("wrist", "<origin"),
+        &["joint wrist", "300 m", "5 m", "millimetres?", "300 mm are 0.3"],
+    ),
+    (
+        ("wrist", "1.5707963267948966", "90"),
+        ("wrist", "<origin"),
+        &["joint wrist", "rpy of 90 rad", "degrees?", "1.5708"],
+    ),
+    (
+        ("index_curl", "joint=\"index_base\"", "joint=\"index_bas\""),
+        ("index_curl", "<mimic"),
+        &["joint index_curl mimics \"index_bas\", which does not exist", "index_base"],
+    ),
+    (
+        ("index_curl", "joint=\"index_base\"", "joint=\"index_curl\""),
+        ("index_curl", "<mimic"),
+        &["joint index_curl mimics itself"],
+    ),
+    // Masses
+    (("<mass", "0.5", "1500"), ("<mass", "<mass"), &["link upper", "mass = 1500 kg", "grams?", "are 1.5"]),
+    (("<mass", "0.5", "-0.5"), ("<mass", "<mass"), &["link upper", "mass = -0.5 kg is below 0"]),
+    (("<mass", "0.5", "0"), ("<mass", "<mass"), &["link upper", "mass = 0 kg, but its inertia is not 0"]),
+    (
+        ("<inertia ", "ixx=\"1e-4\"", "ixx=\"-1e-4\""),
+        ("<inertia ", "<inertia"),
+        &["link upper", "principal moments -1.000e-4", "negative"],
+    ),
+    (
+        ("<inertia ", "ixx=\"1e-4\"", "ixx=\"9e-3\""),
+        ("<inertia ", "<inertia"),
+        &["link upper", "exceeds the sum", "9.000e-3"],
+    ),
+    (
+        ("<inertia ", "ixx=\"1e-4\" iyy=\"2e-3\" izz=\"2e-3\"", "ixx=\"100\" iyy=\"2000\" izz=\"2000\""),
+        ("<inertia ", "<inertia"),
+        &["link upper", "radius of gyration 63.246 m", "2 m", "kg·mm²"],
+    ),
+    (
+        ("<inertia ", "ixx=\"1e-4\"", "ixx=\"1e300\""),
+        ("<inertia ", "<inertia"),
+        &["link upper", "1e300 kg·m²", "kg·mm²"],
+    ),
+    (
+        ("<inertial", "xyz=\"0.1 0 0\"", "xyz=\"100 0 0\""),
+        ("<inertial", "<origin"),
+        &["link upper", "centre of mass 100 m", "100 mm are 0.1"],
+    ),
+];
+
+#[test]
+fn every_bad_input_is_told_by_name_line_and_advice() {
+    let mut failed = String::new();
+    for ((after, from, to), (near, what), words) in CASES {
+        let text = changed(after, from, to);
+        let (_, findings) = check(&text);
+        let said = findings.iter().map(|finding| format!("{finding}\n")).collect::<String>();
+        let place = format!("my_hand/robot.urdf:{}: ", line(&text, near, what));
+        let well = matches!(&*findings, [one] if one.is_error() && !one.advice.is_empty());
+        if !well || !said.starts_with(&place) || !words.iter().all(|word| said.contains(word)) {
+            failed += &format!("{from} → {to}: expected {place} with {words:?}, got {said}\n");
+        }
+    }
+    assert!(failed.is_empty(), "{failed}");
+}
+
+#[test]
+fn a_robot_in_millimetres_is_noticed_by_its_whole_length() {
+    let mut text = r#"<robot name="r"><link name="l0"/>"#.to_owned();
+    for i in 0..6 {
+        text += &format!(
+            "\n<joint name=\"j{i}\" type=\"continuous\"><origin xyz=\"0 0 4\"/><axis xyz=\"0 1 0\"/><parent link=\"l{i}\"/><child link=\"l{}\"/></joint><link name=\"l{}\"/>",
+            i + 1,
+            i + 1
+        );
+    }
+    let (_, findings) = check(&(text + "</robot>"));
+    let said = findings[0].to_string();
+    assert!(findings.len() == 1 && said.contains("robot.urdf:7: link l6: 24 m from the base"), "{said}");
+    assert!(said.contains("20 m") && said.contains("millimetres?"), "{said}");
+}
+
+#[test]
+fn mimic_joints_in_a_circle_are_found_from_each_of_them() {
+    let text = changed("index_base", "velocity=\"6\"/>", "velocity=\"6\"/><mimic joint=\"index_curl\"/>");
+    let (_, findings) = check(&text);
+    assert_eq!(findings.len(), 2, "{findings:#?}");
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert!(said[0].contains("robot.urdf:39: joint index_base mimics itself in the end"), "{said:?}");
+    assert!(said[1].contains("robot.urdf:47: joint index_curl mimics itself in the end"), "{said:?}");
+}
+
+#[test]
+fn many_mistakes_are_told_together_and_a_missing_axis_is_a_warning() {
+    let text = ROBOT
+        .replacen("<axis xyz=\"0 0 2\"/>", "", 1)
+        .replacen("0.3 0 0", "300 0 0", 1)
+        .replacen("value=\"0.5\"", "value=\"5000\"", 1)
+        .replacen("<parent link=\"thumb\"/>", "<parent link=\"thump\"/>", 1);
+    let (urdf, findings) = check(&text);
+    assert!(urdf.is_none());
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert_eq!(findings.len(), 4, "{said:#?}");
+    for word in ["has no <axis>", "300 m", "5000 kg", "\"thump\" does not exist"] {
+        assert!(said.iter().any(|text| text.contains(word)), "{word}: {said:#?}");
+    }
+    assert_eq!(findings.iter().filter(|finding| finding.is_error()).count(), 3);
+}
+
+#[test]
+fn words_that_are_no_urdf_say_so() {
+    let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(5000), "</a>".repeat(5000));
+    for (text, expected) in [
+        ("", "no well-formed XML"),
+        ("<robt/>", "<robt> is no robot"),
+        ("<robot name=\"x\"/>", "no links"),
+        ("<robot name=\"x\"><link/></robot>", "a link without a name"),
+        (
+            "<robot name=\"x\"><link name=\"a\"><visual/></link></robot>",
+            "robot.urdf:1: link a: <visual> has no geometry",
+        ),
+        ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
+        ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
+        (&deep, "more than 64 deep"),
+    ] {
+        let (urdf, findings) = check(text);
+        let said = findings.iter().map(ToString::to_string).collect::<String>();
+        assert!(urdf.is_none() && said.contains(expected), "{text}: {said}");
+    }
+}
+
+#[test]
+fn a_path_goes_through_the_arm_to_one_fingertip_and_folds_what_is_fixed() {
+    let urdf = check(ROBOT).0.unwrap();
+    let path = urdf.path(None, "thumb_tip").unwrap();
+    let names: Vec<&str> = path.joints.iter().map(|joint| joint.name.as_str()).collect();
+    assert_eq!(names, ["shoulder", "wrist", "thumb_base"]);
+    assert!((nalgebra::Vector3::from(path.joints[0].axis) - nalgebra::Vector3::z()).norm() < 1e-7);
+    assert_eq!(path.joints[0].limits, Some((-1.0, 1.5)));
+    assert_eq!(path.joints[1].limits, None);
+    assert!((path.joints[0].link.mass - 0.5).abs() < 1e-7);
+    assert!((path.pose.translation[2] - 0.04).abs() < 1e-7);
+    // Straight: up 0.1, out 0.3 along x, where the palm's z points; the thumb's offset (0.02, 0, 0.05), the tip 0.04.
+    let tip = path.chain().posture(&path.angles(&[0.0; 3])).tip().translation.vector;
+    assert!((tip - nalgebra::Vector3::new(0.39, 0.0, 0.08)).norm() < 1e-6, "{tip}");
+    // From the palm there is the finger alone.
+    let path = urdf.path(Some("palm"), "thumb_tip").unwrap();
+    assert_eq!((path.joints.len(), path.base.as_str()), (1, "palm"));
+    let tip = path.chain().posture(&[0.0]).tip().translation.vector;
+    assert!((tip - nalgebra::Vector3::new(0.02, 0.0, 0.09)).norm() < 1e-6, "{tip}");
+}
+
+#[test]
+fn a_mimic_joint_follows_its_drive() {
+    let urdf = check(ROBOT).0.unwrap();
+    let path = urdf.path(Some("palm"), "index_tip").unwrap();
+    assert_eq!(path.drives, [Drive { name: "index_base".to_owned(), limits: Some((0.0, 1.6)) }]);
+    assert_eq!(path.angles(&[0.5]), [0.5, 0.5]);
+    // Also when the one it follows is not on the path, and through another mimic joint.
+    let text = changed(
+        "index_base",
+        "velocity=\"6\"/>",
+        "velocity=\"6\"/><mimic joint=\"thumb_base\" multiplier=\"-2\"/>",
+    );
+    let urdf = check(&text).0.unwrap();
+    let path = urdf.path(Some("palm"), "index_tip").unwrap();
+    assert_eq!(path.drives[0].name, "thumb_base");
+    assert_eq!(path.angles(&[0.5]), [-1.0, -0.7]);
+}
+
+#[test]
+fn paths_that_cannot_be_computed_say_why_and_which_can() {
+    let urdf = check(ROBOT).0.unwrap();
+    let refused = |base: Option<&str>, tip: &str| urdf.path(base, tip).map(|_| ()).unwrap_err().to_string();
+    for (base, tip, words) in [
+        (None, "ejector", &["robot.urdf:50", "joint slide", "prismatic", "thumb_tip, index_tip, palm"][..]),
+        (None, "nail", &["no link \"nail\"", "thumb_tip"]),
+        (Some("thumb"), "index_tip", &["\"thumb\" is not between", "--base"]),
+        (Some("thumb"), "thumb_tip", &["no joint moves between thumb and thumb_tip"]),
+    ] {
+        let said = refused(base, tip);
+        for word in words {
+            assert!(said.contains(word), "{tip}: no {word:?} in: {said}");
+        }
+    }
+    let text = changed("index_base", "velocity=\"6\"/>", "velocity=\"6\"/><mimic joint=\"slide\"/>");
+    let said = check(&text).0.unwrap().path(None, "index_tip").map(|_| ()).unwrap_err().to_string();
+    assert!(said.contains("index_base mimics slide, which is prismatic"), "{said}");
+}
+
+#[test]
+fn more_than_seven_joints_are_too_many_unless_a_base_further_out_is_named() {
+    let mut text = r#"<robot name="r"><link name="l0"/>"#.to_owned();
+    for i in 0..9 {
+        text += &format!(
+            "\n<joint name=\"j{i}\" type=\"continuous\"><axis xyz=\"0 1 0\"/><parent link=\"l{i}\"/><child link=\"l{}\"/></joint><link name=\"l{}\"/>",
+            i + 1,
+            i + 1
+        );
+    }
+    let urdf = check(&(text + "</robot>")).0.unwrap();
+    let said = urdf.path(None, "l9").map(|_| ()).unwrap_err().to_string();
+    assert!(said.contains("9 moving joints from l0 to l9, at most 7 work"), "{said}");
+    assert!(said.contains("--base l2") && said.contains("from l0: l7"), "{said}");
+    assert_eq!(urdf.path(Some("l2"), "l9").unwrap().joints.len(), 7);
+    assert_eq!(urdf.path(None, "l7").unwrap().joints.len(), 7);
+    assert_eq!(urdf.reachable_tips(None), ["l7"]);
+}

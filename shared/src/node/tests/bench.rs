@@ -1,0 +1,157 @@
+//! A node with its board around it, and a robot for it.
+
+use heapless::Vec;
+
+use crate::control::ServoMode;
+use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety, test_joint};
+use crate::node::Node;
+use crate::protocol::{
+    ActuatorFrame, BoardStatus, Fault, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame,
+    SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Task, codec,
+};
+
+pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
+
+pub fn model() -> RobotModel {
+    let mut joints = Vec::new();
+    for name in ["base", "middle", "tip"] {
+        joints.push(test_joint(name)).unwrap();
+    }
+    RobotModel {
+        name: "finger".try_into().unwrap(),
+        gravity: [0.0, 0.0, -9.81],
+        chains: Vec::from_slice(&[ChainModel {
+            name: "tip".try_into().unwrap(),
+            joints: 3,
+            tip: Pose::IDENTITY,
+            tip_radius: 0.0,
+            force_sensor: None,
+        }])
+        .unwrap(),
+        joints,
+        safety: Safety {
+            command_timeout: 0.1,
+            reaction: Reaction::Hold,
+            damping: 0.01,
+            supply_min: 20.0,
+            supply_max: 28.0,
+        },
+    }
+}
+
+/// A node with its board around it: sends requests, and ticks with encoders that read what the test says.
+pub struct Bench {
+    pub node: Node,
+    pub sensors: SensorFrame,
+    pub client: u32,
+    pub sequence: u16,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        let sensors = SensorFrame {
+            sequence: 0,
+            flags: SensorFlags(0),
+            supply: 24_000,
+            encoders: Vec::from_slice(&[0; 3]).unwrap(),
+            currents: Vec::from_slice(&[0; 3]).unwrap(),
+            forces: Vec::new(),
+        };
+        Self { node: Node::new(), sensors, client: 7, sequence: 0 }
+    }
+
+    /// Ready to arm.
+    pub fn ready(model: &RobotModel) -> Self {
+        let mut bench = Self::new();
+        bench.command();
+        assert_eq!(bench.push(model), Reply::Done);
+        bench.tick();
+        bench
+    }
+
+    pub fn armed(model: &RobotModel) -> Self {
+        let mut bench = Self::ready(model);
+        assert_eq!(bench.arm(), Reply::Done);
+        bench
+    }
+
+    pub fn ask(&mut self, request: Request) -> Reply {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.send(self.client, self.sequence, request)
+    }
+
+    pub fn send(&mut self, client: u32, sequence: u16, request: Request) -> Reply {
+        let reply = self.node.handle(&RequestFrame { client, sequence, request }, &BoardStatus::default());
+        assert_eq!((reply.client, reply.sequence), (client, sequence));
+        reply.reply
+    }
+
+    /// Says hello and takes command.
+    pub fn command(&mut self) {
+        assert!(matches!(self.ask(Request::Hello { schema: SCHEMA_KEY }), Reply::Hello { .. }));
+        assert_eq!(self.ask(Request::TakeCommand { by_force: false }), Reply::Done);
+    }
+
+    /// Reads an export to its end.
+    pub fn export(&mut self, item: Item) -> (std::vec::Vec<u8>, u32) {
+        let Reply::Exported { length, checksum, index } = self.ask(Request::Export(item)) else { panic!() };
+        let mut bytes = std::vec::Vec::new();
+        while bytes.len() < length as usize {
+            let offset = bytes.len() as u32;
+            let Reply::Chunk { data, .. } = self.ask(Request::ReadExport { offset }) else { panic!() };
+            bytes.extend_from_slice(&data);
+        }
+        assert_eq!((bytes.len(), codec::checksum(&bytes)), (length as usize, checksum));
+        (bytes, index)
+    }
+
+    pub fn push(&mut self, model: &RobotModel) -> Reply {
+        let bytes = postcard::to_stdvec(model).unwrap();
+        let begin = Request::ModelBegin { length: bytes.len() as u32, checksum: codec::checksum(&bytes) };
+        assert_eq!(self.ask(begin), Reply::Done);
+        for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
+            let chunk = Request::ModelChunk {
+                offset: (index * MODEL_CHUNK) as u32,
+                data: Vec::from_slice(data).unwrap(),
+            };
+            assert_eq!(self.ask(chunk), Reply::Done);
+        }
+        self.ask(Request::ModelCommit)
+    }
+
+    pub fn arm(&mut self) -> Reply {
+        self.ask(Request::Arm { task: Task::JointServo(ServoMode::Pid) })
+    }
+
+    pub fn goal(&mut self, positions: [f32; 3]) -> Reply {
+        self.ask(Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&positions).unwrap() }))
+    }
+
+    pub fn tick(&mut self) -> ActuatorFrame {
+        self.sensors.sequence += 1;
+        self.node.tick(&self.sensors)
+    }
+
+    /// Ticks, telling the node each time that the supervisor lives, until it faults.
+    pub fn tick_until_fault(&mut self, goal: [f32; 3], ticks: usize) -> Fault {
+        for _ in 0..ticks {
+            self.tick();
+            if self.node.mode() == Mode::Fault {
+                return *self.node.faults().faults.last().unwrap();
+            }
+            assert_eq!(self.goal(goal), Reply::Done);
+        }
+        panic!("no fault in {ticks} ticks");
+    }
+}
+
+pub fn refusal(reply: Reply) -> Refusal {
+    match reply {
+        Reply::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+pub fn near(a: [f32; 3], b: [f32; 3], tolerance: f32) -> bool {
+    a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= tolerance)
+}

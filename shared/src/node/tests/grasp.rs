@@ -1,0 +1,262 @@
+//! A hand that grasps.
+
+use heapless::Vec;
+
+use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
+use super::fingertips::{fingers, references};
+use super::force_sensors::{SENSOR, feeling_fingers};
+use crate::control::{JointPoint, ServoMode};
+use crate::kinematics::TipPoint;
+use crate::manipulation::{
+    BadPlan, Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
+    PlanField, PlannedContact, Unable,
+};
+use crate::model::{ChainModel, MAX_JOINTS, RobotModel};
+use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
+
+/// Three such fingers; the third stands opposite the middle between the others.
+fn hand() -> RobotModel {
+    let mut model = fingers();
+    for (index, name) in ["g", "h", "i"].into_iter().enumerate() {
+        let mut joint = model.joints[index].clone();
+        joint.name = name.try_into().unwrap();
+        model.joints.push(joint).unwrap();
+    }
+    model.joints[6].origin.translation = [0.3, 0.05, 0.0];
+    model.chains.push(ChainModel { name: "third".try_into().unwrap(), ..model.chains[0].clone() }).unwrap();
+    for chain in &mut model.chains {
+        (chain.tip_radius, chain.force_sensor) = (0.008, Some(SENSOR));
+    }
+    model
+}
+
+/// The hand, not tared yet, bent so that its tips are at x = ±71.9466 mm from its roots and at z = 93.2199
+/// mm.
+fn untared_hand() -> Bench {
+    let angles = [0.0, 0.5, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8];
+    let mut bench = Bench::new();
+    bench.sensors.encoders = angles.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
+    bench.sensors.currents = [0; 9].into_iter().collect();
+    bench.sensors.forces = [[0; 6]; 3].into_iter().collect();
+    bench.command();
+    assert_eq!(bench.push(&hand()), Reply::Done);
+    bench.tick();
+    bench
+}
+
+/// The hand, ready to arm for a grasp.
+fn tared_hand() -> Bench {
+    let mut bench = untared_hand();
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    bench
+}
+
+const GRASP: Request = Request::Arm { task: Task::Grasp };
+
+pub const KEEP: Request = Request::SetPoint(SetPoint::Keep);
+
+/// What is 2 mm in front of the tips of [`untared_hand`].
+pub fn in_front() -> GraspPlan {
+    let contact = |x: f32, y: f32, normal: f32| PlannedContact {
+        position: [x, y, 0.093_219_9],
+        normal: [normal, 0.0, 0.0],
+    };
+    // 8 mm of the tips and 2 mm from them.
+    let near = 0.071_946_6 + 0.01;
+    GraspPlan {
+        contacts: [contact(near, 0.0, 1.0), contact(near, 0.1, 1.0), contact(0.3 - near, 0.05, -1.0)],
+        clearance: 0.002,
+        touch_force: 0.1,
+        friction: Some(0.5),
+        internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+        force_limit: 4.0,
+        feedback: true,
+        control: ObjectControl::Differential(ServoMode::Pid),
+    }
+}
+
+fn seen(bench: &mut Bench) -> GraspTelemetry {
+    let Reply::Grasp(grasp) = bench.ask(Request::ReadGrasp) else { panic!() };
+    assert_eq!(grasp, bench.node.grasp());
+    grasp
+}
+
+#[test]
+fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
+    assert_eq!(refusal(Bench::ready(&model()).ask(GRASP)), Refusal::NotAHand);
+    assert_eq!(refusal(feeling_fingers([[0; 6]; 2]).ask(GRASP)), Refusal::NotAHand);
+    let mut bench = untared_hand();
+    let mut numb = hand();
+    numb.chains[1].force_sensor = None;
+    assert_eq!(bench.push(&numb), Reply::Done);
+    bench.sensors.forces.truncate(2);
+    bench.tick();
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotAHand);
+
+    let mut bench = untared_hand();
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+    assert_eq!(bench.node.mode(), Mode::Disarmed);
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+    assert_eq!(bench.node.mode().to_string(), "armed (grasp)");
+    // Another model may have other sensors.
+    bench.ask(Request::Disarm);
+    assert_eq!(bench.push(&hand()), Reply::Done);
+    bench.tick();
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+}
+
+#[test]
+fn keep_keeps_an_armed_node_alive_whatever_its_task() {
+    let servo = |mode| Request::Arm { task: Task::JointServo(mode) };
+    for arm in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
+        let mut bench = tared_hand();
+        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disarmed));
+        assert_eq!(bench.ask(arm), Reply::Done);
+        let before = references(&bench);
+        let tick = |bench: &mut Bench| {
+            // Noise keeps the force sensors alive.
+            bench.sensors.forces.iter_mut().for_each(|counts| counts[3] = 1 - counts[3]);
+            bench.tick();
+            matches!(bench.node.mode(), Mode::Armed(_))
+        };
+        for _ in 0..100 {
+            assert!(tick(&mut bench));
+            assert_eq!(bench.ask(KEEP), Reply::Done);
+        }
+        assert_eq!(references(&bench), before);
+        (0..10).for_each(|_| assert!(tick(&mut bench)));
+        assert!(!tick(&mut bench));
+        assert_eq!(bench.node.faults().faults.last().unwrap().cause, FaultCause::CommandTimeout);
+        assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Fault));
+    }
+}
+
+#[test]
+fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
+    let mut bench = tared_hand();
+    let command = || Request::Grasp(GraspCommand::Grasp(in_front()));
+    assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disarmed));
+    assert_eq!(bench.arm(), Reply::Done);
+    let mode = bench.node.mode();
+    for command in [command(), Request::Grasp(GraspCommand::Open)] {
+        assert_eq!(refusal(bench.ask(command)), Refusal::WrongMode(mode));
+    }
+    bench.ask(Request::Disarm);
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    bench.tick();
+    let before = bench.node.telemetry();
+    let points: Vec<JointPoint, MAX_JOINTS> = before
+        .joints
+        .iter()
+        .map(|joint| JointPoint { position: joint.position, ..JointPoint::default() })
+        .collect();
+    let tips = [TipPoint::default(); 3].into_iter().collect();
+    for set_point in [
+        SetPoint::Goal { positions: points.iter().map(|point| point.position).collect() },
+        SetPoint::Stream { points: points.clone() },
+        SetPoint::Reach { tips },
+        SetPoint::Guide { torques: [0.0; 9].into_iter().collect(), points },
+    ] {
+        let refused = refusal(bench.ask(Request::SetPoint(set_point)));
+        assert_eq!(refused, Refusal::WrongMode(Mode::Armed(Task::Grasp)));
+    }
+    assert_eq!(bench.node.telemetry(), before);
+}
+
+#[test]
+fn a_grasp_begins_and_ends_as_the_fingers_feel() {
+    let mut bench = tared_hand();
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Ready);
+    for command in [
+        GraspCommand::PutDown,
+        GraspCommand::Open,
+        GraspCommand::Move { translation: [0.0; 3], rotation: [0.0; 3], duration: 1.0 },
+    ] {
+        let busy = Refusal::Unable(Unable::Busy(Phase::Ready));
+        assert_eq!(refusal(bench.ask(Request::Grasp(command))), busy);
+    }
+    let grasp = |plan| Request::Grasp(GraspCommand::Grasp(plan));
+    let deep = GraspPlan { clearance: 0.5, ..in_front() };
+    let Refusal::Unable(Unable::Plan(bad)) = refusal(bench.ask(grasp(deep))) else { panic!() };
+    assert_eq!(bad, BadPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 });
+    let mut far = in_front();
+    far.contacts[2].position[0] = 0.15;
+    let Refusal::Unable(Unable::OutOfReach { finger: 2, .. }) = refusal(bench.ask(grasp(far))) else {
+        panic!()
+    };
+    assert_eq!(seen(&mut bench).phase, Phase::Ready);
+
+    // It begins, and is a sign of life: with the tick before, eleven of them without another.
+    bench.tick();
+    assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Approach);
+    let busy = Refusal::Unable(Unable::Busy(Phase::Approach));
+    assert_eq!(refusal(bench.ask(grasp(in_front()))), busy);
+    for _ in 0..10 {
+        bench.tick();
+        assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp));
+    }
+    assert_eq!(bench.ask(KEEP), Reply::Done);
+    // Half a newton on the way is more than three times the touch force.
+    bench.sensors.forces[2][1] += 500;
+    bench.tick();
+    let after = seen(&mut bench);
+    let Some(Failure::Obstructed { finger: 2, force }) = after.failure else { panic!("{after:?}") };
+    assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
+    assert_eq!(bench.node.mode(), Mode::Armed(Task::Grasp), "that does no harm");
+    let open = Request::Grasp(GraspCommand::Open);
+    assert_eq!(refusal(bench.ask(open.clone())), Refusal::Unable(Unable::Busy(Phase::Ready)));
+    assert_eq!(seen(&mut bench).failure, after.failure);
+    assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
+    assert_eq!(seen(&mut bench).failure, None);
+
+    // On its way, it can be told to go back.
+    bench.sensors.forces[2][1] -= 500;
+    bench.tick();
+    assert_eq!(bench.ask(open), Reply::Done);
+    assert_eq!(seen(&mut bench).phase, Phase::Open);
+    bench.tick();
+    assert_eq!(seen(&mut bench).phase, Phase::Open);
+}
+
+#[test]
+fn what_is_refused_to_a_hand_says_why() {
+    let texts = [
+        (
+            Refusal::NotAHand,
+            "the robot is not a hand of three fingers, each with three joints and a force sensor",
+        ),
+        (
+            Refusal::NotTared { chain: 1 },
+            "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing touches the tips",
+        ),
+        (Refusal::Unable(Unable::Busy(Phase::Move)), "not possible while the hand moves an object"),
+        (Refusal::Unable(Unable::Plan(BadPlan::NoTriangle)), "the contacts are at the same place or in line"),
+        (
+            Refusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
+            "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
+        ),
+    ];
+    for (refusal, text) in texts {
+        assert_eq!(refusal.to_string(), text);
+    }
+    assert_eq!(Refusal::TooMuchTorque { joint: 2, value: 1.0, limit: 0.5 }.joint(), Some(2));
+    assert_eq!(Refusal::NotTared { chain: 1 }.chain(), Some(1));
+    let fault = |cause, joint, value, limit| {
+        Fault { cause, joint, value, limit, tick: 12 }.named(&hand()).to_string()
+    };
+    assert_eq!(
+        fault(FaultCause::ObjectLost, Some(5), 0.01, 0.015),
+        "fault 21 in tick 12: f: its finger no longer touches the object in the hand (value 0.01 N, limit 0.015 N)"
+    );
+    assert_eq!(
+        fault(FaultCause::ObjectMoved, None, 0.016, 0.015),
+        "fault 22 in tick 12: the object in the hand was moved, or slid between the fingers (value 0.016 m, limit \
+         0.015 m)"
+    );
+}

@@ -1,0 +1,87 @@
+//! Limits that hold whatever comes.
+
+use heapless::Vec;
+use proptest::prelude::*;
+
+use super::bench::{Bench, model};
+use super::grasp::{KEEP, in_front};
+use super::guide::guide;
+use crate::control::{JointPoint, ServoMode};
+use crate::manipulation::GraspCommand;
+use crate::model::MAX_JOINTS;
+use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, SetPoint, Stream, Task};
+
+fn any_request() -> impl Strategy<Value = Request> {
+    let value = prop_oneof![
+        4 => -1.5_f32..1.5, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY), 1 => any::<f32>(), 3 => Just(0.0)
+    ];
+    let list = proptest::collection::vec(value.clone(), 0..5);
+    let points = proptest::collection::vec((value.clone(), value.clone(), value), 3);
+    let torques = proptest::collection::vec(prop_oneof![4 => -0.7_f32..0.7, 1 => any::<f32>()], 3);
+    prop_oneof![
+        Just(KEEP),
+        Just(Request::ReadGrasp),
+        Just(Request::Grasp(GraspCommand::Grasp(in_front()))),
+        torques.prop_map(|torques| guide([0.0; 3], &torques)),
+        Just(Request::Hello { schema: SCHEMA_KEY }),
+        Just(Request::Disarm),
+        Just(Request::Stop),
+        Just(Request::ReadFaults),
+        (0_u32..4).prop_map(|total| Request::ClearFaults { total }),
+        any::<u16>().prop_map(|every| Request::SetRate { stream: Stream::Log, every }),
+        any::<bool>().prop_map(|by_force| Request::TakeCommand { by_force }),
+        Just(Request::ReleaseCommand),
+        Just(Request::ModelCommit),
+        Just(Request::Export(Item::State)),
+        any::<u32>().prop_map(|offset| Request::ReadExport { offset }),
+        (any::<u32>(), any::<u32>()).prop_map(|(length, checksum)| Request::ModelBegin { length, checksum }),
+        Just(Request::Arm { task: Task::JointServo(ServoMode::Pid) }),
+        Just(Request::Arm { task: Task::JointServo(ServoMode::Observer) }),
+        list.clone().prop_map(|list| Request::Home { positions: Vec::from_slice(&list).unwrap() }),
+        list.prop_map(|list| Request::SetPoint(SetPoint::Goal {
+            positions: Vec::from_slice(&list).unwrap()
+        })),
+        points.prop_map(|points| {
+            let points = points.iter().map(|&(position, velocity, acceleration)| JointPoint {
+                position,
+                velocity,
+                acceleration,
+            });
+            Request::SetPoint(SetPoint::Stream { points: points.collect() })
+        }),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// Whatever is asked and whatever the sensors read: no panic, and every torque finite and within its
+    /// limits.
+    #[test]
+    fn torques_stay_within_limits_whatever_comes(
+        steps in proptest::collection::vec(
+            (proptest::option::of(any_request()), -40_000_i32..40_000, any::<bool>(), any::<i16>(), 0_u8..30),
+            1..120,
+        )
+    ) {
+        let mut bench = Bench::armed(&model());
+        let mut last = [0.0_f32; MAX_JOINTS];
+        for (request, count, wild, current, special) in steps {
+            if let Some(request) = request {
+                bench.ask(request);
+            }
+            bench.sensors.encoders[1] = if wild { count } else { count / 1000 };
+            bench.sensors.currents[0] = if special == 0 { current } else { 0 };
+            bench.sensors.flags = SensorFlags(u8::from(special == 1));
+            bench.sensors.sequence += u32::from(special == 2);
+            let output = bench.tick();
+            for (index, &torque) in output.torques.iter().enumerate() {
+                prop_assert!(torque.is_finite() && torque.abs() <= 0.6);
+                // Torque rate: 200 N·m/s, or off at once.
+                prop_assert!(torque == 0.0 || (torque - last[index]).abs() <= 2.0 + 1e-5);
+                prop_assert!(output.enabled || torque == 0.0);
+                last[index] = torque;
+            }
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! Goals and streams of joint positions.
+
+use heapless::Vec;
+
+use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
+use crate::control::JointPoint;
+use crate::protocol::{Refusal, Reply, Request, SetPoint};
+
+#[test]
+fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
+    let mut bench = Bench::armed(&model());
+    let before = bench.tick();
+    assert_eq!(refusal(bench.goal([0.0, f32::NAN, 0.0])), Refusal::NotFinite { joint: 1 });
+    assert_eq!(
+        refusal(bench.goal([0.0, 0.0, 1.6])),
+        Refusal::OutsideLimits { joint: 2, value: 1.6, lower: -1.5, upper: 1.5 }
+    );
+    let short = Request::SetPoint(SetPoint::Goal { positions: Vec::from_slice(&[0.0; 2]).unwrap() });
+    assert_eq!(refusal(bench.ask(short)), Refusal::JointCount { got: 2, expected: 3 });
+    let stream = |position, velocity| {
+        let rest = JointPoint::default();
+        let points =
+            Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
+        Request::SetPoint(SetPoint::Stream { points })
+    };
+    assert_eq!(refusal(bench.ask(stream(0.5, 0.0))), Refusal::Jump { joint: 2, value: 0.5, limit: 0.2 });
+    assert_eq!(refusal(bench.ask(stream(0.0, 9.0))), Refusal::TooFast { joint: 2, value: 9.0, limit: 8.0 });
+    assert_eq!(refusal(bench.ask(stream(f32::INFINITY, 0.0))), Refusal::NotFinite { joint: 2 });
+    let after = bench.tick();
+    assert_eq!(before.torques, after.torques);
+    assert!(bench.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));
+}
+
+#[test]
+fn a_stream_is_followed_to_the_point_and_left_without_a_jump() {
+    let mut bench = Bench::armed(&model());
+    let mut position = 0.0;
+    for _ in 0..20 {
+        position += 0.01 * 0.5;
+        let point = JointPoint { position, velocity: 0.5, acceleration: 0.0 };
+        let points = Vec::from_slice(&[JointPoint::default(), point, JointPoint::default()]).unwrap();
+        assert_eq!(bench.ask(Request::SetPoint(SetPoint::Stream { points })), Reply::Done);
+        bench.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
+        bench.tick();
+        assert_eq!(bench.node.telemetry().joints[1].reference, position);
+    }
+    bench.goal([0.0, position, 0.0]);
+    bench.tick();
+    // The reference goes on at the stream's speed and comes back: 0.5 rad/s · 10 ms · e^(−0.05) at first.
+    let step = bench.node.telemetry().joints[1].reference - position;
+    assert!((step - 0.004_756).abs() < 1e-5, "{step}");
+}

@@ -1,0 +1,173 @@
+use core::fmt;
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::status::Mode;
+use crate::fault::Fault;
+use crate::model::ModelError;
+use crate::robot::{Concerns, LimitRefusal};
+use crate::task::{TaskKind, TaskRefusal};
+
+/// Why a request was refused, with what it takes to mend it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// 0: no hello with the board's own schema key came from this client.
+    SchemaMismatch {
+        /// The board's key.
+        board: u64,
+        /// The board's firmware version.
+        firmware: [u8; 3],
+    },
+    /// 1: not in this mode.
+    WrongMode(Mode),
+    /// 2: another client commands.
+    Commanded {
+        /// Which.
+        by: u32,
+    },
+    /// 3: only the commander may ask for this, and nobody commands.
+    NotCommander,
+    /// 4: the commander has sent a later request already: this one came late, or twice.
+    Stale {
+        /// Sequence number of the later one.
+        latest: u16,
+    },
+    /// 5: there are faults that were not read.
+    FaultsUnread {
+        /// Their number since power-on.
+        total: u32,
+    },
+    /// 6: the board has no robot model.
+    NoModel,
+    /// 7: the model is not plausible.
+    Model(ModelError),
+    /// 8: a chunk that does not continue the transfer, or none was begun.
+    ModelTransfer {
+        /// Bytes received so far.
+        received: u32,
+        /// Bytes announced.
+        announced: u32,
+    },
+    /// 9: the model arrived damaged.
+    ModelChecksum {
+        /// Checksum of what arrived.
+        received: u32,
+        /// Checksum announced.
+        announced: u32,
+    },
+    /// 10: the model is longer than the board can hold, or is not a model of this schema.
+    ModelUnreadable {
+        /// Bytes.
+        length: u32,
+        /// Largest number of bytes.
+        limit: u32,
+    },
+    /// 11: no sensor frame has come yet.
+    NoSensors,
+    /// 12: the last sensor frame shows a state that would be a fault at once.
+    Unsafe(Fault),
+    /// 13: a relative encoder that was not homed since power-on.
+    NotHomed {
+        /// The joint.
+        joint: u8,
+    },
+    /// 14: no chain of the robot has a force sensor.
+    NoForceSensor,
+    /// 15: nothing was exported, or not so much.
+    NotExported {
+        /// Bytes of the export; 0 without one.
+        length: u32,
+    },
+    /// 16: a joint's limit.
+    Limit(LimitRefusal),
+    /// 17: no task was enabled since the model was taken into use.
+    NoTask,
+    /// 18: the command is for another task than the one that runs.
+    OtherTask(TaskKind),
+    /// 19: the task refuses.
+    Task(TaskRefusal),
+}
+
+impl Concerns for Refusal {
+    fn joint(&self) -> Option<u8> {
+        match self {
+            Self::Model(ModelError { joint, .. }) | Self::Unsafe(Fault { joint, .. }) => *joint,
+            Self::NotHomed { joint } => Some(*joint),
+            Self::Limit(refusal) => refusal.joint(),
+            Self::Task(refusal) => refusal.joint(),
+            _ => None,
+        }
+    }
+
+    fn chain(&self) -> Option<u8> {
+        if let Self::Task(refusal) = self { refusal.chain() } else { None }
+    }
+}
+
+impl From<LimitRefusal> for Refusal {
+    fn from(refusal: LimitRefusal) -> Self {
+        Self::Limit(refusal)
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SchemaMismatch { board, firmware: [major, minor, patch] } => write!(
+                f,
+                "board and supervisor speak different versions of the protocol (board: firmware \
+                 {major}.{minor}.{patch}, schema {board:016x}; here: {}.{}.{}, schema {:016x}): flash the firmware of \
+                 this version, or use the tool of the board's version",
+                crate::VERSION[0],
+                crate::VERSION[1],
+                crate::VERSION[2],
+                super::SCHEMA_KEY
+            ),
+            Self::WrongMode(mode) => write!(f, "not possible while the board is {mode}"),
+            Self::Commanded { by } => write!(
+                f,
+                "another client ({by:08x}) commands this board: wait until it is done, or take over by force while \
+                 the board is not enabled"
+            ),
+            Self::NotCommander => write!(f, "this client does not command the board: take command first"),
+            Self::Stale { latest } => {
+                write!(f, "the request came late or twice: request {latest} was answered already")
+            }
+            Self::FaultsUnread { total } => write!(
+                f,
+                "{total} faults since power-on, not all of them read: read the faults, then clear them"
+            ),
+            Self::NoModel => write!(f, "the board has no robot model: push one first"),
+            Self::Model(error) => write!(f, "the robot model was refused: {error}"),
+            Self::ModelTransfer { received, announced } => write!(
+                f,
+                "model transfer out of step ({received} of {announced} bytes arrived): begin it again"
+            ),
+            Self::ModelChecksum { received, announced } => write!(
+                f,
+                "the model arrived damaged (checksum {received:08x}, announced {announced:08x}): push it again"
+            ),
+            Self::ModelUnreadable { length, limit } => {
+                write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")
+            }
+            Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
+            Self::Unsafe(fault) => write!(f, "enabling now would end at once in {fault}"),
+            Self::NotHomed { joint } => write!(
+                f,
+                "joint {joint} has a relative encoder and was not homed since power-on: home it first"
+            ),
+            Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
+            Self::NotExported { length } => {
+                write!(f, "there is no such piece: the export has {length} bytes; export first")
+            }
+            Self::Limit(refusal) => refusal.fmt(f),
+            Self::NoTask => write!(f, "no task was enabled yet: there is nothing to read"),
+            Self::OtherTask(task) => write!(f, "the board runs another task: {task}"),
+            Self::Task(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}

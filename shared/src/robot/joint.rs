@@ -1,0 +1,118 @@
+use core::f32::consts::TAU;
+
+use super::LimitRefusal;
+use crate::TICK;
+use crate::control::{JointPoint, JointServo};
+use crate::math::abs;
+use crate::model::{JointLimits, JointModel};
+use crate::signal::PseudoDifferentiator;
+
+/// Cut-off frequency of the velocity that is supervised and shown [rad/s].
+const VELOCITY_CUTOFF: f32 = 100.0;
+/// Counts by which a sound encoder may err between two ticks.
+const COUNT_NOISE: f32 = 2.0;
+/// A motion this many times faster than the velocity limit is the encoder's, not the joint's.
+const JUMP_FACTOR: f32 = 2.0;
+/// A current sensor may read a little more than the current loop was asked for.
+const CURRENT_MARGIN: f32 = 1.25;
+
+/// A joint's model made ready for the tick.
+#[derive(Clone, Debug)]
+pub struct JointConfig {
+    /// Its servo.
+    pub servo: JointServo,
+    /// Its limits.
+    pub limits: JointLimits,
+    /// Radians per encoder count; negative for a reversed encoder.
+    pub(crate) radians_per_count: f32,
+    /// A current beyond it, in counts, is a fault.
+    pub(crate) current_limit: f32,
+    pub(crate) amperes_per_count: f32,
+    /// A change of the angle beyond it in one tick is the encoder's, not the joint's [rad].
+    pub(crate) jump: f32,
+    /// Angles beyond these are a fault: the limits, and room for a permitted following error [rad].
+    pub(crate) lowest: f32,
+    pub(crate) highest: f32,
+    /// Count at angle 0 of an absolute encoder.
+    pub(crate) zero: Option<i32>,
+    pub(crate) velocity: PseudoDifferentiator,
+    /// Torque beyond the feed-forward that surely moves the joint [N·m].
+    pub(crate) breakaway: f32,
+}
+
+impl JointConfig {
+    pub(super) fn new(joint: &JointModel) -> Self {
+        let turn = TAU / joint.encoder.counts_per_turn;
+        Self {
+            servo: JointServo::new(joint),
+            limits: joint.limits,
+            radians_per_count: if joint.encoder.reversed { -turn } else { turn },
+            current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
+            amperes_per_count: joint.motor.current_resolution,
+            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * turn,
+            lowest: joint.limits.lower - joint.limits.following_error,
+            highest: joint.limits.upper + joint.limits.following_error,
+            zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
+            velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
+            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+        }
+    }
+
+    /// Checks an angle [rad] of joint number `joint`.
+    ///
+    /// # Errors
+    /// It is not finite, or outside the limits.
+    pub fn check_position(&self, joint: u8, value: f32) -> Result<(), LimitRefusal> {
+        let JointLimits { lower, upper, .. } = self.limits;
+        if !value.is_finite() {
+            Err(LimitRefusal::NotFinite { joint })
+        } else if value < lower || value > upper {
+            Err(LimitRefusal::OutsideLimits { joint, value, lower, upper })
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Checks a streamed point of joint number `joint` that is to follow `reference`.
+    ///
+    /// # Errors
+    /// The first limit that it breaks.
+    pub fn check_point(
+        &self,
+        joint: u8,
+        point: &JointPoint,
+        reference: &JointPoint,
+    ) -> Result<(), LimitRefusal> {
+        self.check_position(joint, point.position)?;
+        if !point.velocity.is_finite() || !point.acceleration.is_finite() {
+            return Err(LimitRefusal::NotFinite { joint });
+        }
+        if abs(point.velocity) > self.limits.velocity {
+            return Err(LimitRefusal::TooFast { joint, value: point.velocity, limit: self.limits.velocity });
+        }
+        let limit = self.servo.acceleration(self.limits.torque);
+        if abs(point.acceleration) > limit {
+            return Err(LimitRefusal::TooMuchAcceleration { joint, value: point.acceleration, limit });
+        }
+        let distance = abs(point.position - reference.position);
+        if distance > self.limits.following_error {
+            return Err(LimitRefusal::Jump { joint, value: distance, limit: self.limits.following_error });
+        }
+        Ok(())
+    }
+
+    /// Checks a feed-forward torque [N·m] of joint number `joint`.
+    ///
+    /// # Errors
+    /// It is not finite, or beyond the joint's limit.
+    pub fn check_torque(&self, joint: u8, value: f32) -> Result<(), LimitRefusal> {
+        let limit = self.servo.torque_limit();
+        if !value.is_finite() {
+            Err(LimitRefusal::NotFinite { joint })
+        } else if abs(value) > limit {
+            Err(LimitRefusal::TooMuchTorque { joint, value, limit })
+        } else {
+            Ok(())
+        }
+    }
+}

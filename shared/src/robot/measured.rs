@@ -1,0 +1,97 @@
+use core::ops::Range;
+
+use nalgebra::Vector3;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::Robot;
+use crate::kinematics::Posture;
+use crate::model::{MAX_CHAINS, MAX_JOINTS};
+
+/// What the sensors say in this tick, in SI units: the only place of joint angles, velocities and tip wrenches.
+#[derive(Clone, Debug, Serialize, Deserialize, Schema)]
+pub struct Measured {
+    /// Joint angles [rad].
+    pub positions: [f32; MAX_JOINTS],
+    /// Joint velocities [rad/s].
+    pub velocities: [f32; MAX_JOINTS],
+    /// Force and torque of the world on each chain's tip, about its origin in base axes, without the weight of what the
+    /// force sensor carries [N, N·m]; 0 without a sensor.
+    pub wrenches: [[f32; 6]; MAX_CHAINS],
+    /// Bit `i` is set once the force sensor of chain `i` was tared.
+    pub tared: u8,
+}
+
+impl Measured {
+    /// Nothing was measured.
+    pub const NONE: Self = Self {
+        positions: [0.0; MAX_JOINTS],
+        velocities: [0.0; MAX_JOINTS],
+        wrenches: [[0.0; 6]; MAX_CHAINS],
+        tared: 0,
+    };
+
+    /// Angles of these joints [rad].
+    pub fn angles(&self, joints: Range<usize>) -> &[f32] {
+        self.positions.get(joints).unwrap_or_default()
+    }
+
+    /// Velocities of these joints [rad/s].
+    pub fn rates(&self, joints: Range<usize>) -> &[f32] {
+        self.velocities.get(joints).unwrap_or_default()
+    }
+
+    /// Force of the world on the tip of a chain, in base axes [N].
+    pub fn force(&self, chain: usize) -> Vector3<f32> {
+        self.wrenches.get(chain).map_or_else(Vector3::zeros, |&[x, y, z, ..]| Vector3::new(x, y, z))
+    }
+
+    /// Whether the force sensor of the chain was tared.
+    pub const fn is_tared(&self, chain: usize) -> bool {
+        chain < MAX_CHAINS && self.tared >> chain & 1 != 0
+    }
+
+    /// The first chain with a force sensor that was not tared.
+    pub fn untared(&self, robot: &Robot) -> Option<u8> {
+        let mut chains = (0..).zip(&robot.model().chains);
+        let found =
+            chains.find(|(chain, model)| model.force_sensor.is_some() && !self.is_tared(usize::from(*chain)));
+        found.map(|(chain, _)| chain)
+    }
+}
+
+/// Postures at the measured angles, of the chains with a force sensor, whose readings need them in every tick.
+///
+/// A cache outside the state: it follows from the angles, and is empty when they have changed by other means than a tick.
+#[derive(Clone, Debug)]
+pub struct Postures([Option<Posture>; MAX_CHAINS]);
+
+impl Postures {
+    /// None.
+    pub const NONE: Self = Self([const { None }; MAX_CHAINS]);
+
+    /// Keeps the posture of a chain, and lends it.
+    pub(crate) fn keep(&mut self, chain: usize, posture: Posture) -> Option<&Posture> {
+        let place = self.0.get_mut(chain)?;
+        Some(place.insert(posture))
+    }
+
+    /// Forgets all postures: the angles are others now.
+    pub(crate) fn clear(&mut self) {
+        self.0.iter_mut().for_each(|posture| *posture = None);
+    }
+
+    /// The posture of a chain, if it is kept.
+    pub fn kept(&self, chain: usize) -> Option<&Posture> {
+        self.0.get(chain)?.as_ref()
+    }
+
+    /// The posture of a chain at the measured angles; `None` without such a chain.
+    pub fn of(&self, robot: &Robot, measured: &Measured, chain: usize) -> Option<Posture> {
+        if let Some(posture) = self.kept(chain) {
+            return Some(posture.clone());
+        }
+        let config = robot.chains().get(chain)?;
+        Some(config.chain.posture(measured.angles(config.joints())))
+    }
+}

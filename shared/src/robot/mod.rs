@@ -1,0 +1,166 @@
+//! A robot made ready for control: its validated model, what its sensors say, and what a task wants of its joints.
+
+mod joint;
+mod limit;
+mod measured;
+mod targets;
+
+pub use joint::JointConfig;
+pub use limit::{Concerns, LimitRefusal};
+pub use measured::{Measured, Postures};
+pub use targets::{Actuation, JointSetpoint, JointTarget, Targets};
+
+use core::ops::Range;
+
+use heapless::{String, Vec};
+use nalgebra::Vector3;
+
+use crate::control::ErrorObserver;
+use crate::kinematics::{Chain, Finger};
+use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, RobotModel, Safety};
+
+/// Error feedback of a joint under [`Actuation::Acceleration`]: on accelerations, so with an inertia of 1.
+const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
+
+/// A validated model, made ready for computing; without joints until there is one.
+///
+/// It takes some 16 kB, so it is set up in place and never moved.
+#[derive(Clone, Debug)]
+pub struct Robot {
+    model: RobotModel,
+    gravity: Vector3<f32>,
+    chains: Vec<ChainConfig, MAX_CHAINS>,
+    joints: Vec<JointConfig, MAX_JOINTS>,
+    force_sensors: usize,
+    tracking: Option<ErrorObserver>,
+}
+
+/// A chain made ready for computing.
+#[derive(Clone, Debug)]
+pub struct ChainConfig {
+    /// Its kinematics and dynamics.
+    pub chain: Chain,
+    /// The inverse kinematics in closed form, if it has the shape of a three-joint finger.
+    pub finger: Option<Finger>,
+    first: usize,
+}
+
+impl ChainConfig {
+    /// Its joints, as indices into those of the robot.
+    pub fn joints(&self) -> Range<usize> {
+        self.first..self.first + self.chain.len()
+    }
+}
+
+impl Robot {
+    /// No robot yet.
+    pub const NONE: Self = Self {
+        model: RobotModel {
+            name: String::new(),
+            gravity: [0.0; 3],
+            chains: Vec::new(),
+            joints: Vec::new(),
+            safety: Safety {
+                command_timeout: 0.0,
+                reaction: Reaction::Off,
+                damping: 0.0,
+                supply_min: 0.0,
+                supply_max: 0.0,
+            },
+        },
+        gravity: Vector3::new(0.0, 0.0, 0.0),
+        chains: Vec::new(),
+        joints: Vec::new(),
+        force_sensors: 0,
+        tracking: None,
+    };
+
+    /// Becomes the robot of `model`, or stays what it was.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the model, by joint and field.
+    #[inline(never)]
+    pub fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
+        model.validate()?;
+        self.chains.clear();
+        self.joints.clear();
+        // No list can overflow: the capacities are the model's own.
+        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+            let first = range.start;
+            let joints = model.joints.get(range).unwrap_or_default();
+            let chain = Chain::new(joints, &chain.tip);
+            let finger = match joints {
+                [a, b, c] => {
+                    let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
+                    Finger::try_new(&chain, limits).ok()
+                }
+                _ => None,
+            };
+            let _ = self.chains.push(ChainConfig { chain, finger, first });
+        }
+        for joint in &model.joints {
+            let _ = self.joints.push(JointConfig::new(joint));
+        }
+        self.tracking = Some(ErrorObserver::with_lag(&TRACKING, 0.0));
+        self.gravity = Vector3::from(model.gravity);
+        self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+        self.model.clone_from(model);
+        Ok(())
+    }
+
+    /// Itself, once it has a model.
+    pub fn loaded(&self) -> Option<&Self> {
+        if self.joints.is_empty() { None } else { Some(self) }
+    }
+
+    /// The model.
+    pub const fn model(&self) -> &RobotModel {
+        &self.model
+    }
+
+    /// Acceleration of gravity in the base frame [m/s²].
+    pub const fn gravity(&self) -> &Vector3<f32> {
+        &self.gravity
+    }
+
+    /// Its chains, in the order of the model.
+    pub fn chains(&self) -> &[ChainConfig] {
+        &self.chains
+    }
+
+    /// Its joints, chain after chain.
+    pub fn joints(&self) -> &[JointConfig] {
+        &self.joints
+    }
+
+    /// How many chains have a force sensor.
+    pub const fn force_sensors(&self) -> usize {
+        self.force_sensors
+    }
+
+    /// Error feedback for joints under [`Actuation::Acceleration`]; `None` before there is a model.
+    pub const fn tracking(&self) -> Option<&ErrorObserver> {
+        self.tracking.as_ref()
+    }
+
+    /// Checks that a list has one entry for each joint.
+    ///
+    /// # Errors
+    /// Both numbers.
+    pub fn check_count(&self, got: usize) -> Result<(), LimitRefusal> {
+        let expected = self.joints.len();
+        if got == expected {
+            Ok(())
+        } else {
+            Err(LimitRefusal::JointCount { got: count(got), expected: count(expected) })
+        }
+    }
+}
+
+/// A number of joints or chains as it goes over the wire.
+#[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
+pub(crate) const fn count(number: usize) -> u8 {
+    number as u8
+}
+
+const _: () = assert!(MAX_JOINTS <= u8::MAX as usize && MAX_CHAINS <= u8::BITS as usize);

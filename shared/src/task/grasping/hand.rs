@@ -1,0 +1,82 @@
+use nalgebra::Vector3;
+
+use super::{FINGERS, PerFinger};
+use crate::control::JointPoint;
+use crate::kinematics::{Chain, Finger, Posture};
+use crate::robot::{Actuation, Measured, Postures, Robot};
+
+/// What the control of an object knows of the hand.
+#[derive(Clone, Copy, Debug)]
+pub struct Hand<'a> {
+    /// Its fingers, in the order that defines the object frame.
+    pub fingers: PerFinger<HandFinger<'a>>,
+    /// Acceleration of gravity in the base frame [m/s²].
+    pub gravity: &'a Vector3<f32>,
+}
+
+/// A finger of three joints with a round tip.
+#[derive(Clone, Copy, Debug)]
+pub struct HandFinger<'a> {
+    /// Its joints.
+    pub chain: &'a Chain,
+    /// Their inverse kinematics.
+    pub inverse: &'a Finger,
+    /// Torque limits of the joints [N·m].
+    pub torque_limits: [f32; 3],
+    /// Radius of the tip, whose middle is the chain's tip [m]; 0 for a pointed one.
+    pub radius: f32,
+}
+
+/// What a finger senses.
+#[derive(Clone, Copy, Debug)]
+pub struct FingerSense<'a> {
+    /// Its posture at the measured angles.
+    pub posture: &'a Posture,
+    /// Joint angles [rad].
+    pub angles: [f32; 3],
+    /// Force of the tip on what it touches, in base axes [N].
+    pub force: [f32; 3],
+}
+
+impl<'a> Hand<'a> {
+    /// The hand that `robot` is; `None` unless it is three fingers with a force sensor each.
+    pub fn of(robot: &'a Robot) -> Option<Self> {
+        let mut fingers = heapless::Vec::<HandFinger<'_>, FINGERS>::new();
+        for (config, model) in robot.chains().iter().zip(&robot.model().chains) {
+            model.force_sensor?;
+            let [a, b, c] = robot.joints().get(config.joints())? else { return None };
+            let finger = HandFinger {
+                chain: &config.chain,
+                inverse: config.finger.as_ref()?,
+                torque_limits: [a, b, c].map(|joint| joint.servo.torque_limit()),
+                radius: model.tip_radius,
+            };
+            fingers.push(finger).ok()?;
+        }
+        Some(Self { fingers: fingers.into_array().ok()?, gravity: robot.gravity() })
+    }
+}
+
+impl<'a> FingerSense<'a> {
+    /// What the fingers of a hand on one board sense; `None` before the first tick.
+    pub fn of_all(measured: &Measured, postures: &'a Postures) -> Option<PerFinger<Self>> {
+        let sense = |finger: usize| {
+            let angles = measured.angles(3 * finger..3 * finger + 3).as_array()?;
+            // The tip feels what it touches; that feels the opposite.
+            let force = (-measured.force(finger)).into();
+            Some(Self { posture: postures.kept(finger)?, angles: *angles, force })
+        };
+        Some([sense(0)?, sense(1)?, sense(2)?])
+    }
+}
+
+/// What the joints are to do until the next tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandOutput {
+    /// Where each joint is to be.
+    pub points: PerFinger<[JointPoint; 3]>,
+    /// Torques for the forces on the object [N·m].
+    pub torques: PerFinger<[f32; 3]>,
+    /// How the torques are made.
+    pub actuation: Actuation,
+}

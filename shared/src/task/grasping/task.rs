@@ -1,0 +1,86 @@
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    FingerSense, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspState, GraspTelemetry, Hand,
+    ObjectControl,
+};
+use crate::control::ServoMode;
+use crate::fault::FaultCause;
+use crate::robot::{Actuation, JointSetpoint, JointTarget, Measured, Postures, Robot};
+use crate::task::{Io, Task, TaskFault};
+
+/// The task: a hand of three fingers on one board.
+#[derive(Clone, Debug, Serialize, Deserialize, Schema)]
+pub struct Grasping {
+    state: GraspState,
+}
+
+impl Task for Grasping {
+    type Config = ();
+    type Command = GraspCommand;
+    type Telemetry = GraspTelemetry;
+    type Refusal = GraspRefusal;
+    const IDLE: Self = Self { state: GraspState::NONE };
+
+    fn check(robot: &Robot, measured: &Measured, (): &()) -> Result<(), GraspRefusal> {
+        Hand::of(robot).ok_or(GraspRefusal::NotAHand)?;
+        measured.untared(robot).map_or(Ok(()), |chain| Err(GraspRefusal::NotTared { chain }))
+    }
+
+    fn begin(&mut self, io: Io<'_>, (): &()) {
+        let mut angles = [[0.0; 3]; 3];
+        angles
+            .iter_mut()
+            .flatten()
+            .zip(&io.measured.positions)
+            .for_each(|(angle, position)| *angle = *position);
+        self.state.stand_at(angles);
+        io.targets.servo_mode = ServoMode::Observer;
+    }
+
+    fn command(&mut self, io: Io<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
+        let hand = Hand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
+        self.state.command(&hand, command)?;
+        if let GraspCommand::Grasp(GraspPlan { control: ObjectControl::Differential(mode), .. }) = command {
+            io.targets.servo_mode = *mode;
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
+        // `check` saw a hand, and the sensors were read in this tick.
+        let Some(hand) = Hand::of(io.robot) else { return Ok(()) };
+        let Some(senses) = FingerSense::of_all(io.measured, io.postures) else { return Ok(()) };
+        let output = self.state.tick(&hand, &senses)?;
+        let servo = output.actuation == Actuation::Servo;
+        // The servos were not at work, or what they have learnt is the touch: they begin anew.
+        let restart = servo && (io.targets.actuation != Actuation::Servo || self.state.restarts_servos());
+        let joints = output.points.iter().flatten().zip(output.torques.iter().flatten());
+        for (target, (point, torque)) in io.targets.joints.iter_mut().zip(joints) {
+            *target = JointTarget { setpoint: JointSetpoint::Point(*point), feedforward: *torque, restart };
+        }
+        io.targets.actuation = output.actuation;
+        Ok(())
+    }
+
+    fn telemetry(&self, _: &Robot, _: &Measured, _: &Postures) -> GraspTelemetry {
+        self.state.telemetry()
+    }
+}
+
+impl From<GraspFault> for TaskFault {
+    fn from(fault: GraspFault) -> Self {
+        let (cause, finger, value, limit) = match fault {
+            GraspFault::Contact { finger, force, limit } => {
+                (FaultCause::ObjectLost, Some(finger), force, limit)
+            }
+            GraspFault::Deformed { distance, limit } | GraspFault::Moved { distance, limit } => {
+                (FaultCause::ObjectMoved, None, distance, limit)
+            }
+            GraspFault::NoFrame => (FaultCause::ObjectMoved, None, f32::INFINITY, 0.0),
+        };
+        Self { cause, joint: finger.map(|finger| 3 * finger + 2), value, limit }
+    }
+}

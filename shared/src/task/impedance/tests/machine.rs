@@ -1,0 +1,158 @@
+//! An arm of seven joints, its settings, and a machine that follows at once.
+
+use core::f32::consts::FRAC_PI_2;
+
+use heapless::Vec;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::TICK;
+use crate::arm::resolve::Joints;
+use crate::arm::{
+    Arm, ArmCommand, ArmSense, ArmSettings, ArmState, ElbowPoint, ForceSource, Law, PosePoint, Redundancy,
+};
+use crate::control::{ErrorObserver, Impedance};
+use crate::kinematics::{Chain, Jacobian};
+use crate::model::{
+    ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety, test_joint,
+};
+
+/// The shape of `robots/arm7`, in round numbers.
+pub fn arm7() -> RobotModel {
+    let shapes = [
+        ("shoulder_pitch", [0.0, -1.0, 0.0], 0.0, 0.5),
+        ("shoulder_roll", [-1.0, 0.0, 0.0], 0.0, 0.4),
+        ("shoulder_yaw", [0.0, 0.0, 1.0], 0.0, 1.5),
+        ("elbow", [0.0, -1.0, 0.0], -0.3, 0.9),
+        ("wrist_yaw", [0.0, 0.0, 1.0], -0.26, 0.4),
+        ("wrist_pitch", [0.0, -1.0, 0.0], 0.0, 0.2),
+        ("wrist_roll", [1.0, 0.0, 0.0], 0.0, 0.5),
+    ];
+    let mut joints = Vec::new();
+    for (name, axis, height, mass) in shapes {
+        let mut joint = test_joint(name);
+        joint.axis = axis;
+        joint.origin.translation = [0.0, 0.0, height];
+        joint.link.mass = mass;
+        joint.link.center_of_mass = [0.0, 0.0, -0.1 * mass];
+        joint.link.inertia = [1e-3, 1e-3, 5e-4, 0.0, 0.0, 0.0];
+        (joint.motor.rotor_inertia, joint.motor.torque_constant, joint.motor.current_limit) =
+            (0.03, 6.0, 11.0);
+        (joint.limits.lower, joint.limits.upper) = (-3.0, 3.0);
+        (joint.limits.torque, joint.limits.torque_rate) = (60.0, 1500.0);
+        joint.servo.observer.inertia = 0.06;
+        joints.push(joint).unwrap();
+    }
+    let hand = ChainModel {
+        name: "hand".try_into().unwrap(),
+        joints: 7,
+        tip: Pose { translation: [0.0, 0.0, -0.1], ..Pose::IDENTITY },
+        tip_radius: 0.0,
+        force_sensor: None,
+    };
+    RobotModel {
+        name: "arm".try_into().unwrap(),
+        gravity: [0.0, 0.0, -9.81],
+        chains: Vec::from_slice(&[hand]).unwrap(),
+        joints,
+        safety: Safety {
+            command_timeout: 0.1,
+            reaction: Reaction::Hold,
+            damping: 0.3,
+            supply_min: 20.0,
+            supply_max: 28.0,
+        },
+    }
+}
+
+/// 1.5 kg, 30 N·s/m, 300 N/m; the arm angle stays.
+pub const SOFT: ArmSettings = ArmSettings {
+    impedance: Impedance {
+        mass: [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
+        damping: [30.0, 30.0, 30.0, 1.0, 1.0, 1.0],
+        stiffness: [300.0, 300.0, 300.0, 10.0, 10.0, 10.0],
+    },
+    law: Law::Following,
+    redundancy: Redundancy::ArmAngle,
+    elbow_bandwidth: 12.0,
+    force: ForceSource::Sensor,
+    contact_force: 1.5,
+    reach: [0.1, 1.0],
+};
+
+/// Elbow 90°; a raised arm; one turned inwards with a bent wrist; the elbow swung out.
+pub const POSTURES: [[f32; MAX_CHAIN_JOINTS]; 4] = [
+    [0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0],
+    [0.9, 0.3, -0.4, 1.2, 0.3, 0.4, -0.2],
+    [0.3, 0.6, 0.8, 1.9, -0.9, -0.5, 0.6],
+    [-0.4, 1.3, 0.5, 0.8, 1.1, 0.7, -0.8],
+];
+
+pub const DOWN: Vector3<f32> = Vector3::new(0.0, 0.0, -9.81);
+
+/// What an arm of seven joints is, for [`Arm`].
+pub struct Machine {
+    pub model: RobotModel,
+    pub chain: Chain,
+    pub observer: ErrorObserver,
+}
+
+impl Machine {
+    pub fn new() -> Self {
+        let model = arm7();
+        let gains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
+        Self {
+            chain: Chain::new(&model.joints, &model.chains[0].tip),
+            observer: ErrorObserver::with_lag(&gains, 0.0),
+            model,
+        }
+    }
+
+    pub fn arm(&self) -> Arm<'_> {
+        Arm { chain: &self.chain, joints: &self.model.joints, gravity: &DOWN, observer: &self.observer }
+    }
+
+    pub fn jacobian(&self, angles: &[f32]) -> Jacobian {
+        self.chain.posture(angles).jacobian()
+    }
+
+    pub fn state(&self, settings: &ArmSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ArmState {
+        let mut state = ArmState::NONE;
+        state.configure(&self.arm(), settings).unwrap();
+        state.begin(&self.arm(), angles).unwrap();
+        state
+    }
+
+    /// The set-point where a tool at these angles is.
+    pub fn point(&self, angles: &[f32]) -> PosePoint {
+        let posture = self.chain.posture(angles);
+        let turn = UnitQuaternion::from_rotation_matrix(&posture.tip().rotation);
+        PosePoint {
+            position: posture.tip().translation.vector.into(),
+            rotation: turn.coords.into(),
+            velocity: [0.0; 6],
+            acceleration: [0.0; 6],
+        }
+    }
+}
+
+/// One that feels nothing, its joints at the angles of `command`'s points a tick later.
+pub fn follow(command: &ArmCommand) -> ArmSense {
+    let mut sense = ArmSense::default();
+    let all = sense.angles.iter_mut().zip(&mut sense.velocities).zip(&command.points);
+    all.for_each(|((angle, velocity), point)| {
+        *angle = point.position + TICK * (point.velocity + 0.5 * TICK * point.acceleration);
+        *velocity = point.velocity + TICK * point.acceleration;
+    });
+    sense
+}
+
+pub fn accelerations(command: &ArmCommand) -> Joints {
+    Joints::from(command.points.map(|point| point.acceleration))
+}
+
+/// The elbow where it is.
+pub fn elbow(machine: &Machine, state: &ArmState) -> ElbowPoint {
+    let sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
+    let angle = state.telemetry(&machine.arm(), &sense, 0).elbow;
+    ElbowPoint { angle, ..ElbowPoint::default() }
+}

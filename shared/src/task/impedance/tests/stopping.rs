@@ -1,0 +1,43 @@
+//! What stops an arm.
+
+use super::machine::{Machine, POSTURES, SOFT, follow};
+use crate::arm::{ArmError, ArmSense, ArmSettings, Law};
+
+#[test]
+fn a_force_that_is_no_number_stops_the_arm() {
+    let machine = Machine::new();
+    for law in [Law::Printed, Law::Following] {
+        for value in [f32::NAN, f32::INFINITY] {
+            let mut state = machine.state(&ArmSettings { law, ..SOFT }, &POSTURES[0]);
+            let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
+            sense.wrench[4] = value;
+            assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), ArmError::NotFinite);
+        }
+    }
+}
+
+#[test]
+fn a_tool_that_is_pulled_beyond_its_reach_stops_the_arm() {
+    let machine = Machine::new();
+    let pulled = |axis: usize, size: f32| {
+        let mut state = machine.state(&SOFT, &POSTURES[0]);
+        let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
+        for _ in 0..500 {
+            sense.wrench = [0.0; 6];
+            // A push, too small to go far, that makes it a contact.
+            sense.wrench[1] = 2.0;
+            sense.wrench[axis] = size;
+            match state.tick(&machine.arm(), &sense) {
+                Ok(command) => sense = follow(&command),
+                Err(error) => return Some(error),
+            }
+        }
+        None
+    };
+    // 20 N hold 67 mm of 300 N/m; 40 N would hold 133.
+    assert_eq!(pulled(0, 20.0), None);
+    let Some(ArmError::Distance { value, limit: 0.1 }) = pulled(0, 40.0) else { panic!() };
+    assert!((0.1..0.12).contains(&value), "{value}");
+    let Some(ArmError::Turn { value, limit: 1.0 }) = pulled(5, 12.0) else { panic!() };
+    assert!((1.0..1.2).contains(&value), "{value}");
+}

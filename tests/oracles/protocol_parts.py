@@ -1,0 +1,178 @@
+"""Parts of the messages of docs/protocol.md, encoded, and what the golden frames of `protocol.py` hold."""
+
+import struct
+
+from protocol_encoding import (
+    boolean, byte, key, option, real, reals, sequence, sint, text, uint,
+)
+
+SCHEMA = 0x0123456789ABCDEF
+CLIENT = 0xC0FFEE
+IMAGE = "1f2e3d4c5b6a7988"
+BOARD = "300021000d51363034333832"
+FIRMWARE = byte(0) + byte(1) + byte(0)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
+
+DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
+ARMED_GRASP = uint(1) + uint(1)
+ARMED_IMPEDANCE = uint(1) + uint(2)
+
+
+def fault(cause, joint, value, limit, tick):
+    return uint(cause) + option(None if joint is None else byte(joint)) + real(value) + real(limit) + uint(tick)
+
+
+def frame_counts(good, overlong, framing, checksum, malformed):
+    return uint(good) + uint(overlong) + uint(framing) + uint(checksum) + uint(malformed)
+
+
+NO_STATISTICS = frame_counts(0, 0, 0, 0, 0) + uint(0) + uint(0) + uint(0)
+
+
+def node_status(mode, model, checksum, homed, faults, faults_read, commander, tick, supply):
+    return (mode + text(model) + uint(checksum) + uint(homed) + uint(faults) + boolean(faults_read)
+            + option(None if commander is None else uint(commander)) + uint(tick) + real(supply))
+
+
+def board_status(clock, reset, words, stack_used, stack_size, supervisor, plant):
+    return (IDENTITY + uint(clock) + uint(reset) + text(words) + uint(stack_used) + uint(stack_size)
+            + supervisor + plant)
+
+
+QUIET_BOARD = board_status(0, 0, "", 0, 0, NO_STATISTICS, NO_STATISTICS)
+
+
+def sensors(number, flags, supply, encoders, currents, forces=()):
+    return (uint(number) + byte(flags) + uint(supply) + sequence(map(sint, encoders))
+            + sequence(map(sint, currents)) + sequence(b"".join(map(sint, six)) for six in forces))
+
+
+def actuators(number, enabled, torques):
+    return uint(number) + boolean(enabled) + sequence(map(real, torques))
+
+
+def telemetry(tick, mode, faults, joints):
+    return uint(tick) + mode + uint(faults) + sequence(map(reals, joints))
+
+
+def request(number, what, client=CLIENT):
+    return uint(client) + uint(number) + what
+
+
+def reply(number, tick, what, client=CLIENT):
+    return uint(0) + uint(client) + uint(number) + uint(tick) + what
+
+
+def model(reaction):
+    """A robot of one joint."""
+    joint = (
+        text("knuckle")
+        + reals([0.0, 0.0, 0.1]) + reals([0.0, 0.0, 0.0, 1.0])  # origin
+        + reals([0.0, 0.0, 1.0])  # axis
+        + real(0.02) + reals([0.02, 0.0, 0.0]) + reals([1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0])  # link
+        + reals([2e-4, 0.5, 1.5, 1e-3, 300.0, 3e-4])  # motor
+        + reals([0.02, 0.002])  # friction
+        + real(65536.0) + boolean(False) + sint(-40) + boolean(True)  # encoder
+        + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
+        + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
+    )
+    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0) + option(None)
+    safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
+    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
+
+
+FINGER = model(2)
+LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
+TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1), "impedance": uint(2)}
+
+
+def goal(positions):
+    return uint(7) + uint(0) + sequence(map(real, positions))
+
+
+def guide(points, torques):
+    return uint(7) + uint(4) + sequence(map(reals, points)) + sequence(map(real, torques))
+
+
+def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
+    """`contacts`: positions and normals; the others as encoded or as numbers."""
+    return (b"".join(reals(position) + reals(normal) for position, normal in contacts) + real(clearance)
+            + real(touch_force) + option(None if friction is None else real(friction)) + internal + real(force_limit)
+            + boolean(feedback) + control)
+
+
+def differential(observer):
+    return uint(0) + uint(observer)
+
+
+def by_wrench(position, orientation, damping, compensated):
+    return uint(1) + reals(position) + reals(orientation) + real(damping) + boolean(compensated)
+
+
+PHASES = "ready approach touch squeeze feel hold move lower open".split()
+PLAN_FIELDS = "clearance touch-force friction force-limit margin least strength gain".split()
+BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
+       ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
+FAILURES = {
+    "obstructed": uint(0) + byte(2) + real(0.75),
+    "nothing-there": uint(1) + byte(0) + real(0.02),
+    "no-grip": uint(2) + reals([0.25, 3.0]),
+    "nothing-below": uint(3) + real(0.05),
+    "out-of-reach": uint(4) + byte(1),
+}
+
+
+def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded):
+    """What the supervisor sees of a grasp. `pose`: position and quaternion."""
+    return (uint(tick) + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
+            + real(friction) + uint(slips) + boolean(overloaded))
+
+
+SENSOR = uint(0)
+
+
+def observer(bandwidth):
+    return uint(1) + real(bandwidth)
+
+
+def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, reach):
+    """How an arm is to behave. Six numbers each for the impedance."""
+    return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
+            + force + real(contact_force) + reals(reach))
+
+
+def pose(position, rotation, velocity, acceleration, elbow):
+    return uint(7) + uint(5) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration) + reals(elbow)
+
+
+def arm(tick, position, rotation, error, wrench, contact, weakest, elbow):
+    """What the supervisor sees of an arm."""
+    return (uint(tick) + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
+            + reals([weakest, elbow]))
+
+
+LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
+YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
+ARM_ERRORS = {
+    "distance": uint(0) + reals([1.0, 0.25]),
+    "turn": uint(1) + reals([3.125, 1.5]),
+    "not-finite": uint(2),
+    "not-a-unit": uint(3) + real(0.5),
+    "no-settings": uint(4),
+    "elbow": uint(5) + reals([2.0, 1.5]),
+}
+BAD_SETTINGS = {
+    "impedance-mass": uint(0) + uint(0) + byte(4) + reals([0.0, 10000.0]),
+    "impedance-damping": uint(0) + uint(1) + byte(0) + reals([-1.0, 150.0]),
+    "impedance-stiffness": uint(0) + uint(2) + byte(5) + reals([4000.0, 3750.0]),
+    "joint": uint(1) + byte(7) + byte(7),
+    "no-arm-angle": uint(2),
+    "elbow-bandwidth": uint(3) + reals([60.0, 50.0]),
+    "contact-force": uint(4) + real(-1.0),
+    "reach": uint(5) + real(0.0),
+    "force-bandwidth": uint(6) + reals([60.0, 50.0]),
+    "no-free-joint": uint(7),
+}
+
+
+NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]

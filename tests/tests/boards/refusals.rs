@@ -1,0 +1,31 @@
+//! What three boards do not do together.
+
+use tesaki::manipulation::{GraspCommand, GraspPlan, ObjectControl, WrenchGains};
+use tesaki::protocol::{Mode, Request};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::hand::{HandError, MultiBoardHand};
+use tesaki_description::robot::chain_model;
+
+use super::rig::{Rig, natives};
+
+#[test]
+fn what_three_boards_cannot_do_is_said() {
+    let mut rig = Rig::new(1, natives());
+    let gains = WrenchGains { position: [50.0; 2], orientation: [0.1; 2], damping: 0.02, compensated: true };
+    let plan = GraspPlan { control: ObjectControl::Wrench(gains), ..rig.plan };
+    let refused = rig.hand().command(&GraspCommand::Grasp(plan)).unwrap_err();
+    assert!(matches!(refused, HandError::WrenchControl), "{refused}");
+    let refused = rig.hand().command(&GraspCommand::PutDown).unwrap_err();
+    assert_eq!(refused.to_string(), "not possible while the hand is ready");
+    rig.wait(3);
+    rig.hand().boards_mut()[1].request(Request::Disarm).unwrap();
+    let gone = rig.tick().unwrap_err();
+    assert_eq!(gone.to_string(), "finger2_tip was disarmed by somebody else, or reset");
+    assert!(!rig.hand().is_armed());
+    assert_eq!(rig.hand().boards()[2].board.node().mode(), Mode::Fault);
+
+    let finger = chain_model(&rig.robot.model, 0).unwrap();
+    let none = MultiBoardHand::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
+    assert!(none.to_string().starts_with("hand3.finger1_tip is no hand that grasps"), "{none}");
+    assert!(chain_model(&finger, 1).is_none());
+}

@@ -1,0 +1,78 @@
+//! The line to the board: absent, bad, or lost for a while.
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use super::server::Server;
+
+#[test]
+fn ports_that_are_not_there_and_words_that_make_no_sense_are_told_apart() {
+    let server = Server::start();
+    server.fails(&["--port", "/dev/nowhere", "info"], 3, &["/dev/nowhere does not exist"]);
+    server.fails(&["--port", "tcp://localhost:1", "info"], 3, &["nobody answers"]);
+    server.fails(&["--port", "quantum://x", "info"], 2, &["quantum://x"]);
+    server.fails(&["--timeout", "0", "info"], 2, &["--timeout"]);
+    server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
+    server.fails(&["dance"], 2, &["dance"]);
+    server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);
+    // A socket at which nobody speaks our language.
+    let silent = server.folder.path().join("silent");
+    let _listener = std::os::unix::net::UnixListener::bind(&silent).unwrap();
+    let port = format!("unix://{}", silent.display());
+    server.fails(&["--timeout", "0.3", "--port", &port, "info"], 6, &["no answer"]);
+    server.fails(&["--timeout", "0.3", "--port", &port, "doctor"], 6, &["no answer", "RX and TX"]);
+    assert!(server.succeeds(&["completions", "bash"]).contains("_tesaki"));
+}
+
+#[test]
+fn a_bad_line_costs_repeats_and_nothing_else() {
+    let server = Server::ready();
+    let faults = "seed=3,flip=2e-4,drop=2e-4,splice=5e-3,duplicate=2e-2";
+    for angle in ["0.1", "0.2", "0.0"] {
+        server.succeeds(&[
+            "--timeout",
+            "10",
+            "--link-faults",
+            faults,
+            "move",
+            &format!("finger1_swing={angle}"),
+        ]);
+    }
+    let status = server.json(&["info"]);
+    let frames = &status["status"]["board"]["supervisor_link"]["frames"];
+    let damaged: u64 = ["overlong", "framing", "checksum", "malformed"]
+        .map(|kind| frames[kind].as_u64().unwrap())
+        .iter()
+        .sum();
+    assert!(damaged > 0, "{frames}");
+    let terminal = server.terminal.to_str().unwrap();
+    server.succeeds(&["--port", terminal, "move", "finger1_swing=0.05"]);
+}
+
+#[test]
+fn a_monitor_goes_on_by_itself_when_the_board_comes_back() {
+    let server = Server::ready();
+    let mut monitor = server.start_command(&["--json", "monitor"]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = server.folder.path().to_owned();
+    std::thread::sleep(Duration::from_millis(300));
+    server.stop.store(true, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(300));
+    drop(folder);
+    // Another board appears at the same place.
+    let mut server = server;
+    if let Some(thread) = server.thread.take() {
+        thread.join().unwrap();
+    }
+    let _ = std::fs::remove_file(path.join("board"));
+    let again = Server::start_at(std::mem::replace(&mut server.folder, tempfile::tempdir().unwrap()));
+    std::thread::sleep(Duration::from_millis(2500));
+    monitor.kill().unwrap();
+    let text = String::from_utf8(monitor.wait_with_output().unwrap().stdout).unwrap();
+    let ticks: Vec<u64> = text
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["tick"].as_u64().unwrap())
+        .collect();
+    assert!(ticks.windows(2).any(|pair| pair[1] != pair[0] + 4), "no telemetry of the new board: {ticks:?}");
+    drop(again);
+}

@@ -1,0 +1,95 @@
+//! A hand that grasps a box, puts it down, or finds none.
+
+use std::time::Duration;
+
+use super::server::{Server, finish, hand3, said, signal};
+
+/// The grasp of the box.
+fn box_grasp() -> String {
+    hand3().join("grasps/box.toml").to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
+    let server = Server::ready_to_grasp(true);
+    let file = box_grasp();
+    server.fails(&["grasp", "run", &file], 7, &["finger1_tip was not tared", "tesaki tare"]);
+    server.succeeds(&["tare"]);
+    server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "no number"]);
+    server.fails(&["grasp", "run", &file, "turn=0,1"], 2, &["turn", "three numbers"]);
+    server.fails(&["grasp", "run", &file, "juggle"], 2, &["juggle", "lift=M"]);
+    server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
+    server.fails(&["grasp", "run", &file, "--speed", "1e-9", "lift=0.01"], 2, &["--speed", "600 s"]);
+    assert!(server.succeeds(&["grasp", "status"]).contains("is ready"));
+
+    let run =
+        server.start_command(&["grasp", "run", &file, "lift=0.01", "turn=0,0.1,0", "hold=2", "turn=0,0,0"]);
+    let held = (0..400).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        let status = server.json(&["grasp", "status"]);
+        (status["phase"] == "Hold").then_some(status)
+    });
+    let held = held.expect("never held");
+    assert!(held["failure"].is_null() && held["friction"].as_f64().unwrap() > 0.3, "{held}");
+    let words = server.succeeds(&["grasp", "status"]);
+    assert!(words.contains("finger 3") && words.contains("N wanted"), "{words}");
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    for word in
+        ["approaches", "feels for", "takes hold", "moves", "lowers", "lets go", "disarmed", "done: held for"]
+    {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+
+    // A motion that is refused costs nothing but itself: the box is put down all the same.
+    server.fails(
+        &["grasp", "run", &file, "lift=0.2"],
+        7,
+        &["lowers an object", "is ready", "does not reach so far", "disarmed"],
+    );
+}
+
+#[test]
+fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
+    let server = Server::ready_to_grasp(true);
+    server.succeeds(&["tare"]);
+    let file = box_grasp();
+    let wait_until_held = || {
+        while server.json(&["grasp", "status"])["phase"] != "Hold" {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    };
+    let run = server.start_command(&["grasp", "run", &file]);
+    wait_until_held();
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 0, "{text}");
+    assert!(text.contains("lowers an object") && text.contains("interrupted: disarmed"), "{text}");
+
+    let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
+    wait_until_held();
+    server.make_trouble("estop on");
+    let (code, text) = said(&finish(run));
+    assert_eq!(code, 5, "{text}");
+    assert!(text.contains("emergency stop") && text.contains("`tesaki disarm` lets go"), "{text}");
+    for line in text.lines() {
+        assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
+    }
+    assert!(text.contains("\"phase\":\"Hold\""), "{text}");
+}
+
+#[test]
+fn a_hand_that_finds_nothing_says_so_and_opens() {
+    let server = Server::ready_to_grasp(false);
+    server.succeeds(&["tare"]);
+    let file = box_grasp();
+    server.fails(
+        &["grasp", "run", &file, "lift=0.01"],
+        8,
+        &["felt nothing within 0.02 m: the hand opened", "[object] in", "clearance", "is ready", "disarmed"],
+    );
+    server.fails(&["grasp", "run", "/nowhere"], 1, &["/nowhere"]);
+    let status = server.json(&["grasp", "status"]);
+    assert!(!status["failure"]["NothingThere"].is_null(), "{status}");
+}

@@ -1,0 +1,120 @@
+//! Joints and fingertips that are led to a place.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use super::recording::{decode, encode};
+use super::server::{Server, finish, hand3, said, signal};
+
+#[test]
+fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
+    let server = Server::start();
+    server.fails(&["move", "finger1_swing=0.3"], 7, &["no robot model", "tesaki model push"]);
+    server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 to mend"]);
+    let pushed = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    assert!(pushed.contains("9 joints"), "{pushed}");
+    server.fails(
+        &["move", "finger1_swing=0.3"],
+        7,
+        &["finger1_swing has a relative encoder and was not homed", "tesaki home"],
+    );
+    server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
+    server.home();
+    let well = server.succeeds(&["doctor"]);
+    assert!(well.contains("everything is well"), "{well}");
+    server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
+    let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
+    assert!(other.contains("is not the one in") && other.contains("tesaki model push"), "{other}");
+    server.fails(&["move", "thumb=0.3"], 2, &["no joint \"thumb\"", "finger3_curl"]);
+    server.fails(
+        &["move", "finger1_swing=9"],
+        2,
+        &["finger1_swing: 9 rad is outside its limits -1 to 1 rad"],
+    );
+    server.fails(&["move", "finger1_swing"], 2, &["JOINT=ANGLE"]);
+
+    let name = server.folder.path().join("run");
+    let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
+    std::thread::sleep(Duration::from_millis(300));
+    let moved = server.succeeds(&["move", "finger1_swing=20", "finger2_bend=30", "--degrees"]);
+    assert!(moved.contains("arrived") && moved.contains("disarmed"), "{moved}");
+    signal(&recorder, nix::sys::signal::Signal::SIGINT);
+    assert!(recorder.wait().unwrap().success());
+    let state = server.json(&["read"]);
+    let angle = state["joints"][0]["position"].as_f64().unwrap();
+    assert!((angle - 0.349_066).abs() < 0.02, "{angle}");
+    let log = name.with_extension("log");
+    let replayed = server.succeeds(&["replay", log.to_str().unwrap()]);
+    let ticks: u32 = replayed.split(' ').next().unwrap().parse().unwrap();
+    assert!(ticks > 100 && replayed.contains("identical"), "{replayed}");
+    assert!(std::fs::metadata(name.with_extension("mcap")).unwrap().len() > 10_000);
+
+    // One flipped bit in a recorded torque is found and named, whatever the checksum says.
+    let mut records = decode(&std::fs::read(&log).unwrap());
+    let spoilt = records.iter_mut().rev().find_map(|record| match record {
+        tesaki::protocol::LogRecord::Actuators(frame) => Some(frame),
+        _ => None,
+    });
+    let torque = &mut spoilt.unwrap().torques[4];
+    *torque = f32::from_bits(torque.to_bits() ^ 1);
+    std::fs::write(&log, encode(&records)).unwrap();
+    server.fails(&["replay", log.to_str().unwrap()], 1, &["torque of joint 4 was"]);
+    server.fails(&["replay", "/nowhere"], 1, &["/nowhere"]);
+}
+
+#[test]
+fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_moves() {
+    let server = Server::ready();
+    // All fingers bent, away from the straight ones.
+    server.succeeds(&[
+        "move",
+        "finger1_bend=0.1",
+        "finger1_curl=1.3",
+        "finger2_curl=1.3",
+        "finger3_curl=1.3",
+    ]);
+    let arrived = server.succeeds(&["reach", "--relative", "finger1_tip=0.01,-0.005,0.008"]);
+    assert!(arrived.contains("arrived") && arrived.contains("disarmed"), "{arrived}");
+    // Back by the same way to the angles from which it came.
+    server.succeeds(&["reach", "--relative", "finger1_tip=-0.01,0.005,-0.008", "finger2_tip=0,0.005,0"]);
+    let state = server.json(&["read"]);
+    for (joint, angle) in [(0, 0.0), (1, 0.1), (2, 1.3)] {
+        let position = state["joints"][joint]["position"].as_f64().unwrap();
+        assert!((position - angle).abs() < 0.03, "joint {joint} at {position}");
+    }
+    server.fails(&["reach", "thumb=0,0,0"], 2, &["no tip \"thumb\"", "finger3_tip"]);
+    server.fails(&["reach", "finger1_tip=0,0"], 2, &["no place"]);
+    server.fails(
+        &["reach", "finger1_tip=0.5,0.04,0.1"],
+        2,
+        &["finger1_tip", "does not reach", "mm on its way"],
+    );
+    server.fails(
+        &["reach", "--relative", "finger1_tip=-0.045,0.05,0"],
+        2,
+        &["finger1_swing", "outside its limits"],
+    );
+    server.fails(&["reach", "--relative", "finger1_tip=0,0.08,0"], 2, &["would turn at", "lower --speed"]);
+    server.fails(&["reach", "--speed", "0", "finger1_tip=0,0,0.1"], 2, &["above 0"]);
+    server.fails(&["reach", "--speed", "1e-9", "--relative", "finger1_tip=0,0,0.01"], 2, &["600 s"]);
+}
+
+#[test]
+#[ignore = "needs Python: cargo xtask test"]
+fn the_example_client_in_python_moves_a_joint_and_is_told_why_not() {
+    let server = Server::ready();
+    let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
+    let client = |arguments: &[&str]| {
+        let mut command = Command::new(&python);
+        command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/client.py"));
+        command.arg(server.address.to_string()).args(arguments);
+        said(&finish(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()))
+    };
+    let (code, text) = client(&["--move", "0", "0.2", "--seconds", "2.5"]);
+    assert!(code == 0 && text.contains("board with schema") && text.contains("hand3"), "{text}");
+    let state = server.json(&["read"]);
+    let angle = state["joints"][0]["position"].as_f64().unwrap();
+    assert!((angle - 0.2).abs() < 0.02, "{angle}: {text}");
+    let (code, text) = client(&["--move", "0", "9"]);
+    assert!(code != 0 && text.contains("outside the limits"), "{text}");
+}

@@ -1,0 +1,46 @@
+//! Recordings: their bytes, and what interrupts them.
+
+use std::time::Duration;
+
+use super::server::{Server, hand3, signal};
+
+#[test]
+fn a_recording_goes_on_when_the_board_was_reset() {
+    let server = Server::ready();
+    let name = server.folder.path().join("run");
+    let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
+    std::thread::sleep(Duration::from_millis(500));
+    server.make_trouble("reset");
+    // Its streams are asked for again after a second of silence.
+    std::thread::sleep(Duration::from_millis(1700));
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    server.home();
+    server.succeeds(&["move", "finger1_swing=0.2"]);
+    signal(&recorder, nix::sys::signal::Signal::SIGINT);
+    assert!(recorder.wait().unwrap().success());
+    let log = name.with_extension("log");
+    let records = decode(&std::fs::read(&log).unwrap());
+    let enabled = records
+        .iter()
+        .filter(|record| matches!(record, tesaki::protocol::LogRecord::Actuators(frame) if frame.enabled));
+    let enabled = enabled.count();
+    assert!(enabled > 50, "the move is missing: {enabled} armed ticks");
+    let replayed = server.json(&["replay", log.to_str().unwrap()]);
+    assert!(replayed["identical_ticks"].as_u64().unwrap() > 150, "{replayed}");
+    assert_eq!(replayed["gaps"], 1, "{replayed}");
+}
+
+pub fn decode(bytes: &[u8]) -> Vec<tesaki::protocol::LogRecord> {
+    let mut decoder = tesaki::protocol::codec::Decoder::new();
+    bytes.iter().filter_map(|&byte| decoder.push(byte)).map(Result::unwrap).collect()
+}
+
+pub fn encode(records: &[tesaki::protocol::LogRecord]) -> Vec<u8> {
+    let mut frame = [0; tesaki::protocol::codec::MAX_FRAME];
+    let mut bytes = Vec::new();
+    for record in records {
+        let length = tesaki::protocol::codec::encode(record, &mut frame).unwrap();
+        bytes.extend_from_slice(&frame[..length]);
+    }
+    bytes
+}

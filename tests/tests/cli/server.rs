@@ -1,0 +1,204 @@
+//! The program under test, and a simulated board for it to talk to.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tesaki_sim::grasp_scene::{on_support, open_posture};
+use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+use tesaki_sim::serve::{home_command, serve};
+use tesaki_sim::virtual_board::VirtualBoard;
+use tesaki_description::grasp::load_placed;
+use tesaki_supervisor::hub::Hub;
+use tesaki_supervisor::port::Address;
+use tesaki_description::robot::RobotFolder;
+
+pub fn hand3() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
+}
+
+pub fn arm7() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7")
+}
+
+/// What `host-sim serve` runs, in a thread.
+pub struct Server {
+    pub address: Address,
+    pub terminal: PathBuf,
+    pub home: Vec<String>,
+    trouble: Sender<String>,
+    pub stop: Arc<AtomicBool>,
+    pub thread: Option<JoinHandle<()>>,
+    pub folder: tempfile::TempDir,
+}
+
+impl Server {
+    pub fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self::start_at(folder)
+    }
+
+    pub fn start_at(folder: tempfile::TempDir) -> Self {
+        Self::start_with(folder, &PlantOptions::mismatched(1))
+    }
+
+    /// Homed, tared, and with the fingers open around where a box is to be grasped.
+    pub fn ready_to_grasp(with_box: bool) -> Self {
+        let robot = RobotFolder::load(&hand3()).unwrap();
+        let grasp = load_placed(&hand3().join("grasps/box.toml")).unwrap();
+        let mut options = PlantOptions::mismatched(1);
+        options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
+        if with_box {
+            let text = std::fs::read_to_string(hand3().join("objects/box.toml")).unwrap();
+            options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
+        }
+        let server = Self::start_with(tempfile::tempdir().unwrap(), &options);
+        server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+        server.home();
+        server
+    }
+
+    fn start_with(folder: tempfile::TempDir, options: &PlantOptions) -> Self {
+        Self::start_robot(&hand3(), folder, options)
+    }
+
+    /// An arm on the board, with a longer command timeout.
+    pub fn ready_arm() -> Self {
+        let options = PlantOptions::mismatched(1);
+        let server = Self::start_robot(&arm7(), tempfile::tempdir().unwrap(), &options);
+        server.succeeds(&["model", "push", arm7().to_str().unwrap()]);
+        server.succeeds(&["set", "safety.command_timeout", "1"]);
+        server
+    }
+
+    fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
+        let robot = RobotFolder::load(folder_of_robot).unwrap();
+        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+        let values = PlantValues::load(folder_of_robot).unwrap();
+        let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
+        let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
+        let address = hub.address().clone();
+        let terminal = hub.add_pty().unwrap();
+        let home = home_command(&plant, &robot.model).split(' ').skip(1).map(str::to_owned).collect();
+        let stop = Arc::new(AtomicBool::new(false));
+        let (trouble, lines) = channel();
+        let flag = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut board = VirtualBoard::default();
+            let stop = || flag.load(Ordering::Relaxed);
+            serve(&mut hub, &mut board, &mut plant, &robot.model, &lines, &stop).unwrap();
+        });
+        Self { address, terminal, home, trouble, stop, thread: Some(thread), folder }
+    }
+
+    /// With a model on the board, and homed.
+    pub fn ready() -> Self {
+        let server = Self::start();
+        server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+        server.home();
+        server
+    }
+
+    /// Homes, and allows a busy machine more than the 100 ms between two commands that a real one has to
+    /// keep.
+    pub fn home(&self) {
+        let home: Vec<&str> = self.home.iter().map(String::as_str).collect();
+        self.succeeds(&home);
+        self.succeeds(&["set", "safety.command_timeout", "1"]);
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = tesaki_tests::tesaki();
+        command.env("TESAKI_PORT", self.address.to_string()).args(arguments).stdin(Stdio::null());
+        command
+    }
+
+    pub fn run(&self, arguments: &[&str]) -> (i32, String) {
+        said(&finish(self.start_command(arguments)))
+    }
+
+    #[track_caller]
+    pub fn succeeds(&self, arguments: &[&str]) -> String {
+        let (code, text) = self.run(arguments);
+        assert_eq!(code, 0, "{arguments:?}: {text}");
+        text
+    }
+
+    /// Fails with this exit code and says this.
+    #[track_caller]
+    pub fn fails(&self, arguments: &[&str], code: i32, words: &[&str]) {
+        let (got, text) = self.run(arguments);
+        assert_eq!(got, code, "{arguments:?}: {text}");
+        for word in words {
+            assert!(text.contains(word), "{arguments:?}: no {word:?} in: {text}");
+        }
+    }
+
+    pub fn start_command(&self, arguments: &[&str]) -> Child {
+        let mut command = self.command(arguments);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    pub fn make_trouble(&self, line: &str) {
+        self.trouble.send(line.to_owned()).unwrap();
+        std::thread::sleep(Duration::from_millis(60));
+    }
+
+    pub fn json(&self, arguments: &[&str]) -> serde_json::Value {
+        let mut all = vec!["--json"];
+        all.extend(arguments);
+        serde_json::from_str(&self.succeeds(&all)).unwrap()
+    }
+
+    /// Waits until the board is in this mode.
+    pub fn wait_for(&self, mode: &str) {
+        for _ in 0..200 {
+            if self.succeeds(&["info"]).contains(&format!("mode           {mode}")) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        panic!("never {mode}");
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What the command said. One that does not end is a failure, and says so too.
+pub fn finish(child: Child) -> Output {
+    let pid = nix::unistd::Pid::from_raw(i32::try_from(child.id()).unwrap());
+    let (done, waiting) = channel::<()>();
+    let watchdog = std::thread::spawn(move || {
+        if waiting
+            .recv_timeout(Duration::from_secs(30))
+            .is_err_and(|error| error == RecvTimeoutError::Timeout)
+        {
+            let _ = nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGKILL);
+        }
+    });
+    let output = child.wait_with_output().unwrap();
+    drop(done);
+    watchdog.join().unwrap();
+    output
+}
+
+pub fn said(output: &Output) -> (i32, String) {
+    let text = [&output.stdout[..], &output.stderr[..]].concat();
+    (output.status.code().unwrap_or(-1), String::from_utf8(text).unwrap())
+}
+
+pub fn signal(child: &Child, signal: nix::sys::signal::Signal) {
+    let pid = nix::unistd::Pid::from_raw(i32::try_from(child.id()).unwrap());
+    nix::sys::signal::kill(pid, signal).unwrap();
+}

@@ -1,0 +1,92 @@
+//! An arm under impedance, pushed by an arbitrary world.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
+use tesaki::arm::PosePoint;
+use tesaki::protocol::{FaultCause, Item, Mode, Reply, Request, SetPoint, Task};
+use tesaki_tests::robot;
+
+use super::fuzz;
+use super::random::Random;
+use super::requests::{REST, any_pose, any_request, any_settings};
+use super::rig::Rig;
+
+#[test]
+fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
+    const LONGEST_STATE: u32 = 5120;
+    let model = robot("arm7").model;
+    let seen = RefCell::new(BTreeSet::new());
+    let runs = RefCell::new(0);
+    fuzz("arm", |seed| {
+        *runs.borrow_mut() += 1;
+        let mut random = Random(seed);
+        let mut rig = Rig::new(&model, 48_000, seed);
+        // The machine: joints that go where their reference is, roughly, and what the sensor reads.
+        let mut angles: Vec<f32> = (0..7).map(|_| random.below(1001) as f32 / 2000.0).collect();
+        angles[3] += 1.0;
+        let mut push = [0_i32; 6];
+        for tick in 0..random.below(1000) {
+            for ((count, angle), joint) in rig.sensors.encoders.iter_mut().zip(&angles).zip(&model.joints) {
+                let counts = angle / std::f32::consts::TAU * joint.encoder.counts_per_turn;
+                *count = if tick > 1 && random.one_in(5000) {
+                    random.next() as i32
+                } else {
+                    (counts as i32).wrapping_add(random.below(3) as i32)
+                };
+            }
+            if tick > 1 && random.one_in(50) {
+                push = [0; 6].map(|_| if random.one_in(3) { random.below(4001) as i32 - 2000 } else { 0 });
+            }
+            rig.sensors.forces[0] = push.map(|count| count + random.below(11) as i32 - 5);
+            if tick > 1 && random.one_in(1000) {
+                rig.sensors.forces[0][random.below(6)] = random.next() as i32;
+            }
+            rig.sensors.sequence += 1;
+            rig.tick(rig.sensors.clone());
+            for (angle, joint) in angles.iter_mut().zip(&rig.node.telemetry().joints) {
+                *angle = joint.reference;
+            }
+            if tick == 1 {
+                let settings = any_settings(&mut random);
+                let possible = settings.validate(7).is_ok();
+                assert_eq!(rig.ask(Request::Tare), Reply::Done, "seed {seed}");
+                let reply = rig.ask(Request::Impedance(settings));
+                assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
+                let reply = rig.ask(Request::Arm { task: Task::Impedance });
+                assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
+            }
+            if rig.node.mode() == Mode::Armed(Task::Impedance) {
+                seen.borrow_mut()
+                    .insert(if rig.node.tool().unwrap().contact { "contact" } else { "free" }.to_owned());
+            }
+            if let Some(fault) = rig.node.faults().faults.last() {
+                seen.borrow_mut().insert(format!("{:?}", fault.cause));
+                // What is accepted, an arm can follow without losing count.
+                assert!(fault.cause != FaultCause::NotFinite, "seed {seed}: {fault}");
+            }
+            let tool = rig.node.tool().unwrap();
+            let place = PosePoint { position: tool.position, rotation: tool.rotation, ..REST };
+            if tick < 2 {
+                continue;
+            }
+            let request = match random.below(400) {
+                0 => any_request(&mut random, &model, &[]),
+                1..6 => Request::Impedance(any_settings(&mut random)),
+                6 => Request::Export(Item::State),
+                7 => Request::Arm { task: Task::Impedance },
+                8..80 => any_pose(&mut random, &place),
+                80..200 => Request::SetPoint(SetPoint::Keep),
+                _ => continue,
+            };
+            if let Reply::Exported { length, .. } = rig.ask(request) {
+                assert!(length <= LONGEST_STATE, "seed {seed}: {length} bytes");
+            }
+        }
+        rig.replay();
+    });
+    let seen = seen.into_inner();
+    println!("arm: {seen:?}");
+    let all = ["contact", "free", "ToolAway", "ToolTurned"];
+    assert!(runs.into_inner() < 400 || all.iter().all(|name| seen.contains(*name)), "{seen:?}");
+}

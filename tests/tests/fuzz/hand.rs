@@ -1,0 +1,142 @@
+//! A hand that grasps, with sensors that read roughly what they should.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
+use tesaki::control::{JointPoint, ServoMode};
+use tesaki::kinematics::{Chain, Finger};
+use tesaki::manipulation::{GraspCommand, GraspPlan, Phase};
+use tesaki::model::RobotModel;
+use tesaki::node::Node;
+use tesaki::protocol::{JointTelemetry, Mode, Refusal, Reply, Request, SensorFrame, SetPoint, Task};
+
+use super::random::Random;
+use super::requests::{any_command, any_plan, any_request};
+use super::rig::Rig;
+use super::{box_plan, fuzz, model};
+
+/// Angles with the tips some way in front of the contacts of [`box_plan`].
+fn before_the_box(model: &RobotModel) -> heapless::Vec<f32, 16> {
+    let plan = box_plan();
+    let mut angles = heapless::Vec::new();
+    for ((chain, range), contact) in model.chains.iter().zip(model.chain_ranges()).zip(&plan.contacts) {
+        let joints = &model.joints[range];
+        let limits = [0, 1, 2].map(|joint| (joints[joint].limits.lower, joints[joint].limits.upper));
+        let finger = Finger::try_new(&Chain::new(joints, &chain.tip), limits).unwrap();
+        let place = [0, 1, 2].map(|axis| contact.position[axis] - 0.03 * contact.normal[axis]);
+        angles.extend(finger.nearest(&place.into(), &[0.0, 0.3, 0.7]).unwrap());
+    }
+    angles
+}
+
+/// What the encoders and the force sensors of a hand read whose joints do what they are told, roughly, and
+/// whose tips feel what they want to feel, roughly and not always.
+fn feel(
+    random: &mut Random,
+    node: &Node,
+    (model, home): (&RobotModel, &[f32]),
+    plan: &GraspPlan,
+    sensors: &mut SensorFrame,
+) {
+    let joints = node.telemetry().joints;
+    let mut angles = Vec::new();
+    let all = sensors.encoders.iter_mut().zip(&joints).zip(&model.joints).zip(home);
+    for (((count, joint), config), home) in all {
+        let sign = if config.encoder.reversed { -1.0 } else { 1.0 };
+        let wanted = (joint.reference - home) / std::f32::consts::TAU * config.encoder.counts_per_turn * sign;
+        *count = if random.one_in(2000) {
+            random.next() as i32
+        } else {
+            wanted as i32 + random.below(5) as i32 - 2
+        };
+        angles.push(joint.reference);
+    }
+    let grasp = node.grasp();
+    let faint = random.one_in(100);
+    for (finger, (counts, chain)) in sensors.forces.iter_mut().zip(&model.chains).enumerate() {
+        let range = 3 * finger..3 * finger + 3;
+        let posture = Chain::new(&model.joints[range.clone()], &chain.tip).posture(&angles[range]);
+        let push = match grasp.phase {
+            Phase::Ready | Phase::Approach => [0.0; 3],
+            Phase::Touch if random.one_in(20) => plan.contacts[finger].normal.map(|axis| 3.0 * axis),
+            Phase::Touch if grasp.tick % 100 > 50 => plan.contacts[finger].normal,
+            Phase::Touch => [0.0; 3],
+            _ if faint => [0.0; 3],
+            _ => grasp.wanted[finger].map(|force| force * (1.0 + 0.05 * (random.below(3) as f32 - 1.0))),
+        };
+        // The sensors read what acts on the tip.
+        let force: [f32; 3] = posture.tip().rotation.inverse_transform_vector(&push.into()).into();
+        for (count, force) in counts.iter_mut().zip(force) {
+            *count = (force * -1000.0) as i32 + random.below(21) as i32 - 10;
+        }
+        if random.one_in(500) {
+            counts[random.below(6)] = random.next() as i32;
+        }
+    }
+}
+
+#[test]
+fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
+    let model = model();
+    let home = before_the_box(&model);
+    let phases = RefCell::new(BTreeSet::new());
+    let runs = RefCell::new(0);
+    fuzz("hand", |seed| {
+        *runs.borrow_mut() += 1;
+        let mut random = Random(seed);
+        let mut rig = Rig::new(&model, 24_000, seed);
+        let plan = if random.one_in(4) { any_plan(&mut random) } else { box_plan() };
+        for tick in 0..random.below(1500) {
+            feel(&mut random, &rig.node, (&model, &home), &plan, &mut rig.sensors);
+            if tick < 2 {
+                rig.sensors.encoders.iter_mut().for_each(|count| *count = 0);
+                rig.sensors.forces.iter_mut().for_each(|counts| *counts = [0; 6]);
+            }
+            rig.sensors.sequence += 1;
+            rig.tick(rig.sensors.clone());
+            if tick == 1 {
+                let home = Request::Home { positions: home.clone() };
+                // Some are one board of several that hold an object together.
+                let guided = random.one_in(4);
+                let task = if guided { Task::JointServo(ServoMode::Observer) } else { Task::Grasp };
+                let arm = Request::Arm { task };
+                for request in [home, Request::Tare, arm, Request::Grasp(GraspCommand::Grasp(plan))] {
+                    let reply = rig.ask(request);
+                    let begun = matches!(reply, Reply::Done | Reply::Refused(Refusal::Unable(_)));
+                    assert!(begun || guided, "seed {seed}: {reply:?}");
+                }
+            }
+            let grasp = rig.node.grasp();
+            let numbers = [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.wanted.as_flattened()];
+            assert!(numbers.concat().iter().all(|number| number.is_finite()), "seed {seed}: {grasp:?}");
+            phases.borrow_mut().insert(format!("{:?}", grasp.phase));
+            let request = match random.below(400) {
+                0 => any_request(&mut random, &model, &[]),
+                1..8 => Request::Grasp(any_command(&mut random)),
+                8..80 if rig.node.mode() == Mode::Armed(Task::JointServo(ServoMode::Observer)) => {
+                    let small = |random: &mut Random| random.below(201) as f32 / 1000.0 - 0.1;
+                    let near = |joint: &JointTelemetry| JointPoint {
+                        position: joint.reference + 0.05 * small(&mut random),
+                        velocity: small(&mut random),
+                        acceleration: small(&mut random),
+                    };
+                    let points = rig.node.telemetry().joints.iter().map(near).collect();
+                    let mut torques: heapless::Vec<f32, 16> =
+                        home.iter().map(|_| 6.0 * small(&mut random)).collect();
+                    if random.one_in(4) {
+                        torques[random.below(home.len())] = random.value();
+                    }
+                    Request::SetPoint(SetPoint::Guide { points, torques })
+                }
+                8..200 => Request::SetPoint(SetPoint::Keep),
+                _ => continue,
+            };
+            rig.ask(request);
+        }
+        rig.replay();
+    });
+    let phases = phases.into_inner();
+    println!("hand: {phases:?}");
+    // A single seed, or a slow machine, does not come far.
+    assert!(runs.into_inner() < 1000 || phases.len() == 9, "{phases:?}");
+}

@@ -1,0 +1,400 @@
+//! What the messages hold.
+
+use std::collections::BTreeMap;
+
+use tesaki::arm::{ArmError, ArmSettings, ArmTelemetry, BadSettings, ForceSource, Law, Redundancy};
+use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, ServoMode};
+use tesaki::manipulation::{
+    Failure, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, PlannedContact,
+    WrenchGains,
+};
+use tesaki::model::{
+    ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains,
+    Pose, Reaction, RobotModel, Safety, ServoGains,
+};
+use tesaki::protocol::codec::FrameCounts;
+use tesaki::protocol::{
+    ActuatorFrame, BoardStatus, ClockSource, FaultCause, Identity, LinkStatistics, LogRecord, LogStart, Mode,
+    NodeStatus, Request, RequestFrame, ResetCause, SensorFlags, SensorFrame, Status, Task,
+};
+
+use super::variants::Variants;
+
+pub const SCHEMA: u64 = 0x0123_4567_89ab_cdef;
+
+pub const CLIENT: u32 = 0x00c0_ffee;
+
+pub const IDENTITY: Identity = Identity {
+    firmware: [0, 1, 0],
+    image: [0x1f, 0x2e, 0x3d, 0x4c, 0x5b, 0x6a, 0x79, 0x88],
+    board: [0x30, 0, 0x21, 0, 0x0d, 0x51, 0x36, 0x30, 0x34, 0x33, 0x38, 0x32],
+    capabilities: 29,
+};
+
+pub const PID: Task = Task::JointServo(ServoMode::Pid);
+
+pub const OBSERVER: Task = Task::JointServo(ServoMode::Observer);
+
+/// Collects into the lists of messages, which have a capacity.
+pub fn list<T, L: FromIterator<T>>(items: impl IntoIterator<Item = T>) -> L {
+    items.into_iter().collect()
+}
+
+pub fn finger(reaction: Reaction) -> RobotModel {
+    let knuckle = JointModel {
+        name: "knuckle".try_into().unwrap(),
+        origin: Pose { translation: [0.0, 0.0, 0.1], rotation: [0.0, 0.0, 0.0, 1.0] },
+        axis: [0.0, 0.0, 1.0],
+        link: Inertial {
+            mass: 0.02,
+            center_of_mass: [0.02, 0.0, 0.0],
+            inertia: [1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0],
+        },
+        motor: Motor {
+            rotor_inertia: 2e-4,
+            torque_constant: 0.5,
+            current_limit: 1.5,
+            current_resolution: 1e-3,
+            bandwidth: 300.0,
+            delay: 3e-4,
+        },
+        friction: Friction { coulomb: 0.02, viscous: 0.002 },
+        encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: -40, relative: true },
+        limits: JointLimits {
+            lower: -1.5,
+            upper: 1.5,
+            velocity: 8.0,
+            torque: 0.6,
+            torque_rate: 200.0,
+            following_error: 0.25,
+        },
+        servo: ServoGains {
+            filter_time: 0.2,
+            pid: PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 },
+            observer: ObserverGains { inertia: 2.1e-4, bandwidth: 50.0, observer_bandwidth: 100.0 },
+            rest_error: 5e-4,
+        },
+    };
+    let tip = ChainModel {
+        name: "finger_tip".try_into().unwrap(),
+        joints: 1,
+        tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
+        tip_radius: 0.0,
+        force_sensor: None,
+    };
+    RobotModel {
+        name: "finger".try_into().unwrap(),
+        gravity: [0.0; 3],
+        chains: list([tip]),
+        joints: list([knuckle]),
+        safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
+    }
+}
+
+const CONTACTS: [PlannedContact; 3] = [
+    PlannedContact { position: [0.0625, 0.04, 0.125], normal: [1.0, 0.0, -0.5] },
+    PlannedContact { position: [0.0625, -0.04, 0.125], normal: [1.0, 0.0, -0.5] },
+    PlannedContact { position: [0.125, 0.0, 0.0625], normal: [-2.0, 0.0, 1.0] },
+];
+
+pub const BOX: GraspPlan = GraspPlan {
+    contacts: CONTACTS,
+    clearance: 0.01,
+    touch_force: 0.1,
+    friction: None,
+    internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+    force_limit: 9.0,
+    feedback: true,
+    control: ObjectControl::Differential(ServoMode::Observer),
+};
+
+/// With the longest encoding.
+pub const LONGEST: GraspPlan = GraspPlan {
+    contacts: [PlannedContact { position: [f32::MIN; 3], normal: [f32::MIN; 3] }; 3],
+    clearance: f32::MIN,
+    touch_force: f32::MIN,
+    friction: Some(f32::MIN),
+    internal: InternalForce::Pairwise { strengths: [f32::MIN; 3] },
+    force_limit: f32::MIN,
+    feedback: true,
+    control: ObjectControl::Wrench(WrenchGains {
+        position: [f32::MIN; 2],
+        orientation: [f32::MIN; 2],
+        damping: f32::MIN,
+        compensated: true,
+    }),
+};
+
+pub const HOLDING: GraspTelemetry = GraspTelemetry {
+    tick: 1234,
+    phase: Phase::Hold,
+    failure: None,
+    position: [0.09, 0.0, 0.0625],
+    orientation: [0.0, 0.375, 0.0, 0.927],
+    load: [0.5, 0.0, 1.75, 0.0, -0.015_625, 0.0],
+    wanted: [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]],
+    friction: 0.4375,
+    slips: 300,
+    overloaded: false,
+};
+
+pub const NO_GRASP: GraspTelemetry = GraspTelemetry {
+    tick: 1234,
+    phase: Phase::Ready,
+    failure: None,
+    position: [0.0; 3],
+    orientation: [0.0, 0.0, 0.0, 1.0],
+    load: [0.0; 6],
+    wanted: [[0.0; 3]; 3],
+    friction: 0.0,
+    slips: 0,
+    overloaded: false,
+};
+
+pub const PHASES: [(Phase, &str); Phase::VARIANTS.len()] = [
+    (Phase::Ready, "ready"),
+    (Phase::Approach, "approach"),
+    (Phase::Touch, "touch"),
+    (Phase::Squeeze, "squeeze"),
+    (Phase::Feel, "feel"),
+    (Phase::Hold, "hold"),
+    (Phase::Move, "move"),
+    (Phase::Lower, "lower"),
+    (Phase::Open, "open"),
+];
+
+pub const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
+    (PlanField::Clearance, "clearance"),
+    (PlanField::TouchForce, "touch-force"),
+    (PlanField::Friction, "friction"),
+    (PlanField::ForceLimit, "force-limit"),
+    (PlanField::Margin, "margin"),
+    (PlanField::Least, "least"),
+    (PlanField::Strength, "strength"),
+    (PlanField::Gain, "gain"),
+];
+
+pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
+    (Failure::Obstructed { finger: 2, force: 0.75 }, "obstructed"),
+    (Failure::NothingThere { finger: 0, distance: 0.02 }, "nothing-there"),
+    (Failure::NoGrip { force: 0.25, limit: 3.0 }, "no-grip"),
+    (Failure::NothingBelow { distance: 0.05 }, "nothing-below"),
+    (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
+];
+
+pub const YIELDING: ArmSettings = ArmSettings {
+    impedance: Impedance {
+        mass: [1.5, 1.5, 1.5, 0.0625, 0.0625, 0.0625],
+        damping: [7.5, 7.5, 7.5, 0.5, 0.5, 0.5],
+        stiffness: [300.0, 300.0, 300.0, 8.0, 8.0, 8.0],
+    },
+    law: Law::Following,
+    redundancy: Redundancy::ArmAngle,
+    elbow_bandwidth: 12.0,
+    force: ForceSource::Sensor,
+    contact_force: 1.5,
+    reach: [0.25, 1.5],
+};
+
+pub const PUSHED: ArmTelemetry = ArmTelemetry {
+    tick: 1234,
+    position: [0.5, 0.0, -0.25],
+    rotation: [0.0, 0.0, 0.0, 1.0],
+    error: [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
+    wrench: [18.75, 0.0, 0.0, 0.0, 0.0, -1.0],
+    contact: true,
+    weakest: 0.15625,
+    elbow: 0.25,
+};
+
+pub const BAD_SETTINGS: [(BadSettings, &str); 10] = [
+    (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
+    (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
+    (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
+    (BadSettings::Joint { joint: 7, joints: 7 }, "joint"),
+    (BadSettings::NoArmAngle, "no-arm-angle"),
+    (BadSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
+    (BadSettings::ContactForce { value: -1.0 }, "contact-force"),
+    (BadSettings::Reach { value: 0.0 }, "reach"),
+    (BadSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
+    (BadSettings::NoFreeJoint, "no-free-joint"),
+];
+
+const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> BadSettings {
+    BadSettings::Impedance(BadImpedance { term, axis, value, limit })
+}
+
+pub const ARM_ERRORS: [(ArmError, &str); ArmError::VARIANTS.len()] = [
+    (ArmError::Distance { value: 1.0, limit: 0.25 }, "distance"),
+    (ArmError::Turn { value: 3.125, limit: 1.5 }, "turn"),
+    (ArmError::NotFinite, "not-finite"),
+    (ArmError::NotAUnit { norm: 0.5 }, "not-a-unit"),
+    (ArmError::NoSettings, "no-settings"),
+    (ArmError::Elbow { value: 2.0, limit: 1.5 }, "elbow"),
+];
+
+pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
+    (Field::Joints, "joints"),
+    (Field::Chains, "chains"),
+    (Field::Gravity, "gravity"),
+    (Field::Name, "name"),
+    (Field::OriginTranslation, "origin-translation"),
+    (Field::OriginRotation, "origin-rotation"),
+    (Field::Axis, "axis"),
+    (Field::Mass, "mass"),
+    (Field::CenterOfMass, "center-of-mass"),
+    (Field::Inertia, "inertia"),
+    (Field::RotorInertia, "rotor-inertia"),
+    (Field::TorqueConstant, "torque-constant"),
+    (Field::CurrentLimit, "current-limit"),
+    (Field::CurrentResolution, "current-resolution"),
+    (Field::MotorBandwidth, "motor-bandwidth"),
+    (Field::MotorDelay, "motor-delay"),
+    (Field::Coulomb, "coulomb"),
+    (Field::Viscous, "viscous"),
+    (Field::CountsPerTurn, "counts-per-turn"),
+    (Field::LimitLower, "limit-lower"),
+    (Field::LimitUpper, "limit-upper"),
+    (Field::LimitVelocity, "limit-velocity"),
+    (Field::LimitTorque, "limit-torque"),
+    (Field::LimitTorqueRate, "limit-torque-rate"),
+    (Field::LimitFollowingError, "limit-following-error"),
+    (Field::FilterTime, "filter-time"),
+    (Field::Proportional, "proportional"),
+    (Field::Integral, "integral"),
+    (Field::Derivative, "derivative"),
+    (Field::Cutoff, "cutoff"),
+    (Field::ServoInertia, "servo-inertia"),
+    (Field::Bandwidth, "bandwidth"),
+    (Field::ObserverBandwidth, "observer-bandwidth"),
+    (Field::CommandTimeout, "command-timeout"),
+    (Field::Damping, "damping"),
+    (Field::SupplyMin, "supply-min"),
+    (Field::SupplyMax, "supply-max"),
+    (Field::RestError, "rest-error"),
+    (Field::ChainName, "chain-name"),
+    (Field::TipTranslation, "tip-translation"),
+    (Field::TipRotation, "tip-rotation"),
+    (Field::ForceResolution, "force-resolution"),
+    (Field::TorqueResolution, "torque-resolution"),
+    (Field::Saturation, "saturation"),
+    (Field::ForceLimit, "force-limit"),
+    (Field::TipMass, "tip-mass"),
+    (Field::TipCenterOfMass, "tip-center-of-mass"),
+    (Field::TipRadius, "tip-radius"),
+];
+
+pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
+    FaultCause::CommandTimeout,
+    FaultCause::PositionLimit,
+    FaultCause::VelocityLimit,
+    FaultCause::FollowingError,
+    FaultCause::EncoderJump,
+    FaultCause::EncoderStuck,
+    FaultCause::NotFinite,
+    FaultCause::LateTick,
+    FaultCause::SensorCount,
+    FaultCause::EmergencyStop,
+    FaultCause::SupplyLow,
+    FaultCause::SupplyHigh,
+    FaultCause::OverCurrent,
+    FaultCause::WatchdogReset,
+    FaultCause::Panic,
+    FaultCause::HardFault,
+    FaultCause::ClockFallback,
+    FaultCause::Stop,
+    FaultCause::ForceSaturated,
+    FaultCause::ForceStuck,
+    FaultCause::ForceLimit,
+    FaultCause::ObjectLost,
+    FaultCause::ObjectMoved,
+    FaultCause::ToolAway,
+    FaultCause::ToolTurned,
+];
+
+pub fn quiet_board() -> BoardStatus {
+    BoardStatus { identity: IDENTITY, ..BoardStatus::default() }
+}
+
+pub fn statuses() -> BTreeMap<&'static str, Status> {
+    let nobody = NodeStatus {
+        mode: Mode::Disarmed,
+        model: "".try_into().unwrap(),
+        model_checksum: 0,
+        homed: 0,
+        faults: 0,
+        faults_read: true,
+        commander: None,
+        tick: 0,
+        supply: 0.0,
+    };
+    let fault = NodeStatus {
+        mode: Mode::Fault,
+        model: "hand3".try_into().unwrap(),
+        model_checksum: 0x89ab_cdef,
+        homed: 511,
+        faults: 18,
+        faults_read: false,
+        commander: Some(0x00de_cade),
+        tick: 100_000,
+        supply: 23.5,
+    };
+    let full = BoardStatus {
+        identity: IDENTITY,
+        clock: ClockSource::InternalPll,
+        reset: ResetCause::Panic,
+        last_words: "panicked at src/main.rs:7".try_into().unwrap(),
+        stack_used: 2048,
+        stack_size: 16384,
+        supervisor_link: LinkStatistics {
+            frames: FrameCounts { good: 1, overlong: 2, framing: 3, checksum: 4, malformed: 5 },
+            receive_overflow: 6,
+            receive_errors: 7,
+            send_overflow: 8,
+        },
+        plant: LinkStatistics {
+            frames: FrameCounts { good: 128, checksum: 16384, ..FrameCounts::default() },
+            send_overflow: u32::MAX,
+            ..LinkStatistics::default()
+        },
+    };
+    let board = |clock, reset, words: &str| {
+        let last_words = words.try_into().unwrap();
+        Status { node: nobody.clone(), board: BoardStatus { clock, reset, last_words, ..quiet_board() } }
+    };
+    BTreeMap::from([
+        ("nothing", board(ClockSource::Crystal, ResetCause::PowerOn, "")),
+        ("fault", Status { node: fault, board: full }),
+        ("watchdog", board(ClockSource::Internal, ResetCause::Watchdog, "")),
+        ("hard-fault", board(ClockSource::Crystal, ResetCause::HardFault, &"w".repeat(96))),
+        ("software", board(ClockSource::Crystal, ResetCause::Software, "")),
+    ])
+}
+
+pub fn sensor_frame(
+    sequence: u32,
+    flags: u8,
+    supply: u16,
+    encoders: &[i32],
+    currents: &[i16],
+) -> SensorFrame {
+    let (encoders, currents) = (list(encoders.iter().copied()), list(currents.iter().copied()));
+    SensorFrame { sequence, flags: SensorFlags(flags), supply, encoders, currents, forces: list([]) }
+}
+
+pub fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {
+    let request = RequestFrame { client: CLIENT, sequence: 9, request: Request::Disarm };
+    let torques = list([0.25, -0.25]);
+    [
+        ("request", LogRecord::Request(request)),
+        ("sensors", LogRecord::Sensors(sensor_frame(1234, 1, 24000, &[100, -100], &[5, -5]))),
+        ("actuators", LogRecord::Actuators(ActuatorFrame { sequence: 1234, enabled: true, torques })),
+        (
+            "start",
+            LogRecord::Start(LogStart { schema: SCHEMA, identity: IDENTITY, unix_time: 1_795_000_000 }),
+        ),
+        ("state", LogRecord::State { offset: 192, data: list([0, 1, 254, 255]) }),
+        ("restore", LogRecord::Restore { length: 196, checksum: 0xdead_beef }),
+        ("gap", LogRecord::Gap { missing: 300 }),
+    ]
+}

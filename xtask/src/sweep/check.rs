@@ -1,0 +1,111 @@
+//! Recorded sweeps against what the simulator does now.
+
+use anyhow::{Result, ensure};
+
+use super::merge::Run;
+use super::record::{Metric, Sweep};
+
+/// The machine of a sweep that is run again, another one for each scenario.
+pub fn chosen(sweep: &Sweep, scenario: usize) -> Option<u64> {
+    // 7 is prime to both sets' sizes, so that the scenarios' machines are spread over them.
+    let index = (7 * scenario).checked_rem(sweep.machines.len())?;
+    Some(sweep.machines[index].seed)
+}
+
+/// Whether a run comes to what is recorded of its machine.
+///
+/// # Errors
+/// When it does not: names scenario, seed, the difference, and what to do.
+pub fn compare(sweep: &Sweep, run: &Run) -> Result<()> {
+    let difference = difference(sweep, run)?;
+    let (scenario, seed, set) = (&sweep.scenario, run.seed, sweep.set.name());
+    let flag = if set == "evaluation" { "--evaluation " } else { "" };
+    ensure!(
+        difference.is_empty(),
+        "{scenario}, seed {seed}: {difference} than recorded of commit {}. If that is meant, record it anew: \
+         `cargo xtask sweep {flag}--record {scenario}`, then `cargo xtask sweep tables`",
+        sweep.commit
+    );
+    Ok(())
+}
+
+/// What differs, as the beginning of "… than recorded"; empty if nothing does.
+fn difference(sweep: &Sweep, run: &Run) -> Result<String> {
+    let Some(machine) = sweep.machines.iter().find(|machine| machine.seed == run.seed) else {
+        return Ok("another machine".to_owned());
+    };
+    if machine.error.is_some() != run.error.is_some() {
+        return Ok("another end of the run".to_owned());
+    }
+    if machine.frames_sha256 != run.frames_sha256 {
+        return Ok("the control core answers with other frames".to_owned());
+    }
+    let measured = run.measured()?;
+    for (metric, value, pass) in &measured {
+        let name = &metric.name;
+        let Ok((index, known)) = sweep.metric(name) else { return Ok(format!("{name}: more metrics")) };
+        let exempt = machine.exempt.contains(name);
+        let demanded = if exempt { Metric { limit: None, ..known.clone() } } else { known.clone() };
+        if demanded != *metric {
+            return Ok(format!("{name}: another unit, limit or paper's figure"));
+        }
+        if machine.values[index].is_some() != value.is_some()
+            || machine.missed.contains(name) == *pass
+            || machine.values[index].zip(*value).is_some_and(|(old, new)| !alike(old, new))
+        {
+            return Ok(format!("{name}: another value"));
+        }
+    }
+    let values = machine.values.iter().filter(|value| value.is_some()).count();
+    let fewer = values > measured.iter().filter(|(_, value, _)| value.is_some()).count();
+    Ok(if fewer { "fewer metrics".to_owned() } else { String::new() })
+}
+
+/// Whether two values rounded to six digits may be the same one, computed by different C libraries.
+fn alike(old: f64, new: f64) -> bool {
+    (old - new).abs() <= 1e-4 * old.abs().max(new.abs()).max(1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+    use crate::sweep::merge::{self, fixtures::run};
+    use crate::sweep::set::Set;
+
+    fn recorded(runs: Vec<Run>) -> Sweep {
+        let folder = tempfile::tempdir().unwrap();
+        merge::merge(folder.path(), runs, Some("one")).unwrap();
+        Sweep::load(folder.path(), "arm", Set::Development).unwrap().unwrap()
+    }
+
+    #[test]
+    fn the_same_run_is_not_stale() {
+        let sweep = recorded(vec![run(4, "a", 0.123_456_7), run(5, "b", 1.5)]);
+        compare(&sweep, &run(4, "a", 0.123_456_7)).unwrap();
+        compare(&sweep, &run(5, "b", 1.5)).unwrap();
+    }
+
+    #[test]
+    fn a_stale_sweep_is_named_with_its_remedy() {
+        let sweep = recorded(vec![run(4, "a", 0.5)]);
+        let told = compare(&sweep, &run(4, "b", 0.5)).unwrap_err().to_string();
+        assert!(told.starts_with("arm, seed 4: the control core answers with other frames"), "{told}");
+        assert!(told.contains("`cargo xtask sweep --record arm`"), "{told}");
+        // The same frames, but the scenario measures them in another way.
+        let told = compare(&sweep, &run(4, "a", 0.6)).unwrap_err().to_string();
+        assert!(told.contains("error: another value"), "{told}");
+        let failed = Run::failed("arm", 4, "the board is gone".into());
+        assert!(compare(&sweep, &failed).unwrap_err().to_string().contains("another end"));
+        assert!(compare(&sweep, &run(5, "a", 0.5)).is_err());
+    }
+
+    #[test]
+    fn each_scenario_has_another_machine_run_again() {
+        let sweep = recorded((1..=20).map(|seed| run(seed, "a", 0.5)).collect());
+        let seeds: Vec<Option<u64>> = (0..4).map(|scenario| chosen(&sweep, scenario)).collect();
+        assert_eq!(seeds, [Some(1), Some(8), Some(15), Some(2)]);
+        assert_eq!(chosen(&Sweep { machines: Vec::new(), ..sweep }, 3), None);
+    }
+}

@@ -1,0 +1,291 @@
+//! `cargo xtask sweep`: every scenario on many machines, its results kept with the commit that they belong to.
+
+mod check;
+mod merge;
+mod pool;
+mod record;
+mod rows;
+mod set;
+mod stats;
+mod tables;
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand};
+
+use crate::{test, tools};
+use merge::Run;
+use pool::Simulator;
+use record::{FOLDER, Sweep};
+use set::{Partition, Set};
+
+const EXAMPLES: &str = "Examples:
+  cargo xtask sweep                                  all scenarios on the 20 development machines
+  cargo xtask sweep arm7-wall hand3-turn             two of them
+  cargo xtask sweep --evaluation --record            record what has changed on the 100 evaluation machines
+  cargo xtask sweep --evaluation --partition 3/8     the third of eight jobs; then, where all files are:
+  cargo xtask sweep merge target/xtask/sweep/evaluation-*.jsonl
+  cargo xtask sweep tables                           write the tables of the documents from docs/sweeps
+  cargo xtask sweep check                            does the simulator still do what docs/sweeps says?";
+
+/// Options of `cargo xtask sweep`.
+#[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+pub struct Options {
+    #[command(subcommand)]
+    task: Option<Task>,
+    #[command(flatten)]
+    sweep: SweepOptions,
+}
+
+#[derive(Args)]
+struct SweepOptions {
+    /// Scenarios, see `cargo sim list`; without one, all
+    scenarios: Vec<String>,
+    /// The evaluation machines (seeds 1001–1100) instead of the development machines (1–20)
+    #[arg(long)]
+    evaluation: bool,
+    /// Keep the results in docs/sweeps; scenarios that answer as recorded are left out
+    #[arg(long)]
+    record: bool,
+    /// With --record: also scenarios that answer as recorded
+    #[arg(long, requires = "record")]
+    force: bool,
+    /// Simulations at once [default: one a core]
+    #[arg(long)]
+    jobs: Option<usize>,
+    /// Part i of n, for the job arrays of a cluster; `sweep merge` puts the parts together
+    #[arg(
+        long,
+        value_name = "I/N",
+        default_value = "1/1",
+        hide_default_value = true,
+        conflicts_with = "record"
+    )]
+    partition: Partition,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Record runs: files with the lines of `host-sim run --json`, or the parts of a sweep; a seed tells its set
+    Merge {
+        /// Files with one JSON object a line
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+        /// What was run, where the lines do not say it
+        #[arg(long)]
+        commit: Option<String>,
+    },
+    /// Run two recorded machines of every scenario again; fail when they differ from docs/sweeps
+    Check,
+    /// Write the tables of the documents from docs/sweeps
+    Tables {
+        /// Write nothing; fail when a table differs
+        #[arg(long)]
+        check: bool,
+    },
+}
+
+/// `cargo xtask sweep`.
+pub fn run(options: Options) -> Result<()> {
+    match options.task {
+        None => sweep(&options.sweep),
+        Some(Task::Merge { files, commit }) => merge_files(&files, commit.as_deref()),
+        Some(Task::Check) => check(&Simulator::build()?),
+        Some(Task::Tables { check }) => tables::run(check),
+    }
+}
+
+/// Fails when a table of the documents differs from its sweep.
+pub fn check_tables() -> Result<()> {
+    tables::run(true)
+}
+
+/// [`check`] with the simulator that the host suite has built.
+pub fn check_built() -> Result<()> {
+    check(&Simulator::built())
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// The commit, marked when what decides the results differs from it.
+fn commit() -> Result<String> {
+    let git = |arguments: &[&str]| {
+        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
+    };
+    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
+    let sources = ["shared", "supervisor", "host-sim", "robots", "Cargo.lock", "Cargo.toml"];
+    let changed = git(&[&["status", "--porcelain", "--"], &sources[..]].concat())?;
+    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
+}
+
+fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
+    let (runs, empty) = merge::read(files)?;
+    for told in merge::merge(Path::new(FOLDER), runs, commit)? {
+        println!("{told}");
+    }
+    if !empty.is_empty() {
+        let names: Vec<String> = empty.iter().map(|file| file.display().to_string()).collect();
+        println!("{} files without a result, left out: {}", names.len(), names.join(", "));
+    }
+    println!("Now run `cargo xtask sweep tables`.");
+    Ok(())
+}
+
+/// Runs the sweep; fails when a machine misses a limit.
+fn sweep(options: &SweepOptions) -> Result<()> {
+    let simulator = Simulator::build()?;
+    let known = simulator.scenarios()?;
+    for scenario in &options.scenarios {
+        ensure!(known.contains(scenario), "there is no scenario {scenario}; there are: {}", known.join(", "));
+    }
+    let mut scenarios = if options.scenarios.is_empty() { known } else { options.scenarios.clone() };
+    let set = if options.evaluation { Set::Evaluation } else { Set::Development };
+    let jobs = options.jobs.unwrap_or_else(cores);
+    if options.record && !options.force {
+        scenarios = changed(&simulator, scenarios, set, jobs)?;
+        if scenarios.is_empty() {
+            println!("Nothing to record: all scenarios answer as recorded.");
+            return Ok(());
+        }
+    }
+    // Seed by seed, so that the time left can be told from the first ones.
+    let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
+    let runs = options.partition.select(set.seeds().into_iter().flat_map(each).collect());
+    let commit = commit()?;
+    let path = test::out("sweep").join(format!("{}-{}.jsonl", set.name(), options.partition));
+    std::fs::create_dir_all(test::out("sweep"))?;
+    let mut file = std::fs::File::create(&path).with_context(|| path.display().to_string())?;
+    let mut results = Vec::new();
+    simulator.run_all(&runs, jobs, |mut run| {
+        run.commit = Some(commit.clone());
+        writeln!(file, "{}", serde_json::to_string(&run)?)?;
+        results.push(run);
+        Ok(())
+    })?;
+    if options.record {
+        for told in merge::merge(Path::new(FOLDER), results.clone(), None)? {
+            println!("{told}");
+        }
+        println!("Now run `cargo xtask sweep tables`.");
+    }
+    let missed = print(&results)?;
+    println!("\nAll runs: {}", path.display());
+    if !options.partition.is_whole() {
+        println!("When all parts are done: `cargo xtask sweep merge` with their files.");
+    }
+    ensure!(missed.is_empty(), "limits missed in {}", missed.join(", "));
+    Ok(())
+}
+
+/// The scenarios that are not recorded completely, or whose recorded machine comes to something else now.
+fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize) -> Result<Vec<String>> {
+    let mut recorded = BTreeMap::new();
+    for (index, scenario) in scenarios.iter().enumerate() {
+        let Some(sweep) = Sweep::load(Path::new(FOLDER), scenario, set)? else { continue };
+        if sweep.machines.len() == set.seeds().len()
+            && let Some(seed) = check::chosen(&sweep, index)
+        {
+            recorded.insert(scenario.clone(), (sweep, seed));
+        }
+    }
+    let probes: Vec<_> = recorded.iter().map(|(name, (_, seed))| (name.clone(), *seed)).collect();
+    let mut same = Vec::new();
+    simulator.run_all(&probes, jobs, |run| {
+        if check::compare(&recorded[&run.scenario].0, &run).is_ok() {
+            println!("{} answers as recorded of commit {}", run.scenario, recorded[&run.scenario].0.commit);
+            same.push(run.scenario);
+        }
+        Ok(())
+    })?;
+    Ok(scenarios.into_iter().filter(|scenario| !same.contains(scenario)).collect())
+}
+
+/// Runs a development and an evaluation machine of every scenario again, and compares with what is recorded.
+fn check(simulator: &Simulator) -> Result<()> {
+    let mut recorded = BTreeMap::new();
+    let mut runs = Vec::new();
+    let mut stale = Vec::new();
+    for (index, scenario) in simulator.scenarios()?.into_iter().enumerate() {
+        for set in Set::ALL {
+            let sweep = Sweep::load(Path::new(FOLDER), &scenario, set)?;
+            let chosen = sweep.as_ref().and_then(|sweep| check::chosen(sweep, index));
+            if let (Some(sweep), Some(seed)) = (sweep, chosen) {
+                runs.push((scenario.clone(), seed));
+                recorded.insert((scenario.clone(), seed), sweep);
+            } else {
+                stale.push(format!("{scenario}: no {} machine is recorded", set.name()));
+            }
+        }
+    }
+    simulator.run_all(&runs, cores(), |run| {
+        let sweep = &recorded[&(run.scenario.clone(), run.seed)];
+        if let Err(error) = check::compare(sweep, &run) {
+            stale.push(error.to_string());
+        }
+        Ok(())
+    })?;
+    stale.sort();
+    if !stale.is_empty() {
+        bail!("{FOLDER} is stale:\n{}", stale.join("\n"));
+    }
+    println!("{} recorded machines run again: the same", runs.len());
+    Ok(())
+}
+
+/// Median and worst of each metric; returns the scenarios with a machine that misses a limit.
+fn print(results: &[Run]) -> Result<Vec<String>> {
+    let mut by_scenario: BTreeMap<&str, Vec<&Run>> = BTreeMap::new();
+    for run in results {
+        by_scenario.entry(&run.scenario).or_default().push(run);
+    }
+    let mut missed = Vec::new();
+    for (scenario, runs) in by_scenario {
+        let mut failed = false;
+        println!(
+            "\n{scenario}, {} machines {:>38} {:>10} {:>10} {:>8}",
+            runs.len(),
+            "median",
+            "95 %",
+            "limit",
+            "missed"
+        );
+        let mut metrics: Vec<(record::Metric, Vec<f64>, usize)> = Vec::new();
+        for run in &runs {
+            if let Some(error) = &run.error {
+                failed = true;
+                println!("  seed {} failed: {error}", run.seed);
+            }
+            for (metric, value, pass) in run.measured()? {
+                let value = value.unwrap_or(f64::INFINITY);
+                failed |= !pass;
+                match metrics.iter_mut().find(|(known, ..)| known.name == metric.name) {
+                    Some((_, values, missed)) => {
+                        values.push(value);
+                        *missed += usize::from(!pass);
+                    }
+                    None => metrics.push((metric, vec![value], usize::from(!pass))),
+                }
+            }
+        }
+        for (metric, mut values, missed) in metrics {
+            values.sort_by(f64::total_cmp);
+            let limit = metric.limit.map_or_else(|| String::from("–"), |limit| limit.to_string());
+            let (median, high) = (stats::median(&values), stats::percentile_95(&values));
+            println!(
+                "  {:<44} {median:>10.4} {high:>10.4} {limit:>10} {missed:>8} {}",
+                metric.name, metric.unit
+            );
+        }
+        if failed {
+            missed.push(scenario.to_owned());
+        }
+    }
+    Ok(missed)
+}

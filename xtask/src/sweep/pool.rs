@@ -1,0 +1,114 @@
+//! Runs of the simulator on all cores.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
+
+use super::merge::Run;
+use crate::{firmware, test, tools};
+
+/// The program that runs scenarios.
+pub struct Simulator {
+    path: PathBuf,
+}
+
+impl Simulator {
+    /// Builds it, with the features that it has in the host suite, so that nothing is built twice.
+    ///
+    /// # Errors
+    /// When it cannot be built.
+    pub fn build() -> Result<Self> {
+        let mut cargo = Command::new("cargo");
+        cargo.args(["build", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"]);
+        tools::run(cargo.args(["--bin", "host-sim"]))?;
+        Ok(Self::built())
+    }
+
+    /// The one that the host suite has built.
+    pub fn built() -> Self {
+        Self { path: firmware::target().join("release").join("host-sim") }
+    }
+
+    /// All scenarios, by the first word of each line that it lists.
+    ///
+    /// # Errors
+    /// When it cannot be run, or lists none.
+    pub fn scenarios(&self) -> Result<Vec<String>> {
+        let text = tools::output(Command::new(&self.path).arg("list"))?;
+        let lines = text.lines().filter_map(|line| line.strip_prefix("  "));
+        let names: Vec<String> =
+            lines.filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
+        ensure!(!names.is_empty(), "the simulator lists no scenarios:\n{text}");
+        Ok(names)
+    }
+
+    /// One machine. Also a run that fails is a result.
+    fn run(&self, scenario: &str, seed: u64, out: &Path) -> Result<Run> {
+        let mut command = Command::new(&self.path);
+        command.args(["run", scenario, "--seed", &seed.to_string(), "--json", "--out"]).arg(out);
+        let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
+        let text = String::from_utf8_lossy(&output.stdout);
+        if text.trim().is_empty() {
+            // Only an error of the scenario is a result of the machine: not a wrong command line, nor a signal.
+            let error = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+            let told = error.strip_prefix("host-sim: ");
+            let told = told.with_context(|| format!("{scenario}, seed {seed}: {} {error}", output.status))?;
+            return Ok(Run::failed(scenario, seed, told.to_owned()));
+        }
+        let line: Value = serde_json::from_str(&text).with_context(|| text.clone().into_owned())?;
+        serde_json::from_value(line).with_context(|| format!("{scenario}, seed {seed}: {text}"))
+    }
+
+    /// Runs all `(scenario, seed)` on `jobs` cores; `done` is called with each result as it comes, in any order.
+    ///
+    /// # Errors
+    /// When the simulator cannot be run, or `done` fails. Runs that have begun end first.
+    pub fn run_all(
+        &self,
+        runs: &[(String, u64)],
+        jobs: usize,
+        done: impl FnMut(Run) -> Result<()> + Send,
+    ) -> Result<()> {
+        let bar = progress(runs.len());
+        let next = AtomicUsize::new(0);
+        let done = Mutex::new(done);
+        let work = |worker: usize| -> Result<()> {
+            let out = test::out("sweep").join(format!("worker-{worker}"));
+            while let Some((scenario, seed)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let told = self.run(scenario, *seed, &out).and_then(|run| {
+                    let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                    done(run)
+                });
+                if told.is_err() {
+                    next.store(runs.len(), Ordering::Relaxed);
+                }
+                told?;
+                bar.inc(1);
+            }
+            Ok(())
+        };
+        std::thread::scope(|scope| {
+            let work = &work;
+            let workers = (0..jobs.max(1)).map(|worker| scope.spawn(move || work(worker)));
+            let workers: Vec<_> = workers.collect();
+            workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
+        })?;
+        bar.finish_and_clear();
+        Ok(())
+    }
+}
+
+fn progress(length: usize) -> ProgressBar {
+    let bar = ProgressBar::new(length as u64);
+    let style = ProgressStyle::with_template("{wide_bar} {pos} of {len} machines, {elapsed}, {eta} left");
+    if let Ok(style) = style {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(std::time::Duration::from_secs(1));
+    bar
+}

@@ -1,0 +1,192 @@
+//! A recorded sweep: one file a scenario and set, with one line a machine.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+
+use super::set::Set;
+
+/// Where sweeps are kept.
+pub const FOLDER: &str = "docs/sweeps";
+
+/// What a metric is, for all machines.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Metric {
+    /// As the scenario calls it.
+    pub name: String,
+    /// Unit of values and limit; empty for counts and ratios.
+    pub unit: String,
+    /// What is to be reached; none for a value that is only reported.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limit: Option<f64>,
+    /// What the paper got, in its own words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub paper: Option<String>,
+}
+
+/// What one machine came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Machine {
+    /// Decides its deviations and noise.
+    pub seed: u64,
+    /// Digest of all that the control core answered; empty for a run that failed.
+    pub frames_sha256: String,
+    /// Metrics that miss their limit or are not numbers.
+    pub missed: Vec<String>,
+    /// Metrics whose limit the scenario does not demand of this machine, because nothing could keep it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub exempt: Vec<String>,
+    /// In the order of [`Sweep::metrics`], to six digits; none where the run came to no such value.
+    pub values: Vec<Option<f64>>,
+    /// Why the run did not come to its end. Then it has no values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+/// One scenario on the machines of one set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sweep {
+    /// The scenario's name.
+    pub scenario: String,
+    /// The set that its machines belong to.
+    pub set: Set,
+    /// What was run.
+    pub commit: String,
+    /// What was measured, in the order of each machine's values.
+    pub metrics: Vec<Metric>,
+    /// In ascending order of their seeds. A sweep may hold less than the whole set.
+    pub machines: Vec<Machine>,
+}
+
+/// Where the sweep of a scenario lies, under `folder`.
+pub fn path(folder: &Path, scenario: &str, set: Set) -> PathBuf {
+    folder.join(set.name()).join(format!("{scenario}.json"))
+}
+
+impl Sweep {
+    /// Reads a recorded sweep; `None` where there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or holds something else.
+    pub fn load(folder: &Path, scenario: &str, set: Set) -> Result<Option<Self>> {
+        let path = path(folder, scenario, set);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let sweep: Self = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+        sweep.check().with_context(|| path.display().to_string())?;
+        Ok(Some(sweep))
+    }
+
+    fn check(&self) -> Result<()> {
+        let ascending = self.machines.windows(2).all(|pair| pair[0].seed < pair[1].seed);
+        ensure!(ascending, "the machines are not in ascending order of their seeds");
+        for machine in &self.machines {
+            let (seed, values) = (machine.seed, machine.values.len());
+            ensure!(Set::of(seed)? == self.set, "seed {seed} does not belong to the {} set", self.set.name());
+            let wanted = if machine.error.is_some() { 0 } else { self.metrics.len() };
+            ensure!(values == wanted, "seed {seed} has {values} values for {wanted} metrics");
+        }
+        Ok(())
+    }
+
+    /// Writes it; returns where.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<PathBuf> {
+        let path = path(folder, &self.scenario, self.set);
+        std::fs::create_dir_all(path.parent().unwrap_or(folder))?;
+        std::fs::write(&path, self.to_text()?).with_context(|| path.display().to_string())?;
+        Ok(path)
+    }
+
+    /// As JSON with a line a metric and a line a machine, so that a difference of two versions can be read.
+    fn to_text(&self) -> Result<String> {
+        let (scenario, set) = (serde_json::to_string(&self.scenario)?, serde_json::to_string(&self.set)?);
+        let commit = serde_json::to_string(&self.commit)?;
+        let mut text = format!("{{\n\"scenario\": {scenario}, \"set\": {set}, \"commit\": {commit},\n");
+        writeln!(text, "\"metrics\": [\n{}\n],", lines(&self.metrics)?)?;
+        writeln!(text, "\"machines\": [\n{}\n]\n}}", lines(&self.machines)?)?;
+        Ok(text)
+    }
+
+    /// The place of a metric's values, and what it is.
+    ///
+    /// # Errors
+    /// When the scenario has no such metric.
+    pub fn metric(&self, name: &str) -> Result<(usize, &Metric)> {
+        let found = self.metrics.iter().enumerate().find(|(_, metric)| metric.name == name);
+        found.with_context(|| format!("{} has no metric {name}", self.scenario))
+    }
+}
+
+fn lines<T: Serialize>(items: &[T]) -> Result<String> {
+    let lines: Vec<String> = items.iter().map(serde_json::to_string).collect::<Result<_, _>>()?;
+    Ok(lines.join(",\n"))
+}
+
+#[cfg(test)]
+pub mod fixtures {
+    use super::*;
+
+    /// A sweep with one metric, of that limit in millimetres, that came to `values` on seeds 1001, 1002, …
+    pub fn sweep(limit: Option<f64>, values: &[Option<f64>]) -> Sweep {
+        let machine = |(seed, &value): (u64, &Option<f64>)| {
+            let misses = value.is_none_or(|value| limit.is_some_and(|limit| value > limit));
+            let missed = if misses { vec!["error".to_owned()] } else { Vec::new() };
+            let frames_sha256 = format!("{seed:x}");
+            Machine { seed, frames_sha256, missed, exempt: Vec::new(), values: vec![value], error: None }
+        };
+        Sweep {
+            scenario: "arm".into(),
+            set: Set::Evaluation,
+            commit: "0123abc".into(),
+            metrics: vec![Metric { name: "error".into(), unit: "mm".into(), limit, paper: None }],
+            machines: (1001..).zip(values).map(machine).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::fixtures::sweep;
+    use super::*;
+
+    #[test]
+    fn a_file_has_a_line_a_metric_and_a_line_a_machine() {
+        let text = sweep(Some(1.0), &[Some(0.5), Some(2.0), None]).to_text().unwrap();
+        let wanted = r#"{
+"scenario": "arm", "set": "evaluation", "commit": "0123abc",
+"metrics": [
+{"name":"error","unit":"mm","limit":1.0}
+],
+"machines": [
+{"seed":1001,"frames_sha256":"3e9","missed":[],"values":[0.5]},
+{"seed":1002,"frames_sha256":"3ea","missed":["error"],"values":[2.0]},
+{"seed":1003,"frames_sha256":"3eb","missed":["error"],"values":[null]}
+]
+}
+"#;
+        assert_eq!(text, wanted);
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut kept = sweep(None, &[Some(0.5), None]);
+        kept.machines[1].error = Some("the board is gone".into());
+        kept.machines[1].values.clear();
+        kept.save(folder.path()).unwrap();
+        assert_eq!(Sweep::load(folder.path(), "arm", Set::Evaluation).unwrap(), Some(kept.clone()));
+        assert_eq!(Sweep::load(folder.path(), "arm", Set::Development).unwrap(), None);
+        kept.machines[0].seed = 1;
+        kept.save(folder.path()).unwrap();
+        assert!(Sweep::load(folder.path(), "arm", Set::Evaluation).is_err());
+    }
+}

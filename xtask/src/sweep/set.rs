@@ -1,0 +1,137 @@
+//! The two sets of machines. The seed decides a machine's deviations from the model and its noise.
+
+use anyhow::{Context, Result, ensure};
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+/// Evaluation machines that somebody has looked into, in the order in which that happened. Each is a development machine
+/// from then on, and the first seed behind the set that is still free takes its place: 1101, 1102, …
+const LOOKED_INTO: &[u64] = &[];
+
+const FIRST_EVALUATION: u64 = 1001;
+const EVALUATION_MACHINES: u64 = 100;
+
+/// A set of machines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Set {
+    /// To tune and to debug.
+    Development,
+    /// To measure. Never traced, never tuned to.
+    Evaluation,
+}
+
+impl Set {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Development, Self::Evaluation];
+
+    /// Its name, also that of its folder.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Development => "development",
+            Self::Evaluation => "evaluation",
+        }
+    }
+
+    /// Its seeds, in ascending order.
+    pub fn seeds(self) -> Vec<u64> {
+        self.seeds_without(LOOKED_INTO)
+    }
+
+    fn seeds_without(self, looked_into: &[u64]) -> Vec<u64> {
+        match self {
+            Self::Development => {
+                let mut seeds: Vec<u64> = (1..=20).chain(looked_into.iter().copied()).collect();
+                seeds.sort_unstable();
+                seeds
+            }
+            Self::Evaluation => {
+                let all = FIRST_EVALUATION..;
+                let left = all.filter(|seed| !looked_into.contains(seed));
+                left.zip(0..EVALUATION_MACHINES).map(|(seed, _)| seed).collect()
+            }
+        }
+    }
+
+    /// The set that a seed belongs to.
+    ///
+    /// # Errors
+    /// When it belongs to none.
+    pub fn of(seed: u64) -> Result<Self> {
+        let set = Self::ALL.into_iter().find(|set| set.seeds().contains(&seed));
+        set.with_context(|| format!("seed {seed} belongs to neither the development nor the evaluation set"))
+    }
+}
+
+/// A part of a sweep, for the jobs of an array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Partition {
+    index: usize,
+    count: usize,
+}
+
+impl Default for Partition {
+    fn default() -> Self {
+        Self { index: 1, count: 1 }
+    }
+}
+
+impl Partition {
+    /// Whether this is all there is.
+    pub const fn is_whole(self) -> bool {
+        self.count == 1
+    }
+
+    /// What falls to this part: each `count`-th item. All parts together have each item once.
+    pub fn select<T>(self, items: Vec<T>) -> Vec<T> {
+        items.into_iter().skip(self.index - 1).step_by(self.count).collect()
+    }
+}
+
+impl std::fmt::Display for Partition {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-of-{}", self.index, self.count)
+    }
+}
+
+impl std::str::FromStr for Partition {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (index, count) = text.split_once('/').context("write it as 3/8: the third of eight parts")?;
+        let (index, count) = (index.parse::<usize>()?, count.parse::<usize>()?);
+        ensure!((1..=count).contains(&index), "there is no part {index} of {count}");
+        Ok(Self { index, count })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_machine_that_was_looked_into_is_replaced() {
+        let development = Set::Development.seeds_without(&[1007, 1101]);
+        assert_eq!(development, (1..=20).chain([1007, 1101]).collect::<Vec<_>>());
+        let evaluation = Set::Evaluation.seeds_without(&[1007, 1101]);
+        let wanted: Vec<u64> = (1001..=1006).chain(1008..=1100).chain([1102]).collect();
+        assert_eq!((evaluation.len(), evaluation), (100, wanted));
+    }
+
+    #[test]
+    fn a_seed_tells_its_set() {
+        assert_eq!(Set::of(20).ok(), Some(Set::Development));
+        assert_eq!(Set::of(1001).ok(), Some(Set::Evaluation));
+        assert!(Set::of(21).is_err() && Set::of(2000).is_err());
+    }
+
+    #[test]
+    fn the_parts_of_an_array_share_the_work() {
+        let items: Vec<u32> = (0..10).collect();
+        let part = |text: &str| text.parse::<Partition>().map(|part| part.select(items.clone()));
+        assert_eq!(part("1/3").ok(), Some(vec![0, 3, 6, 9]));
+        assert_eq!(part("2/3").ok(), Some(vec![1, 4, 7]));
+        assert_eq!(part("3/3").ok(), Some(vec![2, 5, 8]));
+        assert!(part("0/3").is_err() && part("4/3").is_err() && part("3").is_err());
+    }
+}

@@ -1,0 +1,245 @@
+//! Tables in the documents, written from the recorded evaluation sweeps between
+//! `<!-- sweep:begin NAME -->` and `<!-- sweep:end -->`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+
+use super::record::{FOLDER, Sweep};
+use super::rows::{Bound, Row, TABLES, Table};
+use super::set::Set;
+use super::stats;
+
+const END: &str = "<!-- sweep:end -->";
+
+/// What to do about a table that differs from its sweep.
+const REFRESH: &str = "run `cargo xtask sweep tables`";
+
+/// Writes all tables into their documents; with `check` only compares, and fails where one differs.
+pub fn run(check: bool) -> Result<()> {
+    let folder = Path::new(FOLDER);
+    let mut documents: BTreeMap<&str, String> = BTreeMap::new();
+    for table in TABLES {
+        let before = match documents.get(table.document) {
+            Some(text) => text.clone(),
+            None => std::fs::read_to_string(table.document).with_context(|| table.document.to_owned())?,
+        };
+        let lines = generate(table, folder).with_context(|| format!("table {}", table.name))?;
+        let after = replace(&before, table.name, &lines).with_context(|| table.document.to_owned())?;
+        if check {
+            let (document, name) = (table.document, table.name);
+            ensure!(before == after, "{document}: table {name} differs from {FOLDER}: {REFRESH}");
+        }
+        documents.insert(table.document, after);
+    }
+    for (document, text) in documents {
+        check_markers(document, &text)?;
+        if !check {
+            std::fs::write(document, text)?;
+            println!("{document}: tables written");
+        }
+    }
+    Ok(())
+}
+
+/// Every marker in a document belongs to a table, so that no table stays behind that nobody writes any more.
+fn check_markers(document: &str, text: &str) -> Result<()> {
+    for line in text.lines().filter(|line| line.starts_with("<!-- sweep:begin")) {
+        let known = TABLES.iter().any(|table| table.document == document && line == begin(table.name));
+        ensure!(known, "{document}: there is no table for the marker {line}");
+    }
+    Ok(())
+}
+
+fn begin(name: &str) -> String {
+    format!("<!-- sweep:begin {name} -->")
+}
+
+/// The text with `lines` between the markers of a table.
+fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
+    let begin = begin(name);
+    let (head, rest) = text.split_once(&begin).with_context(|| format!("the marker {begin} is missing"))?;
+    let (old, tail) = rest.split_once(END).with_context(|| format!("no {END} follows {begin}"))?;
+    ensure!(!old.contains("<!-- sweep:begin"), "no {END} follows {begin}");
+    Ok(format!("{head}{begin}\n{lines}{END}{tail}"))
+}
+
+/// The lines of a table, and a sentence about its machines.
+fn generate(table: &Table, folder: &Path) -> Result<String> {
+    let mut sweeps = BTreeMap::new();
+    for row in table.rows {
+        let sweep = Sweep::load(folder, row.scenario, Set::Evaluation)?;
+        sweeps.insert(row.scenario, sweep.filter(|sweep| !sweep.machines.is_empty()));
+    }
+    let mut text = caption(&sweeps);
+    let paper_of = |row: &Row| {
+        let metric = sweeps[row.scenario].as_ref().and_then(|sweep| sweep.metric(row.metric).ok());
+        metric.and_then(|(_, metric)| metric.paper.clone())
+    };
+    let paper = table.rows.iter().any(|row| paper_of(row).is_some());
+    text += "\n| | limit | median | 95th percentile | machines within the limit |";
+    text += if paper { " paper |\n|---|---|---|---|---|---|\n" } else { "\n|---|---|---|---|---|\n" };
+    for row in table.rows {
+        let cells = sweeps[row.scenario].as_ref().map(|sweep| cells(row, sweep)).transpose()?;
+        let cells = cells.unwrap_or_else(|| ["–", "–", "–", "not yet run"].map(str::to_owned));
+        text += &format!("| {} | {} |", row.label, cells.join(" | "));
+        if paper {
+            text += &format!(" {} |", paper_of(row).unwrap_or_default());
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+/// Which machines and commits a table is about, and how many of a set are still missing.
+fn caption(sweeps: &BTreeMap<&str, Option<Sweep>>) -> String {
+    let all = Set::Evaluation.seeds().len();
+    let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
+    commits.sort_unstable();
+    commits.dedup();
+    let machines = |sweep: &Option<Sweep>| sweep.as_ref().map_or(0, |sweep| sweep.machines.len());
+    let missing = sweeps.iter().map(|(scenario, sweep)| (scenario, machines(sweep)));
+    let missing: Vec<String> = missing
+        .filter(|(_, machines)| *machines < all)
+        .map(|(scenario, machines)| format!("{machines} of `{scenario}`"))
+        .collect();
+    let mut text = format!("\n{all} evaluation machines");
+    if !missing.is_empty() {
+        text += " wanted";
+    }
+    if !commits.is_empty() {
+        text += &format!(", commit {}", commits.join(", "));
+    }
+    if !missing.is_empty() {
+        text += &format!("; so far only {}", missing.join(", "));
+    }
+    text + ".\n"
+}
+
+/// Limit, median, 95th percentile and how many machines keep the limit.
+fn cells(row: &Row, sweep: &Sweep) -> Result<[String; 4]> {
+    let (_, metric) = sweep.metric(row.metric)?;
+    let statistics = stats::of(row, sweep)?;
+    let shown = |value: f64| with_unit(&digits(value, metric.limit), &metric.unit);
+    let sign = match row.bound {
+        Bound::AtMost => "≤ ",
+        Bound::AtLeast => "≥ ",
+        Bound::Within => "±",
+    };
+    let limit = metric.limit.map(|limit| with_unit(&format!("{sign}{limit}"), &metric.unit));
+    let demanded = statistics.machines - statistics.exempt;
+    let met = statistics.met.map(|met| {
+        let met = if met == demanded { met.to_string() } else { format!("**{met}**") };
+        let exempt = statistics.exempt;
+        let exempt = if exempt > 0 { format!("; {exempt} exempt") } else { String::new() };
+        format!("{met} of {demanded}{exempt}")
+    });
+    let dash = || "–".to_owned();
+    Ok([
+        limit.unwrap_or_else(dash),
+        shown(statistics.median),
+        shown(statistics.percentile_95),
+        met.unwrap_or_else(dash),
+    ])
+}
+
+/// Three significant digits, or more where three would hide on which side of the limit the value is.
+fn digits(value: f64, limit: Option<f64>) -> String {
+    if !value.is_finite() {
+        return "none".to_owned();
+    }
+    let shown = |count| significant(value, count);
+    let side = |value: f64| limit.map(|limit| value.abs().total_cmp(&limit.abs()));
+    let honest = |text: &String| text.parse().is_ok_and(|shown: f64| side(shown) == side(value));
+    (3..7).map(shown).find(honest).unwrap_or_else(|| shown(6))
+}
+
+fn significant(value: f64, count: usize) -> String {
+    let scientific = format!("{value:.*e}", count - 1);
+    let exponent = scientific.split_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok());
+    let decimals = i32::try_from(count).unwrap_or(3) - 1 - exponent.unwrap_or(0);
+    let text = format!("{value:.*}", usize::try_from(decimals.min(5)).unwrap_or(0));
+    // Zeros behind the point tell nothing of a count or of a zero.
+    if value.fract().abs() > 0.0 { text } else { format!("{value:.0}") }
+}
+
+fn with_unit(text: &str, unit: &str) -> String {
+    if unit.is_empty() || text == "none" { text.to_owned() } else { format!("{text} {unit}") }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+    use crate::sweep::record::fixtures::sweep;
+    use crate::sweep::rows::fixtures::row;
+
+    const TABLE: Table = Table { document: "made-up.md", name: "arm", rows: &[row(Bound::AtMost)] };
+
+    #[test]
+    fn a_table_by_hand() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = generate(&TABLE, folder.path()).unwrap();
+        assert!(missing.contains("100 evaluation machines wanted; so far only 0 of `arm`."), "{missing}");
+        assert!(missing.contains("| Error | – | – | – | not yet run |\n"), "{missing}");
+        let mut three = sweep(Some(1.0), &[Some(0.25), Some(0.5), Some(1.004)]);
+        three.save(folder.path()).unwrap();
+        let wanted = "
+100 evaluation machines wanted, commit 0123abc; so far only 3 of `arm`.
+
+| | limit | median | 95th percentile | machines within the limit |
+|---|---|---|---|---|
+| Error | ≤ 1 mm | 0.500 mm | 1.004 mm | **2** of 3 |
+";
+        assert_eq!(generate(&TABLE, folder.path()).unwrap(), wanted);
+        three.machines[2].missed.clear();
+        three.machines[2].exempt.push("error".into());
+        three.metrics[0].paper = Some("1–2 mm".into());
+        three.save(folder.path()).unwrap();
+        let exempt = generate(&TABLE, folder.path()).unwrap();
+        assert!(exempt.contains("| 1.004 mm | 2 of 2; 1 exempt | 1–2 mm |\n"), "{exempt}");
+        sweep(None, &[Some(0.25); 100]).save(folder.path()).unwrap();
+        let complete = generate(&TABLE, folder.path()).unwrap();
+        assert!(complete.starts_with("\n100 evaluation machines, commit 0123abc.\n"), "{complete}");
+        assert!(complete.contains("| Error | – | 0.250 mm | 0.250 mm | – |\n"), "{complete}");
+    }
+
+    #[test]
+    fn only_what_is_between_the_markers_changes() {
+        let text = "head\n<!-- sweep:begin arm -->\nold\n<!-- sweep:end -->\ntail\n";
+        let wanted = "head\n<!-- sweep:begin arm -->\nnew\n<!-- sweep:end -->\ntail\n";
+        assert_eq!(replace(text, "arm", "new\n").unwrap(), wanted);
+        assert_eq!(replace(wanted, "arm", "new\n").unwrap(), wanted);
+        assert!(replace(text, "hand", "new\n").is_err());
+        assert!(replace("<!-- sweep:begin arm -->\nold\n", "arm", "new\n").is_err());
+        assert!(check_markers("made-up.md", text).is_err());
+    }
+
+    #[test]
+    fn three_digits_or_as_many_as_show_the_side_of_the_limit() {
+        for (value, limit, text) in [
+            (8.314_159, None, "8.31"),
+            (1234.6, None, "1235"),
+            (0.012_345, None, "0.0123"),
+            (0.0, Some(2.0), "0"),
+            (20.0, None, "20"),
+            (12.004, Some(12.0), "12.004"),
+            (11.998, Some(12.0), "11.998"),
+            (2e-9, Some(1.0), "0.00000"),
+            (f64::INFINITY, None, "none"),
+        ] {
+            assert_eq!(digits(value, limit), text);
+        }
+    }
+
+    #[test]
+    fn every_table_is_named_once_and_has_rows() {
+        for (index, table) in TABLES.iter().enumerate() {
+            assert!(!table.rows.is_empty());
+            let again = |other: &Table| (other.document, other.name) == (table.document, table.name);
+            assert!(!TABLES[index + 1..].iter().any(again), "{}", table.name);
+        }
+    }
+}
