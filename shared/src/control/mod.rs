@@ -7,7 +7,7 @@ mod observer;
 mod pid;
 
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{BadImpedance, Impedance, ImpedanceTerm, MatchedImpedance};
+pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};
