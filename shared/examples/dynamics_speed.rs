@@ -1,5 +1,6 @@
-//! Times of the dynamics of the Franka Panda on this machine: `cargo run --release -p tesaki --example dynamics_speed`.
-//! `tests/oracles/peers_dynamics.py` runs it beside Pinocchio on the same arm and prints the ratios.
+//! Times of the dynamics of the Franka Panda on this machine:
+//! `cargo run --release -p tesaki --example dynamics_speed`. `tests/oracles/peers_dynamics.py` runs it beside
+//! Pinocchio on the same arm and prints the ratios.
 
 #![allow(clippy::type_complexity, reason = "a measurement")]
 

@@ -1,6 +1,6 @@
-//! The least grip of every grasp in a file, for `tests/oracles/grip.py`:
-//! `cargo run --release -p tesaki --example grip -- FILE`. Prints `index,held|refused|unsolved,steps,rest,` and the forces,
-//! or the certificate's twist.
+//! The least grip of every grasp in a file, for `tests/oracles/grip.py`: `cargo run --release -p tesaki
+//! --example grip -- FILE`. Prints `index,held|refused|unsolved,steps,rest,` and the forces, or the
+//! certificate's twist.
 
 use nalgebra::{Vector3, Vector6};
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};

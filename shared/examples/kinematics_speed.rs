@@ -1,5 +1,6 @@
-//! Times and success rates of the kinematics on this machine: `cargo run --release -p tesaki --example kinematics_speed`.
-//! `tests/oracles/peers_kinematics.py` measures other libraries on the same arms.
+//! Times and success rates of the kinematics on this machine:
+//! `cargo run --release -p tesaki --example kinematics_speed`. `tests/oracles/peers_kinematics.py` measures
+//! other libraries on the same arms.
 
 #![allow(clippy::type_complexity, clippy::cast_precision_loss, clippy::unwrap_used, reason = "a measurement")]
 

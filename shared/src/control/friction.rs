@@ -4,24 +4,25 @@ use serde::{Deserialize, Serialize};
 use crate::model::Friction;
 use crate::{TICK, math};
 
-/// Below this reference speed the Coulomb term fades linearly to nothing [rad/s].
+/// Below this reference speed the Coulomb term falls linearly to 0 [rad/s]; larger is smoother, but weaker at
+/// starts.
 pub(super) const STALL_SPEED: f32 = 0.002;
-/// Only above this reference speed is friction learnt [rad/s].
+/// Minimum reference speed of the adaptation [rad/s]; slower motion is dominated by stiction.
 const LEARNING_SPEED: f32 = 0.05;
-/// Share of a disturbance that becomes learnt friction in a second of motion [1/s].
+/// Adaptation rate: fraction of the disturbance taken over per second of motion [1/s].
 const LEARNING_RATE: f32 = 2.0;
-/// Most that may be learnt, as a share of the model's Coulomb friction: beyond it the model is wrong.
+/// Limit of the adaptation as a fraction of the model's Coulomb friction; a larger error means a wrong model.
 const LEARNING_RANGE: f32 = 0.5;
 
-/// Torque against friction, from the reference's velocity.
+/// Friction feed-forward with adaptation of the Coulomb torque.
 ///
-/// The rule for a stalled joint: the sign of the Coulomb term is the *reference's* direction, never the measured one,
-/// so a joint that sticks is pushed where it should go; and as the reference comes to rest the term fades out linearly
-/// below 0.002 rad/s, so that a joint at rest is held by its own friction and not shaken.
+/// The sign of the Coulomb term follows the *reference* velocity, not the measured one, so that it helps a
+/// joint in stiction to break away. Below 0.002 rad/s the term falls linearly to 0: without that band it
+/// would chatter at rest.
 ///
-/// The model's Coulomb friction is never exact, and the same error hits twice at every reversal, when an integrator or
-/// observer has just learnt its opposite. So the feed-forward takes over, while the joint moves, what they learn: that
-/// part then changes its sign with the direction.
+/// An error of the model's Coulomb friction changes its sign at every reversal, just after an integrator or
+/// observer has adapted to the opposite sign. Therefore the feed-forward takes over, while the joint moves,
+/// the part of their estimate that follows the direction of motion.
 #[derive(Clone, Copy, Debug)]
 pub struct FrictionFeedforward {
     coulomb: f32,
@@ -64,8 +65,9 @@ impl FrictionFeedforward {
         (self.coulomb + state.learnt) * direction + self.viscous * velocity
     }
 
-    /// Takes over a part of the `disturbance` [N·m] that the feedback had to make up for at a reference `velocity`
-    /// [rad/s]; returns that part, which the feedback then need not supply.
+    /// Takes over a part of the
+    /// `disturbance` [N·m] that the feedback had to make up for at a reference `velocity` [rad/s]; returns
+    /// that part, which the feedback then need not supply.
     #[inline]
     pub const fn learn(&self, state: &mut FrictionState, velocity: f32, disturbance: f32) -> f32 {
         if math::abs(velocity) < LEARNING_SPEED {
@@ -85,8 +87,8 @@ mod tests {
 
     #[test]
     fn learns_what_changes_its_sign_with_the_direction_and_not_what_stays() {
-        // A joint with 24 mN·m of friction where the model says 20, and 2 mN·m of gravity that nobody knows: 20 motions
-        // of 0.4 s to and fro, with a feedback that always knows the whole disturbance.
+        // A joint with 24 mN·m of friction where the model says 20, and 2 mN·m of gravity that nobody knows:
+        // 20 motions of 0.4 s to and fro, with a feedback that always knows the whole disturbance.
         let feedforward = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.0 });
         let mut state = FrictionState::new();
         for motion in 0..20 {

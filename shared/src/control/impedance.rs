@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{TICK, math};
 
-/// What a mass may be [kg, kg·m²]: less is lost in the arm's own, and neither end overflows.
+/// Minimum mass [kg, kg·m²]; a smaller one has no effect beside the arm's own inertia.
 const MIN_MASS: f32 = 1e-3;
+/// Maximum mass [kg, kg·m²]; excludes overflow.
 const MAX_MASS: f32 = 1e4;
 /// Largest `K/M` [1/s²]: a natural frequency of 50 rad/s, half a radian in a control period.
 const MAX_STIFFNESS_TO_MASS: f32 = 2500.0;
@@ -16,8 +17,9 @@ const MAX_DAMPING_TO_MASS: f32 = 100.0;
 /// Below this `|z|` the functions of `√z` come from their series.
 const SERIES_RANGE: f32 = 0.05;
 
-/// How a tool is to yield: `M ë + B ė + K e = F` on each axis, `e` its displacement from where it should be and `F` what
-/// pushes it (Arm7, equation 2). Axes: x, y, z of the base; translations first.
+/// Target impedance `M ë + B ė + K e = F` of a tool on each axis:
+/// `e` is its displacement from the set-point, `F` the external force (Arm7 eq. 2). Axes: x, y, z of the
+/// base; translations first.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Impedance {
     /// `M` [kg, kg·m²]; at least 0.001.
@@ -28,7 +30,7 @@ pub struct Impedance {
     pub stiffness: [f32; 6],
 }
 
-/// What is wrong with an [`Impedance`].
+/// A value of an [`Impedance`] outside its limits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidImpedance {
@@ -78,10 +80,10 @@ impl fmt::Display for InvalidImpedance {
 }
 
 impl Impedance {
-    /// Whether a control period is short enough for it.
+    /// Checks that the control period is short enough for this impedance.
     ///
     /// # Errors
-    /// The first number that is wrong.
+    /// The first value outside its limits.
     pub fn validate(&self) -> Result<(), InvalidImpedance> {
         let axes = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
         for (axis, ((&mass, &damping), &stiffness)) in (0..).zip(axes) {
@@ -102,8 +104,8 @@ impl Impedance {
         Ok(())
     }
 
-    /// The acceleration that the impedance asks for, as printed (Arm7, step 3): `M⁻¹ (F − B ė − K e)`. Held for a control
-    /// period, it loses damping.
+    /// The continuous-time acceleration `M⁻¹ (F − B ė − K e)` (Arm7 step 3). The zero-order hold of a control
+    /// period reduces its damping.
     pub fn acceleration(
         &self,
         error: &Vector6<f32>,
@@ -119,8 +121,8 @@ impl Impedance {
         result
     }
 
-    /// The acceleration which, held for a control period, gives the velocity that the impedance has at its end under a
-    /// constant force.
+    /// Exact discretisation under zero-order hold: after one control period at a constant force, the velocity
+    /// is that of the continuous-time impedance.
     pub fn discretized(&self) -> DiscreteImpedance {
         let mut discrete = DiscreteImpedance {
             error: Vector6::zeros(),
@@ -145,7 +147,7 @@ impl Impedance {
         discrete
     }
 
-    /// A step of `fraction`, 0 to 1, of the way to `goal`.
+    /// Moves all values by `fraction`, 0 to 1, of their difference to `goal`.
     pub fn blend_towards(&mut self, goal: &Self, fraction: f32) {
         let own = self.mass.iter_mut().chain(&mut self.damping).chain(&mut self.stiffness);
         let goal = goal.mass.iter().chain(&goal.damping).chain(&goal.stiffness);
@@ -153,7 +155,7 @@ impl Impedance {
     }
 }
 
-/// An [`Impedance`] for a control period: a gain for each axis.
+/// An [`Impedance`] discretised for the control period: one gain per axis and state.
 #[derive(Clone, Copy, Debug)]
 pub struct DiscreteImpedance {
     error: Vector6<f32>,
@@ -162,7 +164,7 @@ pub struct DiscreteImpedance {
 }
 
 impl DiscreteImpedance {
-    /// The acceleration for a displacement, its velocity, and a force.
+    /// The acceleration for a displacement, its velocity and an external force, held for one period.
     pub fn acceleration(
         &self,
         error: &Vector6<f32>,
@@ -172,7 +174,7 @@ impl DiscreteImpedance {
         self.error.component_mul(error) + self.velocity.component_mul(velocity) + self.force_response(force)
     }
 
-    /// The part of it that a force has.
+    /// The part of the acceleration that is due to the force.
     pub fn force_response(&self, force: &Vector6<f32>) -> Vector6<f32> {
         self.force.component_mul(force)
     }

@@ -9,10 +9,11 @@ use crate::math;
 use crate::model::JointModel;
 use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
 
-/// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3, section 4, figure 6).
+/// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3 section 4, figure 6).
 ///
-/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference, [`JointServo::update`] the
-/// torque; between them the caller computes the model's torque for the references of all joints.
+/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference,
+/// [`JointServo::update`] the torque; between them the caller computes the model's torque for the references
+/// of all joints.
 #[derive(Clone, Copy, Debug)]
 pub struct JointServo {
     filter: TrajectoryFilter,
@@ -37,7 +38,7 @@ pub struct JointServoState {
     torque: f32,
 }
 
-/// What a [`JointServo`] puts out.
+/// Output of a [`JointServo`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServoOutput {
     /// Torque within every limit [N·m].
@@ -47,7 +48,7 @@ pub struct ServoOutput {
 }
 
 impl JointServoState {
-    /// At rest at `position` [rad], nothing learnt.
+    /// At rest at `position` [rad], without adapted friction or disturbance.
     pub const fn at(position: f32) -> Self {
         Self {
             trajectory: TrajectoryState::at(position),
@@ -58,23 +59,23 @@ impl JointServoState {
         }
     }
 
-    /// Where the reference comes to rest soonest without turning back [rad].
+    /// The goal that stops the reference soonest without overshoot [rad].
     pub const fn resting_point(&self) -> f32 {
         self.trajectory.resting_point()
     }
 
-    /// At rest at `position` [rad]; of what was learnt only the friction stays.
+    /// Resets the servo at rest at `position` [rad]. Keeps only the adapted friction.
     pub const fn restart(&mut self, position: f32) {
         *self = Self { friction: self.friction, ..Self::at(position) };
     }
 
-    /// Starts the reference anew, at rest at `position` [rad]; what was learnt about disturbances stays.
+    /// Restarts the reference at rest at `position` [rad]. Keeps the estimated disturbance.
     pub const fn restart_reference(&mut self, position: f32) {
         self.trajectory = TrajectoryState::at(position);
         self.observer.reset_motion();
     }
 
-    /// The torque went to zero from outside.
+    /// Resets the rate limiter after the torque was switched off.
     pub const fn clear_torque(&mut self) {
         self.torque = 0.0;
     }
@@ -121,8 +122,8 @@ impl JointServo {
         point
     }
 
-    /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is what the
-    /// links need for that by the model [N·m]; rotor and friction are added here.
+    /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is what
+    /// the links need for that by the model [N·m]; rotor and friction are added here.
     #[inline]
     pub fn update(
         &self,
@@ -159,12 +160,12 @@ impl JointServo {
         }
     }
 
-    /// Most torque of the joint, by its limit and that of the current [N·m].
+    /// Maximum torque: the lesser of the joint's limit and the current limit's torque [N·m].
     pub const fn torque_limit(&self) -> f32 {
         self.torque_limit
     }
 
-    /// Share of the last period's torque that still acts in this one: the inner loop's delay and lag.
+    /// Fraction of the last period's torque that still acts in this one: delay and lag of the current loop.
     pub const fn delay_fraction(&self) -> f32 {
         self.observer.delay_fraction()
     }
@@ -179,8 +180,8 @@ impl JointServo {
         self.friction.torque(&state.friction, velocity)
     }
 
-    /// The torque [N·m] nearest to `requested` within torque, current and torque-rate limits. Every torque passes here
-    /// last.
+    /// The torque [N·m] nearest to `requested` within torque, current and torque-rate limits. Every torque
+    /// passes here last.
     #[inline]
     pub const fn limit(&self, state: &mut JointServoState, requested: f32) -> f32 {
         let requested = math::clamp(requested, -self.torque_limit, self.torque_limit);

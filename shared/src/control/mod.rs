@@ -1,4 +1,4 @@
-//! Control of single joints, and the impedance of a tool. Chains and tasks build on it.
+//! Control laws of single joints, and the target impedance of a tool.
 
 mod friction;
 mod impedance;
@@ -7,7 +7,7 @@ mod observer;
 mod pid;
 
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{BadImpedance, Impedance, ImpedanceTerm, MatchedImpedance};
+pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};
@@ -27,7 +27,7 @@ pub struct JointPoint {
     pub acceleration: f32,
 }
 
-/// How a joint servo damps and how it learns about disturbances.
+/// Feedback law of a joint servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ServoMode {

@@ -4,18 +4,19 @@ use serde::{Deserialize, Serialize};
 use crate::model::{Motor, ObserverGains};
 use crate::{TICK, math};
 
-/// State feedback on an observer of error, error velocity and disturbance: the model-based stand-in for PID.
+/// State feedback on an observer of error, error velocity and disturbance: the model-based alternative to
+/// PID.
 ///
-/// The feed-forward moves the nominal joint exactly along its reference. What is left is the error `e = reference −
-/// angle` with `J·ë = d − u`: `u` is the *effort*, the torque beyond the feed-forward, and `d` the disturbance that it
-/// has to make up for (unmodelled friction, gravity, inertia, coupling). Because the observer works on the error it
-/// has no lag on the reference.
+/// The feed-forward moves the nominal joint exactly along its reference. The observer models the remaining
+/// error `e = reference − angle` with `J·ë = d − u`:
+/// `u` is the *effort*, the torque beyond the feed-forward, and `d` the disturbance (unmodelled friction,
+/// gravity, inertia, coupling). An observer of the error adds no lag to the reference.
 ///
-/// - Observer: one prediction with the effort that really acted (after every limit, shifted by the delay of the
-///   motor's inner loop), then a correction with three equal poles at `e^(−ω_o·T)`, the critically damped fading-memory
-///   filter (Morrison 1969).
-/// - Feedback: `u = d + J·(k₁·e + k₂·ė)` with two equal poles at `γ = e^(−ω·T)` for the held-input double integrator:
-///   `k₁ = (1−γ)²/T²`, `k₂ = (1−γ)(3+γ)/(2T)`.
+/// - Observer: one prediction with the effort that really acted (after every limit, shifted by the delay of
+///   the motor's inner loop), then a correction with three equal poles at `e^(−ω_o·T)`, the critically damped
+///   fading-memory filter (Morrison 1969).
+/// - Feedback: `u = d + J·(k₁·e + k₂·ė)` with two equal poles at `γ = e^(−ω·T)` for the held-input double
+///   integrator: `k₁ = (1−γ)²/T²`, `k₂ = (1−γ)(3+γ)/(2T)`.
 #[derive(Clone, Copy, Debug)]
 pub struct ErrorObserver {
     /// `T/J`.
@@ -24,7 +25,7 @@ pub struct ErrorObserver {
     correction: [f32; 3],
     proportional: f32,
     derivative: f32,
-    /// Share of the last period's effort that still acts in this one.
+    /// Fraction of the last period's effort that still acts in this one: delay and lag of the current loop.
     delay_fraction: f32,
 }
 
@@ -46,12 +47,13 @@ impl ObserverState {
         Self { error: 0.0, velocity: 0.0, disturbance: 0.0, effort: 0.0 }
     }
 
-    /// The reference starts anew where the joint is; what was learnt about the disturbance stays.
+    /// Resets error, velocity and effort, for a reference that restarts at the joint's position. Keeps the
+    /// disturbance.
     pub const fn reset_motion(&mut self) {
         (self.error, self.velocity, self.effort) = (0.0, 0.0, 0.0);
     }
 
-    /// Takes `torque` [N·m] out of the disturbance: the feed-forward supplies it from now on.
+    /// Subtracts `torque` [N·m] from the disturbance: the feed-forward supplies it from now on.
     pub const fn hand_over(&mut self, torque: f32) {
         self.disturbance -= torque;
     }
@@ -98,21 +100,21 @@ impl ErrorObserver {
         }
     }
 
-    /// Share of the last period's effort that still acts in this one.
+    /// Fraction of the last period's effort that still acts in this one: delay and lag of the current loop.
     pub(super) const fn delay_fraction(&self) -> f32 {
         self.delay_fraction
     }
 
-    /// Takes the measured error [rad] and returns the effort wanted [N·m], before any limit. While `resting` nothing
-    /// is learnt about the disturbance: a joint held by its own friction shows none.
+    /// Measurement update with the measured error [rad]; returns the effort [N·m] before limits. `resting`
+    /// freezes the disturbance estimate: stiction hides the disturbance of a joint at rest.
     #[inline]
     pub const fn effort(&self, state: &mut ObserverState, error: f32, resting: bool) -> f32 {
         self.correct(state, error, if resting { 0.0 } else { 1.0 });
         self.feedback(state)
     }
 
-    /// Takes the measured error [rad]: the first half of [`ErrorObserver::effort`]. `learning`, 0 to 1: how fast the
-    /// disturbance is learnt, as a share.
+    /// Measurement update with the measured error [rad], the first half of
+    /// [`ErrorObserver::effort`]. `learning`, 0 to 1, scales the gain of the disturbance estimate.
     #[inline]
     pub const fn correct(&self, state: &mut ObserverState, error: f32, learning: f32) {
         let innovation = error - state.error;
@@ -122,13 +124,13 @@ impl ErrorObserver {
         state.disturbance += learning * c2 * innovation;
     }
 
-    /// The effort wanted [N·m], before any limit: the second half.
+    /// State feedback: the effort [N·m] before limits, the second half of [`ErrorObserver::effort`].
     #[inline]
     pub const fn feedback(&self, state: &ObserverState) -> f32 {
         state.disturbance + self.proportional * state.error + self.derivative * state.velocity
     }
 
-    /// Closes the tick: predicts the next one from the effort that is `applied` after every limit [N·m].
+    /// Time update: predicts the next tick from the effort `applied` after all limits [N·m].
     #[inline]
     pub const fn predict(&self, state: &mut ObserverState, applied: f32) {
         let acting = applied + self.delay_fraction * (state.effort - applied);
@@ -143,8 +145,8 @@ impl ErrorObserver {
 mod tests {
     use super::*;
 
-    /// `(error, effort)` a tick of a joint under this feedback, starting 1 mrad off with 5 mN·m of disturbance; from
-    /// `tests/oracles/observer.py` (matrix exponential and Ackermann's formula).
+    /// `(error, effort)` a tick of a joint under this feedback, starting 1 mrad off with 5 mN·m of
+    /// disturbance; from `tests/oracles/observer.py` (matrix exponential and Ackermann's formula).
     const RESPONSE: &[(f64, f64)] = include!("../../../tests/oracles/data/observer.in");
 
     #[test]

@@ -6,13 +6,13 @@ use crate::TICK;
 use crate::model::PidGains;
 use crate::signal::PseudoDifferentiator;
 
-/// PID on a joint angle with a pseudo-differentiator (Hand3, section 4).
+/// PID on a joint angle with a pseudo-differentiator (Hand3 section 4).
 ///
-/// `u = K_p·e + ∫ K_i·e + K_d·H(e)`, `e = reference − measured`. `H` never sees a jump of the reference's position: it
-/// takes the reference's own velocity and the measured change, so neither the first sample nor a stepping set-point
-/// kicks.
+/// `u = K_p·e + ∫ K_i·e + K_d·H(e)`, `e = reference − measured`. `H` acts on the reference's velocity and the
+/// change of the measurement, not on the position error, so a set-point step causes no derivative kick.
 ///
-/// The torque passes its limits *after* [`Pid::output`]; [`Pid::integrate`] then tells the integrator what became of it.
+/// The caller limits the torque after [`Pid::output`] and passes the result to [`Pid::integrate`], which
+/// prevents integrator wind-up by back-calculation.
 ///
 /// ```
 /// use tesaki::{control::{JointPoint, Pid, PidState}, model::PidGains};
@@ -28,7 +28,8 @@ pub struct Pid {
     differentiator: PseudoDifferentiator,
     /// `K_i·T`.
     integral_step: f32,
-    /// Share of the torque that was cut off by the limits and leaves the integrator each tick.
+    /// Back-calculation gain: fraction of the torque cut off by the limits that leaves the integrator per
+    /// tick.
     back_calculation: f32,
 }
 
@@ -47,7 +48,7 @@ impl PidState {
         Self { integral: 0.0, derivative: 0.0, measured, error: 0.0 }
     }
 
-    /// Takes `torque` [N·m] out of the integrator: somebody else supplies it from now on.
+    /// Subtracts `torque` [N·m] from the integrator: the feed-forward supplies it from now on.
     pub const fn hand_over(&mut self, torque: f32) {
         self.integral -= torque;
     }
@@ -62,7 +63,7 @@ impl Pid {
     /// With the gains of a validated model.
     pub fn new(gains: &PidGains) -> Self {
         let integral_step = gains.integral * TICK;
-        // The integrator gives back what the limits cut off with the time constant K_p/K_i, the usual choice.
+        // Tracking time constant of the back-calculation: K_p/K_i, the usual choice.
         let back_calculation =
             if gains.proportional > 0.0 { (integral_step / gains.proportional).min(1.0) } else { 1.0 };
         Self {
@@ -74,7 +75,7 @@ impl Pid {
         }
     }
 
-    /// The torque [N·m] requested at the `measured` angle [rad], before any limit.
+    /// The torque [N·m] at the `measured` angle [rad], before limits.
     #[inline]
     pub const fn output(&self, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
         let error = reference.position - measured;
@@ -85,9 +86,9 @@ impl Pid {
         self.proportional * error + state.integral + self.derivative * rate
     }
 
-    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off. `requested` and
-    /// `applied` are the torque before and after *every* limit [N·m]; while `at_rest` the error is not
-    /// integrated.
+    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off.
+    /// `requested` and `applied` are the torque before and after *every* limit [N·m]; while `at_rest` the
+    /// error is not integrated.
     #[inline]
     pub const fn integrate(&self, state: &mut PidState, requested: f32, applied: f32, at_rest: bool) {
         let error = if at_rest { 0.0 } else { state.error };
@@ -103,7 +104,8 @@ mod tests {
 
     #[test]
     fn three_ticks_worked_by_hand() {
-        // a = e^(−0.3) = 0.740 818; (1−a)/T = 25.918 18. The reference stands at 1; the joint reads 0, 0.01, 0.03.
+        // a = e^(−0.3) = 0.740 818; (1−a)/T = 25.918 18. The reference stands at 1; the joint reads 0, 0.01,
+        // 0.03.
         let pid = Pid::new(&GAINS);
         let mut state = PidState::at(0.0);
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };
@@ -129,7 +131,8 @@ mod tests {
             let requested = pid.output(&mut state, &reference, 0.0);
             pid.integrate(&mut state, requested, requested.min(0.5), false);
         }
-        // In balance K_i·T·e = (K_i·T/K_p)·(requested − applied): requested = 0.5 + K_p·e = 2.5, of which P is 2.
+        // In balance K_i·T·e = (K_i·T/K_p)·(requested − applied): requested = 0.5 + K_p·e = 2.5, of which P
+        // is 2.
         assert!((state.integral() - 0.5).abs() < 1e-4, "{}", state.integral());
     }
 

@@ -6,10 +6,11 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use crate::kinematics::{Chain, Link};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Mass matrix of a chain, `M` in `τ = M(q) q̈ + h(q, q̇)` [kg·m²]. Rows and columns beyond the chain's joints are 0.
+/// Mass matrix of a chain, `M` in `τ = M(q) q̈ + h(q, q̇)` [kg·m²]. Rows and columns beyond the chain's
+/// joints are 0.
 pub type MassMatrix = SMatrix<f32, MAX_CHAIN_JOINTS, MAX_CHAIN_JOINTS>;
 
-/// A joint's axis and a rigid body behind it.
+/// A joint axis and the rigid body that it carries.
 #[derive(Clone, Copy)]
 struct Body {
     axis: Vector3<f32>,
@@ -33,11 +34,11 @@ struct Symmetric {
 }
 
 impl Chain {
-    /// The mass matrix at angles `q` [rad] by the composite-rigid-body algorithm (Featherstone 2008, section 6.2), with
-    /// the inertia of rotors if the chain has it: exactly symmetric. Angles that are missing count as 0.
+    /// The mass matrix at angles `q` [rad] by the composite-rigid-body algorithm (Featherstone 2008, section
+    /// 6.2), with rotor inertia if the chain has it. Exactly symmetric. Missing angles count as 0.
     pub fn mass_matrix(&self, q: &[f32]) -> MassMatrix {
-        // Outwards: the links in axes of the first and from its origin, for how the first joint stands changes nothing.
-        // So the distance to the base costs no digits either.
+        // Outward pass: links in the axes and from the origin of the first link, because the first angle does
+        // not change the matrix. A distant base then costs no significant digits.
         let mut bodies = Vec::<Body, MAX_CHAIN_JOINTS>::new();
         let (mut rotation, mut origin) = (Matrix3::identity(), Vector3::zeros());
         for (index, link) in self.links.iter().enumerate() {
@@ -49,8 +50,8 @@ impl Chain {
             let _ = bodies.push(Body::of_link(link, &rotation, origin));
         }
 
-        // Inwards: what lies behind joint j is one rigid body. Accelerating it about the joint takes a force and a
-        // moment, whose moment about every axis before is an element of column j.
+        // Inward pass: the links beyond joint j form one composite rigid body. The force and moment of a unit
+        // acceleration about joint j, projected onto each earlier axis, are column j.
         let mut matrix = MassMatrix::zeros();
         let mut behind: Option<Body> = None;
         for (j, body) in bodies.iter().enumerate().rev() {
@@ -119,8 +120,8 @@ impl Symmetric {
         }
     }
 
-    /// What moving the point of reference by `−arm` adds to an inertia: `2 (a·h) 1 − a hᵀ − h aᵀ` with the mean `h` of
-    /// the first moments about both points.
+    /// Parallel-axis term for a reference point moved by `−arm`: `2 (a·h) 1 − a hᵀ − h aᵀ`, with the mean `h`
+    /// of the first moments about both points.
     #[inline]
     fn parallel_axis(a: &Vector3<f32>, h: &Vector3<f32>) -> Self {
         let (x, y, z) = (a.x * h.x, a.y * h.y, a.z * h.z);

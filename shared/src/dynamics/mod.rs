@@ -5,7 +5,7 @@
 //! - [`Chain::nonlinear_effects`] gives `h`, [`Chain::mass_matrix`] `M`;
 //! - [`Posture::bias_acceleration`] gives `J̇ q̇` of `ẍ = J q̈ + J̇ q̇`.
 //!
-//! `M` and `τ` have the reflected inertia of the rotors if the chain has it. Friction is no rigid body's matter:
+//! `M` and `τ` include the rotors' reflected inertia if the chain has it, but not friction: see
 //! [`FrictionFeedforward`](crate::control::FrictionFeedforward).
 
 mod mass_matrix;

@@ -5,7 +5,7 @@ use crate::kinematics::{Chain, Link};
 use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// What the outward pass leaves for the inward pass.
+/// Results of the outward pass.
 #[derive(Clone, Copy)]
 struct Pass {
     sine: f32,
@@ -15,14 +15,14 @@ struct Pass {
 }
 
 impl Chain {
-    /// Inverse dynamics by the recursive Newton–Euler algorithm (Luh, Walker and Paul 1980): the joint torques [N·m]
-    /// that give the accelerations `qdd` [rad/s²] at angles `q` [rad] and velocities `qd` [rad/s] under `gravity`
-    /// [m/s², base frame].
+    /// Inverse dynamics by the recursive Newton–Euler algorithm (Luh, Walker and Paul 1980): the joint
+    /// torques [N·m] that give the accelerations `qdd` [rad/s²] at angles `q` [rad] and velocities
+    /// `qd` [rad/s] under `gravity` [m/s², base frame].
     ///
-    /// The slices hold one value a joint, base to tip; what is missing counts as 0 in none of them: the shortest
-    /// decides how many joints are computed. A tilted base is a `gravity` that is tilted in its frame. The inertias of
-    /// rotors are included if the chain has them ([`Chain::with_rotor_inertia`]); friction is what
-    /// [`FrictionFeedforward`](crate::control::FrictionFeedforward) adds, with its rule for joints at rest.
+    /// The slices hold one value per joint, base to tip; the shortest decides how many joints are computed.
+    /// For a tilted base, pass `gravity` in its frame. Rotor inertia is included if the chain has it
+    /// ([`Chain::with_rotor_inertia`]); friction is added by
+    /// [`FrictionFeedforward`](crate::control::FrictionFeedforward).
     pub fn inverse_dynamics(
         &self,
         gravity: &Vector3<f32>,
@@ -34,10 +34,10 @@ impl Chain {
         self.newton_euler(gravity, None, q, qd, qdd, torques);
     }
 
-    /// [`Chain::inverse_dynamics`] while the world acts on the tip with `wrench`: force [N] and moment [N·m] about the
-    /// tip's origin, both in axes of the base. A wrench that the *tip* exerts has the opposite sign.
+    /// [`Chain::inverse_dynamics`] with an external wrench on the tip: force [N] and moment [N·m] about the
+    /// tip's origin in base axes. A wrench that the *tip* exerts has the opposite sign.
     ///
-    /// It counts only when all joints of the chain are computed.
+    /// Ignored unless all joints of the chain are computed.
     ///
     /// ```
     /// # use nalgebra::{Vector3, Vector6};
@@ -62,13 +62,13 @@ impl Chain {
         self.newton_euler(gravity, Some(wrench), q, qd, qdd, torques);
     }
 
-    /// The nonlinear terms `h(q, q̇)` of `τ = M(q) q̈ + h(q, q̇)` [N·m]: centrifugal, Coriolis and gravity torques. This is
-    /// [`Chain::inverse_dynamics`] without accelerations.
+    /// The nonlinear terms `h(q, q̇)` of `τ = M(q) q̈ + h(q, q̇)` [N·m]: centrifugal, Coriolis and gravity
+    /// torques. This is [`Chain::inverse_dynamics`] without accelerations.
     pub fn nonlinear_effects(&self, gravity: &Vector3<f32>, q: &[f32], qd: &[f32], torques: &mut [f32]) {
         self.newton_euler(gravity, None, q, qd, &[0.0; MAX_CHAIN_JOINTS], torques);
     }
 
-    /// Inlined, so that nothing of the wrench is left where there is none.
+    /// Always inlined, so that the version without a wrench contains none of its code.
     #[inline(always)]
     fn newton_euler(
         &self,
@@ -82,62 +82,56 @@ impl Chain {
         let zero = Vector3::zeros();
         let mut passes = Vec::<Pass, MAX_CHAIN_JOINTS>::new();
 
-        // Outwards: angular velocity, angular acceleration, linear acceleration of each link's origin in its own
-        // frame. Gravity enters as an upward acceleration of the base.
+        // Outward pass: angular velocity and acceleration, and the acceleration of the origin, of each link
+        // in its own frame. Gravity enters as upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
-        // The wrench on the tip is turned along.
+        // The tip's wrench is rotated along.
         let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
-        let mut turning = false; // whether the link before turns; the base does not
-        for (((link, &q), &qd), &qdd) in self.links.iter().zip(q).zip(qd).zip(qdd) {
+        for (index, (((link, &q), &qd), &qdd)) in self.links.iter().zip(q).zip(qd).zip(qdd).enumerate() {
             let (sine, cosine) = math::sin_cos(q);
             let mut pass = Pass { sine, cosine, force: zero, moment: zero };
             wrench = wrench.map(|(force, moment)| {
                 let into_link = |v| pass.link_from_parent(&link.rotation, v);
                 (into_link(&force), into_link(&moment))
             });
-            if !turning {
-                // The first link turns about its own z alone, which leaves little to compute.
+            if index == 0 {
                 acceleration = pass.link_from_parent(&link.rotation, &acceleration);
-                (omega.z, alpha.z, turning) = (qd, qdd, true);
-                let (center, column) = (&link.center_of_mass, link.inertia.column(2));
-                let toward_axis = -qd * qd;
-                let of_center = Vector3::new(
-                    toward_axis * center.x - qdd * center.y,
-                    toward_axis * center.y + qdd * center.x,
-                    0.0,
-                );
-                pass.force = (acceleration + of_center) * link.mass;
-                let gyroscopic = Vector3::new(toward_axis * column.y, -toward_axis * column.x, 0.0);
-                pass.moment = column * qdd + gyroscopic + center.cross(&pass.force);
-                // Cannot fail: there are no more links than places.
-                let _ = passes.push(pass);
-                continue;
+                (omega.z, alpha.z) = (qd, qdd);
+                pass.first_link(link, &acceleration, qd, qdd);
+            } else {
+                acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
+                acceleration = pass.link_from_parent(&link.rotation, &acceleration);
+                omega = pass.link_from_parent(&link.rotation, &omega);
+                alpha = pass.link_from_parent(&link.rotation, &alpha);
+                // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own velocity is added.
+                alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
+                omega.z += qd;
+                pass.link(link, &acceleration, &omega, &alpha);
             }
-            acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
-            acceleration = pass.link_from_parent(&link.rotation, &acceleration);
-            omega = pass.link_from_parent(&link.rotation, &omega);
-            alpha = pass.link_from_parent(&link.rotation, &alpha);
-            // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own part is added.
-            alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
-            omega.z += qd;
-
-            let center =
-                acceleration + alpha.cross(&link.center_of_mass) + centripetal(&omega, &link.center_of_mass);
-            pass.force = center * link.mass;
-            pass.moment = link.inertia * alpha
-                + omega.cross(&(link.inertia * omega))
-                + link.center_of_mass.cross(&pass.force);
-            let _ = passes.push(pass); // as above
+            // Cannot fail: the vector has room for every link.
+            let _ = passes.push(pass);
         }
+        let tip_wrench = wrench.filter(|_| passes.len().min(torques.len()) == self.links.len());
+        self.inward(&mut passes, tip_wrench, qdd, torques);
+    }
 
-        // Inwards: force and moment at each joint; the torque is the moment's part along the axis.
+    /// The inward pass: forces and moments from the tip to the base. `wrench` is in the axes of the last
+    /// link.
+    #[inline(always)]
+    fn inward(
+        &self,
+        passes: &mut Vec<Pass, MAX_CHAIN_JOINTS>,
+        wrench: Option<(Vector3<f32>, Vector3<f32>)>,
+        qdd: &[f32],
+        torques: &mut [f32],
+    ) {
+        // Inward pass: the joint torque is the moment's component along the axis.
         let count = passes.len().min(torques.len());
-        let complete = count == self.links.len();
-        if let (Some((force, moment)), Some(last), true) = (wrench, passes.last_mut(), complete) {
+        if let (Some((force, moment)), Some(last)) = (wrench, passes.last_mut()) {
             last.force -= force;
             last.moment -= moment + self.tip.translation.vector.cross(&force);
         }
-        let mut joints = self.links.iter().zip(&passes).zip(&mut *torques).take(count);
+        let mut joints = self.links.iter().zip(&*passes).zip(&mut *torques).take(count);
         let first = joints.next();
         let mut child: Option<(&Link, &Pass, Vector3<f32>, Vector3<f32>)> = None;
         for ((link, pass), torque) in joints.rev() {
@@ -150,7 +144,7 @@ impl Chain {
             *torque = moment.z;
             child = Some((link, pass, force, moment));
         }
-        // The base takes all the rest: here the moment about the axis is enough, and the compiler leaves the rest out.
+        // At the base only the moment about the axis is needed; the compiler removes the rest.
         if let Some(((_, pass), torque)) = first {
             let transmitted =
                 |(link, pass, force, moment): (&Link, &Pass, _, _)| pass.transmit(link, &force, &moment);
@@ -169,6 +163,33 @@ fn centripetal(omega: &Vector3<f32>, r: &Vector3<f32>) -> Vector3<f32> {
 }
 
 impl Pass {
+    /// Inertial force and moment of the first link, which rotates about its own z axis only.
+    #[inline(always)]
+    fn first_link(&mut self, link: &Link, acceleration: &Vector3<f32>, qd: f32, qdd: f32) {
+        let (center, column) = (&link.center_of_mass, link.inertia.column(2));
+        let centripetal = -qd * qd;
+        let of_center = Vector3::new(
+            centripetal * center.x - qdd * center.y,
+            centripetal * center.y + qdd * center.x,
+            0.0,
+        );
+        self.force = (acceleration + of_center) * link.mass;
+        let gyroscopic = Vector3::new(centripetal * column.y, -centripetal * column.x, 0.0);
+        self.moment = column * qdd + gyroscopic + center.cross(&self.force);
+    }
+
+    /// Inertial force and moment of a link from the acceleration of its origin, its angular velocity and
+    /// acceleration.
+    #[inline(always)]
+    fn link(&mut self, link: &Link, acceleration: &Vector3<f32>, omega: &Vector3<f32>, alpha: &Vector3<f32>) {
+        let center =
+            acceleration + alpha.cross(&link.center_of_mass) + centripetal(omega, &link.center_of_mass);
+        self.force = center * link.mass;
+        self.moment = link.inertia * alpha
+            + omega.cross(&(link.inertia * omega))
+            + link.center_of_mass.cross(&self.force);
+    }
+
     /// A vector of the parent link's frame in this link's frame.
     #[inline]
     fn link_from_parent(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
@@ -182,7 +203,7 @@ impl Pass {
         rotation * Vector3::new(self.cosine * v.x - self.sine * v.y, self.sine * v.x + self.cosine * v.y, v.z)
     }
 
-    /// Force and moment at this link's joint as the parent link feels them, about its own joint.
+    /// Force and moment of this link on the parent link, about the parent's joint.
     #[inline]
     fn transmit(
         &self,

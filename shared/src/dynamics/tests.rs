@@ -8,7 +8,8 @@ use crate::model::{Inertial, Pose, test_joint};
 
 /// Frame, axis, mass, centre of mass, inertia, rotor inertia.
 type Joint = ([f32; 3], [f32; 4], [f32; 3], f32, [f32; 3], [f32; 6], f32);
-/// Angles, velocities, accelerations, wrench; torques without it, with it, without accelerations; mass matrix by rows.
+/// Angles, velocities, accelerations, wrench; torques without it, with it, without accelerations; mass matrix
+/// by rows.
 type Motion = (
     &'static [f32],
     &'static [f32],
@@ -128,8 +129,8 @@ fn values_that_are_missing_leave_out_joints_and_the_wrench() {
 
 #[test]
 fn holds_a_pendulum_against_gravity() {
-    // 2 kg, 0.5 m from a horizontal axis, hanging at 30° from the vertical: 2 · 9.81 · 0.5 · sin 30° = 4.905 N·m; its
-    // inertia is 2 · 0.5² = 0.5 kg·m².
+    // 2 kg, 0.5 m from a horizontal axis, hanging at 30° from the vertical: 2 · 9.81 · 0.5 · sin 30° = 4.905
+    // N·m; its inertia is 2 · 0.5² = 0.5 kg·m².
     let pendulum = crate::model::JointModel {
         axis: [0.0, 1.0, 0.0],
         link: Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] },

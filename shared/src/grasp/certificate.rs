@@ -10,34 +10,35 @@ const ROUNDING: f32 = 4e-7;
 /// A load this near to what can be held, over its size, is not refused.
 const NEAR: f32 = 2e-5;
 
-/// Proof that no contact forces hold a load: a twist `y` against which the load has more power than any forces inside their
-/// cones and limits, `y·w > max y·(G f)`. If forces held the load, both would be the same.
+/// Proof that no contact forces hold a load: a twist
+/// `y` against which the load has more power than any forces inside their cones and limits, `y·w > max y·(G
+/// f)`. If forces held the load, both would be the same.
 ///
-/// In plain words: the object gives way along `−y`.
+/// The object accelerates along `−y`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
-    /// The twist, of any length, about the contacts' centroid, where rounding does least [m; 1].
+    /// The twist, of any length, about the contacts' centroid, where rounding does min_force [m; 1].
     pub twist: Vector6<f32>,
 }
 
 impl Certificate {
-    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not count on how the
-    /// certificate was found, and allows for the rounding of its own sums.
+    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not
+    /// count on how the certificate was found, and allows for the rounding of its own sums.
     pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
         let (linear, angular) = halves(&self.twist);
         let angular = angular * map.length;
         let size = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
         let (force, moment) = map.scaled(load);
-        let mut most = 0.0;
+        let mut max_power = 0.0;
         let mut terms = 0.0;
         for (contact, lever) in map.contacts.iter().zip(&map.levers) {
-            let cone = Cone::new(contact, grip.margin, grip.least, 1.0);
+            let cone = Cone::new(contact, grip.margin, grip.min_force, 1.0);
             let velocity = linear + angular.cross(lever);
-            most += cone.support(&velocity);
+            max_power += cone.support(&velocity);
             terms += contact.limit * (1.0 + contact.friction);
         }
         linear.dot(&force) + angular.dot(&moment)
-            > most
+            > max_power
                 + size * (NEAR * math::sqrt(force.norm_squared() + moment.norm_squared()) + ROUNDING * terms)
     }
 }

@@ -3,45 +3,46 @@ use nalgebra::{Matrix3, Vector3};
 use super::Contact;
 use crate::math;
 
-/// The forces that a contact can have, in units of the load: at least `least` and at most `limit` along its normal, and at
-/// most friction times that across it. A cone with its tip cut off and a flat end.
+/// Feasible forces of a contact in units of the load: a friction cone truncated at normal forces of `min_force`
+/// and `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cone {
     normal: Vector3<f32>,
     friction: f32,
     /// 1/(1 + μ²).
     flatness: f32,
-    least: f32,
+    min_force: f32,
     limit: f32,
 }
 
-/// The force of a cone that is nearest to a given one.
+/// Euclidean projection onto the cone.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projection {
     pub force: Vector3<f32>,
-    /// The most power that forces of the cone have against the given vector as a velocity.
+    /// Support function: maximum power of the cone's forces with the given vector as velocity.
     pub support: f32,
     /// Unit vector across the normal, towards the given force; 0 for one along the normal.
     across: Vector3<f32>,
-    /// The derivative: along the normal, between it and `across`, along `across`, and at right angles to both.
+    /// Elements of the derivative: normal–normal, normal–tangential, tangential–tangential, and at right
+    /// angles to both.
     derivative: [f32; 4],
 }
 
 impl Cone {
-    /// Of a contact; friction less `margin`, forces over `unit` [N].
-    pub fn new(contact: &Contact, margin: f32, least: f32, unit: f32) -> Self {
+    /// Cone of a contact with the friction reduced by `margin`; forces in units of `unit` [N].
+    pub fn new(contact: &Contact, margin: f32, min_force: f32, unit: f32) -> Self {
         let friction = contact.friction * (1.0 - margin);
         let inverse = 1.0 / unit;
         Self {
             normal: contact.normal,
             friction,
             flatness: 1.0 / (1.0 + friction * friction),
-            least: least * inverse,
+            min_force: min_force * inverse,
             limit: contact.limit * inverse,
         }
     }
 
-    /// The most power of its forces against the velocity `v`.
+    /// Support function at the velocity `v`.
     pub fn support(&self, v: &Vector3<f32>) -> f32 {
         let along = self.normal.dot(v);
         let across = math::sqrt((v - self.normal * along).norm_squared());
@@ -51,19 +52,19 @@ impl Cone {
     #[inline]
     fn power(&self, along: f32, across: f32) -> f32 {
         let rate = along + self.friction * across;
-        rate * if rate > 0.0 { self.limit } else { self.least }
+        rate * if rate > 0.0 { self.limit } else { self.min_force }
     }
 
-    /// The force nearest to `v`.
+    /// Projection of `v` onto the cone.
     #[inline]
     pub fn nearest(&self, v: &Vector3<f32>) -> Projection {
-        let Self { normal, friction, flatness, least, limit } = *self;
+        let Self { normal, friction, flatness, min_force, limit } = *self;
         let along = normal.dot(v);
         let mut across = v - normal * along;
         let square = across.norm_squared();
         let side = math::sqrt(square);
         let support = self.power(along, side);
-        if side <= friction * along && along >= least && along <= limit {
+        if side <= friction * along && along >= min_force && along <= limit {
             return Projection {
                 force: *v,
                 support,
@@ -73,19 +74,19 @@ impl Cone {
         }
         let inverse = if square > f32::MIN_POSITIVE { 1.0 / side } else { 0.0 };
         across *= inverse;
-        // The foot on the cone's surface; outside of it that is where the force is, but for the ends.
+        // Projection onto the lateral surface; outside it this is the result unless an end face is nearer.
         let foot = (along + friction * side) * flatness;
         let surface = side > friction * along;
         let push = if surface { foot } else { along };
-        if surface && foot > least && foot < limit {
+        if surface && foot > min_force && foot < limit {
             let hold = friction * foot;
             let derivative = [flatness, friction * flatness, friction * friction * flatness, hold * inverse];
             return Projection { force: normal * foot + across * hold, support, across, derivative };
         }
         let push = if push < limit { push } else { limit };
-        let push = if push > least { push } else { least };
-        let most = friction * push;
-        if side < most {
+        let push = if push > min_force { push } else { min_force };
+        let max_tangential = friction * push;
+        if side < max_tangential {
             Projection {
                 force: normal * push + across * side,
                 support,
@@ -93,12 +94,12 @@ impl Cone {
                 derivative: [0.0, 0.0, 1.0, 1.0],
             }
         } else {
-            let derivative = [0.0, 0.0, 0.0, most * inverse];
-            Projection { force: normal * push + across * most, support, across, derivative }
+            let derivative = [0.0, 0.0, 0.0, max_tangential * inverse];
+            Projection { force: normal * push + across * max_tangential, support, across, derivative }
         }
     }
 
-    /// The derivative of the nearest force, a symmetric matrix.
+    /// Jacobian of the projection, a symmetric matrix.
     #[inline]
     pub fn derivative(&self, nearest: &Projection) -> Matrix3<f32> {
         let [along, mixed, across, rest] = nearest.derivative;
@@ -125,8 +126,13 @@ mod tests {
 
     fn cones() -> impl Iterator<Item = Cone> {
         [(0.5, 0.0, 3.0), (0.0, 0.0, 2.0), (1.2, 0.3, 2.5), (0.3, 0.5, 0.9)].into_iter().map(
-            |(friction, least, limit)| {
-                Cone::new(&contact([0.0; 3], [1.0, -2.0, 0.5], friction, limit * 2.0), 0.1, least * 2.0, 2.0)
+            |(friction, min_force, limit)| {
+                Cone::new(
+                    &contact([0.0; 3], [1.0, -2.0, 0.5], friction, limit * 2.0),
+                    0.1,
+                    min_force * 2.0,
+                    2.0,
+                )
             },
         )
     }
@@ -141,10 +147,10 @@ mod tests {
                 let along = cone.normal.dot(&nearest.force);
                 let across = (nearest.force - cone.normal * along).norm();
                 assert!(across <= cone.friction * along + 2e-6 && along < cone.limit + 1e-6);
-                assert!(along > cone.least - 1e-6);
+                assert!(along > cone.min_force - 1e-6);
                 // (v − p)·(q − p) ≤ 0 for every q of a convex set; and no q has more power than the support.
                 for _ in 0..20 {
-                    let push = random.between(cone.least, cone.limit);
+                    let push = random.between(cone.min_force, cone.limit);
                     let side = random.vector(1.0);
                     let side = (side - cone.normal * cone.normal.dot(&side)).normalize();
                     let other = cone.normal * push + side * (cone.friction * push * random.between(0.0, 1.0));

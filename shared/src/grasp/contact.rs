@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use crate::math;
 
-/// Contacts that a grasp can have.
+/// Maximum number of contacts of a grasp.
 pub const MAX_CONTACTS: usize = 6;
 
 /// The forces of a grasp's contacts on the object [N], in the order of the contacts.
@@ -14,8 +14,8 @@ pub type ContactForces = Vec<Vector3<f32>, MAX_CONTACTS>;
 /// A normal shorter than this has no direction.
 const SHORTEST_NORMAL: f32 = 1e-6;
 
-/// A point contact with friction: it pushes along its normal and holds sideways up to friction times the push; it
-/// cannot pull, nor turn the object about its normal.
+/// A point contact with Coulomb friction: a normal force that can only push, and tangential forces inside the
+/// friction cone. It transmits no moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     pub(super) position: Vector3<f32>,
@@ -24,7 +24,7 @@ pub struct Contact {
     pub(super) limit: f32,
 }
 
-/// Why something is no [`Contact`].
+/// Why a [`Contact`] is invalid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidContact {
     /// The position is not finite.
@@ -38,11 +38,11 @@ pub enum InvalidContact {
 }
 
 impl Contact {
-    /// A contact at `position` [m] with the object's surface, whose normal `normal` points into the object (of any
-    /// length), with the coefficient of `friction` and at most `limit` of normal force [N].
+    /// A contact at `position` [m] with the object's surface, whose normal `normal` points into the object
+    /// (of any length), with the coefficient of `friction` and at most `limit` of normal force [N].
     ///
     /// # Errors
-    /// Which of them cannot be.
+    /// The first invalid value.
     pub fn try_new(
         position: Vector3<f32>,
         normal: Vector3<f32>,

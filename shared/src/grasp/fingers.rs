@@ -5,13 +5,13 @@ use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 use super::map::halves;
 use crate::kinematics::Jacobian;
 
-/// A finger's block of `D_F J_F` whose determinant is less than this share of the product of its columns' lengths is
-/// singular.
+/// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
 const MIN_DETERMINANT: f32 = 1e-4;
 
-/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `lever` [m] from a frame's origin, of the frame's twist `[v; ω]`.
-/// `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand;
-/// Hand3 (13) without the rows for rotation, which a point contact does not pass on.
+/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at
+/// `lever` [m] from a frame's origin, of the frame's twist `[v; ω]`. `D_Fi` with the lever from the
+/// fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand; (Hand3 eq. 13) without
+/// the rows for rotation, which a point contact does not pass on.
 pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     let mut map = SMatrix::<f32, 3, 6>::zeros();
     map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
@@ -34,7 +34,7 @@ pub struct ThreeFingers {
     blocks: [Matrix3<f32>; 3],
 }
 
-/// A finger cannot move its contact in all directions: it is stretched, or folded, or on its first axis.
+/// A finger in a singular posture: straight, folded, or with the contact on its first axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SingularFinger {
     /// The finger, 0 to 2.
@@ -42,8 +42,8 @@ pub struct SingularFinger {
 }
 
 impl ThreeFingers {
-    /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact is from the
-    /// tip [m], in the axes of the Jacobian.
+    /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact
+    /// is from the tip [m], in the axes of the Jacobian.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
         let block = |(jacobian, lever): &(Jacobian, Vector3<f32>)| {
             let mut block = Matrix3::zeros();
@@ -62,22 +62,23 @@ impl ThreeFingers {
         &self.blocks
     }
 
-    /// `(D_F J_F)ᵀ f`, Hand3 (16): the joint torques [N·m] of each finger that press on the object with these `forces` [N].
+    /// `(D_F J_F)ᵀ f` (Hand3 eq. 16): the joint torques [N·m] of each finger that exert `forces` [N] on the
+    /// object.
     pub fn torques(&self, forces: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
         let [a, b, c] = &self.blocks;
         let [f, g, h] = forces;
         [a.tr_mul(f), b.tr_mul(g), c.tr_mul(h)]
     }
 
-    /// `D_F J_F q̇`, the left side of Hand3 (15): the velocities of the contacts [m/s] for joint velocities [rad/s].
+    /// `D_F J_F q̇`, the left side of (Hand3 eq. 15): contact velocities [m/s] for joint velocities [rad/s].
     pub fn contact_velocities(&self, joints: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
         let [a, b, c] = &self.blocks;
         let [p, q, r] = joints;
         [a * p, b * q, c * r]
     }
 
-    /// `(D_F J_F)⁻¹ D_o V`, Hand3 (22): the joint velocities [rad/s] with which the fingers follow an object that moves
-    /// with `twist` [m/s; rad/s] and has its contacts at `levers` [m] from its origin. Small motions go the same way (23).
+    /// `(D_F J_F)⁻¹ D_o V` (Hand3 eq. 22, 23): joint velocities [rad/s] that follow an object with `twist`
+    /// [m/s; rad/s] and contacts at `levers` [m] from its origin.
     ///
     /// # Errors
     /// A finger in a singular posture.

@@ -4,10 +4,10 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::math;
 
-/// The least sine of an angle of the triangle.
+/// Minimum sine of the triangle's angle at finger 3; below it the normal is ill-conditioned.
 const MIN_SINE: f32 = 1e-3;
 
-/// Three fingertips span no triangle.
+/// Why three fingertips define no object frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ObjectFrameError {
     /// A position is NaN or infinite.
@@ -24,9 +24,9 @@ pub enum ObjectFrameError {
     NoDirection,
 }
 
-/// The object's frame, in the frame of the `tips` [m] of fingers 1 to 3 (Hand3, section 5.1): its origin is the centroid
-/// of their triangle, z the triangle's normal (fingers 1, 2, 3 go round it counterclockwise), x points to finger 3,
-/// y = z × x.
+/// The object's frame, in the frame of the `tips` [m] of fingers 1 to 3 (Hand3 section 5.1): its origin is
+/// the centroid of their triangle, z the triangle's normal (fingers 1, 2, 3 go round it counterclockwise), x
+/// points to finger 3, y = z × x.
 ///
 /// # Errors
 /// The tips span no triangle.

@@ -11,128 +11,129 @@ use super::search::{Search, SearchEnd, SearchState};
 use super::{Certificate, ContactForces, GraspMap};
 use crate::math;
 
-/// Loads smaller than this share of the least normal force are balanced as exactly as one of that size.
+/// Loads below this fraction of the minimum normal force get the absolute tolerance of a load of that size.
 const MIN_LOAD: f32 = 0.01;
 
-/// The least grip that holds a load: of all contact forces `f` that
+/// *Least grip*: the contact forces `f` that minimise `½ Σ |f|²` subject to
 ///
-/// - make the wrench wanted, `G f = w`,
-/// - push along the normals with at least `least` and at most the contact's limit,
-/// - and stay inside the friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`,
+/// - the wrench `G f = w`,
+/// - normal forces between `min_force` and the contact's limit,
+/// - friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`.
 ///
-/// those of the least sum of squares `½ Σ |f|²`. This is strictly convex, so there is exactly one answer and it moves
-/// steadily with contacts and load; and because the pseudo-inverse's part is at right angles to all internal forces
-/// (Hand3 (18)), it is also the answer with the smallest *internal* force.
+/// This is strictly convex, so there is exactly one answer and it moves steadily with contacts and load; and
+/// because the pseudo-inverse's part is at right angles to all internal forces (Hand3 eq. 18), it is also the
+/// answer with the smallest *internal* force.
 ///
 /// # How
-/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints: maximise
-/// `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated cone, which has a closed
-/// form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's
-/// method (semismooth, damped, with a line search) takes a few steps from the last tick's twist. The forces `pᵢ` are inside
-/// their cones at every step; there is no linearisation of the cones and no interior to find first. Where nothing holds the
-/// load `y` grows along a twist that proves it: the [`Certificate`].
+/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints:
+/// maximise `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated
+/// cone, which has a closed form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian
+/// `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's method (semismooth, damped, with a line search) takes a few steps
+/// from the last tick's twist. The forces `pᵢ` are inside their cones at every step; there is no
+/// linearisation of the cones and no interior to find first. Where nothing holds the load `y` grows along a
+/// twist that proves it: the [`Certificate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeastGrip {
     pub(super) margin: f32,
-    pub(super) least: f32,
-    /// What an answer may leave open.
+    pub(super) min_force: f32,
+    /// Accepted residual over the load.
     pub(super) open: f32,
 }
 
-/// The last solution's twist, from which the next search starts, and the search that a call has left off.
+/// Warm start of the next search, and a search interrupted by its budget.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripState {
-    /// About the contacts' centroid, the angular half times the length, over the load: so it stays the same when the
-    /// whole grasp moves.
+    /// Twist about the centroid, the angular part times the length, over the load: invariant when the whole
+    /// grasp moves.
     pub(super) twist: [f32; 6],
     pub(super) begun: Option<SearchState>,
 }
 
 impl GripState {
-    /// Nothing is known.
+    /// No previous solution.
     pub const START: Self = Self { twist: [0.0; 6], begun: None };
 }
 
-/// Forces that hold the load.
+/// Contact forces that balance the load.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grip {
     /// The contacts' forces on the object [N].
     pub forces: ContactForces,
-    /// What is missing to the load, over the load, with moments over [`GraspMap::length`]: at most 1e-4, or what
-    /// [`LeastGrip::with_tolerance`] allows. A load below a hundredth of the least normal force counts as that much.
+    /// Residual wrench over the load, with moments over [`GraspMap::length`]: at most 1e-4, or the tolerance
+    /// of [`LeastGrip::with_tolerance`]. Loads below a hundredth of the minimum normal force count as that
+    /// much.
     pub residual: f32,
-    /// Newton steps taken, in all calls.
+    /// Number of Newton steps in all calls.
     pub steps: u8,
 }
 
-/// Bad settings of a [`LeastGrip`].
+/// Why the settings of a [`LeastGrip`] are invalid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InvalidGripSettings {
-    /// The margin is not at least 0 and less than 1.
+    /// The friction margin is outside 0 (inclusive) to 1 (exclusive).
     Margin(f32),
-    /// The least normal force is negative or not finite.
+    /// The minimum normal force is negative or not finite.
     MinForce(f32),
 }
 
-/// Why there is no grip.
+/// Why [`LeastGrip`] returned no forces.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GripError {
     /// The load is not finite.
     NotFinite,
-    /// A contact's limit is below the least normal force.
+    /// The limit of a contact is below the minimum normal force.
     Limit {
         /// Its index.
         contact: u8,
         /// Its limit [N].
         limit: f32,
     },
-    /// No forces hold the load, and this proves it.
+    /// The load is infeasible; the certificate proves it.
     CannotHold(Certificate),
-    /// Neither forces nor proof were found: the load is at the edge of what can be held, or only forces of more than some
-    /// twenty times its size could hold it, for which single precision has not the digits. The next search starts anew.
+    /// Not converged: the load is at the boundary of the feasible set, or the forces would exceed some twenty
+    /// times the load, beyond single precision. The next search starts cold.
     NotConverged {
-        /// What is missing to the load at best, over the load, with moments over [`GraspMap::length`].
+        /// Smallest residual over the load, with moments over [`GraspMap::length`].
         residual: f32,
     },
-    /// No answer yet: the next call goes on.
+    /// The budget is used up; the next call continues.
     Unfinished {
-        /// What is missing to the load so far, over the load, with moments over [`GraspMap::length`].
+        /// Present residual over the load, with moments over [`GraspMap::length`].
         residual: f32,
     },
 }
 
 impl LeastGrip {
-    /// What [`Self::advance`] may take of a tick: enough for about four steps with three contacts.
+    /// Budget of [`Self::advance`] per tick in instructions: about four steps with three contacts.
     pub const INSTRUCTIONS_PER_TICK: u32 = 25_000;
 
-    /// A grip that leaves `margin` of the friction unused (0 to 1) and pushes with at least `least` [N] at each contact, so
-    /// that none is lost.
+    /// `margin`: unused fraction of the friction, 0 (inclusive) to 1 (exclusive). `min_force`: minimum normal
+    /// force of each contact [N], which keeps it closed.
     ///
     /// # Errors
-    /// Which of them cannot be.
-    pub fn try_new(margin: f32, least: f32) -> Result<Self, InvalidGripSettings> {
+    /// The first invalid value.
+    pub fn try_new(margin: f32, min_force: f32) -> Result<Self, InvalidGripSettings> {
         if !(0.0..1.0).contains(&margin) {
             return Err(InvalidGripSettings::Margin(margin));
         }
-        if !(least >= 0.0 && least.is_finite()) {
-            return Err(InvalidGripSettings::MinForce(least));
+        if !(min_force >= 0.0 && min_force.is_finite()) {
+            return Err(InvalidGripSettings::MinForce(min_force));
         }
-        Ok(Self { margin, least, open: 0.0 })
+        Ok(Self { margin, min_force, open: 0.0 })
     }
 
-    /// The same, content with forces that leave up to this `share` of the load missing, and twice that of the sum of squares
-    /// unknown. A load that is measured changes from tick to tick: a search for all digits that makes a step a tick runs after
-    /// it for ever, while each of its steps is good enough.
+    /// Accepts a residual of `fraction` of the load, and twice that as duality gap. For a measured load that
+    /// changes every tick, where a search for full accuracy with one step per tick would never finish.
     #[must_use]
     pub const fn with_tolerance(self, fraction: f32) -> Self {
         Self { open: fraction, ..self }
     }
 
-    /// The least forces of the contacts of `map` that make the wrench `load` [N; N·m] on the object: the opposite of what
-    /// gravity and inertia do to it.
+    /// Solves for the contact forces that apply the wrench `load` [N; N·m] to the object: the opposite of
+    /// gravity and inertia.
     ///
     /// # Errors
-    /// Nothing holds the load, or it is at the edge of what can be held.
+    /// The load is infeasible, or at the boundary of the feasible set.
     pub fn solve(
         &self,
         map: &GraspMap,
@@ -142,10 +143,10 @@ impl LeastGrip {
         self.advance(map, load, state, u32::MAX)
     }
 
-    /// Like [`Self::solve`], but ends when a further Newton step might take the call beyond `most` instructions of a
-    /// Cortex-M4F, as counted by the kinds of work, alike on all machines. A call takes at least one step: up to
-    /// 17 000 instructions with three contacts, 24 000 with six. The next call goes on, with the contacts and the load
-    /// that it is given. All calls together take no more steps than one of [`Self::solve`], at most 39.
+    /// Like [`Self::solve`] with a budget: returns before the Newton step that might exceed `max_instructions`
+    /// instructions of a Cortex-M4F, counted by a cost model that is identical on all machines. Takes at
+    /// least one step: up to 17 000 instructions with three contacts, 24 000 with six. The next call
+    /// continues with its own contacts and load. All calls together take at most 39 steps.
     ///
     /// # Errors
     /// As above, or [`GripError::Unfinished`].
@@ -154,25 +155,25 @@ impl LeastGrip {
         map: &GraspMap,
         load: &Vector6<f32>,
         state: &mut GripState,
-        most: u32,
+        max_instructions: u32,
     ) -> Result<Grip, GripError> {
         if !load.sum().is_finite() {
             return Err(GripError::NotFinite);
         }
         for (contact, of) in (0..).zip(map.contacts()) {
-            if of.limit() < self.least {
+            if of.limit() < self.min_force {
                 return Err(GripError::Limit { contact, limit: of.limit() });
             }
         }
         let (force, moment) = map.scaled(load);
         let size = math::sqrt(force.norm_squared() + moment.norm_squared());
-        let unit = if size > self.least { size } else { self.least };
+        let unit = if size > self.min_force { size } else { self.min_force };
         if unit <= f32::MIN_POSITIVE {
             state.begun = None;
             let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
             return Ok(Grip { forces, residual: 0.0, steps: 0 });
         }
-        let cone = |contact| Cone::new(contact, self.margin, self.least, unit);
+        let cone = |contact| Cone::new(contact, self.margin, self.min_force, unit);
         let search = Search {
             map,
             cones: map.contacts().iter().map(cone).collect(),
@@ -190,7 +191,7 @@ impl LeastGrip {
         if begun.is_broken() {
             begun.restart();
         }
-        match search.run(&mut begun, most, proves) {
+        match search.run(&mut begun, max_instructions, proves) {
             Ok(point) => {
                 state.twist = point.twist.into();
                 let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
@@ -212,8 +213,12 @@ impl LeastGrip {
 impl fmt::Display for InvalidGripSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Margin(value) => write!(f, "the margin is {value}; it is at least 0 and less than 1"),
-            Self::MinForce(value) => write!(f, "the least normal force is {value} N"),
+            Self::Margin(value) => {
+                write!(f, "the friction margin is {value}; it must be at least 0 and less than 1")
+            }
+            Self::MinForce(value) => {
+                write!(f, "the minimum normal force is {value} N; it must be finite and not negative")
+            }
         }
     }
 }
@@ -225,7 +230,7 @@ impl fmt::Display for GripError {
         match self {
             Self::NotFinite => write!(f, "the load is not finite"),
             Self::Limit { contact, limit } => {
-                write!(f, "contact {contact}: its limit of {limit} N is below the least normal force")
+                write!(f, "contact {contact}: its limit of {limit} N is below the minimum normal force")
             }
             Self::CannotHold(certificate) => {
                 let t = certificate.twist;

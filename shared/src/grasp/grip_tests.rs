@@ -6,13 +6,13 @@ use crate::math::sqrt;
 
 type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 
-/// Margin, least normal force, load; contacts as position, normal, friction, limit; half the least sum of squares, if the
-/// load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
+/// Margin, least normal force, load; contacts as position, normal, friction, limit; half the least sum of
+/// squares, if the load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
 #[allow(clippy::type_complexity)]
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-const FREE: LeastGrip = LeastGrip { margin: 0.0, least: 0.0, open: 0.0 };
+const FREE: LeastGrip = LeastGrip { margin: 0.0, min_force: 0.0, open: 0.0 };
 
 /// An object of 40 mm between two fingers that face each other along x.
 fn pinch(friction: f32, limit: f32) -> GraspMap {
@@ -52,7 +52,7 @@ fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Ve
         let along = contact.normal().dot(force);
         let across = (force - contact.normal() * along).norm();
         let friction = contact.friction() * (1.0 - grip.margin);
-        for excess in [across - friction * along, along - contact.limit(), grip.least - along] {
+        for excess in [across - friction * along, along - contact.limit(), grip.min_force - along] {
             worst = worst.max(excess);
         }
     }
@@ -78,7 +78,8 @@ fn two_fingers_pinch_with_the_weight_over_twice_the_friction() {
 
 #[test]
 fn three_fingers_share_a_weight_as_worked_by_hand() {
-    // The weight hangs half way: finger 3 carries half of it, and what it needs to push the others push together.
+    // The weight hangs half way: finger 3 carries half of it, and what it needs to push the others push
+    // together.
     let (weight, friction) = (2.0, 0.4);
     let load = Vector6::new(0.0, 0.0, weight, 0.0, -0.03 * weight, 0.0);
     let grip = solve(&FREE, &hand3_grasp(friction), &load).unwrap();
@@ -270,7 +271,8 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
     assert!(open <= 3, "{open}");
 }
 
-/// The paper's box while weights are put on it, as sensors with noise tell of it, and a step of the search a tick.
+/// The paper's box while weights are put on it, as sensors with noise tell of it, and a step of the search a
+/// tick.
 #[test]
 fn a_load_that_is_measured_is_followed() {
     let mut random = Random(17);

@@ -6,51 +6,52 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use super::{ContactForces, GraspMap, MAX_CONTACTS};
 use crate::math::{self, abs};
 
-/// Most independent internal forces: six contacts in line.
+/// Maximum dimension of the internal forces: six collinear contacts.
 const MAX_INTERNAL: usize = 3 * MAX_CONTACTS - 5;
-/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single precision.
+/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single
+/// precision.
 const SWEEPS: usize = 6;
 
-/// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose wrench is 0.
-/// There are 3n − 6 of them, or 3n − 5 for contacts in line.
+/// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose
+/// wrench is 0. There are 3n − 6 of them, or 3n − 5 for contacts in line.
 #[derive(Clone, Debug)]
 pub struct InternalForces {
     basis: Vec<ContactForces, MAX_INTERNAL>,
 }
 
-/// The pairwise form of internal forces is for three contacts.
+/// The pairwise form needs three contacts; the value is their number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ContactCountError(pub usize);
 
-/// The internal force along the contacts' normals, with one degree of freedom (Hand3, section 5.3).
+/// Internal force along the contacts' normals, with one degree of freedom (Hand3 section 5.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormalGrip {
-    /// Normal forces, the largest of them 1.
+    /// Normal forces over the largest.
     fractions: Vec<f32, MAX_CONTACTS>,
     forces: ContactForces,
 }
 
-/// Why the contacts cannot grip along their normals.
+/// Why no internal force along the normals exists.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NormalGripError {
-    /// No forces along the normals balance.
+    /// Forces along the normals do not balance.
     Unbalanced {
-        /// The least wrench that remains, over the root of the sum of squares of the forces, moments over the length.
+        /// Smallest residual wrench over the norm of the forces, with moments over the length.
         residual: f32,
     },
-    /// More than one combination balances.
+    /// The balance is not unique.
     Ambiguous,
-    /// They balance only when one of the contacts carries nothing, or pulls.
+    /// The balance needs a contact with zero or negative normal force.
     NotPushing {
         /// Its index.
         contact: u8,
-        /// Its force over the largest one.
+        /// Its normal force over the largest.
         fraction: f32,
     },
 }
 
 impl GraspMap {
-    /// `E`, 9 × 3, of Hand3 (18): its columns are unit forces by which contacts 2 and 3, 1 and 3, 1 and 2 press towards
+    /// `E` of (Hand3 eq. 18), 9 × 3: unit forces with which contacts 2 and 3, 1 and 3, 1 and 2 press towards
     /// each other.
     ///
     /// # Errors
@@ -73,12 +74,12 @@ impl GraspMap {
         Ok(matrix)
     }
 
-    /// A basis of all internal forces.
+    /// An orthonormal basis of the null space of the grasp map.
     pub fn internal_forces(&self) -> InternalForces {
         let inverse = self.inverse();
         let count = self.levers.len();
         let dimension = 3 * count - usize::from(inverse.conditioning().rank);
-        // Unit forces without what moves the object, the one with most left first (Gram and Schmidt with pivots).
+        // Pivoted Gram–Schmidt on the projections of the unit forces.
         let mut basis = Vec::<ContactForces, MAX_INTERNAL>::new();
         let mut left: ContactForces = self.levers.iter().map(|_| Vector3::repeat(1.0)).collect();
         for (place, left) in left.iter_mut().enumerate() {
@@ -89,11 +90,11 @@ impl GraspMap {
             }
         }
         for _ in 0..dimension {
-            let (mut place, mut axis, mut most) = (0, 0, 0.0);
+            let (mut place, mut axis, mut max_norm) = (0, 0, 0.0);
             for (index, left) in left.iter().enumerate() {
                 for (direction, &left) in left.iter().enumerate() {
-                    if left > most {
-                        (place, axis, most) = (index, direction, left);
+                    if left > max_norm {
+                        (place, axis, max_norm) = (index, direction, left);
                     }
                 }
             }
@@ -123,13 +124,13 @@ impl GraspMap {
         forces
     }
 
-    /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`. `tolerance` is the
-    /// largest wrench that may remain, over the root of the sum of squares of the forces and with moments over
-    /// [`GraspMap::length`]: measured contacts never balance exactly. What remains is then balanced by the least forces
-    /// across the normals.
+    /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`.
+    /// `tolerance` is the largest wrench that may remain, over the root of the sum of squares of the forces
+    /// and with moments over [`GraspMap::length`]: measured contacts never balance exactly. What remains is
+    /// then balanced by the least forces across the normals.
     ///
     /// # Errors
-    /// The normals do not balance in one way, with all contacts pushing.
+    /// The normals have no unique balance with all contacts pushing.
     pub fn normal_grip(&self, tolerance: f32) -> Result<NormalGrip, NormalGripError> {
         // NᵀDₒDₒᵀN; rows beyond the contacts get an eigenvalue above all others.
         let mut products =
@@ -142,11 +143,11 @@ impl GraspMap {
             }
         }
         let vectors = eigenvectors(&mut products);
-        let (mut least, mut next) = (f32::INFINITY, f32::INFINITY);
+        let (mut min_value, mut next) = (f32::INFINITY, f32::INFINITY);
         let mut vector = SVector::zeros();
         for (&value, column) in products.diagonal().iter().zip(vectors.column_iter()) {
-            if value < least {
-                (next, least) = (least, value);
+            if value < min_value {
+                (next, min_value) = (min_value, value);
                 vector = column.into_owned();
             } else if value < next {
                 next = value;
@@ -159,7 +160,7 @@ impl GraspMap {
                 .map(|(contact, fraction)| contact.normal * (fraction * scale))
                 .collect()
         };
-        // Not from the eigenvalue, whose digits near 0 are lost.
+        // Not from the eigenvalue: cancellation leaves no digits near 0.
         let (force, moment) = self.scaled_sum(&push(1.0));
         let residual = math::sqrt(force.norm_squared() + moment.norm_squared());
         if residual > tolerance || (residual + tolerance).is_nan() {
@@ -168,9 +169,11 @@ impl GraspMap {
         if next <= tolerance * tolerance + f32::EPSILON {
             return Err(NormalGripError::Ambiguous);
         }
-        let largest = vector
-            .iter()
-            .fold(0.0, |most: f32, &fraction| if abs(fraction) > abs(most) { fraction } else { most });
+        let largest =
+            vector.iter().fold(
+                0.0,
+                |max_norm: f32, &fraction| if abs(fraction) > abs(max_norm) { fraction } else { max_norm },
+            );
         let fractions: Vec<f32, MAX_CONTACTS> =
             vector.iter().take(self.contacts.len()).map(|fraction| fraction / largest).collect();
         for (contact, &fraction) in (0..).zip(&fractions) {
@@ -185,12 +188,12 @@ impl GraspMap {
 }
 
 impl InternalForces {
-    /// The basis; as many as there are degrees of freedom.
+    /// The basis; its length is the dimension of the null space.
     pub fn basis(&self) -> &[ContactForces] {
         &self.basis
     }
 
-    /// The internal forces [N] with these parts along the basis [N]; missing ones are 0.
+    /// Internal forces [N] with these coordinates in the basis [N]; missing ones are 0.
     pub fn forces(&self, parts: &[f32]) -> ContactForces {
         let mut forces = ContactForces::new();
         for (member, part) in self.basis.iter().zip(parts.iter().chain(core::iter::repeat(&0.0))) {
@@ -207,7 +210,7 @@ impl NormalGrip {
         &self.fractions
     }
 
-    /// The contacts' forces [N] when the largest of them is `strength` [N]; their wrench is 0.
+    /// Contact forces [N] whose largest normal force is `strength` [N]; their wrench is 0.
     pub fn forces(&self, strength: f32) -> ContactForces {
         self.forces.iter().map(|force| force * strength).collect()
     }
@@ -217,7 +220,7 @@ fn dot(a: &[Vector3<f32>], b: &[Vector3<f32>]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
 }
 
-/// The eigenvectors of a symmetric matrix by Jacobi's method; the matrix becomes diagonal.
+/// Eigenvectors of a symmetric matrix by Jacobi's method; diagonalises `matrix` in place.
 fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32, N, N> {
     let mut vectors = SMatrix::identity();
     for _ in 0..SWEEPS {

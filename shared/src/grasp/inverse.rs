@@ -6,44 +6,45 @@ use super::ContactForces;
 use super::map::GraspMap;
 use crate::math::{self, abs};
 
-/// The least share of the sigma_max singular value at which the sigma_min counts.
+/// Relative tolerance of the rank: singular values below this fraction of the largest count as 0.
 const RANK_TOLERANCE: f32 = 1e-3;
-/// Below this share of the sigma_max eigenvalue the sigma_min is split off.
+/// Contacts count as nearly collinear when the smallest eigenvalue is below this fraction of the largest.
 const NEAR_LINE: f32 = 0.1;
-/// The sigma_max share of a load that may be left over where the contacts resist it in no way.
+/// Tolerance of an unresisted moment over the load, for collinear contacts.
 const REST_TOLERANCE: f32 = 1e-4;
-/// The inverse iteration multiplies by the 2ⁿth power of the inverse. What is left of other directions falls by the ratio
-/// of the two sigma_min eigenvalues each time; at worst, the ratio being near 1, the singular value is 0.1 % too large.
+/// Squarings of the inverse in the power iteration. Each squares the ratio of the two smallest eigenvalues;
+/// in the worst case, a ratio near 1, the singular value is 0.1 % too large.
 const SQUARES: usize = 8;
 
-/// How well contacts resist loads: the singular values of the grasp map with moments about the contacts' centroid and
-/// over [`GraspMap::length`], which makes them plain numbers that depend neither on the origin nor on the axes.
+/// Conditioning of the grasp: singular values of the grasp map about the contacts' centroid with moments over
+/// [`GraspMap::length`], independent of origin and axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditioning {
-    /// 6, or 5 where the contacts are in one line and nothing resists a moment about it.
+    /// 6, or 5 for collinear contacts, which resist no moment about their line.
     pub rank: u8,
-    /// The sigma_max singular value: √n for n contacts, that of the forces.
+    /// Largest singular value: √n for n contacts.
     pub sigma_max: f32,
-    /// The sigma_min singular value, of the moment about `axis`: 0 in line; at best √(2n/3), for three contacts √(3/2).
+    /// Smallest singular value: 0 for collinear contacts, at most √(2n/3).
     pub sigma_min: f32,
-    /// The sigma_max over the sigma_min; infinite when the rank is 5.
+    /// `sigma_max`/`sigma_min`; infinite for rank 5.
     pub condition: f32,
-    /// The axis, a unit vector, about which a moment is resisted worst: that of least distance from the contacts.
+    /// Unit vector of the moment with the least resistance: the angular part of the left singular vector of
+    /// `sigma_min`.
     pub axis: Vector3<f32>,
 }
 
-/// The pseudo-inverse of the grasp map: the contact forces of least sum of squares for a wrench, Hand3 (18).
+/// Pseudo-inverse of the grasp map: the contact forces of minimum norm for a wrench (Hand3 eq. 18).
 ///
-/// About the centroid, `G Gᵀ` falls apart into `n` times the identity, for forces, and one 3 × 3 block for moments. That
-/// block's weakest axis is found by inverse iteration. Near a line it is split off, and the residual, always well conditioned,
-/// is inverted: there is no loss of digits near a line, and nothing to divide by in one.
+/// About the centroid, `G Gᵀ` is block diagonal: `n` times the identity for forces and a 3 × 3 block for
+/// moments, whose smallest eigenvector is found by inverse iteration. For nearly collinear contacts this
+/// eigenvector is deflated and the well-conditioned remainder is inverted, so no significant digits are lost.
 #[derive(Clone, Debug)]
 pub struct WrenchInverse<'a> {
     map: &'a GraspMap,
     conditioning: Conditioning,
-    /// Inverse of the moments' block; near a line without the axis.
+    /// Inverse of the moments' block; deflated for nearly collinear contacts.
     across: Matrix3<f32>,
-    /// Near a line the inverse of the axis' eigenvalue, or 0 for one that does not count.
+    /// Inverse of the deflated eigenvalue, or 0 if it is below the rank tolerance.
     along: f32,
 }
 
@@ -73,19 +74,19 @@ impl GraspMap {
         let count = self.levers.len() as f32;
         let spread = -block.trace();
         block += Matrix3::from_diagonal_element(spread);
-        // The adjugate is the inverse but for a factor, and exists for contacts in line, too.
+        // The adjugate is a multiple of the inverse and exists for collinear contacts too.
         let mut power = adjugate(&block);
         for _ in 0..SQUARES {
             let scale = 1.0 / power.trace();
             power = power * power * (scale * scale);
         }
         let axis = longest_column(&power);
-        // From the distances of the contacts from the axis, with all digits.
+        // From the distances to the axis: without cancellation.
         let sigma_min: f32 = self.levers.iter().map(|lever| axis.cross(lever).norm_squared()).sum();
         let sigma_max = math::sqrt(count);
         let full = sigma_min > RANK_TOLERANCE * RANK_TOLERANCE * count;
-        // Far from a line the block has an inverse as it is. Near one the axis, then exact because the other eigenvalues are
-        // far away, gets an eigenvalue as large as theirs, and its own is kept apart.
+        // Away from collinearity the block is inverted as it is. Otherwise the eigenvector is deflated: its
+        // eigenvalue is replaced by one as large as the others and handled separately.
         let near = sigma_min < NEAR_LINE * count;
         let moved = if near { count - sigma_min } else { 0.0 };
         let outer = axis * axis.transpose();
@@ -109,12 +110,13 @@ impl GraspMap {
 }
 
 impl WrenchInverse<'_> {
-    /// Rank, sigma_min singular value, condition.
+    /// Rank, singular values and condition number.
     pub const fn conditioning(&self) -> &Conditioning {
         &self.conditioning
     }
 
-    /// `f = Gᵀ (G Gᵀ)⁻¹ w`: of all contact forces [N] that make `wrench` [N; N·m] the least ones. They may pull.
+    /// `f = Gᵀ (G Gᵀ)⁻¹ w`: the contact forces [N] of minimum norm for `wrench` [N; N·m]. Their normal parts
+    /// may be negative.
     ///
     /// # Errors
     /// The wrench is not finite, or nothing resists it.
@@ -130,7 +132,7 @@ impl WrenchInverse<'_> {
             return Err(WrenchInverseError::NotResisted { axis, moment: about * self.map.length });
         }
         let mut forces: ContactForces = self.map.levers.iter().map(|_| Vector3::zeros()).collect();
-        // The second time for what rounding left of the first.
+        // One step of iterative refinement.
         for _ in 0..2 {
             let (made, turned) = self.map.scaled_sum(&forces);
             self.add(&(force - made), &(moment - turned), &mut forces);
@@ -138,7 +140,7 @@ impl WrenchInverse<'_> {
         Ok(forces)
     }
 
-    /// Takes from `forces` [N] all that moves the object, so that `G f` = 0: the nearest internal forces.
+    /// Projects `forces` [N] orthogonally onto the null space of `G`: the nearest internal forces.
     pub fn project_to_null_space(&self, forces: &mut [Vector3<f32>]) {
         for _ in 0..2 {
             let (made, turned) = self.map.scaled_sum(forces);
@@ -146,7 +148,7 @@ impl WrenchInverse<'_> {
         }
     }
 
-    /// Adds the least forces for a wrench about the centroid with its moment over the length.
+    /// Adds the minimum-norm forces for a wrench about the centroid, with its moment over the length.
     fn add(&self, force: &Vector3<f32>, moment: &Vector3<f32>, forces: &mut [Vector3<f32>]) {
         let axis = &self.conditioning.axis;
         let turn = self.across * moment + axis * (self.along * axis.dot(moment));
@@ -163,7 +165,7 @@ fn adjugate(m: &Matrix3<f32>) -> Matrix3<f32> {
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
 }
 
-/// A unit vector.
+/// The longest column, normalised.
 fn longest_column(m: &Matrix3<f32>) -> Vector3<f32> {
     let [a, b, c] = [0, 1, 2].map(|index| m.column(index).norm_squared());
     let (column, square) = if a >= b && a >= c {
@@ -182,7 +184,7 @@ impl fmt::Display for WrenchInverseError {
             Self::NotFinite => write!(f, "the wrench is not finite"),
             Self::NotResisted { axis, moment } => write!(
                 f,
-                "the contacts are in line along ({}, {}, {}) and resist no moment about it; wanted are {moment} N·m",
+                "the contacts are collinear along ({}, {}, {}) and resist no moment about it; the load has {moment} N·m",
                 axis.x, axis.y, axis.z
             ),
         }

@@ -6,21 +6,21 @@ use nalgebra::{SMatrix, Vector3, Vector6};
 use super::{Contact, ContactForces, MAX_CONTACTS};
 use crate::math;
 
-/// The grasp map `G`, moments in [N·m] about the grasp's origin: `w = G f`. Three columns a contact; columns beyond the
-/// contacts are 0.
+/// The grasp map `G`, moments in [N·m] about the grasp's origin: `w = G f`. Three columns a contact; columns
+/// beyond the contacts are 0.
 pub type GraspMatrix = SMatrix<f32, 6, { 3 * MAX_CONTACTS }>;
 
-/// Contacts nearer to each other than this share of their mean distance from the centroid are one contact.
+/// Contacts closer than this fraction of their mean distance from the centroid coincide.
 const COINCIDENT: f32 = 1e-3;
 
 /// The contacts of a grasp and the linear map between their forces and the wrench on the object.
 ///
-/// For point contacts `G = [I … I; r₁^ … rₙ^]`, `D_oᵀ` of Hand3 (17). A wrench is `[force; moment]`, a twist is
-/// `[v; ω]`, both about one `origin` and in the axes in which the contacts are given.
+/// For point contacts `G = [I … I; r₁^ … rₙ^]`, `D_oᵀ` of (Hand3 eq. 17). A wrench is `[force;
+/// moment]`, a twist is `[v; ω]`, both about one `origin` and in the axes in which the contacts are given.
 #[derive(Clone, Debug)]
 pub struct GraspMap {
     pub(super) contacts: Vec<Contact, MAX_CONTACTS>,
-    /// Places of the contacts from their centroid, over `length`.
+    /// Positions relative to the centroid over `length`.
     pub(super) levers: ContactForces,
     /// The centroid, from the origin [m].
     pub(super) center: Vector3<f32>,
@@ -29,14 +29,14 @@ pub struct GraspMap {
     origin: Vector3<f32>,
 }
 
-/// Why contacts make no grasp.
+/// Why contacts have no grasp map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GraspMapError {
     /// There are not 2 to [`MAX_CONTACTS`] of them.
     Contacts(usize),
     /// The origin is not finite.
     Origin,
-    /// Two of them are at the same place.
+    /// Two contacts coincide.
     Coincident {
         /// Their indices.
         first: u8,
@@ -62,11 +62,11 @@ impl GraspMap {
             return Err(GraspMapError::Origin);
         }
         #[expect(clippy::cast_precision_loss, reason = "2 to 6")]
-        let share = 1.0 / count as f32;
-        // From the origin, lest a grasp far from the base lose digits.
+        let inverse_count = 1.0 / count as f32;
+        // Relative to the origin, so that a distant base costs no significant digits.
         let mut center = Vector3::zeros();
         contacts.iter().for_each(|contact| center += contact.position - origin);
-        center *= share;
+        center *= inverse_count;
         let mut levers = ContactForces::new();
         let mut square = 0.0;
         for contact in &contacts {
@@ -74,7 +74,7 @@ impl GraspMap {
             square += lever.norm_squared();
             let _ = levers.push(lever); // as many places as contacts
         }
-        let length = math::sqrt(square * share);
+        let length = math::sqrt(square * inverse_count);
         let inverse = if length > f32::MIN_POSITIVE { 1.0 / length } else { 0.0 };
         levers.iter_mut().for_each(|lever| *lever *= inverse);
         for (second, lever) in (0_u8..).zip(&levers) {
@@ -99,8 +99,8 @@ impl GraspMap {
         &self.origin
     }
 
-    /// The length by which moments are divided wherever forces and moments are compared [m]: the root mean square
-    /// distance of the contacts from their centroid.
+    /// The length by which moments are divided wherever forces and moments are compared [m]: the root mean
+    /// square distance of the contacts from their centroid.
     pub const fn length(&self) -> f32 {
         self.length
     }
@@ -116,7 +116,8 @@ impl GraspMap {
         matrix
     }
 
-    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, Hand3 (17). Missing forces count as 0.
+    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, (Hand3 eq. 17). Missing forces
+    /// count as 0.
     pub fn wrench(&self, forces: &[Vector3<f32>]) -> Vector6<f32> {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for (contact, contact_force) in self.contacts.iter().zip(forces) {
@@ -126,8 +127,8 @@ impl GraspMap {
         stack(&force, &moment)
     }
 
-    /// `Gᵀ V` [m/s]: the velocities of the contacts' points on an object that moves with `twist` [m/s; rad/s], the right
-    /// side of Hand3 (13).
+    /// `Gᵀ V` [m/s]: the velocities of the contacts' points on an object that moves with `twist` [m/s;
+    /// rad/s], the right side of (Hand3 eq. 13).
     pub fn velocities(&self, twist: &Vector6<f32>) -> ContactForces {
         let (linear, angular) = halves(twist);
         let velocity = |contact: &Contact| linear + angular.cross(&(contact.position - self.origin));

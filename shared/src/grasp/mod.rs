@@ -1,13 +1,14 @@
 //! Grasping: what contact forces do to an object, and which are needed to hold it.
 //!
-//! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the object (Hand3,
-//!   section 5).
-//! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object; [`WrenchInverse`] back, to the least
-//!   forces, with rank and [`Conditioning`].
-//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move nothing, in the
-//!   three forms that are wanted.
-//! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that there are
-//!   none; in one call or over several ticks. [`normal_force_limit`]: what a finger's joint torques allow.
+//! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the
+//!   object (Hand3 section 5).
+//! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object;
+//!   [`WrenchInverse`] back, to the least forces, with rank and [`Conditioning`].
+//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move
+//!   nothing, in the three forms that are wanted.
+//! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that
+//!   there are none; in one call or over several ticks. [`normal_force_limit`]: what a finger's joint torques
+//!   allow.
 //!
 //! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
 

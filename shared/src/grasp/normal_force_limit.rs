@@ -4,28 +4,31 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::math;
 
-/// A joint cannot add to a push: what it carries already takes all its torque, or its numbers are not finite.
+/// A joint has no torque left for a contact force, or a value is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NormalForceLimitError {
     /// The joint of the finger, 0 to 2.
     pub joint: u8,
 }
 
-/// The largest normal force [N] that a finger can answer for: with any force inside the friction cone whose normal part
-/// is at most so large, each joint torque `used + (D_Fi J_Fi)ᵀ f`, Hand3 (16), stays within ± its limit. It is infinite if
-/// no joint feels the contact. For the limit of a [`Contact`](super::Contact), together with what sensor and tip bear.
+/// Maximum normal force [N] of a finger's contact: for any force inside the friction cone with a smaller
+/// normal part, each joint torque `used + (D_Fi J_Fi)ᵀ f` (Hand3 eq. 16) stays within its limit. Infinite if
+/// the contact loads no joint. Use the smaller of this and the limits of sensor and tip for a
+/// [`Contact`](super::Contact).
 ///
 /// - `block`: `D_Fi J_Fi` [m/rad], see [`ThreeFingers::blocks`](super::ThreeFingers::blocks).
 /// - `normal`: unit vector into the object; `friction`: coefficient, less the margin of the
 ///   [`LeastGrip`](super::LeastGrip).
 /// - `used`, `limits`: joint torques for gravity and motion, and the largest ones [N·m].
 ///
-/// With `c` and `s` the parts of column j of the block along and across the normal, forces of normal part `a` load joint
-/// j with `a (c − μ s)` to `a (c + μ s)`, both of which are attained; so the largest `a` is a quotient for each.
+/// With `c` and `s` the parts of column j of the block along and across the normal, forces of normal part
+/// `a` load joint j with `a (c − μ s)` to `a (c + μ s)`, both of which are attained; so the largest `a` is a
+/// quotient for each.
 ///
-/// It is conservative for forces other than the worst of the cone. If joint j, loaded in the direction of `c`, sets the
-/// limit, then a force along the normal could be up to `1 + μ s/|c|` times as large and a force of the cone at best
-/// `(|c| + μ s)/(|c| − μ s)` times; there is no such bound where `|c| ≤ μ s`, or where the joint is loaded the other way.
+/// It is conservative for forces other than the worst of the cone. If joint j, loaded in the direction of
+/// `c`, sets the limit, then a force along the normal could be up to `1 + μ
+/// s/|c|` times as large and a force of the cone at best `(|c| + μ s)/(|c| − μ
+/// s)` times; there is no such bound where `|c| ≤ μ s`, or where the joint is loaded the other way.
 ///
 /// # Errors
 /// A joint is at its limit without any push, or something is not a number.
@@ -36,7 +39,7 @@ pub fn normal_force_limit(
     used: &Vector3<f32>,
     limits: &Vector3<f32>,
 ) -> Result<f32, NormalForceLimitError> {
-    let mut most = f32::INFINITY;
+    let mut max_force = f32::INFINITY;
     for (joint, ((column, used), limit)) in (0..).zip(block.column_iter().zip(used).zip(limits)) {
         let along = column.dot(normal);
         let across = friction * math::sqrt((column - normal * along).norm_squared());
@@ -45,12 +48,12 @@ pub fn normal_force_limit(
             if !(room > 0.0 && rate.is_finite()) {
                 return Err(NormalForceLimitError { joint });
             }
-            if rate > 0.0 && room < most * rate {
-                most = room / rate;
+            if rate > 0.0 && room < max_force * rate {
+                max_force = room / rate;
             }
         }
     }
-    Ok(most)
+    Ok(max_force)
 }
 
 impl fmt::Display for NormalForceLimitError {
@@ -66,8 +69,8 @@ impl core::error::Error for NormalForceLimitError {}
 mod tests {
     use super::*;
 
-    /// Block by rows, normal, friction, torques used, limits; the largest normal force and the force that attains it, by
-    /// brute force (`tests/oracles/push.py`).
+    /// Block by rows, normal, friction, torques used, limits; the largest normal force and the force that
+    /// attains it, by brute force (`tests/oracles/push.py`).
     #[allow(clippy::type_complexity)]
     const CASES: &[([f32; 9], [f32; 3], f32, [f32; 3], [f32; 3], f32, [f32; 3])] =
         include!("../../../tests/oracles/data/push.in");

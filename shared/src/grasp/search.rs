@@ -10,48 +10,51 @@ use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
 
-/// Most Newton steps, in all calls; after so many of them what is good enough is taken, or the search ends.
+/// Maximum number of Newton steps in all calls; then a residual below `MAX_RESIDUAL` is accepted, or the
+/// search fails.
 const MAX_STEPS: u8 = 39;
-/// After so many of them the axis about which contacts in line turn is tried as a proof.
+/// Step at which the line through collinear contacts is tried as a certificate.
 const AXIS_PROOF_STEP: u8 = 8;
-/// After so many of them a search that did not begin at 0 begins anew there.
+/// Step at which a warm-started search restarts at 0.
 const RESTART_STEP: u8 = 12;
-/// After so many of them what is good enough is taken.
+/// Step from which `MAX_GAP` suffices instead of `TARGET_GAP`.
 const ACCEPT_STEP: u8 = 16;
-/// What may be missing to the load, over the load: what is searched for, and what is good enough.
+/// Residual wrench over the load: the target, and the maximum of an accepted solution.
 const TARGET_RESIDUAL: f32 = 1e-5;
 const MAX_RESIDUAL: f32 = 9e-5;
-/// What rounding leaves, over the root of the sum of the forces' squares.
+/// Rounding error of the residual over the norm of the contact forces.
 const ROUNDING: f32 = 6e-7;
-/// By how much what is missing may change the sum of squares, over half of it.
+/// Relative duality gap that the residual may cause: the target, and the maximum of an accepted solution.
 const TARGET_GAP: f32 = 2e-4;
 const MAX_GAP: f32 = 8e-4;
 
-/// Damping over what is missing, at first and at least; a step that was too long multiplies it, a good one divides it.
+/// Levenberg–Marquardt damping over the residual: initial (and minimum) factor, and its multipliers after a
+/// step that was too long and after a good one.
 const INITIAL_DAMPING: f32 = 1e-3;
 const DAMPING_INCREASE: f32 = 8.0;
 const DAMPING_DECREASE: f32 = 0.1;
 const MAX_DAMPING: f32 = 1.0;
-/// The least damping: single precision leaves as much noise in the Hessian.
+/// Minimum damping: the rounding error of the Hessian in single precision.
 const MIN_DAMPING: f32 = 1e-5;
 const MIN_PIVOT: f32 = 1e-7;
-/// A shortened step may end with this share of the slope left, up or down; a step with more of it left was too short.
+/// Line search (curvature condition): the slope at its end over the slope at its start. Backtracks below
+/// −this, extends above it.
 const MAX_SLOPE_RATIO: f32 = 0.5;
-/// Most shortenings of a step, and most times that one is made longer by the factor.
+/// Maximum numbers of backtracks and extensions of a step, and the factor of an extension.
 const MAX_BACKTRACKS: u32 = 4;
 const MAX_EXTENSIONS: usize = 3;
 const EXTENSION: f32 = 4.0;
-/// Farther out than this, in units of the load, sums of single precision say nothing.
+/// Bound on the dual variable in units of the load; beyond it single precision has no significant digits.
 const MAX_TWIST: f32 = 3e4;
-/// Where nothing changes along a step, points so many steps ahead are tried as a proof.
+/// Along a recession direction, points at these multiples of the step are tried as certificates.
 const RAY_LENGTHS: [f32; 2] = [10.0, 1000.0];
 
-/// What something takes in instructions of a Cortex-M4F: at all, and for each contact. Measured, and rounded up.
+/// Cost in instructions of a Cortex-M4F: fixed, and per contact. Measured and rounded up.
 #[derive(Clone, Copy)]
 struct Cost(u32, u32);
 
-/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the axis of
-/// contacts in line.
+/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the
+/// axis of contacts in line.
 const START: Cost = Cost(500, 25);
 const EVALUATION: Cost = Cost(390, 180);
 const DIRECTION: Cost = Cost(1720, 140);
@@ -69,100 +72,100 @@ impl Cost {
     }
 }
 
-/// The most that a step takes with the proofs tried after it. A new begin, which is never where the axis is tried, takes less
-/// than that.
+/// Maximum cost of a step with the certificates tried after it. A restart, which never coincides with the
+/// trial of the axis, costs less.
 const STEP: Cost = DIRECTION
     .and(EVALUATION.times(1 + MAX_BACKTRACKS))
     .and(SEPARATION.times(4))
     .and(PROOF.times(5))
     .and(AXIS);
 
-/// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the length.
+/// The dual problem of the least grip: forces in units of `unit`, moments about the centroid and over the
+/// length.
 pub(super) struct Search<'a> {
     pub map: &'a GraspMap,
     pub cones: Vec<Cone, MAX_CONTACTS>,
     pub load: Vector6<f32>,
-    /// Size of the load.
+    /// Norm of the load.
     pub size: f32,
-    /// The share of it that may be missing.
+    /// Accepted residual over the load.
     pub open: f32,
-    /// What it took so far, in instructions.
+    /// Instructions used so far.
     pub work: Cell<u32>,
 }
 
 /// A search under way.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct SearchState {
-    /// Where it is: about the contacts' centroid, the angular half times the length, over the load.
+    /// Dual variable: twist about the centroid, the angular part times the length, over the load.
     pub twist: [f32; 6],
     damping: f32,
-    /// What was missing to the load at best, over the load.
+    /// Smallest residual so far, over the load.
     best: f32,
     /// Newton steps taken.
     pub steps: u8,
-    /// Whether it began elsewhere than at 0.
+    /// Whether the search was warm-started.
     elsewhere: bool,
 }
 
-/// How a search ends without forces.
+/// Result of a search without accepted forces.
 pub(super) enum SearchEnd {
-    /// With a proof.
+    /// Infeasible, with a certificate.
     Refused(Certificate),
-    /// With neither; what was missing to the load at best, over the load.
+    /// Not converged, with the smallest residual over the load.
     Open(f32),
-    /// Not yet; what is missing to the load, over the load.
+    /// Budget used up, with the present residual over the load.
     Unfinished(f32),
 }
 
-/// A twist and what follows from it.
+/// The dual function at a twist.
 pub(super) struct Point {
     pub twist: Vector6<f32>,
-    /// The nearest forces to the velocities of the contacts.
+    /// Projections of the contact velocities onto the cones.
     pub nearest: Vec<Projection, MAX_CONTACTS>,
-    /// Load less wrench of the forces: the gradient.
+    /// Residual: load minus wrench of the forces, the gradient of the dual function.
     missing: Vector6<f32>,
-    /// The most power of the contacts against the twist.
+    /// Support function of the contacts' forces at the twist.
     support: f32,
     /// Sum of the forces' squares.
     square: f32,
 }
 
 impl SearchState {
-    /// Before the first step from `twist`.
+    /// Initial state at `twist`.
     pub fn at(twist: [f32; 6]) -> Self {
         let elsewhere = Vector6::from(twist) != Vector6::zeros();
         Self { twist, damping: INITIAL_DAMPING, best: f32::INFINITY, steps: 0, elsewhere }
     }
 
-    /// Whether no search can be there, after damage to the state.
+    /// Whether the stored state is corrupt.
     pub fn is_broken(&self) -> bool {
         let sum: f32 = self.twist.iter().sum();
         !(sum.is_finite() && (INITIAL_DAMPING..=MAX_DAMPING).contains(&self.damping))
     }
 
-    /// Begins anew at 0, with the steps that are left.
+    /// Restarts at 0 with the remaining steps.
     pub fn restart(&mut self) {
         *self = Self { best: self.best, steps: self.steps, ..Self::at([0.0; 6]) };
     }
 }
 
 impl Search<'_> {
-    /// Newton's method from where it has left off, until it ends or a further step might take it beyond `most`
-    /// instructions: where it ends. It takes at least one step. `proves` tells whether a twist proves that nothing holds
-    /// the load.
+    /// Continues Newton's method until it ends or a further step might exceed `max_instructions` instructions; takes at
+    /// least one step. `proves` checks a twist as certificate of infeasibility.
     pub fn run(
         &self,
         begun: &mut SearchState,
-        most: u32,
+        max_instructions: u32,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
     ) -> Result<Point, SearchEnd> {
         self.take(START);
         let mut point = self.at(begun.twist.into());
-        // What is maximised, y·w − Σ (v·p − p²/2), is this, and positive at its end: the start is no good. On the way a
-        // step may lead there and out again.
+        // A negative dual value at a warm start means a bad start, because the maximum is positive. Later
+        // steps may pass through negative values.
         let mut astray = begun.steps == 0 && point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
         let (mut ahead, before) = (None, begun.steps);
-        let enough = most.saturating_sub(self.instructions(STEP));
+        let enough = max_instructions.saturating_sub(self.instructions(STEP));
         loop {
             if astray || begun.steps == RESTART_STEP && begun.elsewhere {
                 begun.restart();
@@ -173,13 +176,13 @@ impl Search<'_> {
             if missing < begun.best {
                 begun.best = missing;
             }
-            let wanted = match begun.steps {
+            let accepted = match begun.steps {
                 0..ACCEPT_STEP => self.is_good(&point, missing),
                 ACCEPT_STEP..MAX_STEPS => changes(&point) <= MAX_GAP,
                 _ => true,
             };
             let will_do = missing <= self.open && changes(&point) <= 2.0 * self.open;
-            if will_do || wanted && missing <= MAX_RESIDUAL {
+            if will_do || accepted && missing <= MAX_RESIDUAL {
                 return Ok(point);
             }
             let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| {
@@ -209,7 +212,7 @@ impl Search<'_> {
         self.work.set(self.work.get().saturating_add(self.instructions(cost)));
     }
 
-    /// What is missing to the load, over the load.
+    /// Norm of the residual over the load.
     pub fn residual(&self, point: &Point) -> f32 {
         math::sqrt(point.missing.norm_squared()) / self.size
     }
@@ -219,7 +222,7 @@ impl Search<'_> {
         missing * self.size <= TARGET_RESIDUAL * self.size + rounding && changes(point) <= TARGET_GAP
     }
 
-    /// Twists that may prove that nothing holds the load.
+    /// Candidate certificates of infeasibility.
     fn candidates(
         &self,
         point: &Point,
@@ -227,7 +230,7 @@ impl Search<'_> {
         steps: u8,
     ) -> impl Iterator<Item = Vector6<f32>> {
         let own = (point.twist.dot(&self.load) > point.support).then_some(point.twist);
-        // What is missing tends to the way from the nearest wrench that can be made, which separates.
+        // The residual tends to the shortest vector from the set of feasible wrenches, which separates.
         let missing = (steps > 0).then_some(point.missing);
         let twist = point.twist;
         let far = ahead.into_iter().flat_map(move |step| RAY_LENGTHS.map(|times| twist + step * times));
@@ -240,7 +243,7 @@ impl Search<'_> {
             .chain(missing.into_iter().chain(far).chain(about).filter(|twist| self.separates(twist)))
     }
 
-    /// Whether the load has more power against a twist than the contacts.
+    /// Whether the twist separates the load from all feasible wrenches.
     fn separates(&self, twist: &Vector6<f32>) -> bool {
         self.take(SEPARATION);
         let (linear, angular) = halves(twist);
@@ -269,7 +272,8 @@ impl Search<'_> {
         Point { twist, nearest: all, missing: stack(&force, &moment), support, square }
     }
 
-    /// A damped Newton step, made shorter or longer as needed; the direction, if the slope along it has hardly changed.
+    /// A damped Newton step with line search. Also returns its direction if the slope hardly changed along
+    /// it.
     fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
@@ -294,14 +298,14 @@ impl Search<'_> {
         (next, flat.then_some(direction))
     }
 
-    /// A point before the end of a step that went too far: the slope along it falls from `slope` to `end` < 0.
+    /// Backtracks along a step that went too far: the slope falls from `slope` to `end` < 0.
     fn shorter(&self, point: &Point, direction: &Vector6<f32>, slope: f32, end: f32) -> Point {
         let (mut lower, mut upper) = ((0.0, slope), (1.0, end));
         let mut tries = 1;
         loop {
-            // Where the slope would be 0 if it fell evenly, but well inside.
-            let share = math::clamp(lower.1 / (lower.1 - upper.1), 0.1, 0.9);
-            let length = lower.0 + (upper.0 - lower.0) * share;
+            // Regula falsi, kept away from the ends of the bracket.
+            let fraction = math::clamp(lower.1 / (lower.1 - upper.1), 0.1, 0.9);
+            let length = lower.0 + (upper.0 - lower.0) * fraction;
             let next = self.at(point.twist + direction * length);
             let left = direction.dot(&next.missing);
             if abs(left) <= MAX_SLOPE_RATIO * slope || tries == MAX_BACKTRACKS {
@@ -316,12 +320,12 @@ impl Search<'_> {
         }
     }
 
-    /// A point behind the end of a step along which the slope has hardly changed.
+    /// Extends a step along which the slope hardly changed.
     fn longer(&self, mut point: Point, direction: &Vector6<f32>) -> Point {
         let mut length = EXTENSION - 1.0;
         for _ in 0..MAX_EXTENSIONS {
             let next = self.at(point.twist + direction * length);
-            // It goes on only while it helps in all directions.
+            // Stop once the residual no longer decreases.
             if next.missing.norm_squared() > 0.98 * point.missing.norm_squared()
                 || direction.dot(&next.missing) < 0.0
                 || next.twist.norm_squared() > MAX_TWIST * MAX_TWIST
@@ -334,7 +338,7 @@ impl Search<'_> {
         point
     }
 
-    /// `Σ Gᵢ Pᵢ Gᵢᵀ`, its lower triangle.
+    /// Hessian `Σ Gᵢ Pᵢ Gᵢᵀ`, lower triangle only.
     #[inline(never)]
     fn hessian(&self, point: &Point) -> Matrix6<f32> {
         let mut hessian = Matrix6::zeros();
@@ -358,7 +362,7 @@ impl Search<'_> {
     }
 }
 
-/// How much the sum of squares would change with what is missing, over half of the sum: the twist is its gradient.
+/// Relative duality gap that the residual causes: the twist is the gradient of the sum of squares.
 fn changes(point: &Point) -> f32 {
     2.0 * abs(point.twist.dot(&point.missing)) / point.square
 }

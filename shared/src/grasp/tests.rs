@@ -32,7 +32,8 @@ pub fn contact(position: [f32; 3], normal: [f32; 3], friction: f32, limit: f32) 
     Contact::try_new(position.into(), normal.into(), friction, limit).unwrap()
 }
 
-/// Fingers 1 and 2 at x = 0, 80 mm from each other, finger 3 opposite their midpoint; the object between them.
+/// Fingers 1 and 2 at x = 0, 80 mm from each other, finger 3 opposite their midpoint; the object between
+/// them.
 pub fn hand3_grasp(friction: f32) -> GraspMap {
     let contacts = [
         contact([0.0, 0.04, 0.0], [1.0, 0.0, 0.0], friction, 20.0),

@@ -5,16 +5,16 @@ use super::Posture;
 use crate::math;
 use crate::model::{Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
 
-/// A serial chain of rotary joints with its mass distribution, ready for computing.
+/// A serial chain of revolute joints with its mass distribution, preprocessed for computation.
 ///
-/// Inside, every joint frame is turned so that its axis is z: a joint's rotation then costs four multiplications a
-/// vector. The links' mass data are turned along; nothing outside sees it.
+/// Internally each joint frame is rotated so that its axis is z; a joint rotation then takes four
+/// multiplications per vector. This is invisible from outside.
 #[derive(Clone, Debug)]
 pub struct Chain {
     pub(crate) links: Vec<Link, MAX_CHAIN_JOINTS>,
     /// The tip's frame in that of the last link.
     pub(crate) tip: IsometryMatrix3<f32>,
-    /// Reflected inertia of each joint's rotor and gear [kg·m²]; none where they do not count.
+    /// Reflected inertia of each joint's rotor and gear [kg·m²]; empty if not included.
     pub(crate) rotor_inertia: Vec<f32, MAX_CHAIN_JOINTS>,
 }
 
@@ -52,15 +52,15 @@ fn turn_about_z(rotation: &mut Matrix3<f32>, angle: f32) {
 }
 
 impl Chain {
-    /// The chain of `joints`, base to tip, of a validated model; at most [`MAX_CHAIN_JOINTS`]. `tip`: the tip's frame
-    /// in that of the last link. Without the rotors, which [`JointServo`](crate::control::JointServo) knows itself:
-    /// [`Chain::with_rotor_inertia`] adds them.
+    /// The chain of `joints`, base to tip, of a validated model; at most [`MAX_CHAIN_JOINTS`]. `tip`: the
+    /// tip's frame in that of the last link. Without the rotors, which
+    /// [`JointServo`](crate::control::JointServo) knows itself: [`Chain::with_rotor_inertia`] adds them.
     pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
 
-    /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis (a unit
-    /// vector), mass distribution.
+    /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis
+    /// (a unit vector), mass distribution.
     pub fn from_links<'a>(
         links: impl IntoIterator<Item = (&'a Pose, &'a [f32; 3], &'a Inertial)>,
         tip: &Pose,
@@ -94,17 +94,15 @@ impl Chain {
         }
     }
 
-    /// The same chain with reflected inertias of rotor and gear [kg·m²], one a joint, as
-    /// [`Motor::rotor_inertia`](crate::model::Motor::rotor_inertia) has them. Each adds its inertia times the joint's
-    /// acceleration to the joint's torque; that the links before it carry a spinning rotor around is left out, as is
-    /// usual: behind a large gear ratio it matters little.
+    /// Adds the reflected inertia of rotor and gear [kg·m²] of each joint
+    /// ([`Motor::rotor_inertia`](crate::model::Motor::rotor_inertia)) to the diagonal of the mass matrix.
+    /// Gyroscopic effects of the rotors are neglected, as usual for large gear ratios.
     #[must_use]
     pub fn with_rotor_inertia(self, inertias: impl IntoIterator<Item = f32>) -> Self {
         Self { rotor_inertia: inertias.into_iter().take(self.links.len()).collect(), ..self }
     }
 
-    /// Where the joints and the tip are at angles `q` [rad]: the chain's forward kinematics. Angles that are missing
-    /// count as 0.
+    /// Forward kinematics at angles `q` [rad]. Missing angles count as 0.
     pub fn posture(&self, q: &[f32]) -> Posture {
         let mut joints = Vec::new();
         let (mut rotation, mut origin, mut first) = (Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
@@ -146,11 +144,12 @@ fn rotation(pose: &Pose) -> Rotation3<f32> {
 /// A rotation that takes the unit vector `axis` to z.
 fn align_with_z(axis: &Vector3<f32>) -> Matrix3<f32> {
     if axis.z < 0.0 {
-        // Half a turn about x first: near −z the formula below would divide by nothing.
+        // Rotate by π about x first: the formula below is singular at −z.
         let half_turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
         return align_with_z(&(half_turn * axis)) * half_turn;
     }
-    // Rodrigues' formula with sin = |axis × z| and cos = axis · z; no angle is computed, so small ones keep their digits.
+    // Rodrigues' formula with sin = |axis × z| and cos = axis · z; no angle is computed, so small ones keep
+    // their digits.
     let cross = axis.cross(&Vector3::z()).cross_matrix();
     Matrix3::identity() + cross + cross * cross / (1.0 + axis.z)
 }

@@ -7,51 +7,51 @@ use super::{Chain, Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Share of the squared error [rad²] that is added to the squared singular values: far from the target it keeps steps
-/// sensible, near it nothing of it is left.
+/// Damping over the squared error [rad²]: large far from the target for stable steps, vanishing near it for
+/// fast convergence.
 const DAMPING_FACTOR: f32 = 0.5;
-/// What is left of it at the target [rad²], for postures in which the smallest singular value is 0.
+/// Minimum damping [rad²]: keeps the step finite in singular postures.
 const MIN_DAMPING: f32 = 1e-7;
 /// Largest change of an angle in one iteration [rad].
 const MAX_STEP: f32 = 1.0;
-/// A start is given up when this many iterations in a row have not brought the squared error down by a tenth.
+/// Restarts after this many successive iterations that reduced the squared error by less than a tenth.
 const MAX_STALLS: u8 = 4;
 
-/// Targets beyond this [m] are none: their squares would be infinite.
+/// Maximum distance of a target [m]; squares of larger values overflow.
 pub(super) const MAX_DISTANCE: f32 = 1e6;
 
-/// Where the tip should be.
+/// Target of the tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// At this place [m, base frame], with any orientation.
+    /// Position of the tip [m, base frame]; any orientation.
     Position(Vector3<f32>),
-    /// With its frame there.
+    /// Pose of the tip in the base frame.
     Pose(IsometryMatrix3<f32>),
 }
 
-/// Inverse kinematics by iteration, for any chain: Levenberg–Marquardt with a damping that follows the squared error
-/// (Sugihara 2011), joint limits by an active set, and new starts when it is stuck.
+/// Iterative inverse kinematics of any chain: Levenberg–Marquardt with damping in proportion to the squared
+/// error (Sugihara 2011), an active set for joint limits, and random restarts.
 ///
-/// Configuration of one chain; nothing is kept from one call to the next. Never more than
-/// `iterations` · (`restarts` + 3) iterations: on the tick path choose [`SolverOptions`] accordingly.
+/// Configuration of one chain, without state. At most `iterations` · (`restarts` + 3) iterations: choose
+/// [`SolverOptions`] accordingly on the tick path.
 #[derive(Clone, Debug)]
 pub struct InverseKinematics {
     joints: Vec<Joint, MAX_CHAIN_JOINTS>,
     options: SolverOptions,
 }
 
-/// When [`InverseKinematics`] has reached its target, and when it gives up.
+/// Tolerances and iteration limits of [`InverseKinematics`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolverOptions {
-    /// Largest distance from the target [m]. Tolerances end the search; they are no weights.
+    /// Position tolerance [m].
     pub position_tolerance: f32,
-    /// Largest angle from the target's orientation [rad].
+    /// Orientation tolerance [rad].
     pub rotation_tolerance: f32,
-    /// A metre of distance counts as much as this angle [rad/m]; some 1 to 2 over the chain's length is good.
+    /// Weight of position against orientation [rad/m]; 1 to 2 over the chain's length works well.
     pub radians_per_metre: f32,
-    /// Iterations from one start.
+    /// Maximum iterations per start.
     pub iterations: u16,
-    /// New starts after the first.
+    /// Maximum number of random restarts.
     pub restarts: u16,
 }
 
@@ -67,7 +67,7 @@ impl Default for SolverOptions {
     }
 }
 
-/// A joint's limits [rad] and, when it has no drive of its own, the joint that it follows.
+/// Limits of a joint [rad] and, for a mimic joint, its law.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
     lower: f32,
@@ -83,7 +83,7 @@ struct Mimic {
     offset: f32,
 }
 
-/// What is wrong with the joints of an [`InverseKinematics`].
+/// Why the joints of an [`InverseKinematics`] are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InvalidJoint {
     /// More joints than a chain can have.
@@ -93,42 +93,42 @@ pub enum InvalidJoint {
         /// The joint.
         joint: usize,
     },
-    /// The joint follows itself, one that follows another itself, one that is not there, or already another; or by a
-    /// factor that is no number.
+    /// A mimic joint must follow another, existing joint that follows none, with finite coefficients; nothing
+    /// may follow it.
     Mimic {
         /// The joint.
         joint: usize,
     },
-    /// The limits of the joint, and of the one that it follows, leave no angle for both.
+    /// No angle satisfies the limits of the mimic joint and of the joint that it follows.
     MimicLimits {
         /// The joint.
         joint: usize,
     },
 }
 
-/// A target that was reached.
+/// Final error and effort of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolveReport {
     /// Distance from the target [m].
     pub position_error: f32,
     /// Angle from the target's orientation [rad]; 0 when it had none.
     pub rotation_error: f32,
-    /// Iterations in all.
+    /// Total number of iterations.
     pub iterations: u32,
 }
 
-/// Why a target was not reached.
+/// Why [`InverseKinematics::solve`] found no solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InverseKinematicsError {
     /// The target is NaN, infinite or more than 1e6 m away, or the start is NaN or infinite.
     NotFinite,
     /// The chain, the limits and the start have different numbers of joints.
     Joints,
-    /// Out of reach, or not found in the iterations allowed. The angles are the nearest that were found.
+    /// Out of reach, or not found within the iterations. `q` holds the best angles found.
     NotReached(SolveReport),
 }
 
-/// The nearest so far.
+/// The best angles so far.
 struct Best {
     /// Squared error [rad²].
     cost: f32,
@@ -139,10 +139,10 @@ struct Best {
 }
 
 impl InverseKinematics {
-    /// Of a chain with these lower and upper limits of its joints [rad].
+    /// Solver for a chain with these lower and upper joint limits [rad].
     ///
     /// # Errors
-    /// When they are no limits.
+    /// A limit is not finite, the lower one is above the upper one, or there are too many joints.
     pub fn try_new(limits: &[(f32, f32)]) -> Result<Self, InvalidJoint> {
         let mut joints = Vec::new();
         for (joint, &(lower, upper)) in limits.iter().enumerate() {
@@ -154,17 +154,17 @@ impl InverseKinematics {
         Ok(Self { joints, options: SolverOptions::default() })
     }
 
-    /// With other tolerances and bounds.
+    /// Replaces tolerances and iteration limits.
     #[must_use]
     pub const fn with_options(mut self, options: SolverOptions) -> Self {
         self.options = options;
         self
     }
 
-    /// Joint `joint` has no drive: its angle is `multiplier` · angle of joint `of` + `offset`.
+    /// Declares joint `joint` as a mimic joint with the angle `multiplier` · angle of joint `of` + `offset`.
     ///
     /// # Errors
-    /// When that cannot be.
+    /// The joints or coefficients are invalid, or the limits leave no common angle.
     pub fn with_mimic(
         mut self,
         joint: usize,
@@ -180,7 +180,7 @@ impl InverseKinematics {
         if joint == of || own.mimic.is_some() || other.mimic.is_some() || followed || !finite {
             return Err(InvalidJoint::Mimic { joint });
         }
-        // The joint that is followed may go only where both stay within their limits.
+        // Restrict the leading joint so that both stay within their limits.
         let (mut lower, mut upper) = (other.lower, other.upper);
         if multiplier != 0.0 {
             let ends = [(own.lower - offset) / multiplier, (own.upper - offset) / multiplier];
@@ -200,11 +200,11 @@ impl InverseKinematics {
         Ok(self)
     }
 
-    /// Looks for joint angles that bring the tip of `chain` to `target`. `q` [rad] has the start, and gets the result, or
-    /// the nearest that was found. A start outside the limits is moved inside.
+    /// Searches for joint angles that bring the tip of `chain` to `target`. `q` [rad] holds the initial
+    /// angles, which are limited first, and receives the solution or the best angles found.
     ///
     /// # Errors
-    /// When the target is not reached.
+    /// The input is invalid or the target was not reached.
     pub fn solve(
         &self,
         chain: &Chain,
@@ -244,84 +244,31 @@ impl InverseKinematics {
         }
     }
 
-    /// `error`: what is missing to the target [rad], and the squares of its two parts [m², rad²].
+    /// Searches from the start and from random restarts, then descends from the best angles found. `error`
+    /// gives the weighted error vector [rad] and the squares of its linear and angular parts [m², rad²].
     fn search<const M: usize>(
         &self,
         chain: &Chain,
         q: &mut [f32],
         error: impl Fn(&Posture) -> (SVector<f32, M>, f32, f32),
     ) -> Result<SolveReport, InverseKinematicsError> {
-        let options = &self.options;
-        let square = |x: f32| x * x;
-        let tolerances = (square(options.position_tolerance), square(options.rotation_tolerance));
         let mut angles = [0.0; MAX_CHAIN_JOINTS];
         angles.iter_mut().zip(q.iter()).for_each(|(angle, &q)| *angle = q);
         self.limit(&mut angles);
-        let mut best = Best { cost: f32::INFINITY, angles, linear: f32::INFINITY, angular: f32::INFINITY };
-        let mut iterations = 0_u32;
-        let mut look = |angles: &[f32; MAX_CHAIN_JOINTS], best: &mut Best| {
-            let posture = chain.posture(angles.get(..chain.len()).unwrap_or_default());
-            let (error, linear, angular) = error(&posture);
-            iterations += 1;
-            let cost = error.norm_squared();
-            let there = linear <= tolerances.0 && angular <= tolerances.1;
-            if there || cost < best.cost {
-                *best = Best { cost, angles: *angles, linear, angular };
-            }
-            (posture, error, cost, there)
-        };
-
-        let mut reached = false;
-        let mut random = 1_u32;
-        'starts: for _ in 0..=options.restarts {
-            self.limit(&mut angles);
-            let (mut stalls, mut before) = (0, f32::INFINITY);
-            for _ in 0..options.iterations {
-                let (posture, error, cost, there) = look(&angles, &mut best);
-                if there {
-                    reached = true;
-                    break 'starts;
-                }
-                stalls = if cost > 0.9 * before { stalls + 1 } else { 0 };
-                if stalls == MAX_STALLS {
-                    break;
-                }
-                before = cost;
-                self.step(&posture, &error, DAMPING_FACTOR * cost, &mut angles);
-            }
-            for (angle, joint) in angles.iter_mut().zip(&self.joints) {
-                // The generator of Numerical Recipes; its upper bits are good enough to begin anew somewhere else.
-                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                #[expect(clippy::cast_precision_loss, reason = "24 bits")]
-                let share = (random >> 8) as f32 / 16_777_216.0;
-                *angle = joint.lower + share * (joint.upper - joint.lower);
-            }
-        }
-        if !reached {
-            // What remains is to come as near as can be: steps that lead away are taken back.
-            let mut damping = DAMPING_FACTOR * best.cost;
-            for _ in 0..options.iterations {
-                angles = best.angles;
-                let (posture, error, cost, _) = look(&angles, &mut best);
-                self.step(&posture, &error, damping, &mut angles);
-                let (.., nearer, there) = look(&angles, &mut best);
-                if there {
-                    reached = true;
-                    break;
-                }
-                damping *= if nearer < cost { 0.1 } else { 10.0 };
-            }
-        }
+        let best = Best { cost: f32::INFINITY, angles, linear: f32::INFINITY, angular: f32::INFINITY };
+        let mut search = Search { solver: self, chain, error, best, iterations: 0 };
+        let reached = search.restarts(angles) || search.descend();
+        let Search { best, iterations, .. } = search;
         q.iter_mut().zip(&best.angles).for_each(|(q, &angle)| *q = angle);
-        let solved = SolveReport {
+        let report = SolveReport {
             position_error: math::sqrt(best.linear),
             rotation_error: math::sqrt(best.angular),
             iterations,
         };
-        if reached { Ok(solved) } else { Err(InverseKinematicsError::NotReached(solved)) }
+        if reached { Ok(report) } else { Err(InverseKinematicsError::NotReached(report)) }
     }
 
-    /// One step of Levenberg–Marquardt.
+    /// One Levenberg–Marquardt step, limited to `MAX_STEP` and the joint limits.
     fn step<const M: usize>(
         &self,
         posture: &Posture,
@@ -343,8 +290,8 @@ impl InverseKinematics {
         self.limit(angles);
     }
 
-    /// The Jacobian with its linear rows scaled like the error, the columns of joints that follow others added to those,
-    /// and without the joints that stand at a limit beyond which the error pulls them.
+    /// The Jacobian with its linear rows scaled like the error, the columns of joints that follow others
+    /// added to those, and without the joints that stand at a limit beyond which the error pulls them.
     fn jacobian<const M: usize>(
         &self,
         posture: &Posture,
@@ -386,12 +333,99 @@ impl InverseKinematics {
     }
 }
 
+/// A search under way.
+struct Search<'a, E> {
+    solver: &'a InverseKinematics,
+    chain: &'a Chain,
+    error: E,
+    best: Best,
+    iterations: u32,
+}
+
+/// The posture at some angles, the error there [rad], its square [rad²], and whether both tolerances are met.
+type Evaluation<const M: usize> = (Posture, SVector<f32, M>, f32, bool);
+
+impl<E> Search<'_, E> {
+    /// Computes the error at `angles` and keeps them if they are the best so far.
+    fn evaluate<const M: usize>(&mut self, angles: &[f32; MAX_CHAIN_JOINTS]) -> Evaluation<M>
+    where
+        E: Fn(&Posture) -> (SVector<f32, M>, f32, f32),
+    {
+        let SolverOptions { position_tolerance, rotation_tolerance, .. } = self.solver.options;
+        let posture = self.chain.posture(angles.get(..self.chain.len()).unwrap_or_default());
+        let (error, linear, angular) = (self.error)(&posture);
+        self.iterations += 1;
+        let cost = error.norm_squared();
+        let reached = linear <= position_tolerance * position_tolerance
+            && angular <= rotation_tolerance * rotation_tolerance;
+        if reached || cost < self.best.cost {
+            self.best = Best { cost, angles: *angles, linear, angular };
+        }
+        (posture, error, cost, reached)
+    }
+
+    /// Iterates from `angles`, then from random angles within the limits. Returns whether the target was
+    /// reached.
+    fn restarts<const M: usize>(&mut self, mut angles: [f32; MAX_CHAIN_JOINTS]) -> bool
+    where
+        E: Fn(&Posture) -> (SVector<f32, M>, f32, f32),
+    {
+        let solver = self.solver;
+        let mut random = 1_u32;
+        for _ in 0..=solver.options.restarts {
+            solver.limit(&mut angles);
+            let (mut stalls, mut before) = (0, f32::INFINITY);
+            for _ in 0..solver.options.iterations {
+                let (posture, error, cost, reached) = self.evaluate(&angles);
+                if reached {
+                    return true;
+                }
+                stalls = if cost > 0.9 * before { stalls + 1 } else { 0 };
+                if stalls == MAX_STALLS {
+                    break;
+                }
+                before = cost;
+                solver.step(&posture, &error, DAMPING_FACTOR * cost, &mut angles);
+            }
+            for (angle, joint) in angles.iter_mut().zip(&solver.joints) {
+                // Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a
+                // restart.
+                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                #[expect(clippy::cast_precision_loss, reason = "24 bits")]
+                let fraction = (random >> 8) as f32 / 16_777_216.0;
+                *angle = joint.lower + fraction * (joint.upper - joint.lower);
+            }
+        }
+        false
+    }
+
+    /// Levenberg–Marquardt with step rejection from the best angles: approaches the nearest reachable pose.
+    /// Returns whether the target was reached after all.
+    fn descend<const M: usize>(&mut self) -> bool
+    where
+        E: Fn(&Posture) -> (SVector<f32, M>, f32, f32),
+    {
+        let mut damping = DAMPING_FACTOR * self.best.cost;
+        for _ in 0..self.solver.options.iterations {
+            let mut angles = self.best.angles;
+            let (posture, error, cost, _) = self.evaluate(&angles);
+            self.solver.step(&posture, &error, damping, &mut angles);
+            let (.., nearer, reached) = self.evaluate(&angles);
+            if reached {
+                return true;
+            }
+            damping *= if nearer < cost { 0.1 } else { 10.0 };
+        }
+        false
+    }
+}
+
 impl fmt::Display for InvalidJoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooMany => write!(f, "a chain has at most {MAX_CHAIN_JOINTS} joints"),
             Self::Limits { joint } => {
-                write!(f, "joint {joint}: its limits are not a lower and an upper angle")
+                write!(f, "joint {joint}: limits must be finite, the lower one below the upper one")
             }
             Self::Mimic { joint } => {
                 write!(
@@ -426,156 +460,5 @@ impl core::error::Error for InverseKinematicsError {}
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
-mod tests {
-    use super::*;
-    use crate::kinematics::tests::chain_of;
-
-    /// The same numbers everywhere.
-    struct Random(u32);
-
-    impl Random {
-        fn between(&mut self, lower: f32, upper: f32) -> f32 {
-            self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            lower + (upper - lower) * f32::from((self.0 >> 16) as u16) / 65_536.0
-        }
-    }
-
-    /// How many of 1000 targets are reached from `start` and from nearby, and that none that is said to be is missed.
-    fn reached(name: &str, limit: f32, position_only: bool, singular: &[usize]) -> (u32, u32) {
-        let chain = chain_of(name);
-        let limits = vec![(-limit, limit); chain.len()];
-        let solver = InverseKinematics::try_new(&limits).unwrap();
-        let mut random = Random(7);
-        let (mut fixed, mut near) = (0, 0);
-        for _ in 0..1000 {
-            let mut goal: std::vec::Vec<f32> =
-                (0..chain.len()).map(|_| random.between(-limit, limit)).collect();
-            singular.iter().for_each(|&joint| goal[joint] *= 0.003);
-            let pose = *chain.posture(&goal).tip();
-            let target =
-                if position_only { Target::Position(pose.translation.vector) } else { Target::Pose(pose) };
-            let beside: std::vec::Vec<f32> = goal.iter().map(|q| q + random.between(-0.1, 0.1)).collect();
-            for (count, mut q) in [(&mut fixed, vec![0.3; chain.len()]), (&mut near, beside)] {
-                if solver.solve(&chain, &target, &mut q).is_err() {
-                    continue;
-                }
-                *count += 1;
-                assert!(q.iter().all(|angle| abs(*angle) <= limit));
-                let tip = *chain.posture(&q).tip();
-                assert!((tip.translation.vector - pose.translation.vector).norm() < 1.1e-5);
-                assert!(position_only || (tip.rotation.matrix() - pose.rotation.matrix()).norm() < 2e-5);
-            }
-        }
-        (fixed, near)
-    }
-
-    #[test]
-    fn reaches_what_can_be_reached_near_singular_postures_too() {
-        for (name, limit, position_only, singular) in [
-            ("ur5e", 3.1, false, &[][..]),
-            ("ur5e", 3.1, false, &[2, 4]),
-            ("franka_panda", 2.8, false, &[]),
-            ("kuka_iiwa14", 2.0, false, &[]),
-            ("kinova_j2s6s200", 3.1, false, &[]),
-            ("allegro_thumb", 1.2, true, &[]),
-        ] {
-            let (fixed, near) = reached(name, limit, position_only, singular);
-            assert!(fixed >= 999 && near == 1000, "{name} {singular:?}: {fixed}, {near} of 1000");
-        }
-    }
-
-    #[test]
-    fn joints_that_follow_others_do() {
-        // As in tests/robots/inspire_right.urdf: yaw, pitch, and two joints that follow the pitch.
-        let chain = chain_of("inspire_thumb");
-        let solver = InverseKinematics::try_new(&[(-0.1, 1.3), (0.0, 0.6), (0.0, 0.8), (0.0, 1.2)]).unwrap();
-        let solver = solver.with_mimic(2, 1, 1.6, 0.0).unwrap().with_mimic(3, 1, 2.4, 0.0).unwrap();
-        // 0.8 / 1.6 = 1.2 / 2.4 = 0.5: the pitch may not use all of its own range.
-        assert_eq!((solver.joints[1].lower, solver.joints[1].upper), (0.0, 0.5));
-        let mut random = Random(3);
-        for _ in 0..300 {
-            let mut goal = [0.0; MAX_CHAIN_JOINTS];
-            for (angle, joint) in goal.iter_mut().zip(&solver.joints) {
-                *angle = random.between(joint.lower, joint.upper);
-            }
-            solver.limit(&mut goal);
-            let goal = &goal[..4];
-            let target = Target::Position(chain.posture(goal).tip().translation.vector);
-            let mut q = [0.1; 4];
-            solver.solve(&chain, &target, &mut q).unwrap();
-            assert!(abs(q[2] - 1.6 * q[1]) < 1e-6 && abs(q[3] - 2.4 * q[1]) < 1e-6, "{q:?}");
-        }
-    }
-
-    #[test]
-    fn out_of_reach_ends_at_the_nearest_place() {
-        let chain = chain_of("allegro_index");
-        let limits = [(-0.5, 0.5), (-0.2, 1.6), (-0.2, 1.7), (-0.2, 1.6)];
-        let solver = InverseKinematics::try_new(&limits).unwrap();
-        let far = Vector3::new(0.0, 0.0, 5.0);
-        let mut q = [0.3; 4];
-        let Err(InverseKinematicsError::NotReached(nearest)) =
-            solver.solve(&chain, &Target::Position(far), &mut q)
-        else {
-            panic!()
-        };
-        let distance = |q: &[f32]| (chain.posture(q).tip().translation.vector - far).norm();
-        assert!(abs(distance(&q) - nearest.position_error) < 1e-5);
-        let mut random = Random(5);
-        let least = (0..20_000)
-            .map(|_| distance(&limits.map(|(lower, upper)| random.between(lower, upper))))
-            .fold(f32::INFINITY, f32::min);
-        assert!(nearest.position_error < least + 1e-5, "{} {least}", nearest.position_error);
-    }
-
-    #[test]
-    fn few_iterations_that_reach_the_target_are_enough() {
-        let chain = chain_of("hand3_finger1");
-        let options = SolverOptions { restarts: 0, ..SolverOptions::default() };
-        let solver = InverseKinematics::try_new(&[(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]).unwrap();
-        let solver = solver.with_options(options);
-        let mut random = Random(11);
-        for _ in 0..1000 {
-            let goal = [random.between(-1.0, 1.0), random.between(-1.2, 1.7), random.between(-0.1, 2.4)];
-            let target = Target::Position(chain.posture(&goal).tip().translation.vector);
-            let result = solver.solve(&chain, &target, &mut [0.0, 0.3, 1.0]);
-            let Err(InverseKinematicsError::NotReached(nearest)) = result else { continue };
-            assert!(nearest.position_error > options.position_tolerance, "{nearest:?}");
-        }
-        let nowhere = Target::Position(Vector3::new(1e19, 0.0, 0.0));
-        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 3]), Err(InverseKinematicsError::NotFinite));
-    }
-
-    #[test]
-    fn bad_input_is_refused_by_name() {
-        let chain = chain_of("allegro_index");
-        let refused = |limits: &[(f32, f32)]| InverseKinematics::try_new(limits).unwrap_err();
-        assert_eq!(refused(&[(0.0, 1.0), (1.0, 0.0)]), InvalidJoint::Limits { joint: 1 });
-        assert_eq!(refused(&[(f32::NAN, 1.0)]), InvalidJoint::Limits { joint: 0 });
-        assert_eq!(refused(&[(0.0, 1.0); 8]), InvalidJoint::TooMany);
-        let solver = InverseKinematics::try_new(&[(0.0, 1.0); 4]).unwrap();
-        let mimic =
-            |joint, of, multiplier| solver.clone().with_mimic(joint, of, multiplier, 0.0).unwrap_err();
-        assert_eq!(mimic(1, 1, 1.0), InvalidJoint::Mimic { joint: 1 });
-        assert_eq!(mimic(1, 9, 1.0), InvalidJoint::Mimic { joint: 1 });
-        assert_eq!(mimic(1, 2, f32::NAN), InvalidJoint::Mimic { joint: 1 });
-        let offset = solver.clone().with_mimic(3, 2, 1.0, 5.0).unwrap_err();
-        assert_eq!(offset, InvalidJoint::MimicLimits { joint: 3 });
-        assert_eq!(
-            solver.clone().with_mimic(3, 2, 0.0, 5.0).unwrap_err(),
-            InvalidJoint::MimicLimits { joint: 3 }
-        );
-        let twice = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
-        assert_eq!(twice.with_mimic(3, 1, 1.0, 0.0).unwrap_err(), InvalidJoint::Mimic { joint: 3 });
-        let chained = solver.clone().with_mimic(3, 2, 1.0, 0.0).unwrap();
-        assert_eq!(chained.with_mimic(2, 1, 1.0, 0.0).unwrap_err(), InvalidJoint::Mimic { joint: 2 });
-        let nowhere = Target::Position(Vector3::new(f32::NAN, 0.0, 0.0));
-        assert_eq!(solver.solve(&chain, &nowhere, &mut [0.0; 4]), Err(InverseKinematicsError::NotFinite));
-        let here = Target::Position(Vector3::zeros());
-        assert_eq!(solver.solve(&chain, &here, &mut [0.0; 3]), Err(InverseKinematicsError::Joints));
-        assert_eq!(
-            solver.solve(&chain, &here, &mut [f32::INFINITY; 4]),
-            Err(InverseKinematicsError::NotFinite)
-        );
-    }
-}
+#[path = "inverse_tests.rs"]
+mod tests;

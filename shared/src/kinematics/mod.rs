@@ -1,11 +1,11 @@
-//! Kinematics of serial chains: where joints and tips are, how they move, and which angles bring a tip to a place.
+//! Kinematics of serial chains: forward, differential and inverse.
 //!
-//! - [`Chain::posture`] is the forward kinematics; the [`Posture`] tells Jacobian and bias acceleration.
+//! - [`Chain::posture`] is the forward kinematics; the [`Posture`] gives Jacobian and bias acceleration.
 //! - [`Finger`] has the inverse in closed form for a three-joint finger, all branches.
 //! - [`InverseKinematics`] iterates for any chain, to a position or a pose, within limits.
 //!
-//! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six components
-//! are `[v; ω]`, linear first, in base axes, of the tip's point.
+//! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six
+//! components are `[v; ω]`, linear first, in base axes, of the tip's point.
 
 mod chain;
 mod finger;

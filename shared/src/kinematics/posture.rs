@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Determinant of a Jacobian, as a share of the largest that its columns could have, below which it counts as singular.
+/// Threshold of singularity: determinant of the Jacobian over the product of equal orthogonal columns.
 const SINGULAR: f32 = 1e-3;
 
 /// Jacobian of a chain's tip: `[v; ω] = J q̇`. A column a joint; columns beyond the chain's joints are 0.
@@ -26,10 +26,10 @@ pub struct TipPoint {
 /// A chain at certain joint angles.
 #[derive(Clone, Debug)]
 pub struct Posture {
-    /// Axis (a unit vector) of each joint and its origin from that of the first [m]: how far away the base's own is costs no
-    /// digits.
+    /// Axis (unit vector) of each joint and its origin relative to that of the first [m]: a distant base
+    /// costs no significant digits.
     pub(super) joints: Vec<(Vector3<f32>, Vector3<f32>), MAX_CHAIN_JOINTS>,
-    /// The tip's place from there [m].
+    /// Position of the tip relative to the first joint [m].
     pub(super) reach: Vector3<f32>,
     pub(super) tip: IsometryMatrix3<f32>,
 }
@@ -56,8 +56,8 @@ impl Posture {
         jacobian
     }
 
-    /// Velocities [rad/s] and accelerations [rad/s²] of three joints that move the tip like `point`; `None` near a singular
-    /// posture, where small motions of the tip would take large ones of the joints, or with another number of joints.
+    /// Joint velocities [rad/s] and accelerations [rad/s²] of a three-joint chain for the motion `point` of
+    /// its tip. `None` near a singular posture or for another number of joints.
     pub fn joint_motion(&self, point: &TipPoint) -> Option<([f32; 3], [f32; 3])> {
         let (velocity, acceleration) = (Vector3::from(point.velocity), Vector3::from(point.acceleration));
         if velocity == Vector3::zeros() && acceleration == Vector3::zeros() {
@@ -82,8 +82,8 @@ impl Posture {
         Some((qd.into(), qdd.into()))
     }
 
-    /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without any joint
-    /// acceleration. The linear part is that of the tip's point (the classical acceleration).
+    /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without
+    /// any joint acceleration. The linear part is that of the tip's point (the classical acceleration).
     pub fn bias_acceleration(&self, qd: &[f32]) -> Vector6<f32> {
         let zero = Vector3::zeros();
         let (mut omega, mut alpha, mut acceleration, mut previous) = (zero, zero, zero, zero);

@@ -1,4 +1,5 @@
-//! Forward kinematics, Jacobian and bias acceleration against Pinocchio, for arms and hands of different make.
+//! Forward kinematics, Jacobian and bias acceleration against Pinocchio, for arms and hands of different
+//! make.
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
@@ -123,8 +124,8 @@ fn the_bias_acceleration_is_the_change_of_the_jacobian_also_far_from_the_base() 
 
 #[test]
 fn an_axis_that_is_hardly_tilted_is_tilted_all_the_same() {
-    // About k = (3e-4, 0, 1) half a turn takes x to −x + 2 k (k·x) = (−1 + 1.8e-7, 0, 6e-4); about (3e-4, 0, −1) to
-    // (−1 + 1.8e-7, 0, −6e-4).
+    // About k = (3e-4, 0, 1) half a turn takes x to −x + 2 k (k·x) = (−1 + 1.8e-7, 0, 6e-4); about (3e-4, 0,
+    // −1) to (−1 + 1.8e-7, 0, −6e-4).
     for (up, height) in [(1.0, 6e-4), (-1.0, -6e-4)] {
         let joint = ([0.0; 3], [0.0, 0.0, 0.0, 1.0], [3e-4, 0.0, up]);
         let chain = chain(&[joint], &([1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]));

@@ -5,11 +5,11 @@ use super::abs;
 /// tan(π/8).
 const TAN_PI_8: f32 = 0.414_213_57;
 
-/// The angle of the point `(x, y)` [rad], −π to π, within 3e-7 of the exact value for coordinates of 1e-30 to 1e38; 0 or ±π
-/// at the origin, by the signs of the zeros. Infinite coordinates give NaN.
+/// The angle of the point `(x, y)` [rad], −π to π, within 3e-7 of the exact value for coordinates of 1e-30 to
+/// 1e38; 0 or ±π at the origin, by the signs of the zeros. Infinite coordinates give NaN.
 ///
-/// The angle is reduced to ±π/8, where a minimax polynomial (fitted in double precision, error 2e-8) takes over.
-/// Identical bits on every IEEE machine.
+/// The angle is reduced to ±π/8, where a minimax polynomial (fitted in double precision, error 2e-8) takes
+/// over. Identical bits on every IEEE machine.
 ///
 /// ```
 /// assert!((tesaki::math::atan2(1.0, -2.0) - 2.677_945).abs() < 3e-7);

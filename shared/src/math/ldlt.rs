@@ -1,6 +1,6 @@
 use nalgebra::{SMatrix, SVector};
 
-/// `L D Lᵀ` of a symmetric positive matrix, of which only the lower triangle is read.
+/// LDLᵀ factorisation of a symmetric positive definite matrix. Reads the lower triangle only.
 pub(crate) struct Ldlt<const M: usize> {
     lower: SMatrix<f32, M, M>,
     /// Inverse of D.
@@ -20,7 +20,7 @@ impl<const M: usize> Ldlt<M> {
                 // Not yet divided by D: l = L·D.
                 pivot -= l * l * inverse[k];
             }
-            // NaN, too, becomes the min_pivot.
+            // A NaN pivot is replaced too.
             inverse[column] = 1.0 / if pivot > min_pivot { pivot } else { min_pivot };
             for row in column + 1..M {
                 let mut value = lower[(row, column)];

@@ -1,8 +1,11 @@
-//! The one door to elementary functions, the same bits on every machine.
+//! Elementary functions, SO(3) and small solvers, with identical bits on every machine.
 //!
-//! `sin_cos` is this module's own, because libm's single-precision sine works in double precision, which the
-//! Cortex-M4F has no hardware for. `atan2` and `sqrt` are for their speed. Everything else is libm's. The methods of `f32` are off limits (they call whatever
-//! the platform has; `clippy.toml` bans them), and so is the fused multiply-add.
+//! All mathematics of the crate goes through this module. The methods of
+//! `f32` call the platform's library, so `clippy.toml` bans them, and the fused multiply-add with them.
+//!
+//! `sin_cos` is implemented here because libm computes the single-precision sine in double precision, for
+//! which the Cortex-M4F has no hardware. `atan2` and `sqrt` are implemented here for speed. All other
+//! functions are libm's.
 
 mod atan2;
 mod ldlt;
@@ -23,10 +26,10 @@ pub fn exp(x: f32) -> f32 {
     libm::expf(x)
 }
 
-/// The nearest whole number; exact below 2²².
+/// The nearest integer; exact below 2²².
 #[inline]
 pub const fn round(x: f32) -> f32 {
-    // Adding and subtracting 1.5·2²³ leaves no bits behind the point.
+    // Adding and subtracting 1.5·2²³ clears all fraction bits.
     const SHIFT: f32 = 12_582_912.0;
     (x + SHIFT) - SHIFT
 }
@@ -37,7 +40,7 @@ pub const fn abs(x: f32) -> f32 {
     x.abs()
 }
 
-/// `x` between `lower` and `upper`; NaN stays NaN. Two comparisons, no call.
+/// Limits `x` to `lower` … `upper`; NaN stays NaN. Two comparisons, no call.
 #[inline]
 pub const fn clamp(x: f32, lower: f32, upper: f32) -> f32 {
     if x < lower {

@@ -2,10 +2,12 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::{atan2, sin_cos, sqrt};
 
-/// Half a turn less this [rad] and the axis is read from the symmetric part of the matrix.
+/// Within this angle of π [rad] the axis is taken from the symmetric part of the matrix: the skew part
+/// vanishes there.
 const NEARLY_HALF_A_TURN: f32 = 0.05;
 
-/// The rotation by a rotation vector (axis · angle) [rad]: Rodrigues' formula.
+/// Exponential map of SO(3): the rotation matrix of a rotation vector (axis · angle) [rad], by Rodrigues'
+/// formula.
 ///
 /// ```
 /// let quarter = tesaki::math::rotation_matrix(&nalgebra::Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2));
@@ -25,7 +27,8 @@ pub fn rotation_matrix(vector: &Vector3<f32>) -> Matrix3<f32> {
     Matrix3::identity() + cross * first + cross * cross * second
 }
 
-/// The rotation vector (axis · angle) [rad] of a rotation matrix: the shorter way round, at most π long.
+/// Logarithm of SO(3): the rotation vector (axis · angle) [rad] of a rotation matrix, with an angle of at
+/// most π.
 ///
 /// ```
 /// let half = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(-1.0, -1.0, 1.0));
@@ -60,7 +63,7 @@ pub fn rotation_vector(rotation: &Matrix3<f32>) -> Vector3<f32> {
     longest * (toward / length)
 }
 
-/// The orientation turned on by a rotation vector [rad].
+/// Rotates an orientation by a rotation vector [rad] in the axes of the base.
 pub(crate) fn rotated_by(rotation: &UnitQuaternion<f32>, by: &Vector3<f32>) -> UnitQuaternion<f32> {
     let half = by * 0.5;
     let square = half.norm_squared();
@@ -75,7 +78,7 @@ pub(crate) fn rotated_by(rotation: &UnitQuaternion<f32>, by: &Vector3<f32>) -> U
     UnitQuaternion::new_unchecked(product * (1.0 / sqrt(product.norm_squared())))
 }
 
-/// The shorter rotation from one orientation to another, as a rotation vector [rad].
+/// The rotation vector [rad], at most π long, that takes one orientation to another, in the axes of the base.
 pub(crate) fn rotation_between(from: &UnitQuaternion<f32>, to: &UnitQuaternion<f32>) -> Vector3<f32> {
     let between = to.quaternion() * from.quaternion().conjugate();
     let between = if between.w < 0.0 { -between } else { between };

@@ -1,8 +1,9 @@
-/// `√x` within one unit in the last place; NaN for negative `x` and NaN. Not for subnormal numbers, whose root is tiny but
-/// inexact.
+/// `√x` within one unit in the last place; NaN for negative `x` and NaN. Not for subnormal numbers, whose
+/// root is tiny but inexact.
 ///
-/// An approximate `1/√x` from the exponent, two Newton steps, and one for the root itself. The processor's own instruction
-/// cannot be had without unstable Rust, and libm's function takes three times as many instructions.
+/// An approximate `1/√x` from the exponent, two Newton steps, and one for the root itself. The processor's
+/// own instruction cannot be had without unstable Rust, and libm's function takes three times as many
+/// instructions.
 ///
 /// ```
 /// assert_eq!(tesaki::math::sqrt(2.25), 1.5);
@@ -12,8 +13,8 @@ pub fn sqrt(x: f32) -> f32 {
     if !(0.0..f32::INFINITY).contains(&x) {
         return if x > 0.0 { x } else { f32::NAN };
     }
-    // Halves and negates the exponent. Constants of this and the next line: the least error over all x after that line
-    // (Walczyk, Moroz and Cieśliński 2021).
+    // Halves and negates the exponent. Constants of this and the next line: the least error over all x after
+    // that line (Walczyk, Moroz and Cieśliński 2021).
     let y = f32::from_bits(0x5f1f_fff9_u32.wrapping_sub(x.to_bits() >> 1));
     let y = y * (1.681_912_4 - 0.703_952_25 * x * y * y);
     let y = y * (1.5 - 0.5 * x * y * y);

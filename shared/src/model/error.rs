@@ -144,8 +144,8 @@ pub enum Problem {
     Above(f32),
     /// 4: not a unit vector or unit quaternion; the value is its length.
     NotUnit,
-    /// 5: no mass distribution has this inertia: a principal moment is negative, or larger than the sum of the
-    /// other two. The value is the smallest such margin.
+    /// 5: no mass distribution has this inertia: a principal moment is negative, or larger than the sum of
+    /// the other two. The value is the smallest such margin.
     NotPhysical,
     /// 6: a number of things that does not fit: the limit given is what was expected.
     Count(f32),

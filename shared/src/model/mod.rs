@@ -1,13 +1,14 @@
-//! What a robot *is*, as data: joints, chains, motors, encoders, limits, gains.
+//! The robot as data: joints, chains, motors, encoders, limits, gains.
 //!
-//! A [`RobotModel`] is what travels to a board and what is stored. It can hold nonsense; [`RobotModel::validate`]
-//! says where, naming the joint and the field. Only a validated model becomes a [`crate::node::Robot`].
+//! A [`RobotModel`] is stored and sent to a board. Its values may be invalid; [`RobotModel::validate`]
+//! reports the first invalid joint and field. Only a validated model becomes a [`crate::node::Robot`].
 //!
 //! Glossary
 //! - *joint*: one rotary degree of freedom together with the link that it moves;
-//! - *chain*: joints in series from the base (a finger, an arm); chains split the joint list into consecutive runs;
-//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in the
-//!   frame of the link before it;
+//! - *chain*: joints in series from the base (a finger, an arm); chains split the joint list into consecutive
+//!   runs;
+//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
+//!   the frame of the link before it;
 //! - *reflected*: seen from the joint, that is, through the gear.
 
 mod error;
@@ -20,13 +21,13 @@ use heapless::{String, Vec};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// Most joints that one node drives.
+/// Maximum number of joints of one node.
 pub const MAX_JOINTS: usize = 16;
-/// Most joints of one chain.
+/// Maximum number of joints of one chain.
 pub const MAX_CHAIN_JOINTS: usize = 7;
-/// Most chains of one robot.
+/// Maximum number of chains of one robot.
 pub const MAX_CHAINS: usize = 6;
-/// Longest name of a robot or joint in bytes.
+/// Maximum length of a name [bytes].
 pub const MAX_NAME: usize = 32;
 
 /// A robot as data: everything the control core knows about the machine.
@@ -40,7 +41,7 @@ pub struct RobotModel {
     pub chains: Vec<ChainModel, MAX_CHAINS>,
     /// The joints, chain after chain, each chain from base to tip.
     pub joints: Vec<JointModel, MAX_JOINTS>,
-    /// What the node watches, and what it does when something is wrong.
+    /// Supervision limits and the reaction to faults.
     pub safety: Safety,
 }
 
@@ -53,25 +54,25 @@ pub struct ChainModel {
     pub joints: u8,
     /// The tip's frame in the frame of the last joint.
     pub tip: Pose,
-    /// Radius of a round tip, whose middle is the origin of the tip's frame [m]; 0 for another one.
+    /// Radius of a spherical tip centred on the tip's frame [m]; 0 for any other shape.
     pub tip_radius: f32,
-    /// The force sensor that carries the tip, if there is one.
+    /// The force sensor between the last link and the tip, if any.
     pub force_sensor: Option<ForceSensor>,
 }
 
-/// A six-axis force sensor between the last link and the tip, which measures what acts on the tip at the origin of the
-/// tip's frame, along that frame's axes.
+/// A six-axis force sensor between the last link and the tip. It measures the wrench on the tip at the origin
+/// and in the axes of the tip's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ForceSensor {
     /// Force for one count [N].
     pub force_resolution: f32,
     /// Torque for one count [N·m].
     pub torque_resolution: f32,
-    /// A count of this size is the end of the sensor's range.
+    /// Magnitude of the count at which the sensor saturates.
     pub saturation: u32,
     /// A larger force on the tip is a fault [N].
     pub force_limit: f32,
-    /// Mass of what the sensor carries [kg].
+    /// Mass on the measuring side of the sensor [kg].
     pub mass: f32,
     /// Its centre of mass in the tip's frame [m].
     pub center_of_mass: [f32; 3],
@@ -82,7 +83,8 @@ pub struct ForceSensor {
 pub struct JointModel {
     /// Name, as in the URDF.
     pub name: String<MAX_NAME>,
-    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle 0.
+    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle
+    /// 0.
     pub origin: Pose,
     /// Axis of rotation in the joint frame; a unit vector.
     pub axis: [f32; 3],
@@ -94,7 +96,7 @@ pub struct JointModel {
     pub friction: Friction,
     /// The angle sensor.
     pub encoder: Encoder,
-    /// What the joint may do.
+    /// Limits of motion and torque.
     pub limits: JointLimits,
     /// Gains of the servo.
     pub servo: ServoGains,
@@ -131,7 +133,7 @@ pub struct Inertial {
 pub struct Motor {
     /// Reflected inertia of rotor and gear [kg·m²].
     pub rotor_inertia: f32,
-    /// Joint torque for one ampere [N·m/A].
+    /// Joint torque per current [N·m/A].
     pub torque_constant: f32,
     /// Largest current [A]; a higher measured one is a fault.
     pub current_limit: f32,
@@ -139,7 +141,7 @@ pub struct Motor {
     pub current_resolution: f32,
     /// Bandwidth of the inner (current) loop [Hz].
     pub bandwidth: f32,
-    /// From the sensors' sampling to the moment when a new torque starts to act [s].
+    /// Delay from sampling the sensors to the onset of the new torque [s].
     pub delay: f32,
 }
 
@@ -161,11 +163,11 @@ pub struct Encoder {
     pub reversed: bool,
     /// Count at angle 0, for an absolute encoder.
     pub zero: i32,
-    /// `true` when the count is arbitrary after power-on: the joint must be homed before arming.
+    /// `true` when the count is arbitrary after power-on: the joint must be homed before it can be enabled.
     pub relative: bool,
 }
 
-/// What a joint may do. A command outside is refused; a measurement outside is a fault.
+/// Limits of a joint. A command outside them is refused; a measurement outside them is a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct JointLimits {
     /// Smallest angle [rad].
@@ -191,8 +193,8 @@ pub struct ServoGains {
     pub pid: PidGains,
     /// Gains of the observer mode.
     pub observer: ObserverGains,
-    /// While the reference rests, an error smaller than this is left to the joint's own friction [rad]: integrating it
-    /// would only make the joint creep from one sticking place to the next.
+    /// Dead band of the integrator while the reference is at rest [rad]. It prevents the stick-slip limit
+    /// cycle (hunting) of integral action with Coulomb friction.
     pub rest_error: f32,
 }
 
@@ -220,12 +222,12 @@ pub struct ObserverGains {
     pub observer_bandwidth: f32,
 }
 
-/// What the node watches besides the joints, and how it reacts.
+/// Supervision beyond the joints' own limits, and the reaction to faults.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Safety {
-    /// Armed without a command for longer than this is a fault [s]; at least one control period.
+    /// Maximum time without a command while enabled [s]; at least one control period.
     pub command_timeout: f32,
-    /// What the joints do after a fault that leaves the sensors trustworthy.
+    /// Reaction to a fault that leaves the sensors valid.
     pub reaction: Reaction,
     /// Damping torque per speed under [`Reaction::Damp`] [N·m·s/rad].
     pub damping: f32,
@@ -235,15 +237,15 @@ pub struct Safety {
     pub supply_max: f32,
 }
 
-/// What the joints do after a fault. Faults of the sensors themselves always end in [`Reaction::Off`].
+/// Reaction to a fault. Sensor faults always lead to [`Reaction::Off`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reaction {
     /// 0: no torque.
     Off,
-    /// 1: a torque against the motion.
+    /// 1: damping torque.
     Damp,
-    /// 2: the servo holds the place where the fault found the joint.
+    /// 2: the servo holds the position at the fault.
     Hold,
 }
 

@@ -1,5 +1,6 @@
-/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `fraction` of its time, 0 to 1: its value, and its first and
-/// second derivative by the fraction. Before and after it stands still.
+/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at
+/// `fraction` of its duration: the value and its first two derivatives with respect to `fraction`. Outside 0
+/// … 1 the motion is at rest.
 ///
 /// ```
 /// // Half way, at 15/8 of the mean speed.

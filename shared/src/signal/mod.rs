@@ -1,5 +1,5 @@
-//! Discrete filters of one value, period [`crate::TICK`], and the shape of motions. One algorithm a file; configuration
-//! and state apart.
+//! Discrete-time filters with period [`crate::TICK`], and the minimum-jerk motion. One algorithm per file;
+//! configuration and state are separate types.
 
 mod minimum_jerk;
 mod pseudo_differentiator;

@@ -1,9 +1,9 @@
 use crate::{TICK, math};
 
-/// Low-pass filtered derivative: `H(s) = s·ω/(s + ω)` (Hand3, section 4).
+/// Low-pass filtered derivative: `H(s) = s·ω/(s + ω)` (Hand3 section 4).
 ///
-/// Ramp-invariant: `y⁺ = a·y + (1−a)·(u − u_prev)/T`, `a = e^(−ωT)`. On a ramp the slope is exact once the filter has
-/// settled; the step-invariant form would read 15.7 % too much at ω = 30 rad/s and T = 10 ms.
+/// Ramp-invariant: `y⁺ = a·y + (1−a)·(u − u_prev)/T`, `a = e^(−ωT)`. On a ramp the slope is exact once the
+/// filter has settled; the step-invariant form would read 15.7 % too much at ω = 30 rad/s and T = 10 ms.
 ///
 /// The state is the output `y`; the caller keeps `u_prev` (a servo has it anyway).
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +53,8 @@ mod tests {
 
     #[test]
     fn matches_scipy_on_a_recorded_motion() {
-        /// `(input, output)` a tick, from `tests/oracles/signal_filters.py` (`scipy.signal.cont2discrete`, method `foh`).
+        /// `(input, output)` a tick, from `tests/oracles/signal_filters.py` (`scipy.signal.cont2discrete`,
+        /// method `foh`).
         const MOTION: &[(f32, f64)] = include!("../../../tests/oracles/data/pseudo_differentiator.in");
         let h = PseudoDifferentiator::new(30.0);
         let (mut y, mut previous) = (0.0, 0.0);

@@ -1,18 +1,18 @@
 use crate::{TICK, math};
 
-/// Lets a value change by at most `rate · T` a tick.
+/// Limits the change of a value to `rate · T` per tick.
 #[derive(Clone, Copy, Debug)]
 pub struct RateLimiter {
     step: f32,
 }
 
 impl RateLimiter {
-    /// At most `rate` per second; positive.
+    /// Limits the change to `rate` per second, which must be positive.
     pub const fn new(rate: f32) -> Self {
         Self { step: rate * TICK }
     }
 
-    /// The value nearest to `target` that may follow `last`.
+    /// The value nearest to `target` within the rate limit from `last`.
     ///
     /// ```
     /// let limiter = tesaki::signal::RateLimiter::new(10.0);

@@ -3,11 +3,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{TICK, math};
 
-/// Shapes a stepping set-point into a smooth reference: `G(s) = 1/(T_f s + 1)²` (Hand3, section 4).
+/// Smooths set-point steps into a reference: `G(s) = 1/(T_f s + 1)²` (Hand3 section 4).
 ///
 /// Both states are discretised *jointly* and exactly for a held input, with `a = e^(−T/T_f)`:
-/// `x₁⁺ = a·x₁ + (1−a)·u` and `x₂⁺ = a·x₂ + (T/T_f)·a·x₁ + (1 − a − (T/T_f)·a)·u`. Because the input is held over a
-/// period, the reference's velocity and acceleration are known exactly, too.
+/// `x₁⁺ = a·x₁ + (1−a)·u` and `x₂⁺ = a·x₂ + (T/T_f)·a·x₁ + (1 − a − (T/T_f)·a)·u`. Because the input is held
+/// over a period, the reference's velocity and acceleration are known exactly, too.
 ///
 /// ```
 /// use tesaki::signal::{TrajectoryFilter, TrajectoryState};
@@ -46,7 +46,7 @@ impl TrajectoryState {
         Self { x1: position + velocity * filter_time, x2: position }
     }
 
-    /// The input that brings the reference to rest soonest without turning back.
+    /// The set-point that stops the reference soonest without overshoot.
     pub const fn resting_point(&self) -> f32 {
         self.x1
     }

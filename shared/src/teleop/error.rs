@@ -1,11 +1,11 @@
 use core::fmt;
 
-/// Why a sample is not taken, or the clutch not closed. Nothing has changed then.
+/// Why a sample was rejected or the clutch stayed open. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FollowerError {
-    /// The hand is farther from where it should be than it can be [m]. If all samples are refused so, it is elsewhere:
-    /// open the clutch.
+    /// The hand is farther from where it should be than it can be [m]. If all samples are refused so, it is
+    /// elsewhere: open the clutch.
     Distance {
         /// How far.
         value: f32,
@@ -72,17 +72,17 @@ impl fmt::Display for FollowerError {
     }
 }
 
-/// A number of [`FollowerSettings`](super::FollowerSettings) that is beyond its limits.
+/// A value of [`FollowerSettings`](super::FollowerSettings) outside its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidFollowerSettings {
-    /// Which.
+    /// The field.
     pub field: &'static str,
-    /// As given.
+    /// Its value.
     pub value: f32,
-    /// Smallest.
+    /// Minimum.
     pub min: f32,
-    /// Largest.
+    /// Maximum.
     pub max: f32,
 }
 

@@ -9,18 +9,18 @@ use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
 
-/// The norm of a unit quaternion is this near to 1.
+/// Tolerance of the norm of a unit quaternion.
 const NORM_TOLERANCE: f32 = 1e-3;
-/// Clocks that are set to each other differ by less than this [s].
+/// Tolerance of clock synchronisation [s].
 const CLOCK_TOLERANCE: f32 = 2e-3;
-/// After so long without a sample nothing is left of the motion before [s].
+/// A gap between samples longer than this resets the estimator [s].
 const MAX_GAP: f32 = 0.3;
-/// After so long without a sample its time is forgotten [µs]: a small part of the half hour after which [`Instant`]s cannot be
-/// told apart.
+/// Older time stamps are limited to this age [µs], far below the half hour at which [`Instant`]s become
+/// ambiguous.
 const MAX_KEPT_AGE: i32 = 10_000_000;
-/// No hand is farther from where the master counts from [m].
+/// Maximum distance of the operator's hand from the master's origin [m].
 const MAX_DISTANCE: f32 = 100.0;
-/// No elbow is turned farther [rad].
+/// Maximum elbow angle [rad].
 const MAX_ELBOW_ANGLE: f32 = 100.0;
 
 /// A time of the clock that master and slave share: microseconds, which may wrap around.
@@ -29,14 +29,14 @@ const MAX_ELBOW_ANGLE: f32 = 100.0;
 pub struct Instant(pub u32);
 
 impl Instant {
-    /// How long it is after another [s], which must be within half an hour.
+    /// Time since `other` [s], which must be within half an hour.
     #[expect(clippy::cast_precision_loss, reason = "exact below 16 s")]
     pub const fn since(self, other: Self) -> f32 {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// A time longer ago than [`MAX_KEPT_AGE`] stays that long ago, so that a clock that wraps around does not make it seem later
-    /// than now. So does one as far ahead, which only a clock that was set can make.
+    /// Limits the age to [`MAX_KEPT_AGE`], so that wrap-around of the clock cannot turn it into the future. A
+    /// time as far ahead, possible only after the clock was set, is limited likewise.
     fn forget(&mut self, now: Self) {
         if !(-MAX_KEPT_AGE..=MAX_KEPT_AGE).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
             self.0 = now.0.wrapping_sub(MAX_KEPT_AGE.cast_unsigned());
@@ -44,10 +44,10 @@ impl Instant {
     }
 }
 
-/// Where the master's hand was.
+/// A measured pose of the operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct MasterSample {
-    /// When.
+    /// Time of the measurement.
     pub time: Instant,
     /// Position [m], in axes parallel to those of the slave's base.
     pub position: [f32; 3],
@@ -55,39 +55,39 @@ pub struct MasterSample {
     pub rotation: [f32; 4],
 }
 
-/// A setting: its name, its value, the least and the most that it may be.
+/// A setting: name, value, minimum and maximum.
 pub(super) type Number = (&'static str, f32, [f32; 2]);
 
-/// How a slave is to follow.
+/// Settings of a [`Follower`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FollowerSettings {
-    /// Of the hand's position.
+    /// Model of the hand's position.
     pub position_model: OperatorModel,
-    /// Of its orientation.
+    /// Model of the hand's orientation.
     pub rotation_model: OperatorModel,
-    /// Of the elbow's angle.
+    /// Model of the elbow's angle.
     pub elbow_model: OperatorModel,
-    /// The tool's way for the hand's: 0.001 to 100.
+    /// Tool displacement per hand displacement: 0.001 to 100.
     pub scale: f32,
-    /// A sample that is farther from where the hand should be is refused [m, rad]: 0.1 mm to 10 m, 0.1 mrad to 3 rad,
-    /// less than half a turn.
+    /// Innovation gate for position [m] and orientation [rad]: 0.1 mm to 10 m, 0.1 mrad to 3 rad. Samples
+    /// beyond it are rejected.
     pub max_innovation: [f32; 2],
-    /// A sample that is older is refused [s]: 0.001 to 1.
+    /// Maximum age of a sample [s]: 0.001 to 1.
     pub max_sample_age: f32,
-    /// Of the tool's set-point [m/s, m/s²].
+    /// Limits of the tool's translation [m/s, m/s²].
     pub position_limits: MotionLimits,
-    /// Of its orientation [rad/s, rad/s²].
+    /// Limits of the tool's rotation [rad/s, rad/s²].
     pub rotation_limits: MotionLimits,
-    /// Of the elbow's set-point [rad/s, rad/s²].
+    /// Limits of the elbow's angle [rad/s, rad/s²].
     pub elbow_limits: MotionLimits,
 }
 
 impl FollowerSettings {
-    /// For a person's arm at a master with encoders of 16 bits, and a gravity sensor at the elbow.
+    /// Settings for a human operator, a master with 16-bit encoders and a gravity sensor at the elbow.
     ///
-    /// The jerk of a hand that moves ±0.1 m at half a hertz changes by 10 m/s³ in a second, at the ends of a stroke of 0.2 m in
-    /// 1.5 s by 4 or 7 at once; an unsupported hand trembles by some 0.05 mm along each axis.
+    /// Strokes of ±0.1 m at 0.5 Hz change the jerk by 10 m/s³ per second, the ends of a stroke of 0.2 m in
+    /// 1.5 s by 4 to 7 m/s³ at once; the tremor of an unsupported hand is about 0.05 mm per axis.
     pub const HUMAN: Self = Self {
         position_model: OperatorModel { jerk_diffusion: 30.0, tremor: 2e-4, noise: 2e-5 },
         rotation_model: OperatorModel { jerk_diffusion: 80.0, tremor: 2e-4, noise: 1e-4 },
@@ -101,18 +101,18 @@ impl FollowerSettings {
     };
 }
 
-/// Makes set-points for a slave arm of what comes from a master.
+/// Computes set-points of a slave arm from the samples of a master.
 #[derive(Clone, Copy, Debug)]
 pub struct Follower {
     settings: FollowerSettings,
 }
 
-/// What a [`Follower`] knows of the hand, and where the set-point is.
+/// State of a [`Follower`]: estimate of the operator and present set-point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowerState {
     hand: Option<OperatorHand>,
     elbow: Option<Elbow>,
-    /// With the clutch closed.
+    /// Offsets; `None` while the clutch is open.
     clutch: Option<ClutchOffset>,
     place: Vector3<f32>,
     rotation: UnitQuaternion<f32>,
@@ -122,12 +122,12 @@ pub struct FollowerState {
     elbow_velocity: Vector1<f32>,
 }
 
-/// As of the last sample.
+/// Estimate at the last sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OperatorHand {
     time: Instant,
     position: OperatorEstimate<3>,
-    /// The estimate of the rotation vector counts from here.
+    /// Origin of the estimated rotation vector.
     rotation: UnitQuaternion<f32>,
     turn: OperatorEstimate<3>,
 }
@@ -138,19 +138,19 @@ struct Elbow {
     angle: OperatorEstimate<1>,
 }
 
-/// What lies between hand and tool.
+/// Offset between operator's hand and tool while the clutch is closed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ClutchOffset {
-    /// The tool's place less the hand's, scaled.
+    /// Tool position minus scaled hand position [m].
     shift: Vector3<f32>,
-    /// The tool's orientation seen from the hand.
+    /// Tool orientation in the frame of the hand.
     rotation: UnitQuaternion<f32>,
-    /// Not without a sample of the elbow.
+    /// Elbow offset [rad]; `None` without a sample of the elbow.
     elbow: Option<Vector1<f32>>,
 }
 
 impl FollowerState {
-    /// The clutch open, the tool at rest: position [m], orientation `[x, y, z, w]`, angle of the elbow [rad].
+    /// Clutch open and tool at rest at `position` [m], orientation `[x, y, z, w]` and elbow angle [rad].
     pub fn at(position: [f32; 3], [x, y, z, w]: [f32; 4], elbow: f32) -> Self {
         Self {
             hand: None,
@@ -172,17 +172,17 @@ impl FollowerState {
 }
 
 impl OperatorHand {
-    /// `time` after the last sample [s]: translations, and rotation vectors from the orientation.
+    /// Prediction `time` after the last sample [s]: translation, and rotation vector from `rotation`.
     fn ahead(&self, time: f32) -> (Motion<3>, Motion<3>) {
         (self.position.ahead(time), self.turn.ahead(time))
     }
 }
 
 impl Follower {
-    /// With settings that are checked.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// The first number that is wrong.
+    /// The first value outside its limits.
     pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
         let of_models = models.into_iter().flat_map(OperatorModel::numbers);
@@ -202,10 +202,11 @@ impl Follower {
         }
     }
 
-    /// Takes a sample of the hand, which arrives `now`.
+    /// Adds a sample of the hand that arrives `now`.
     ///
     /// # Errors
-    /// Why it is not taken. One that was overtaken is no reason to worry.
+    /// The sample is invalid, out of order, too old or beyond the innovation gate. Out-of-order samples are
+    /// normal on a link that reorders.
     pub fn add_sample(
         &self,
         state: &mut FollowerState,
@@ -253,10 +254,10 @@ impl Follower {
         Ok(())
     }
 
-    /// Takes a sample of the elbow's angle [rad], of the time `time`, which arrives `now`.
+    /// Adds a sample of the elbow angle [rad], measured at `time`, that arrives `now`.
     ///
     /// # Errors
-    /// Why it is not taken. One that was overtaken is no reason to worry.
+    /// The same as for [`Self::add_sample`].
     pub fn add_elbow_sample(
         &self,
         state: &mut FollowerState,
@@ -289,11 +290,11 @@ impl Follower {
         Ok(())
     }
 
-    /// Closes the clutch: hand and tool, as they are, belong together from now on. The hand counts as it was in its last
-    /// sample, without tremor; what it has moved since then is made up for.
+    /// Closes the clutch: stores the offsets between hand and tool. The hand's pose is its estimate at the
+    /// last sample without tremor; the motion since then is followed.
     ///
     /// # Errors
-    /// Nobody knows where the hand is.
+    /// There is no recent sample of the hand.
     pub fn close_clutch(&self, state: &mut FollowerState, now: Instant) -> Result<(), FollowerError> {
         let recent =
             |time: Instant| (-CLOCK_TOLERANCE..=self.settings.max_sample_age).contains(&now.since(time));
@@ -307,12 +308,12 @@ impl Follower {
         Ok(())
     }
 
-    /// Opens the clutch: the tool comes to rest, whatever the hand does.
+    /// Opens the clutch: the tool comes to rest, independent of the hand.
     pub const fn open_clutch(&self, state: &mut FollowerState) {
         state.clutch = None;
     }
 
-    /// The set-points for the control period that begins `now`. Called once a period.
+    /// Returns the set-points for the control period that begins `now`. Call it once per period.
     pub fn tick(&self, state: &mut FollowerState, now: Instant) -> (PosePoint, ElbowSetpoint) {
         let FollowerSettings { position_limits, rotation_limits, elbow_limits, scale, .. } = &self.settings;
         let times = [
@@ -372,7 +373,7 @@ impl Follower {
         (point, elbow)
     }
 
-    /// How long after the last sample another was taken [s], `None` for the first.
+    /// Time from the last sample to this one [s]; `None` for the first.
     fn time_since_last(
         &self,
         now: Instant,
@@ -388,7 +389,7 @@ impl Follower {
         if passed <= 0.0 { Err(FollowerError::OutOfOrder { by: -passed }) } else { Ok(Some(passed)) }
     }
 
-    /// What is known of the hand, if that is of use for a sample `passed` after the last [s].
+    /// The estimate to update with a sample `passed` after the last [s]; `None` if it has to start again.
     fn known(
         &self,
         state: &FollowerState,

@@ -1,5 +1,5 @@
-//! A slave arm follows a master's hand over a link that delays, shuffles and loses (Arm7, sections 2.2 and 3.2:
-//! unilateral master-slave).
+//! Unilateral master-slave control of an arm over a link with delay, reordering and loss (Arm7 sections 2.2
+//! and 3.2).
 //!
 //! ```text
 //!  samples with        ┌─ estimate of the hand ─► prediction ─► offset of ─► limits of ──► PosePoint
@@ -7,25 +7,25 @@
 //!  (pose; elbow)       └─  or none at all)                                   acceleration   each tick
 //! ```
 //!
-//! The paper puts the master's pose into the slave's impedance (`X₀ = X_M`): damping and link then hold the tool back by
-//! their time times the hand's speed. Here the set-point carries where the hand is *now*, its velocity and its
-//! acceleration, so that mass, damping and stiffness of the slave act on the error alone and may be as soft as contact
-//! wants them.
+//! The paper uses the master's pose as equilibrium of the slave's impedance (`X₀ = X_M`), so damping and link
+//! delay cause a lag in proportion to the hand's speed. Here the set-point is the *predicted* present pose
+//! with velocity and acceleration, so that the impedance acts on the error only and can be as soft as contact
+//! requires.
 //!
-//! - [`OperatorModel`]: what is known of a hand beforehand. Its jerk wanders; on top of it the hand trembles at 8 to
-//!   12 Hz, which is told apart and not followed.
-//! - [`Follower`] is the configuration, [`FollowerState`] what changes. Samples come when they come
-//!   ([`Follower::add_sample`], [`Follower::add_elbow_sample`]), set-points leave each control period ([`Follower::tick`]). Time is
-//!   passed in.
-//! - The clutch: [`Follower::close_clutch`] takes the offset between hand and tool as they are, so that nothing jumps;
-//!   [`Follower::open_clutch`] lets the tool come to rest, and the hand is free. A state begins with an open clutch.
-//!   Translations and rotations are followed in the axes of the base: turned about the vertical, the hand turns the
-//!   tool about the vertical, however the one is held against the other. The elbow has an offset too.
-//! - No sample, however wrong, makes the set-point faster than its limits. One that is farther from where the hand should
-//!   be than a hand can get is refused by name. If all are, then the hand is elsewhere: open the clutch, and close it again.
-//! - While samples stay away the prediction comes to rest.
+//! - [`OperatorModel`]: the prior model of the operator. The jerk is a random walk; physiological tremor at 8
+//!   to 12 Hz is estimated separately and not followed.
+//! - [`Follower`] is the configuration, [`FollowerState`] the state. Samples arrive at any time
+//!   ([`Follower::add_sample`], [`Follower::add_elbow_sample`]); [`Follower::tick`] returns the set-points
+//!   once per control period. Time is passed in.
+//! - Clutch: [`Follower::close_clutch`] stores the offset between hand and tool, so that the set-point does
+//!   not jump; [`Follower::open_clutch`] stops the tool and decouples the hand. The clutch is open initially.
+//!   Motion is transferred in the axes of the base. The elbow has its own offset.
+//! - No sample can move the set-point faster than its limits. A sample whose innovation exceeds
+//!   `max_innovation` is rejected with a typed error. If all samples are rejected, open the clutch and close
+//!   it again.
+//! - Without samples the prediction comes to rest.
 //!
-//! Where the hand is to feel what the arm touches, a [`PowerPort`] at each end keeps the link from making energy.
+//! With force feedback, a [`PowerPort`] at each end keeps the link passive.
 //!
 //! ```
 //! use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};

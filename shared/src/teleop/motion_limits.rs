@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::follower::Number;
 use crate::{TICK, math};
 
-/// How fast a set-point comes to where it should be [rad/s]: nearly as fast as a period allows. Slower, it would add its
-/// own delay to the link's.
+/// Bandwidth of the set-point's tracking loop [rad/s], close to the limit of the control period; a lower one
+/// adds delay to that of the link.
 const BANDWIDTH: f32 = 120.0;
 
 /// Limits of a set-point's motion.
@@ -19,10 +19,10 @@ pub struct MotionLimits {
     pub acceleration: f32,
 }
 
-/// What is where it should be, with its derivatives.
+/// The target relative to the set-point, with its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionTarget<const N: usize> {
-    /// From the set-point to there.
+    /// Displacement from the set-point to the target [m, rad].
     pub offset: SVector<f32, N>,
     pub velocity: SVector<f32, N>,
     pub acceleration: SVector<f32, N>,
@@ -33,11 +33,12 @@ impl MotionLimits {
         [("speed", self.speed, [1e-3, 100.0]), ("acceleration", self.acceleration, [1e-3, 1e4])]
     }
 
-    /// The acceleration, held for a control period, of a set-point that moves at `velocity`.
+    /// The acceleration, held for one control period, that moves a set-point with `velocity` towards its
+    /// target.
     ///
-    /// Near its aim, feedback on offset and speed with two equal poles at `γ = e^(−ω·T)`, as that of
-    /// [`ErrorObserver`](crate::control::ErrorObserver); far from it, the speed at which half of the acceleration still
-    /// stops it there.
+    /// Close to the target: state feedback with two equal poles at `γ = e^(−ω·T)`, as in
+    /// [`ErrorObserver`](crate::control::ErrorObserver). Far away: the speed from which half of the
+    /// acceleration limit brakes in time.
     pub(super) fn acceleration<const N: usize>(
         &self,
         velocity: &SVector<f32, N>,
@@ -55,7 +56,7 @@ impl MotionLimits {
         (limited(&next, self.speed) - velocity) * (1.0 / TICK)
     }
 
-    /// The acceleration with which it comes to rest.
+    /// The acceleration that brings the set-point to rest.
     pub(super) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
         limited(&(velocity * (-0.25 / TICK)), self.acceleration)
     }

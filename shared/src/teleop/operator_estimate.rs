@@ -7,12 +7,11 @@ use serde::{Deserialize, Serialize};
 use super::follower::Number;
 use crate::math;
 
-/// Physiological tremor is between 8 and 12 Hz [rad/s].
+/// Centre frequency of physiological tremor, 8 to 12 Hz [rad/s].
 const TREMOR: f32 = TAU * 10.0;
-/// It keeps its phase for a third of a second: so narrow is that band [1/s].
+/// Bandwidth of the tremor: its phase stays correlated for a third of a second [1/s].
 const TREMOR_FADES: f32 = 3.0;
-/// Nobody knows better than that from one sample how a hand moves: variances of place, velocity, acceleration and jerk, in m or
-/// rad and s.
+/// Initial variances of position, velocity, acceleration and jerk after one sample [m or rad, and s].
 const START: [f32; ORDER] = [1e-6, 1e-2, 1.0, 100.0];
 /// Place and three derivatives.
 const ORDER: usize = 4;
@@ -20,17 +19,17 @@ const ORDER: usize = 4;
 const SIZE: usize = ORDER + 2;
 const FACTORIALS: [f32; ORDER] = [1.0, 1.0, 2.0, 6.0];
 const COUNT: [f32; 2 * ORDER - 1] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-/// So far ahead a prediction goes on as it is [s]; beyond it comes to rest.
+/// Horizon of the polynomial prediction [s]; beyond it the prediction comes to rest.
 const HORIZON: f32 = 0.06;
-/// In that time its velocity falls to 1/e [s].
+/// Time constant with which the predicted velocity then decays [s].
 const REST_TIME: f32 = 0.08;
 
-/// What is known beforehand of how a hand moves along each axis, and of how that is measured.
+/// Prior model of the operator's motion along each axis and of its measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OperatorModel {
-    /// How the jerk wanders: in a second by this much [m/s³, rad/s³], and in `t` by `√t` of it. The more, the sooner a new
-    /// motion is seen, and the more of the tremor is taken for motion. 0.01 to 10⁴.
+    /// How the jerk wanders: in a second by this much [m/s³, rad/s³], and in `t` by `√t` of it. The more, the
+    /// sooner a new motion is seen, and the more of the tremor is taken for motion. 0.01 to 10⁴.
     pub jerk_diffusion: f32,
     /// Root mean square of the tremor [m, rad]. A little more than there is does no harm. 10⁻⁶ to 0.1.
     pub tremor: f32,
@@ -48,7 +47,7 @@ impl OperatorModel {
     }
 }
 
-/// What moves: place, velocity and acceleration along each axis.
+/// Predicted motion: position, velocity and acceleration along each axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion<const N: usize> {
     pub place: SVector<f32, N>,
@@ -56,10 +55,11 @@ pub(super) struct Motion<const N: usize> {
     pub acceleration: SVector<f32, N>,
 }
 
-/// What is known of a hand: a Kalman filter whose axes share one covariance, since they are measured at the same times.
+/// What is known of a hand: a Kalman filter whose axes share one covariance, since they are measured at the
+/// same times.
 ///
-/// Place, velocity, acceleration and jerk, the latter driven by white noise; and a tremor, an oscillation and its quadrature, that
-/// fades and is kept alive by noise. A sample is the sum of place, tremor and noise.
+/// Place, velocity, acceleration and jerk, the latter driven by white noise; and a tremor, an oscillation and
+/// its quadrature, that fades and is kept alive by noise. A sample is the sum of place, tremor and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OperatorEstimate<const N: usize> {
     mean: SMatrix<f32, SIZE, N>,
@@ -77,7 +77,7 @@ impl<const N: usize> OperatorEstimate<N> {
         Self { mean, covariance: SMatrix::from_diagonal(&diagonal) }
     }
 
-    /// Lets `time` pass [s].
+    /// Time update by `time` [s].
     pub fn advance(&mut self, model: &OperatorModel, time: f32) {
         let fade = math::exp(-TREMOR_FADES * time);
         let (sine, cosine) = math::sin_cos(TREMOR * time);
@@ -112,7 +112,7 @@ impl<const N: usize> OperatorEstimate<N> {
         self.covariance = transition * self.covariance * transition.transpose() + noise;
     }
 
-    /// Takes a sample.
+    /// Measurement update.
     pub fn correct(&mut self, model: &OperatorModel, sample: &SVector<f32, N>) {
         // What the sample has in common with each part; the sample is place and tremor.
         let common = self.covariance.column(0) + self.covariance.column(ORDER);
@@ -121,11 +121,11 @@ impl<const N: usize> OperatorEstimate<N> {
         let missing = sample.transpose() - self.mean.row(0) - self.mean.row(ORDER);
         self.mean += gain * missing;
         self.covariance -= gain * common.transpose();
-        // Rounding must not make it lopsided.
+        // Rounding makes the covariance asymmetric.
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
     }
 
-    /// Takes the place away, which then counts from there.
+    /// Returns the estimated position and sets it to 0, as the new origin.
     pub fn rebase(&mut self) -> SVector<f32, N> {
         let place = self.mean.row(0).transpose();
         self.mean.row_mut(0).fill(0.0);

@@ -3,81 +3,85 @@ use nalgebra::Vector3;
 use crate::TICK;
 use crate::math;
 
-/// Slower than this, the handle stands still [m/s]: damping it would take no energy.
+/// Below this speed the handle counts as at rest [m/s]; damping would dissipate nothing.
 const STILL: f32 = 1e-4;
 
-/// Energy is counted in pieces larger than this [J]: what a noisy place gives and takes again is none.
+/// Energy is counted in steps larger than this [J], so that measurement noise of the position adds nothing to
+/// either count.
 const QUANTUM: f32 = 1e-3;
 
 /// A microjoule [J].
 const MICRO: f32 = 1e-6;
 
-/// One end of a delayed two-way link between a master and a slave: an observer of the energy that comes out there, and what
-/// keeps that to what went in at the other end (time-domain passivity with the energies of both directions apart; Ryu,
-/// Artigas and Preusche 2010).
+/// One end of a delayed bilateral link: passivity observer and passivity controller with separate energies
+/// for the two directions (time-domain passivity approach; Ryu, Artigas and Preusche 2010).
 ///
-/// Under hold, the work of a force over a control period is exactly the force times the way. Each end counts what goes in
-/// ([`PowerPort::energy_in`], which travels to the other end beside the force or the position) and what comes out. The other end's
-/// count arrives late, never early, so keeping to it keeps the whole link from making energy, whatever the delay.
+/// Under zero-order hold the work over a control period is exactly force times displacement. Each end counts
+/// the energy that enters ([`PowerPort::energy_in`], sent to the other end with the force or position) and
+/// the energy that leaves. The count of the other end arrives late and therefore never too large, so limiting
+/// the output to it keeps the link passive for any delay.
 ///
-/// Counts grow for as long as the link is up, so they are whole microjoules: an `f32` of 16 kJ is off by a millijoule.
+/// The counts are integers in microjoules: an `f32` at 16 kJ has a resolution of a millijoule only.
 ///
-/// - At the *master*, a force comes out: it is damped ([`PowerPort::damping_force`]).
-/// - At the *slave*, a motion comes out: it waits until there is energy for it ([`PowerPort::limit_displacement`]).
+/// - At the *master* the output is a force: excess energy is dissipated by damping
+///   ([`PowerPort::damping_force`]).
+/// - At the *slave* the output is a displacement: it is limited to the available energy
+///   ([`PowerPort::limit_displacement`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PowerPort {
-    /// Energy that went in here so far [µJ].
+    /// Energy that entered at this end [µJ].
     energy_in: i64,
-    /// Energy that came out here so far [µJ].
+    /// Energy that left at this end [µJ].
     energy_out: i64,
-    /// Of that, what damping here took back [µJ].
+    /// Part of it dissipated by damping at this end [µJ].
     dissipated: i64,
-    /// What came out, or if negative went in, and is not counted yet [J].
+    /// Net output not yet counted [J]; negative for input.
     uncounted_output: f32,
-    /// What damping took back, and is not counted yet [J].
+    /// Dissipated energy not yet counted [J].
     uncounted_damping: f32,
 }
 
-/// What a link may do.
+/// Limits of the passivity controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerPortLimits {
-    /// Most damping that the master's end adds [N·s/m]; less than the mass of handle and hand over a control period.
+    /// Maximum damping at the master [N·s/m]; less than the mass of handle and hand over the control period,
+    /// for stability.
     pub max_damping: f32,
-    /// Energy that may come out before any went in [J]: without it, a spring at the slave's end could not begin to be
-    /// pressed.
+    /// Energy that may leave before any entered [J]: lets the slave begin to compress a spring.
     pub energy_reserve: f32,
 }
 
 impl PowerPort {
-    /// Nothing went in or came out.
+    /// No energy has passed yet.
     pub const fn new() -> Self {
         Self { energy_in: 0, energy_out: 0, dissipated: 0, uncounted_output: 0.0, uncounted_damping: 0.0 }
     }
 
-    /// Energy that went in here so far [µJ]: to be sent to the other end.
+    /// Energy that entered at this end [µJ]; send it to the other end.
     pub const fn energy_in(&self) -> i64 {
         self.energy_in
     }
 
-    /// What went in less what came out [µJ].
+    /// Energy that entered minus energy that left [µJ].
     pub const fn balance(&self) -> i64 {
         let (counted, _) = split(self.uncounted_damping - self.uncounted_output);
         self.net_of_output(self.energy_in).saturating_add(counted)
     }
 
-    /// An energy less what came out and was not damped [µJ].
+    /// `energy` minus the undissipated output [µJ].
     const fn net_of_output(&self, energy: i64) -> i64 {
         energy.saturating_sub(self.energy_out).saturating_add(self.dissipated)
     }
 
-    /// What may still come out, with what is known of the other end [J].
+    /// Energy that may still leave, given the last known input at the other end [J].
     #[expect(clippy::cast_precision_loss, reason = "exact to a microjoule where little is left")]
     const fn available_energy(&self, limits: &PowerPortLimits, received: i64) -> f32 {
         self.net_of_output(received) as f32 * MICRO + limits.energy_reserve + self.uncounted_damping
             - self.uncounted_output
     }
 
-    /// Counts a period in which the link pushed with `force` [N], in the mean, over a `way` [m], and with `damping` besides.
+    /// Counts a control period with the mean link force `force` [N], the displacement `way` [m], and the
+    /// `damping` force [N].
     pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, way: &Vector3<f32>) {
         self.uncounted_output += force.dot(way);
         if math::abs(self.uncounted_output) > QUANTUM {
@@ -90,8 +94,8 @@ impl PowerPort {
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
-    /// The damping [N] to be added to `force` at the master's end, whose handle moves with `velocity` [m/s]; `received`: what
-    /// has gone in at the other end, as far as it is known here [µJ].
+    /// Damping force [N] to add to `force` at the master, whose handle moves with `velocity` [m/s].
+    /// `received` is the last known input at the other end [µJ].
     pub fn damping_force(
         &self,
         limits: &PowerPortLimits,
@@ -108,8 +112,8 @@ impl PowerPort {
         velocity * -math::clamp(excess / (square * TICK), 0.0, limits.max_damping)
     }
 
-    /// How much of `way` [m] the slave's end may go while the link pushes there with `force` [N] at most; `received` as in
-    /// [`PowerPort::damping_force`].
+    /// The part of the displacement `way` [m] that the available energy allows at the slave under the link
+    /// force `force` [N]; `received` as in [`PowerPort::damping_force`].
     pub fn limit_displacement(
         &self,
         limits: &PowerPortLimits,
@@ -129,7 +133,7 @@ impl PowerPort {
     }
 }
 
-/// An energy [J] as whole microjoules, and what is left of it [J].
+/// Splits an energy [J] into whole microjoules and the remainder [J].
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
@@ -146,8 +150,8 @@ mod tests {
 
     const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
 
-    /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never hold more than
-    /// what was put in.
+    /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never
+    /// hold more than what was put in.
     fn largest_swing(guarded: bool) -> f32 {
         let (mass, stiffness, delay) = (1.5_f32, 300.0_f32, 3);
         let (mut place, mut speed) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());

@@ -7,7 +7,8 @@ use super::*;
 use crate::task::impedance::PosePoint;
 use crate::{TICK, math};
 
-/// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later (`tests/oracles/hand_estimate.py`).
+/// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later
+/// (`tests/oracles/hand_estimate.py`).
 const ESTIMATE: &[(u32, f64, [f64; 3])] = include!("../../../tests/oracles/data/hand_estimate.in");
 
 const NOT_TURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -170,7 +171,8 @@ fn while_samples_stay_away_the_set_point_comes_to_rest_and_then_catches_up() {
     assert!((speed - 0.1 * PI).abs() < 5e-3, "{speed}");
     run.until(2.41, &waving, &gap);
     assert!(run.point.velocity.iter().all(|speed| speed.abs() < 0.02), "{:?}", run.point.velocity);
-    // What is known of a motion that long ago is forgotten; the hand is 43 mm farther than where the set-point rests.
+    // What is known of a motion that long ago is forgotten; the hand is 43 mm farther than where the
+    // set-point rests.
     run.until(3.2, &waving, &gap);
     let error = run.place() - Vector3::new(0.3, 0.1, -0.2) - (waving(3.2).0 - resting(0.0).0);
     assert!(error.norm() < 5e-4, "{error}");

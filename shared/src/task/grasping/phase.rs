@@ -49,7 +49,7 @@ pub enum Failure {
         distance: f32,
     },
     /// 2: the forces did not become what was wanted within the time. The hand opened.
-    GripError {
+    NoGrip {
         /// The weakest normal force [N].
         force: f32,
         /// The time [s].
@@ -194,7 +194,7 @@ impl fmt::Display for Failure {
             Self::NothingThere { finger, distance } => {
                 write!(f, "finger {} felt nothing within {distance} m: the hand opened", finger + 1)
             }
-            Self::GripError { force, limit } => write!(
+            Self::NoGrip { force, limit } => write!(
                 f,
                 "the grip was not as wanted within {limit} s (weakest normal force {force} N): the hand opened"
             ),
