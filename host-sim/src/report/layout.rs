@@ -229,7 +229,8 @@ mod tests {
             figure =
                 figure.phase(f64::from(k) * 0.5, f64::from(k + 1) * 0.5, format!("the phase number {k}"));
         }
-        let layout = Layout::new(&figure.event(9.99, "the end of everything"));
+        figure = figure.event(9.99, "the end of everything");
+        let layout = Layout::new(&figure);
         assert_eq!(layout.strip.len(), 21);
         for (i, a) in layout.strip.iter().enumerate() {
             let end = a.x + text_width(a.text, SMALL);
