@@ -14,7 +14,7 @@ use super::figure::Panel;
 pub(super) const X_TICKS: usize = 10;
 
 /// The part of a shared scale that a panel has to fill.
-const LEAST_FILL: f64 = 0.35;
+const LEAST_FILL: f64 = 0.6;
 
 fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     values.filter(|v| v.is_finite()).fold(None, |range, v| match range {
@@ -56,8 +56,8 @@ fn y_range(panel: &Panel) -> Range<f64> {
     padded(span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules)), 0.09)
 }
 
-/// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a panel that
-/// fills less than [`LEAST_FILL`] of the largest range has its own.
+/// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a
+/// panel that fills less than [`LEAST_FILL`] of the largest range has its own.
 pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     let alike = |other: &&Panel| (&other.quantity, &other.unit) == (&panel.quantity, &panel.unit);
     let ranges = || panels.iter().filter(alike).map(y_range);
@@ -105,7 +105,8 @@ pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
     Ticks { at: values.iter().map(|&v| (v, text(v))).collect(), exponent }
 }
 
-/// The least of 1, 2 and 5 times the powers of ten of which at most `count` multiples are in `range`, and those.
+/// The least of 1, 2 and 5 times the powers of ten of which at most `count` multiples are in `range`, and
+/// those.
 fn round_numbers(range: &Range<f64>, count: usize) -> (f64, Vec<f64>) {
     let least = (range.end - range.start) / count.max(1) as f64;
     let power = 10.0_f64.powf(least.log10().floor());
@@ -169,7 +170,7 @@ mod tests {
         let panel = |quantity, y| {
             Panel::new("", quantity, "N").line(Line::solid("", 0, vec![0.0, 1.0], vec![0.0, y]))
         };
-        let panels = [panel("force", 2.0), panel("force", 4.0), panel("weight", 9.0), panel("force", 1.0)];
+        let panels = [panel("force", 3.0), panel("force", 4.0), panel("weight", 9.0), panel("force", 1.0)];
         let ranges = panels.each_ref().map(|panel| shared_y_range(&panels, panel));
         assert_eq!(ranges[0], ranges[1]);
         assert!((4.0..5.0).contains(&ranges[0].end) && ranges[2].end > 9.0);

@@ -20,11 +20,11 @@ impl<'a> Column<'a> {
     }
 }
 
-/// The columns as CSV: a header `name [unit]`, then a row a sample, fields quoted as RFC 4180 asks, lines ended by a
-/// newline.
+/// The columns as CSV: a header `name [unit]`, then a row a sample, fields quoted as RFC 4180 asks, lines
+/// ended by a newline.
 ///
-/// Numbers are the shortest that read back as the same `f64`. Where a column is shorter than the longest its fields are
-/// empty; what is not a number is `NaN`, `inf` or `-inf`.
+/// Numbers are the shortest that read back as the same `f64`. Where a column is shorter than the longest its
+/// fields are empty; what is not a number is `NaN`, `inf` or `-inf`.
 pub fn csv(columns: &[Column<'_>]) -> String {
     let mut writer = Writer::from_writer(Vec::new());
     let header = columns.iter().map(|column| match column.unit.as_str() {

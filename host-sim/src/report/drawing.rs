@@ -1,14 +1,16 @@
 //! Figures as SVG.
 //!
-//! Colours are written as attributes, so that a file is right wherever it is opened; the classes beside them let the page's
-//! style sheet swap what is black on white for dark pages.
+//! Colours are written as attributes, so that a file is right wherever it is opened; the classes beside them
+//! let the page's style sheet swap what is black on white for dark pages.
 
 use svg::Document;
 use svg::node::element::{Circle, Group, Polyline, Rectangle, Text, Title};
 
 use super::axis::{X_TICKS, axis_label, ticks};
 use super::figure::{Arrangement, Figure, LineStyle, Panel};
-use super::layout::{Axes, LEFT, Layout, Legend, ROW, SAMPLE, SMALL, STRIP_ROW, TEXT, TITLE, WIDTH};
+use super::layout::{
+    Axes, LEFT, Layout, Legend, ROW, SAMPLE, SMALL, STRIP_ROW, StripLabel, TEXT, TITLE, WIDTH,
+};
 use super::palette::{BAND, GRID, GROUND, INK, LIMIT, LINES, MUTED, Paint, SHADE};
 
 /// Groups of points that are kept of a line, see `Line::decimated`.
@@ -22,7 +24,7 @@ type Stroke = (f64, &'static str);
 const SOLID: Stroke = (1.75, "");
 const DASHED: Stroke = (1.5, "5 3.5");
 const RULE: Stroke = (1.25, "2 2.5");
-const EVENT: Stroke = (1.0, "4 3");
+const EVENT: Stroke = (0.75, "3 3");
 const HAIR: Stroke = (0.75, "");
 const FRAME: Stroke = (1.0, "");
 
@@ -175,16 +177,18 @@ fn draw_phases(mut group: Group, figure: &Figure, axes: &Axes) -> Group {
     group
 }
 
-/// The names of phases and events, above the first panel.
+/// The names of phases and events above the first panel, over all lines.
 fn draw_strip(mut group: Group, layout: &Layout<'_>, axes: &Axes) -> Group {
+    #[expect(clippy::cast_precision_loss, reason = "a few rows")]
+    let foot = |label: &StripLabel<'_>| axes.top - label.row as f64 * STRIP_ROW;
     for label in &layout.strip {
-        let x = axes.at_x(label.at);
-        #[expect(clippy::cast_precision_loss, reason = "a few rows")]
-        let foot = axes.top - label.row as f64 * STRIP_ROW;
+        let (x, foot) = (axes.at_x(label.at), foot(label));
         let stroke = if label.is_event { EVENT } else { HAIR };
-        group = group
-            .add(polyline([(x, foot - STRIP_ROW + 2.0), (x, axes.top)], MUTED, stroke))
-            .add(text_on_lines(label.text, (label.x, foot - 0.5 * STRIP_ROW), MUTED, Anchor::Start));
+        group = group.add(polyline([(x, foot - STRIP_ROW + 2.0), (x, axes.top)], MUTED, stroke));
+    }
+    for label in &layout.strip {
+        let at = (label.x, foot(label) - 0.5 * STRIP_ROW);
+        group = group.add(text_on_lines(label.text, at, MUTED, Anchor::Start));
     }
     group
 }
@@ -261,7 +265,8 @@ fn draw_lines(mut group: Group, panel: &Panel, axes: &Axes, buckets: usize) -> G
     group
 }
 
-/// At the right margin from the top, each at its line or just below its neighbour; inside where there is no margin.
+/// At the right margin from the top, each at its line or just below its neighbour; inside where there is no
+/// margin.
 fn draw_rule_labels(mut group: Group, panel: &Panel, axes: &Axes, arrangement: Arrangement) -> Group {
     let mut rules: Vec<_> = panel.rules.iter().collect();
     rules.sort_by(|a, b| b.value.total_cmp(&a.value));

@@ -224,7 +224,8 @@ impl Figure {
         }
     }
 
-    /// A figure whose panels stand side by side, each with both axes in one scale, as for the path of a fingertip.
+    /// A figure whose panels stand side by side, each with both axes in one scale, as for the path of a
+    /// fingertip.
     pub fn paths(
         title: impl Into<String>,
         caption: impl Into<String>,

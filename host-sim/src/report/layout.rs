@@ -19,6 +19,8 @@ pub(super) const STRIP_ROW: f64 = 15.0;
 /// Below the lowest axes [px].
 const AXIS: f64 = 42.0;
 const GAP: f64 = 14.0;
+/// Above everything [px].
+const PAD: f64 = 4.0;
 
 /// Sizes of text [px].
 pub(super) const TITLE: f64 = 13.5;
@@ -48,8 +50,8 @@ impl Axes {
     }
 }
 
-/// Rows of the head of a panel: which lines are explained in which row, and the width of each entry. The title is in the
-/// first row.
+/// Rows of the head of a panel: which lines are explained in which row, and the width of each entry. The
+/// title is in the first row.
 pub(super) type Legend = Vec<Vec<(usize, f64)>>;
 
 /// A name in the strip above the axes.
@@ -84,7 +86,7 @@ impl<'a> Layout<'a> {
         let strip_height = rows as f64 * STRIP_ROW;
         let head = |legend: &Legend| legend.len() as f64 * ROW + 6.0;
         let highest = legends.iter().map(head).fold(ROW, f64::max);
-        let (mut left, mut top, mut bottom) = (LEFT, 0.0, 0.0_f64);
+        let (mut left, mut top, mut bottom) = (LEFT, PAD, 0.0_f64);
         let mut panels = Vec::new();
         for (i, (panel, legend)) in figure.panels.iter().zip(&legends).enumerate() {
             let (x, y, head) = if stacked {
@@ -227,7 +229,8 @@ mod tests {
             figure =
                 figure.phase(f64::from(k) * 0.5, f64::from(k + 1) * 0.5, format!("the phase number {k}"));
         }
-        let layout = Layout::new(&figure.event(9.99, "the end of everything"));
+        figure = figure.event(9.99, "the end of everything");
+        let layout = Layout::new(&figure);
         assert_eq!(layout.strip.len(), 21);
         for (i, a) in layout.strip.iter().enumerate() {
             let end = a.x + text_width(a.text, SMALL);

@@ -19,7 +19,8 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     minus(&format!("{value:.decimals$}"))
 }
 
-/// A measured value beside its limit: three digits, or more where three would hide on which side of the limit it is.
+/// A measured value beside its limit: three digits, or more where three would hide on which side of the limit
+/// it is.
 pub(super) fn measured(value: f64, limit: Option<f64>) -> String {
     let hidden = |text: &str| {
         let shown = text.replace('−', "-").parse::<f64>().unwrap_or(value);

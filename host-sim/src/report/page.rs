@@ -13,8 +13,8 @@ const PAGE_BUCKETS: usize = 30_000;
 
 /// One HTML file with everything in it: results, figures, how to read them, how they were made.
 ///
-/// The page follows the reader's choice of light or dark, fits narrow screens and prints. Each figure has a link to the
-/// file of [`figure_files`] that goes beside the page.
+/// The page follows the reader's choice of light or dark, fits narrow screens and prints. Each figure has a
+/// link to the file of [`figure_files`] that goes beside the page.
 #[derive(Clone, Debug)]
 pub struct Page<'a> {
     title: &'a str,
@@ -140,15 +140,15 @@ impl<'a> Page<'a> {
             section {
                 h2 { "How to read this" }
                 p {
-                    "Each row of the table is one measured quantity. Green means that it meets its limit; a row without a \
-                     limit is reported only. On the small scale the green part is within the limit, and each dot is one \
-                     seed."
+                    "Each row of the table is one measured quantity. Green means that it meets its limit; a \
+                     row without a limit is reported only. On the small scale the green part is within the \
+                     limit, and each dot is one seed."
                 }
                 p {
-                    "In the figures solid lines are measured values and dashed lines are references, targets or \
-                     computed curves. Dotted red lines are limits, or values to compare with. Names above a figure mark \
-                     phases and events, and every other phase is shaded. Panels that show the same quantity share a \
-                     scale, unless one of them would be too flat to read."
+                    "In the figures solid lines are measured values and dashed lines are references, targets \
+                     or computed curves. Dotted red lines are limits, or values to compare with. Names above \
+                     a figure mark phases and events, and every other phase is shaded. Panels that show the \
+                     same quantity share a scale, unless one of them would be too flat to read."
                 }
                 @for text in self.reading { p { (text) } }
             }

@@ -1,6 +1,7 @@
 //! Colours that can be told apart on white and on the dark page, by colour-blind readers too.
 
-/// A colour of a figure: as written, for a white ground, and the class by which `page.css` swaps it on a dark one.
+/// A colour of a figure: as written, for a white ground, and the class by which `page.css` swaps it on a dark
+/// one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Paint {
     pub colour: &'static str,
@@ -24,8 +25,8 @@ pub(super) const BAND: Paint = Paint::new("#F1F7F3", "band");
 /// Limits and values to compare with.
 pub(super) const LIMIT: Paint = Paint::new("#A3214A", "limit");
 
-/// The colours of lines: those of Okabe and Ito, with the pale ones darkened to a contrast of at least 3 against white,
-/// and all with as much against the dark page. The last is the ink of the text.
+/// The colours of lines: those of Okabe and Ito, with the pale ones darkened to a contrast of at least 3
+/// against white, and all with as much against the dark page. The last is the ink of the text.
 pub(super) const LINES: [Paint; 8] = [
     Paint::new("#0072B2", "line"),
     Paint::new("#D55E00", "line"),

@@ -138,9 +138,10 @@ impl Serialize for Metric {
 
 /// What one run of one seed came to.
 ///
-/// As JSON: `{"scenario", "controller", "seed", "ticks", "frames_sha256"?, "elf_sha256"?, "identical"?, "metrics": {name: {"value",
-/// "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order in which they were added, the fields marked `?`
-/// left out where there is nothing to say, and `null` for a value that is not a number.
+/// As JSON: `{"scenario", "controller", "seed", "ticks", "frames_sha256"?, "elf_sha256"?, "identical"?,
+/// "metrics": {name: {"value", "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order
+/// in which they were added, the fields marked `?` left out where there is nothing to say, and `null` for a
+/// value that is not a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     /// The scenario's name.

@@ -11,11 +11,12 @@ use super::summary::Summary;
 /// No line of a table is longer than this.
 const WIDTH: u16 = 100;
 
-/// Measured values beside their limits, at most 100 columns wide; one block for each pair of scenario and controller.
+/// Measured values beside their limits, at most 100 columns wide; one block for each pair of scenario and
+/// controller.
 ///
-/// For one seed the columns are measured, limit and verdict; for several median, worst (and its seed), limit and verdict.
-/// What the papers got stands beside it where a metric tells it. With `colour` the terminal's green and red are used;
-/// without, the text is plain.
+/// For one seed the columns are measured, limit and verdict; for several median, worst (and its seed), limit
+/// and verdict. What the papers got stands beside it where a metric tells it. With `colour` the terminal's
+/// green and red are used; without, the text is plain.
 pub fn table(summaries: &[Summary], colour: bool) -> String {
     groups(summaries).iter().map(|group| block(group, colour)).collect::<Vec<_>>().join("\n")
 }

@@ -33,8 +33,8 @@ pub enum WriteError {
 
 /// Writes `files`, pairs of name and contents, into `dir`, which is made if need be; returns their paths.
 ///
-/// Each file is written beside its final place and then renamed, so that a reader, or a run that is interrupted, never
-/// leaves half a file under its name.
+/// Each file is written beside its final place and then renamed, so that a reader, or a run that is
+/// interrupted, never leaves half a file under its name.
 pub fn write(dir: &Path, files: &[(&str, &str)]) -> Result<Vec<PathBuf>, WriteError> {
     fs::create_dir_all(dir).map_err(|source| WriteError::Directory { path: dir.to_owned(), source })?;
     files.iter().map(|(name, contents)| write_one(dir, name, contents)).collect()

@@ -7,28 +7,32 @@ use tesaki::teleop::{PowerPort, PowerPortLimits};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
+use super::common::grouped;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{HandMotion, Link, LinkValues, MasterArm, MasterArmValues, Stroke};
 use crate::plant::Wall;
-use crate::report::{Column, Figure, Line, LineStyle, Metric, Panel, Summary, csv};
+use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-bilateral",
     title: "Bilateral teleoperation against walls",
-    about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of 0, 20 and 50 ms",
+    about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of \
+            0, 20 and 50 ms",
     robot: "arm7",
     duration: 62.0,
     lead: &[
-        "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and intends to stay there. The seven-joint arm \
-         follows and meets a wall of 200, 2000 or 50 000 N/m after 2 cm. The spring force of its impedance, K = 300 N/m, is \
-         reflected to the handle. The operator's arm is compliant: 1.5 kg, 15 N·s/m, 300 N/m. The link delays each direction by \
-         0, 20 or 50 ms. The arm differs from the controller's model by up to 20 %.",
-        "Time-domain passivity control: each end counts the energy that enters and leaves the link, and limits what leaves to what \
-         has entered at the other end, by damping at the handle and by holding back the arm's set-point. Either end may give \
-         20 mJ in advance; what is owed beyond that is the energy of the first contact, before either end could know of it. The \
-         ends count with the spring's force; the metrics use the true forces and displacements of handle and wall. The \
-         handle has settled when it stays within 2 mm of its final position. The last run is without passivity control.",
+        "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and intends to stay \
+         there. The seven-joint arm follows and meets a wall of 200, 2000 or 50 000 N/m after 2 cm. The \
+         spring force of its impedance, K = 300 N/m, is reflected to the handle. The operator's arm is \
+         compliant: 1.5 kg, 15 N·s/m, 300 N/m. The link delays each direction by 0, 20 or 50 ms. The arm \
+         differs from the controller's model by up to 20 %.",
+        "Time-domain passivity control: each end counts the energy that enters and leaves the link, and \
+         limits what leaves to what has entered at the other end, by damping at the handle and by holding \
+         back the arm's set-point. Either end may give 20 mJ in advance; what is owed beyond that is the \
+         energy of the first contact, before either end could know of it. The ends count with the spring's \
+         force; the metrics use the true forces and displacements of handle and wall. The handle has settled \
+         when it stays within 2 mm of its final position. The last run is without passivity control.",
     ],
     run,
 };
@@ -107,7 +111,7 @@ impl Run {
 
     fn label(&self) -> String {
         let guard = if self.guarded { "" } else { ", no passivity control" };
-        format!("{} N/m, {} ms{guard}", self.wall, (1e3 * self.delay).round())
+        format!("{} N/m, {} ms{guard}", grouped(self.wall), (1e3 * self.delay).round())
     }
 
     fn table(&self) -> String {
@@ -141,7 +145,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         add_metrics(&mut summary, run);
     }
     let tables = runs.iter().map(|run| (format!("{}.csv", run.name()), run.table())).collect();
-    let figures = vec![handle(&runs), force(&runs), energy(&runs)];
+    let figures = vec![handle(&runs), wall_force(&runs), handle_force(&runs), energy(&runs)];
     let summary = summary.ticks(u64::from(bench.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: bench.motion })
 }
@@ -317,18 +321,14 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
     summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }
 
-/// A curve of a run, and how it is drawn.
-type Curve = (LineStyle, fn(&Run, usize) -> f64);
+/// A value of a run at the tick numbered so.
+type Value = fn(&Run, usize) -> f64;
 
 fn handle(runs: &[Run]) -> Figure {
-    let caption = "Position of the handle, and where the operator intends it to be (dashed). A panel for each delay; the last one \
-                   is without passivity control.";
-    let mut figure = figure(
-        ("Position of the handle", caption),
-        ("position", "mm"),
-        runs,
-        &[(LineStyle::Solid, |run, index| 1e3 * run.ticks[index].handle)],
-    );
+    let caption = "Position of the handle, and where the operator intends it to be (dashed). A panel for \
+                   each delay; the last one is without passivity control.";
+    let value: Value = |run, index| 1e3 * run.ticks[index].handle;
+    let mut figure = by_delay(timeline("Position of the handle", caption), ("position", "mm"), runs, value);
     let time: Vec<f64> =
         (0..((BEGIN + TIME + STAY) / T).round() as usize).map(|tick| tick as f64 * T).collect();
     let intended: Vec<f64> =
@@ -339,56 +339,74 @@ fn handle(runs: &[Run]) -> Figure {
     figure
 }
 
-fn force(runs: &[Run]) -> Figure {
-    let caption = "Force on the wall, and the force that the operator feels at the handle (dashed).";
-    figure(
-        ("Contact force", caption),
-        ("force", "N"),
-        runs,
-        &[
-            (LineStyle::Solid, |run, index| {
-                run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
-            }),
-            (LineStyle::Dashed, |run, index| -run.ticks[index].force),
-        ],
-    )
+fn wall_force(runs: &[Run]) -> Figure {
+    let caption = "True force on the wall. Dashed: the force of the springs of operator, impedance and wall \
+                   in series. A panel for each wall; the last one is without passivity control.";
+    by_wall(timeline("Force on the wall", caption), runs, |run, index| {
+        run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
+    })
+}
+
+fn handle_force(runs: &[Run]) -> Figure {
+    let caption = "Force on the operator at the handle, damping included. Dashed: the force of the springs \
+                   of operator, impedance and wall in series.";
+    by_wall(timeline("Force at the handle", caption), runs, |run, index| -run.ticks[index].force)
 }
 
 fn energy(runs: &[Run]) -> Figure {
-    let caption = "Energy that has entered the link minus that which has left it, as its ends count. Below zero the link owes energy.";
-    let value = |run: &Run, index: usize| 1e3 * run.ticks[index].energy;
-    figure(("Energy in the link", caption), ("energy", "mJ"), runs, &[(LineStyle::Solid, value)])
+    let caption = "Energy that has entered the link minus that which has left it, as its ends count. Below \
+                   zero the link owes energy.";
+    let value: Value = |run, index| 1e3 * run.ticks[index].energy;
+    by_delay(timeline("Energy in the link", caption), ("energy", "mJ"), runs, value)
+}
+
+fn timeline(title: &str, caption: &str) -> Figure {
+    Figure::stacked(title, caption, "time", "s").phase(BEGIN, BEGIN + TIME, "operator moves").phase(
+        BEGIN + TIME,
+        BEGIN + TIME + STAY,
+        "operator stays",
+    )
+}
+
+fn line(run: &Run, name: String, colour: usize, value: Value) -> Line {
+    let time = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
+    Line::solid(name, colour, time, (0..run.ticks.len()).map(|index| value(run, index)).collect())
 }
 
 /// A panel for each delay, and one without passivity control; a colour for each wall.
-fn figure(
-    (title, caption): (&str, &str),
-    (quantity, unit): (&str, &str),
-    runs: &[Run],
-    curves: &[Curve],
-) -> Figure {
-    let mut figure = Figure::stacked(title, caption, "time", "s")
-        .phase(BEGIN, BEGIN + TIME, "operator moves")
-        .phase(BEGIN + TIME, BEGIN + TIME + STAY, "operator stays");
-    let (guarded, unguarded): (Vec<&Run>, Vec<&Run>) = runs.iter().partition(|run| run.guarded);
-    let delays = DELAYS.into_iter().zip(guarded.chunks(WALLS.len())).map(|(delay, runs)| (delay, "", runs));
-    let all = delays.chain([(DELAYS[2], ", no passivity control", unguarded.as_slice())]);
-    for (delay, what, runs) in all {
-        let mut panel = Panel::new(format!("{} ms{what}", (1e3 * delay).round()), quantity, unit);
-        for &(style, value) in curves {
-            for run in runs {
-                let time = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
-                let values = (0..run.ticks.len()).map(|index| value(run, index)).collect();
-                let colour = WALLS.iter().position(|wall| wall.total_cmp(&run.wall).is_eq()).unwrap_or(0);
-                let name = match (style, curves.len()) {
-                    (LineStyle::Dashed, _) => format!("{} N/m, handle", run.wall),
-                    (LineStyle::Solid, 1) => format!("{} N/m", run.wall),
-                    (LineStyle::Solid, _) => format!("{} N/m, wall", run.wall),
-                };
-                panel = panel.line(Line { style, ..Line::solid(name, colour, time, values) });
+fn by_delay(mut figure: Figure, (quantity, unit): (&str, &str), runs: &[Run], value: Value) -> Figure {
+    for (delay, guarded) in DELAYS.into_iter().map(|delay| (delay, true)).chain([(DELAYS[2], false)]) {
+        let what = if guarded { "" } else { ", no passivity control" };
+        let mut panel = Panel::new(format!("Delay {} ms{what}", (1e3 * delay).round()), quantity, unit);
+        for (colour, wall) in WALLS.into_iter().enumerate() {
+            if let Some(run) = find(runs, wall, delay, guarded) {
+                panel = panel.line(line(run, format!("{} N/m", grouped(wall)), colour, value));
             }
         }
         figure = figure.panel(panel);
     }
     figure
+}
+
+/// A panel for each wall, and one without passivity control; a colour for each delay.
+fn by_wall(mut figure: Figure, runs: &[Run], value: Value) -> Figure {
+    for (wall, guarded) in WALLS.into_iter().map(|wall| (wall, true)).chain([(WALLS[1], false)]) {
+        let what = if guarded { "" } else { ", no passivity control" };
+        let mut panel = Panel::new(format!("Wall {} N/m{what}", grouped(wall)), "force", "N");
+        for (colour, delay) in DELAYS.into_iter().enumerate() {
+            if let Some(run) = find(runs, wall, delay, guarded) {
+                panel = panel.line(line(run, format!("{} ms", (1e3 * delay).round()), colour, value));
+            }
+        }
+        let compliance = 1.0 / MasterArmValues::default().impedance.stiffness + 1.0 / STIFFNESS + 1.0 / wall;
+        let force = vec![(WAY - CLEARANCE) / compliance; 2];
+        let time = vec![BEGIN + TIME, BEGIN + TIME + STAY];
+        figure = figure.panel(panel.line(Line::dashed("springs in series", Line::INK, time, force)));
+    }
+    figure
+}
+
+fn find(runs: &[Run], wall: f64, delay: f64, guarded: bool) -> Option<&Run> {
+    let same = |a: f64, b: f64| a.total_cmp(&b).is_eq();
+    runs.iter().find(|run| same(run.wall, wall) && same(run.delay, delay) && run.guarded == guarded)
 }

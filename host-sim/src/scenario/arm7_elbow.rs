@@ -15,17 +15,18 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-elbow",
     title: "The elbow swings, the hand stays",
-    about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and by arm angle",
+    about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and \
+            by arm angle",
     robot: "arm7",
     duration: 15.0,
     lead: &[
-        "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), without contact. The \
-         elbow swings by 30° within a second, rests, and swings back, along a minimum-jerk trajectory. How far does the hand \
-         move?",
-        "Two ways to resolve the redundancy: as in the paper, the shoulder yaw is driven directly, and the other six joints keep the \
-         hand in place, with accelerations that compensate the yaw; or the arm angle, of the plane through shoulder, elbow \
-         and wrist, is changed by a null-space motion of all seven joints. The machine differs from the controller's model by \
-         up to 20 %.",
+        "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), \
+         without contact. The elbow swings by 30° within a second, rests, and swings back, along a \
+         minimum-jerk trajectory. How far does the hand move?",
+        "Two ways to resolve the redundancy: as in the paper, the shoulder yaw is driven directly, and the \
+         other six joints keep the hand in place, with accelerations that compensate the yaw; or the arm \
+         angle, of the plane through shoulder, elbow and wrist, is changed by a null-space motion of all \
+         seven joints. The machine differs from the controller's model by up to 20 %.",
     ],
     run,
 };
@@ -119,8 +120,8 @@ fn elbow(sample: &Sample) -> [f64; 3] {
 }
 
 fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
-    let caption = "Displacement of the hand since before the first swing, change of the elbow's set-point, and changes of the joint \
-                   angles.";
+    let caption = "Displacement of the hand since before the first swing, change of the elbow's set-point, \
+                   and changes of the joint angles.";
     let samples = swings(log);
     let time: Vec<f64> = (0..samples.len()).map(|index| index as f64 * T).collect();
     let off = away(samples).into_iter().map(|off| off.0).collect();

@@ -21,23 +21,27 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-follow",
     title: "The arm follows an operator's hand",
-    about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's law and ours",
+    about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's \
+            law and ours",
     robot: "arm7",
     duration: 88.0,
     lead: &[
-        "A person moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the samples 20 to 23 ms later and \
-         loses 2 % of them. The person's tremor is 0.05 mm (rms) along each axis, at 8 to 12 Hz. A sensor at the person's elbow \
-         measures the tilt of the arm, and the shoulder yaw of the robot follows it.",
-        "The error is the true position of the tool minus the true position of the person's hand at the same time. Both are taken \
-         relative to where the clutch closes: measurement errors of master and slave at that place do not count, changes of these \
-         errors on the way do. The error at rest is the mean over one second, from 1 s after the motion, because tremor is \
-         not an error of the arm.",
-        "Further trials: minimum-jerk strokes with pauses, in which the hand also turns; twice the tremor; a link with up to 20 ms of \
-         jitter that loses 20 % of the samples in bursts of six; and a clutch that opens and closes during the motion.",
-        "Our law estimates the hand's motion from the samples, predicts it to the present, and commands position, velocity and \
-         acceleration; the paper's mass, damping and stiffness act on the error. The paper's law takes the latest sample as the \
-         equilibrium position of the spring. All machines differ from the model by up to 20 %; those under the paper's law have \
-         the friction that the paper's errors imply.",
+        "A person moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the samples \
+         20 to 23 ms later and loses 2 % of them. The person's tremor is 0.05 mm (rms) along each axis, at 8 \
+         to 12 Hz. A sensor at the person's elbow measures the tilt of the arm, and the shoulder yaw of the \
+         robot follows it.",
+        "The error is the true position of the tool minus the true position of the person's hand at the same \
+         time. Both are taken relative to where the clutch closes: measurement errors of master and slave at \
+         that place do not count, changes of these errors on the way do. The error at rest is the mean over \
+         one second, from 1 s after the motion, because tremor is not an error of the arm.",
+        "Further trials: minimum-jerk strokes with pauses, in which the hand also turns; twice the tremor; a \
+         link with up to 20 ms of jitter that loses 20 % of the samples in bursts of six; and a clutch that \
+         opens and closes during the motion.",
+        "Our law estimates the hand's motion from the samples, predicts it to the present, and commands \
+         position, velocity and acceleration; the paper's mass, damping and stiffness act on the error. The \
+         paper's law takes the latest sample as the equilibrium position of the spring. All machines differ \
+         from the model by up to 20 %; those under the paper's law have the friction that the paper's errors \
+         imply.",
     ],
     run,
 };
@@ -353,8 +357,8 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
 }
 
 fn figure(trial: &Trial, trace: &Trace) -> Figure {
-    let caption = "Top: positions of hand and tool along x from their common start (as in the paper's figure 7). Bottom: position of \
-                   the true tool minus that of the true hand at the same time.";
+    let caption = "Top: positions of hand and tool along x from their common start (as in the paper's figure \
+                   7). Bottom: position of the true tool minus that of the true hand at the same time.";
     let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
     let time = trace.times();
     let [hand, tool] = sides(trace, 0);

@@ -17,14 +17,16 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "arm7",
     duration: 96.0,
     lead: &[
-        "The tool of the seven-joint arm, with the elbow at 90°, has the impedance M = 1.5 kg, K = 300 N/m, and B = 7.5 or \
-         30 N·s/m. A person displaces it by 3 cm along an axis, holds it there and releases it just before the force sensor is \
-         read. The motion is compared with the exact one of a mass on a spring and a damper. If it is released halfway between \
-         two readings, the controller notices half a control period late.",
-        "Three machines: one that matches the controller's model, except for sensor noise and a friction equivalent to 0.1 N at the \
-         tool; one whose masses, inertias, friction and torque constants differ by up to 20 %; and the same machine under the \
-         paper's law as printed, which uses the measured state, holds its acceleration for a control period, and does not \
-         compensate friction. The paper reports that it was difficult to come close to the theory.",
+        "The tool of the seven-joint arm, with the elbow at 90°, has the impedance M = 1.5 kg, K = 300 N/m, \
+         and B = 7.5 or 30 N·s/m. A person displaces it by 3 cm along an axis, holds it there and releases \
+         it just before the force sensor is read. The motion is compared with the exact one of a mass on a \
+         spring and a damper. If it is released halfway between two readings, the controller notices half a \
+         control period late.",
+        "Three machines: one that matches the controller's model, except for sensor noise and a friction \
+         equivalent to 0.1 N at the tool; one whose masses, inertias, friction and torque constants differ \
+         by up to 20 %; and the same machine under the paper's law as printed, which uses the measured \
+         state, holds its acceleration for a control period, and does not compensate friction. The paper \
+         reports that it was difficult to come close to the theory.",
     ],
     run,
 };

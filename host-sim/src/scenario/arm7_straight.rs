@@ -13,17 +13,19 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-straight",
     title: "The arm through its straight-elbow singularity",
-    about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out of it",
+    about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out \
+            of it",
     robot: "arm7",
     duration: 15.0,
     lead: &[
-        "The set-point of the seven-joint arm's tool moves outwards within 1.5 s, along the line from the shoulder to the wrist, to \
-         3 cm beyond the arm's reach. It stays for a second and returns. On the way the elbow becomes straight: in this singular \
-         configuration no joint motion moves the tool along that line, and an undamped solution would need unbounded accelerations.",
-        "Near singular configurations the inverse is damped, depending on the smallest singular value of the Jacobian. The tool stays \
-         behind where it cannot reach; torques and speeds remain normal; and it follows again as soon as it can. The machine \
-         differs from the controller's model by up to 20 %. (The wrist's other singular configuration, folded by 90°, is \
-         outside its limits.)",
+        "The set-point of the seven-joint arm's tool moves outwards within 1.5 s, along the line from the \
+         shoulder to the wrist, to 3 cm beyond the arm's reach. It stays for a second and returns. On the \
+         way the elbow becomes straight: in this singular configuration no joint motion moves the tool along \
+         that line, and an undamped solution would need unbounded accelerations.",
+        "Near singular configurations the inverse is damped, depending on the smallest singular value of the \
+         Jacobian. The tool stays behind where it cannot reach; torques and speeds remain normal; and it \
+         follows again as soon as it can. The machine differs from the controller's model by up to 20 %. \
+         (The wrist's other singular configuration, folded by 90°, is outside its limits.)",
     ],
     run,
 };
@@ -116,7 +118,8 @@ fn off(sample: &Sample) -> f64 {
 }
 
 fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
-    let caption = "Displacement of the tool from its start and that of the set-point (dashed), position error, elbow angle, and motor torques.";
+    let caption = "Displacement of the tool from its start and that of the set-point (dashed), position \
+                   error, elbow angle, and motor torques.";
     let series = |value: &dyn Fn(&Sample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
     let time = series(&|sample| sample.time);
     let start = log.0.first().map_or(Vector3::repeat(f64::NAN), |first| first.aim);

@@ -5,6 +5,7 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{Bench, Log, Machine, Session, impedance, settings};
+use super::common::grouped;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
@@ -13,18 +14,21 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-wall",
     title: "Contact of the arm with stiff and soft walls",
-    about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force sensor",
+    about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force \
+            sensor",
     robot: "arm7",
     duration: 36.0,
     lead: &[
-        "The set-point of the seven-joint arm's tool moves forward by 5 cm within half a second; a wall stands in the way after 2 cm. \
-         The set-point stays for 2.5 seconds and returns. The impedance is M = 3.5 kg, the arm's own effective mass along this \
-         axis, B = 60 N·s/m and K = 300 N/m. The stiffness of the wall is 200, 2000, 10 000 or 50 000 N/m, with little damping. \
-         The machine differs from the controller's model by up to 20 %.",
-        "At rest the contact force should be that of two springs in series, the impedance's and the wall's. It has settled once it \
-         stays within 1 N of its final value. Two of the walls are then met without the force sensor: a momentum observer \
-         estimates the external force from the motor torques. It cannot tell a contact from unmodelled friction and weight, so \
-         only an estimate above 6 N counts as a contact.",
+        "The set-point of the seven-joint arm's tool moves forward by 5 cm within half a second; a wall \
+         stands in the way after 2 cm. The set-point stays for 2.5 seconds and returns. The impedance is M = \
+         3.5 kg, the arm's own effective mass along this axis, B = 60 N·s/m and K = 300 N/m. The stiffness \
+         of the wall is 200, 2000, 10 000 or 50 000 N/m, with little damping. The machine differs from the \
+         controller's model by up to 20 %.",
+        "At rest the contact force should be that of two springs in series, the impedance's and the wall's. \
+         It has settled once it stays within 1 N of its final value. Two of the walls are then met without \
+         the force sensor: a momentum observer estimates the external force from the motor torques. It \
+         cannot tell a contact from unmodelled friction and weight, so only an estimate above 6 N counts as \
+         a contact.",
     ],
     run,
 };
@@ -72,7 +76,11 @@ impl Contact {
     }
 
     fn label(&self) -> String {
-        format!("{} N/m{}", self.stiffness, if self.is_observed() { ", without a force sensor" } else { "" })
+        format!(
+            "{} N/m{}",
+            grouped(self.stiffness),
+            if self.is_observed() { ", without a force sensor" } else { "" }
+        )
     }
 
     /// Force into the wall [N].
@@ -209,8 +217,8 @@ fn timeline(title: &str, caption: &str, contacts: &[Contact]) -> Figure {
 }
 
 fn forces(contacts: &[Contact]) -> Figure {
-    let caption = "True contact force, averaged over each control period. Dashed: the force of the two springs in series. Circles: \
-                   the contact begins and ends.";
+    let caption = "True contact force, averaged over each control period. Dashed: the force of the two \
+                   springs in series. Circles: the contact begins and ends.";
     let mut figure = timeline("Contact force", caption, contacts);
     for contact in contacts {
         let samples = contact.log.during(&(0.0..contact.end));

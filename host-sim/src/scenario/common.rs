@@ -60,3 +60,12 @@ pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
+
+/// A whole number with its thousands apart from 10 000 on: `2000`, `50 000`.
+pub fn grouped(value: f64) -> String {
+    let digits = format!("{value:.0}");
+    match digits.split_at_checked(digits.len().saturating_sub(3)) {
+        Some((thousands, rest)) if value >= 1e4 => format!("{thousands}\u{a0}{rest}"),
+        _ => digits,
+    }
+}

@@ -17,20 +17,23 @@ use tesaki_supervisor::identify::Identification;
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
     title: "Fingertip forces of the three-finger hand",
-    about: "a box is held with 2, 2 and 4 N: paper's law, feed-forward, force feedback, feed-forward after identification",
+    about: "a box is held with 2, 2 and 4 N: paper's law, feed-forward, force feedback, feed-forward after \
+            identification",
     robot: "hand3",
     duration: 170.0,
     lead: &[
-        "The hand locates a box that stands up to 5 mm away from its nominal position, and grasps it with fingertip forces \
-         of 2, 2 and 4 N along the box's x axis. The support is removed. Then nothing moves, and the true contact forces \
-         over the last two of four seconds are compared with the commanded ones.",
-        "Four controllers are compared. The paper's law: object pose control gives a wrench, which is converted to joint \
-         torques together with the internal force; the fingers' weight and friction are not compensated, and the joints \
-         have four times the nominal friction, as the paper's loss of force implies. Feed-forward: joint servos with the \
-         forces fed forward, gravity and friction compensated. Force feedback: the same, with the internal forces \
-         corrected by the force sensors. Feed-forward after identification: torque constants and friction were identified \
-         beforehand from this machine's telemetry. Forces that are only fed forward are dithered before they are \
-         evaluated, so that joint friction takes little of them. The paper commanded 2 N and measured 0.89 N on finger 1.",
+        "The hand locates a box that stands up to 5 mm away from its nominal position, and grasps it with \
+         fingertip forces of 2, 2 and 4 N along the box's x axis. The support is removed. Then nothing \
+         moves, and the true contact forces over the last two of four seconds are compared with the \
+         commanded ones.",
+        "Four controllers are compared. The paper's law: object pose control gives a wrench, which is \
+         converted to joint torques together with the internal force; the fingers' weight and friction are \
+         not compensated, and the joints have four times the nominal friction, as the paper's loss of force \
+         implies. Feed-forward: joint servos with the forces fed forward, gravity and friction compensated. \
+         Force feedback: the same, with the internal forces corrected by the force sensors. Feed-forward \
+         after identification: torque constants and friction were identified beforehand from this machine's \
+         telemetry. Forces that are only fed forward are dithered before they are evaluated, so that joint \
+         friction takes little of them. The paper commanded 2 N and measured 0.89 N on finger 1.",
     ],
     run,
 };
@@ -99,8 +102,8 @@ impl Trial {
 struct Measured {
     /// Mean of the size of the true force [N].
     force: f64,
-    /// Mean of the size of what the controller wants [N].
-    wanted: f64,
+    /// Mean of the size of the controller's target [N].
+    target: f64,
     /// The largest difference of the true force's size from its mean [N].
     ripple: f64,
 }
@@ -149,7 +152,7 @@ fn measured(log: &Log, finger: usize) -> Measured {
     let size = |index: usize| samples[index].force(finger).norm();
     let force = mean(&size);
     let ripple = (0..samples.len()).map(|index| (size(index) - force).abs()).fold(f64::NAN, f64::max);
-    Measured { force, wanted: mean(&|index| samples[index].wanted[finger].norm()), ripple }
+    Measured { force, target: mean(&|index| samples[index].wanted[finger].norm()), ripple }
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
@@ -177,10 +180,10 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
             metric.note("the limit is a third of the paper's force on either side"),
         );
     }
-    let worst = |wanted: &dyn Fn(usize) -> f64| {
+    let worst = |target: &dyn Fn(usize) -> f64| {
         let errors = fingers.iter().enumerate();
         errors
-            .map(|(finger, measured)| 100.0 * (measured.force / wanted(finger) - 1.0).abs())
+            .map(|(finger, measured)| 100.0 * (measured.force / target(finger) - 1.0).abs())
             .fold(f64::NAN, f64::max)
     };
     let error = worst(&|finger| COMMANDED[finger]);
@@ -191,7 +194,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
     };
     insert("error", metric);
     let text = format!("{label}: force error against the controller's own target");
-    insert("error_of_wanted", Metric::reported(text, worst(&|finger| fingers[finger].wanted), "%"));
+    insert("error_of_wanted", Metric::reported(text, worst(&|finger| fingers[finger].target), "%"));
     let ripple = fingers.iter().enumerate();
     let ripple =
         ripple.map(|(finger, measured)| 100.0 * measured.ripple / COMMANDED[finger]).fold(f64::NAN, f64::max);
@@ -243,9 +246,10 @@ const PAPER_BAND: f64 = 0.30;
 /// The figures begin so long before the support is removed [s].
 const BEFORE: f64 = 2.0;
 
-const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's frame, and the commanded force (dashed). The metrics \
-                       are taken over the last two seconds (shaded). The paper's figure 11 commands (1.48, 0, −1.34) N, along \
-                       the x axis of a box that was pitched by 33 mrad less, and shows 0.89 N.";
+const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's frame, and the commanded \
+                       force (dashed). The metrics are taken over the last two seconds (shaded). The paper's \
+                       figure 11 commands (1.48, 0, −1.34) N, along the x axis of a box that was pitched by \
+                       33 mrad less, and shows 0.89 N.";
 
 fn panel(trial: &Trial, log: &Log) -> Panel {
     let span = log.held - BEFORE..log.held + HOLD;

@@ -14,16 +14,18 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-grasp",
     title: "The three-finger hand takes a box, moves it and puts it down",
-    about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a wedge are turned",
+    about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a \
+            wedge are turned",
     robot: "hand3",
     duration: 67.0,
     lead: &[
-        "A box stands on a support, up to 5 mm away from its nominal position. The hand homes, tares its force sensors, \
-         approaches, touches the box, squeezes it, probes its friction with two fingers, lifts it by 1 cm, turns it by \
-         0.1 rad about the hand's y axis and back, moves it by 1 cm along x and back, lowers it onto the support, and \
-         opens.",
-        "The same is done with a cylinder and with a wedge whose faces are inclined towards each other by 11.5°. Their grasp \
-         files specify internal forces between each pair of contacts. Both are turned by +0.1 and −0.1 rad.",
+        "A box stands on a support, up to 5 mm away from its nominal position. The hand homes, tares its \
+         force sensors, approaches, touches the box, squeezes it, probes its friction with two fingers, \
+         lifts it by 1 cm, turns it by 0.1 rad about the hand's y axis and back, moves it by 1 cm along x \
+         and back, lowers it onto the support, and opens.",
+        "The same is done with a cylinder and with a wedge whose faces are inclined towards each other by \
+         11.5°. Their grasp files specify internal forces between each pair of contacts. Both are turned by \
+         +0.1 and −0.1 rad.",
     ],
     run,
 };
@@ -155,8 +157,8 @@ const fn phase_name(phase: Phase) -> &'static str {
 
 fn figure(trial: &Trial, record: &Record) -> Figure {
     let log = &record.log;
-    let caption = "The true object from enabling the hand until it is open again, its references (dashed), and the contact \
-                   force of each finger with the controller's target (dashed).";
+    let caption = "The true object from enabling the hand until it is open again, its references (dashed), \
+                   and the contact force of each finger with the controller's target (dashed).";
     let mut figure = Figure::stacked(capital(trial.object), caption, "time", "s");
     // Holding before the lift and between two motions: only the first is named.
     let mut held = false;

@@ -26,13 +26,14 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 2.0 * TRIAL,
     lead: &[
-        "The tips of all three fingers draw a circle of 10 mm radius at one turn per second, and a square of 16 mm whose \
-         sides take half a second each, in planes normal to the hand's x axis. Every 10 ms the supervisor sends a point \
-         of each path with its velocity and acceleration. The board computes the joint angles in closed form, the joint \
-         velocities with the Jacobian and the joint accelerations with J̇q̇, and feeds them forward.",
-        "The fingertip's position is the true one of the physics engine, not the controller's estimate. Besides the servo \
-         errors it contains the homing error, up to 2 mrad per joint, which no servo can detect. It shifts the whole \
-         figure; the rows \"without the constant offset\" exclude it.",
+        "The tips of all three fingers draw a circle of 10 mm radius at one turn per second, and a square of \
+         16 mm whose sides take half a second each, in planes normal to the hand's x axis. Every 10 ms the \
+         supervisor sends a point of each path with its velocity and acceleration. The board computes the \
+         joint angles in closed form, the joint velocities with the Jacobian and the joint accelerations \
+         with J̇q̇, and feeds them forward.",
+        "The fingertip's position is the true one of the physics engine, not the controller's estimate. \
+         Besides the servo errors it contains the homing error, up to 2 mrad per joint, which no servo can \
+         detect. It shifts the whole figure; the rows \"without the constant offset\" exclude it.",
     ],
     run,
 };
@@ -84,7 +85,7 @@ impl Recording {
     fn errors(&self, tip: usize, (from, to): Window) -> Vec<Vector3<f64>> {
         let inside = |time: f64| time >= from - 1e-9 && time <= to + 1e-9;
         let all = self.time.iter().zip(&self.tips[tip]);
-        all.filter(|(time, _)| inside(**time)).map(|(_, (got, wanted))| (got - wanted) * 1e3).collect()
+        all.filter(|(time, _)| inside(**time)).map(|(_, (got, reference))| (got - reference) * 1e3).collect()
     }
 
     /// Points as y and z [mm]; gaps between the figures.
@@ -181,8 +182,8 @@ fn run_trial(
         for (tip, (center, chain)) in centers.iter().zip(model.chain_ranges().zip(&model.chains)).enumerate()
         {
             let true_place = tip_place(plant, chain.0.end - 1, &chain.1.tip);
-            let wanted = center + across_x(point.position);
-            recording.tips[tip].push((true_place, wanted));
+            let reference = center + across_x(point.position);
+            recording.tips[tip].push((true_place, reference));
         }
         let actuators = controller.tick(&plant.sensors(sequence))?;
         if !actuators.enabled {
@@ -310,15 +311,17 @@ fn tip_name(model: &RobotModel, tip: usize) -> String {
     model.chains.get(tip).map_or_else(String::new, |chain| chain.name.as_str().replace('_', " "))
 }
 
-/// The figures as drawn, and as wanted.
+/// The figures as drawn, and their references.
 fn paths(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let caption = "Each fingertip in the y–z plane of the hand, relative to the centre of its figures: three turns of the circle \
-                   at full speed, and twice around the square. Dashed: the reference path.";
+    let caption = "Each fingertip in the y–z plane of the hand, relative to the centre of its figures: three \
+                   turns of the circle at full speed, and twice around the square. Dashed: the reference \
+                   path.";
     let mut figure = Figure::paths(format!("{}: paths", capital(trial.label)), caption, "y", "mm");
     for (tip, places) in recording.tips.iter().enumerate() {
-        let center = places.first().map_or_else(Vector3::zeros, |(_, wanted)| *wanted);
+        let center = places.first().map_or_else(Vector3::zeros, |(_, reference)| *reference);
         let (y, z) = recording.drawn(places.iter().map(|(got, _)| got - center));
-        let (reference_y, reference_z) = recording.drawn(places.iter().map(|(_, wanted)| wanted - center));
+        let (reference_y, reference_z) =
+            recording.drawn(places.iter().map(|(_, reference)| reference - center));
         figure = figure.panel(
             Panel::new(tip_name(model, tip), "z", "mm")
                 .line(Line::solid("true path", tip, y, z))
@@ -333,8 +336,8 @@ fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     let mut panel = Panel::new("Distance from the path", "distance", "mm");
     for tip in 0..recording.tips.len() {
         let samples = recording.time.iter().zip(&recording.tips[tip]);
-        let distance = |(&time, (got, wanted)): (&f64, &(Vector3<f64>, Vector3<f64>))| {
-            if time < SETTLE { f64::NAN } else { (got - wanted).norm() * 1e3 }
+        let distance = |(&time, (got, reference)): (&f64, &(Vector3<f64>, Vector3<f64>))| {
+            if time < SETTLE { f64::NAN } else { (got - reference).norm() * 1e3 }
         };
         let distances = samples.map(distance).collect();
         panel = panel.line(Line::solid(tip_name(model, tip), tip, recording.time.clone(), distances));
@@ -342,8 +345,8 @@ fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     if let Some(limit) = trial.limit {
         panel = panel.rule(limit, format!("limit {limit} mm rms"));
     }
-    let caption = "Distance of the true fingertip from its reference at the same time. The metrics are taken over the circle \
-                   at full speed and over the square (shaded).";
+    let caption = "Distance of the true fingertip from its reference at the same time. The metrics are taken \
+                   over the circle at full speed and over the square (shaded).";
     let title = format!("{}: distance from the path", capital(trial.label));
     let (circle_end, square_begin) = (FIGURES[0].1.1, FIGURES[1].1.0);
     FIGURES
@@ -365,7 +368,7 @@ fn table(recording: &Recording, model: &RobotModel) -> String {
                 places.iter().map(|place| place.0[axis]).collect::<Vec<f64>>(),
             ));
             values.push((
-                format!("{name} {letter} wanted"),
+                format!("{name} {letter} reference"),
                 places.iter().map(|place| place.1[axis]).collect(),
             ));
         }

@@ -24,14 +24,14 @@ pub(super) const SCENARIO: Scenario = Scenario {
     duration: 42.0,
     lead: &[
         "All nine joints of the three-finger hand step by ±0.3 rad at the same time. The trajectory filter \
-         1/(T_f s + 1)² with T_f = 0.2 s shapes the steps, and the control period is 10 ms. Masses, inertias, friction \
-         and torque constants of the simulated machine differ from the controller's model by up to 20 %, each by its \
-         own factor; encoder and current readings are quantised.",
-        "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), and state \
-         feedback with an observer of velocity and disturbance. Both use the same feed-forward of gravity, inertia and \
-         friction. Each machine steps up and down twice: at first the servo only has the model's friction, the second \
-         time it has adapted to the true one. The last two figures repeat both with four times the friction, which is \
-         what the paper's loss of fingertip force implies.",
+         1/(T_f s + 1)² with T_f = 0.2 s shapes the steps, and the control period is 10 ms. Masses, \
+         inertias, friction and torque constants of the simulated machine differ from the controller's model \
+         by up to 20 %, each by its own factor; encoder and current readings are quantised.",
+        "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), \
+         and state feedback with an observer of velocity and disturbance. Both use the same feed-forward of \
+         gravity, inertia and friction. Each machine steps up and down twice: at first the servo only has \
+         the model's friction, the second time it has adapted to the true one. The last two figures repeat \
+         both with four times the friction, which is what the paper's loss of fingertip force implies.",
     ],
     run,
 };
@@ -310,9 +310,10 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     let start = recording.reference[0].first().copied().unwrap_or(0.0);
     let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
     angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
-    let caption = "True joint angles and the filtered reference, the error of each finger's joints, and the motor torques. \
-                   During the first step up and down (shaded) the servo meets the machine's true friction for the \
-                   first time; afterwards it has adapted to it, and the limit applies.";
+    let caption = "True joint angles and the filtered reference, the error of each finger's joints, and the \
+                   motor torques. During the first step up and down (shaded) the servo meets the machine's \
+                   true friction for the first time; afterwards it has adapted to it, and the limit \
+                   applies.";
     let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
     let time = |step: Option<&usize>| step.map(|&step| step as f64 * T);
     if let (Some(from), Some(to)) = (time(recording.steps.first()), time(recording.steps.get(FIRST_MOTIONS)))
@@ -323,8 +324,8 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     for (number, &step) in recording.steps.iter().enumerate() {
         let size = if number % 2 == 0 { "+" } else { "−" };
         let adapted = match number {
-            0 => ", friction not yet known",
-            FIRST_MOTIONS => ", friction known",
+            0 => ", friction unknown",
+            FIRST_MOTIONS => ", friction learnt",
             _ => "",
         };
         figure = figure.event(step as f64 * T, format!("{size}{STEP} rad{adapted}"));

@@ -16,16 +16,18 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 24.0,
     lead: &[
-        "The hand locates and grasps a box, and the support is removed. The box is moved by 1 cm along the hand's x axis and \
-         back; each motion takes one second and is followed by two and a half seconds of rest. Errors are those of the \
-         true box relative to its position before the first motion, two seconds after the end of each motion.",
-        "The paper's law: proportional-integral control of the object's pose gives a wrench, which is converted to joint \
-         torques with some damping; the fingers' weight and friction are not compensated. It runs on joints with four \
-         times the nominal friction, as the paper's loss of fingertip force implies. The paper gives no gains. Those used \
-         here are the same for all machines and were chosen so that the errors come close to the paper's: along x and \
-         from the start they are at most 1.5 times as large for most machines, but the box hardly drifts along z. Some \
-         machines drop the box under this law. Our law: the object's motion is converted to joint motion, which the \
-         joint servos track, on joints with nominal friction.",
+        "The hand locates and grasps a box, and the support is removed. The box is moved by 1 cm along the \
+         hand's x axis and back; each motion takes one second and is followed by two and a half seconds of \
+         rest. Errors are those of the true box relative to its position before the first motion, two \
+         seconds after the end of each motion.",
+        "The paper's law: proportional-integral control of the object's pose gives a wrench, which is \
+         converted to joint torques with some damping; the fingers' weight and friction are not compensated. \
+         It runs on joints with four times the nominal friction, as the paper's loss of fingertip force \
+         implies. The paper gives no gains. Those used here are the same for all machines and were chosen so \
+         that the errors come close to the paper's: along x and from the start they are at most 1.5 times as \
+         large for most machines, but the box hardly drifts along z. Some machines drop the box under this \
+         law. Our law: the object's motion is converted to joint motion, which the joint servos track, on \
+         joints with nominal friction.",
     ],
     run,
 };
@@ -65,8 +67,8 @@ impl Record {
         let (Some(start), Some(rest)) = (self.log.at(self.moves[0]), rest) else {
             return Vector3::repeat(f64::NAN);
         };
-        let wanted = rest.aim[0] - start.aim[0];
-        (rest.position() - start.position() - wanted) * 1e3
+        let reference = rest.aim[0] - start.aim[0];
+        (rest.position() - start.position() - reference) * 1e3
     }
 }
 
@@ -135,8 +137,8 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
 }
 
 fn figure(records: &[Record]) -> Figure {
-    let caption = "Displacement of the true box since the first motion, along the axes of the hand, and its reference (dashed). \
-                   As in the paper's figure 15.";
+    let caption = "Displacement of the true box since the first motion, along the axes of the hand, and its \
+                   reference (dashed). As in the paper's figure 15.";
     let mut figure = Figure::stacked("Motion of the box", caption, "time", "s");
     for (number, (name, back)) in [("+1 cm", "at rest"), ("−1 cm", "at rest")].into_iter().enumerate() {
         let begin = number as f64 * (MOVE + REST);

@@ -14,12 +14,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 20.0,
     lead: &[
-        "The hand locates and grasps a box that stands up to 5 mm away from its nominal position, probes its friction, \
-         lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis. Each turn takes one \
-         second and is followed by two and a half seconds of rest. In the paper the pitch of the box went from 0.769 rad \
-         to 0.868, back, to 0.673, and back.",
-        "The error is that of the true box, two seconds after the end of each turn: its pitch relative to that before the \
-         first turn, minus the commanded turn.",
+        "The hand locates and grasps a box that stands up to 5 mm away from its nominal position, probes its \
+         friction, lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis. \
+         Each turn takes one second and is followed by two and a half seconds of rest. In the paper the \
+         pitch of the box went from 0.769 rad to 0.868, back, to 0.673, and back.",
+        "The error is that of the true box, two seconds after the end of each turn: its pitch relative to \
+         that before the first turn, minus the commanded turn.",
     ],
     run,
 };
@@ -84,8 +84,8 @@ fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
 }
 
 fn figure(log: &Log, begin: f64) -> Figure {
-    let caption = "True roll, pitch and yaw of the box, and their references (dashed), which begin at the true values before the \
-                   first turn. As in the paper's figure 14.";
+    let caption = "True roll, pitch and yaw of the box, and their references (dashed), which begin at the \
+                   true values before the first turn. As in the paper's figure 14.";
     let mut figure = Figure::stacked("Roll, pitch and yaw of the box", caption, "time", "s");
     for (number, name) in ["+0.1 rad", "−0.1 rad", "−0.1 rad", "+0.1 rad"].into_iter().enumerate() {
         let begin = number as f64 * (MOVE + REST);

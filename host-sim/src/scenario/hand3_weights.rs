@@ -17,18 +17,20 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-weights",
     title: "Weights on a box in the three-finger hand",
-    about: "weights of 50 to 300 g are put on a held box and taken off, then all at once are on it, then it is pushed",
+    about: "weights of 50 to 300 g are put on a held box and taken off, then all at once are on it, then it \
+            is pushed",
     robot: "hand3",
     duration: 35.0,
     lead: &[
-        "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the paper's position. \
-         Weights of 50, 100, 200 and 300 g are put on the middle of its top and removed, one at a time, each within \
-         0.3 s. Then all of them are added one after the other, 650 g in total, and removed together. Finally the box is \
-         pushed from the side with 0.3 N. The hand only knows of this through its force sensors.",
-        "Motion is that of the true box since the start of each part. Sliding is the longest path of a fingertip along the \
-         box while its contact force was at the friction limit. The grip ratio is taken one second after each weight: the \
-         sum of the true normal forces, divided by that of the minimum grip that holds the true load with the true \
-         friction.",
+        "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the paper's \
+         position. Weights of 50, 100, 200 and 300 g are put on the middle of its top and removed, one at a \
+         time, each within 0.3 s. Then all of them are added one after the other, 650 g in total, and \
+         removed together. Finally the box is pushed from the side with 0.3 N. The hand only knows of this \
+         through its force sensors.",
+        "Motion is that of the true box since the start of each part. Sliding is the longest path of a \
+         fingertip along the box while its contact force was at the friction limit. The grip ratio is taken \
+         one second after each weight: the sum of the true normal forces, divided by that of the minimum \
+         grip that holds the true load with the true friction.",
     ],
     run,
 };
@@ -229,15 +231,16 @@ fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
     let motion = Panel::new("Distance of the box from where it was held empty", "distance", "mm")
         .rule(MOTION, format!("limit {MOTION} mm"))
         .line(Line::solid("distance", 6, time, way));
-    let caption = "Weight on the box, the internal part of the true fingertip forces (as in the paper's figure 12), and the \
-                   motion of the box.";
+    let caption = "Weight on the box, the internal part of the true fingertip forces (as in the paper's \
+                   figure 12), and how far the box moved. First one weight at a time (shaded), then \
+                   cumulative, then the push.";
     let figure = Figure::stacked("Load and internal force", caption, "time", "s");
     mark_parts(figure, record, begin).panel(loads).panel(internal).panel(motion)
 }
 
 fn forces(log: &Log, record: &Record, begin: f64) -> Figure {
-    let caption = "True contact force of finger 1 on the box in the hand's frame (as in the paper's figure 13), and the \
-                   controller's target (dashed).";
+    let caption = "True contact force of finger 1 on the box in the hand's frame (as in the paper's figure \
+                   13), and the controller's target (dashed).";
     let span = begin..log.now();
     let panel =
         components(Panel::new("Force of finger 1", "force", "N"), log, &span, |sample| sample.force(0));
