@@ -146,7 +146,7 @@ const fn phase_name(phase: Phase) -> &'static str {
         Phase::Approach => "approach",
         Phase::Touch => "touch",
         Phase::Squeeze => "squeeze",
-        Phase::Feel => "probe friction",
+        Phase::ProbeFriction => "probe friction",
         Phase::Hold => "hold",
         // The commanded motion stands there.
         Phase::Move => "",
