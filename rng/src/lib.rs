@@ -17,8 +17,8 @@ use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 pub struct Rng(ChaCha8Rng);
 
 impl Rng {
-    /// The `stream`-th of many independent sequences of one seed. Uses that have a stream each do not shift each other's
-    /// numbers.
+    /// The `stream`-th of many independent sequences of one seed. Uses that have a stream each do not shift
+    /// each other's numbers.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(stream);
@@ -57,8 +57,8 @@ impl Rng {
         number
     }
 
-    /// True with a probability. Takes a number also where that is 0 or 1, so that one probability does not shift others'
-    /// numbers.
+    /// True with a probability. Takes a number also where that is 0 or 1, so that one probability does not
+    /// shift others' numbers.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.uniform() < probability
     }

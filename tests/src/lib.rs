@@ -1,9 +1,11 @@
-//! Tests that cross the crates of tesaki; the tests themselves are in `tests/`. Here is what several of them use.
+//! Tests that cross the crates of tesaki; the tests themselves are in `tests/`. Here is what several of them
+//! use.
 
 use std::path::Path;
 use std::process::Command;
 
-/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of `tesaki-supervisor` its path.
+/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of
+/// `tesaki-supervisor` its path.
 ///
 /// # Panics
 /// The program is not there: it is built by `cargo test --workspace`, not by `cargo test -p tesaki-tests`.
