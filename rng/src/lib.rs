@@ -52,9 +52,7 @@ impl Rng {
     /// A whole number from 0 to below `limit`, which must not be 0.
     pub fn below(&mut self, limit: u32) -> u32 {
         // The high half of a 32 × 32 bit product: below 2³².
-        #[expect(clippy::cast_possible_truncation, reason = "32 bits")]
-        let number = ((self.next_u64() >> 32) * u64::from(limit) >> 32) as u32;
-        number
+        (((self.next_u64() >> 32) * u64::from(limit)) >> 32) as u32
     }
 
     /// True with a probability. Takes a number also where that is 0 or 1, so that one probability does not
