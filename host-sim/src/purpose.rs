@@ -2,8 +2,8 @@
 
 use tesaki_rng::Rng;
 
-/// What a random number is for. Each purpose has a stream of its own, so that a new use never shifts another's numbers.
-/// The numbers are part of every recorded seed: never reuse one.
+/// What a random number is for. Each purpose has a stream of its own, so that a new use never shifts
+/// another's numbers. The numbers are part of every recorded seed: never reuse one.
 #[derive(Clone, Copy)]
 pub(crate) enum Purpose {
     Factors = 0,

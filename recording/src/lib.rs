@@ -106,8 +106,8 @@ impl Topic {
     }
 }
 
-/// What rosbag2 calls `offered_qos_profiles`: one reliable publisher. Policies are numbers, which every rosbag2
-/// reads; those before Jazzy do not know names.
+/// What rosbag2 calls `offered_qos_profiles`: one reliable publisher. Policies are numbers, which every
+/// rosbag2 reads; those before Jazzy do not know names.
 fn quality_of_service(depth: u32, transient_local: bool) -> String {
     let durability = if transient_local { 1 } else { 2 };
     let forever = "\n    sec: 9223372036\n    nsec: 854775807";
@@ -124,8 +124,9 @@ struct Channel {
     sequence: u32,
 }
 
-/// A recording being written. Times are nanoseconds since 1970. At most a second of recorded time is lost when
-/// the program dies; dropped without [`finish`](Self::finish), the file is completed but errors go unseen.
+/// A recording being written. Times are nanoseconds since 1970. At most a second of recorded time is lost
+/// when the program dies; dropped without [`finish`](Self::finish), the file is completed but errors go
+/// unseen.
 pub struct Recording {
     writer: Writer<BufWriter<File>>,
     channels: [Option<Channel>; Topic::COUNT],
@@ -163,8 +164,8 @@ impl Recording {
         self.flush()
     }
 
-    /// Measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown quantities are
-    /// left empty.
+    /// Measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown quantities
+    /// are left empty.
     pub fn joint_states(
         &mut self,
         time: u64,

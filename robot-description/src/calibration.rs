@@ -114,8 +114,8 @@ impl CalibrationFile {
         Ok(Self(text.parse().map_err(|error: toml_edit::TomlError| file(error.to_string()))?))
     }
 
-    /// Sets a value of a joint to a number of so many decimals, with a comment behind it. Without one the joint has the
-    /// value of its robot folder.
+    /// Sets a value of a joint to a number of so many decimals, with a comment behind it. Without one the
+    /// joint has the value of its robot folder.
     pub fn set(&mut self, joint: &str, key: &str, number: Option<(f32, usize)>, comment: &str) {
         let table = self.joint(joint);
         let Some((number, decimals)) = number else {

@@ -1,8 +1,8 @@
-//! Robots as users lay them out: a folder with `robot.urdf` (kinematics, inertias, limits) and `controller.toml`
-//! (motors, encoders, gains, safety), and the files beside it.
+//! Robots as users lay them out: a folder with `robot.urdf` (kinematics, inertias, limits) and
+//! `controller.toml` (motors, encoders, gains, safety), and the files beside it.
 //!
-//! - [`robot`] makes a [`RobotModel`](tesaki::model::RobotModel) of the folder, or lists every [`finding`] by file and
-//!   line;
+//! - [`robot`] makes a [`RobotModel`](tesaki::model::RobotModel) of the folder, or lists every [`finding`] by
+//!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`calibration`] holds the values of one machine, [`grasp`] and [`impedance`] what tasks are given.
 

@@ -36,8 +36,8 @@ pub struct Urdf {
 }
 
 impl Urdf {
-    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also tells how many other errors there
-    /// are, which do not matter.
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also tells how many other
+    /// errors there are, which do not matter.
     ///
     /// # Errors
     /// The file cannot be read, or what is wrong in the `matters` given.
@@ -71,7 +71,8 @@ impl Urdf {
         read.map_err(|source| UrdfError::Read { path: path.to_owned(), hint: hint(path, &source), source })
     }
 
-    /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be wrong.
+    /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be
+    /// wrong.
     pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
         let mut report = Report::new(path);
         let urdf = Self::read(path, text, &mut report);
@@ -126,7 +127,8 @@ pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
     moving.map(|joint| joint.name().to_owned()).collect()
 }
 
-/// What to do about a file that cannot be read; the URDF files beside one that is not there may have been meant.
+/// What to do about a file that cannot be read; the URDF files beside one that is not there may have been
+/// meant.
 fn hint(path: &Path, error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::InvalidData => return "save it as UTF-8".to_owned(),

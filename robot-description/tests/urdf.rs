@@ -370,7 +370,8 @@ fn a_path_goes_through_the_arm_to_one_fingertip_and_folds_what_is_fixed() {
     assert_eq!(path.joints[1].limits, None);
     assert!((path.joints[0].link.mass - 0.5).abs() < 1e-7);
     assert!((path.pose.translation[2] - 0.04).abs() < 1e-7);
-    // Straight: up 0.1, out 0.3 along x, where the palm's z points; the thumb's offset (0.02, 0, 0.05), the tip 0.04.
+    // Straight: up 0.1, out 0.3 along x, where the palm's z points; the thumb's offset (0.02, 0, 0.05), the
+    // tip 0.04.
     let tip = path.chain().posture(&path.angles(&[0.0; 3])).tip().translation.vector;
     assert!((tip - nalgebra::Vector3::new(0.39, 0.0, 0.08)).norm() < 1e-6, "{tip}");
     // From the palm there is the finger alone.

@@ -1,11 +1,12 @@
 //! A hand whose fingers have a board each: what [`GraspState`] does on one board, done on the PC over three.
 //!
-//! Each board servoes the three joints of its finger ([`chain_model`](tesaki_description::robot::chain_model)) and reads its
-//! fingertip's force sensor. Once a tick [`MultiBoardHand::step`] takes what the fingers sense, and sends each board points and
-//! torques ([`JointCommand::Guide`]), which act a tick later than they would on one board.
+//! Each board servoes the three joints of its finger
+//! ([`chain_model`](tesaki_description::robot::chain_model)) and reads its fingertip's force sensor. Once a
+//! tick [`MultiBoardHand::step`] takes what the fingers sense, and sends each board points and torques
+//! ([`JointCommand::Guide`]), which act a tick later than they would on one board.
 //!
-//! When a board faults, is switched off, or is not heard, the others are stopped at once, and it gets no more set-points:
-//! within the command timeout all three are in their model's reaction.
+//! When a board faults, is switched off, or is not heard, the others are stopped at once, and it gets no more
+//! set-points: within the command timeout all three are in their model's reaction.
 
 mod board;
 mod error;
@@ -199,8 +200,8 @@ impl<B: FingerBoard> MultiBoardHand<B> {
     /// One control period: takes in what the fingers sense, and sends each board what to do next.
     ///
     /// # Errors
-    /// A board is in fault, not armed or not heard, or refuses; or the object was lost. All boards have been told to stop
-    /// then.
+    /// A board is in fault, not armed or not heard, or refuses; or the object was lost. All boards have been
+    /// told to stop then.
     pub fn step(&mut self) -> Result<GraspTelemetry, HandError> {
         if !self.armed {
             return Err(HandError::NotArmed);

@@ -1,7 +1,7 @@
 //! One link for several programs.
 //!
-//! To its board a [`Hub`] looks like one link: whole frames come in from any client, what goes out goes to all. A
-//! simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link,
+//! To its board a [`Hub`] looks like one link: whole frames come in from any client, what goes out goes to
+//! all. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link,
 //! [`Hub::pump`] carries the bytes. It has no threads: clients are served inside these calls.
 
 mod client;
@@ -53,7 +53,8 @@ impl Whole {
     }
 }
 
-/// Shares one board among several clients. A client that does not read loses bytes, and never holds up the others.
+/// Shares one board among several clients. A client that does not read loses bytes, and never holds up the
+/// others.
 #[derive(Debug)]
 pub struct Hub {
     listeners: Vec<(Listener, Address)>,
@@ -85,8 +86,8 @@ impl Hub {
         Ok(())
     }
 
-    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It stays while the hub
-    /// does, whoever opens and closes it.
+    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It stays while
+    /// the hub does, whoever opens and closes it.
     ///
     /// # Errors
     /// When the system has none left.
@@ -128,8 +129,8 @@ impl Hub {
         self.clients.iter_mut().for_each(|client| client.write(bytes));
     }
 
-    /// Appends whole frames from clients to `frames`, waiting for the first until `deadline`, and says how many
-    /// bytes came.
+    /// Appends whole frames from clients to `frames`, waiting for the first until `deadline`, and says how
+    /// many bytes came.
     ///
     /// # Errors
     /// When the system cannot wait.
@@ -140,8 +141,8 @@ impl Hub {
         Ok(length)
     }
 
-    /// Carries bytes between the clients and a board behind another link until `deadline`. The two sides are waited
-    /// for in turn, so that a client's frame may lie here for up to `turn`; 1 ms costs little.
+    /// Carries bytes between the clients and a board behind another link until `deadline`. The two sides are
+    /// waited for in turn, so that a client's frame may lie here for up to `turn`; 1 ms costs little.
     ///
     /// # Errors
     /// When the board's link is gone.

@@ -1,5 +1,6 @@
-//! The client side of a tesaki board's serial line: [`Board`] and its requests, serial ports, a hub that shares a
-//! board among programs, a fault injector for the line, a hand of several boards, and identification of joints.
+//! The client side of a tesaki board's serial line: [`Board`] and its requests, serial ports, a hub that
+//! shares a board among programs, a fault injector for the line, a hand of several boards, and identification
+//! of joints.
 
 mod board;
 pub mod fault_injector;

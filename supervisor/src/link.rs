@@ -8,13 +8,14 @@ use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFr
 
 use crate::{Board, BoardError};
 
-/// How long the first sending of a request waits for its answer before the request is sent again: short enough that a
-/// lost reply does not cost an armed board its command timeout. Then it waits twice as long each time, up to
-/// [`MAX_PATIENCE`], so as not to choke a slow board.
+/// How long the first sending of a request waits for its answer before the request is sent again: short
+/// enough that a lost reply does not cost an armed board its command timeout. Then it waits twice as long
+/// each time, up to [`MAX_PATIENCE`], so as not to choke a slow board.
 const PATIENCE: Duration = Duration::from_millis(40);
 /// See [`PATIENCE`].
 const MAX_PATIENCE: Duration = Duration::from_millis(160);
-/// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board sends.
+/// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board
+/// sends.
 const INBOX: usize = 8192;
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
@@ -47,8 +48,8 @@ pub struct LinkBoard<L> {
 }
 
 impl<L: ByteLink> LinkBoard<L> {
-    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is sent
-    /// again until then.
+    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is
+    /// sent again until then.
     pub fn new(link: L, timeout: Duration) -> Self {
         // Two programs must not choose the same number, and it needs no secrecy.
         #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
@@ -93,8 +94,8 @@ impl<L: ByteLink> LinkBoard<L> {
         self.round_trip
     }
 
-    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says the whole
-    /// aim: one that is lost is made up for by the next. A refusal comes as an
+    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says
+    /// the whole aim: one that is lost is made up for by the next. A refusal comes as an
     /// [event](Self::next_event).
     ///
     /// # Errors
@@ -105,8 +106,8 @@ impl<L: ByteLink> LinkBoard<L> {
         Ok(self.sequence)
     }
 
-    /// The next thing that came unasked, or a refusal of what was [posted](Self::post); `None` when nothing comes until
-    /// `deadline`.
+    /// The next thing that came unasked, or a refusal of what was [posted](Self::post); `None` when nothing
+    /// comes until `deadline`.
     ///
     /// # Errors
     /// When the link fails.
@@ -126,8 +127,8 @@ impl<L: ByteLink> LinkBoard<L> {
         Ok(self.link.send(&frame[..length])?)
     }
 
-    /// Takes what comes until `deadline`, but not more than once: returns the reply to request `sequence`, and puts what
-    /// came unasked and refusals into the inbox.
+    /// Takes what comes until `deadline`, but not more than once: returns the reply to request `sequence`,
+    /// and puts what came unasked and refusals into the inbox.
     fn receive(&mut self, deadline: Instant, sequence: Option<u16>) -> Result<Option<Reply>, BoardError> {
         let mut buffer = [0; 4096];
         let received = self.link.receive(&mut buffer, deadline)?;

@@ -1,7 +1,7 @@
 //! Finding and opening the board's end of the link: serial ports, sockets, pseudo-terminals.
 //!
-//! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated boards
-//! included, which make themselves known by an [`Announcement`].
+//! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated
+//! boards included, which make themselves known by an [`Announcement`].
 
 mod address;
 mod announcement;

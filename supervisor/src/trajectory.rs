@@ -1,7 +1,7 @@
 //! Motions from rest to rest.
 
-/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `share` of its time, 0 to 1: its value, and its first and
-/// second derivative by the share. Before and after it stands still.
+/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `share` of its time, 0 to 1: its value, and
+/// its first and second derivative by the share. Before and after it stands still.
 pub fn minimum_jerk(share: f64) -> [f64; 3] {
     let s = share.clamp(0.0, 1.0);
     [

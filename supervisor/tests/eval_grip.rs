@@ -1,4 +1,5 @@
-//! `tesaki eval grip` against cvxpy's answers and grasps worked by hand, and what it says about tables that do not fit.
+//! `tesaki eval grip` against cvxpy's answers and grasps worked by hand, and what it says about tables that
+//! do not fit.
 #![cfg(all(unix, feature = "cli"))]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
@@ -10,8 +11,8 @@ use common::{columns, tesaki};
 use nalgebra::{Vector3, Vector6};
 
 type StoredContact = ([f32; 3], [f32; 3], f32, f32);
-/// Margin, least normal force, load; contacts as place, normal, friction, limit; half the least sum of squares, if the
-/// load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
+/// Margin, least normal force, load; contacts as place, normal, friction, limit; half the least sum of
+/// squares, if the load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
 type Stored = (f32, f32, [f32; 6], &'static [StoredContact], Option<f32>, bool);
 
 const STORED: &[Stored] = include!("../../tests/oracles/data/grip.in");
@@ -201,8 +202,8 @@ fn grips_and_refusals_are_those_of_cvxpy() {
     assert_eq!(held + refused + open, 300);
     assert!(held > 140 && refused > 100 && open <= 2, "{held} {refused} {open}");
     assert!(worst < 1e-4, "{worst}");
-    // Of forces that hold the load the sum of squares is strictly convex: this near to the least one they are themselves
-    // within √2e-4 = 1.4 % of the least forces.
+    // Of forces that hold the load the sum of squares is strictly convex: this near to the least one they are
+    // themselves within √2e-4 = 1.4 % of the least forces.
     assert!(above < 2e-4, "{above}");
 }
 

@@ -101,8 +101,8 @@ fn a_calibration_that_does_not_fit_changes_nothing() {
     assert_eq!(model, before);
 }
 
-/// A hand on a line that loses frames. What its tips feel in a tick is what its joints were told a tick before, and nothing
-/// else.
+/// A hand on a line that loses frames. What its tips feel in a tick is what its joints were told a tick
+/// before, and nothing else.
 struct Stub {
     /// One frame in so many is lost.
     loses: u32,

@@ -47,7 +47,8 @@ pub fn zero_sensors(model: &RobotModel, supply: u16) -> SensorFrame {
     }
 }
 
-/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of `tesaki-supervisor` its path.
+/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of
+/// `tesaki-supervisor` its path.
 ///
 /// # Panics
 /// The program is not there: it is built by `cargo test --workspace`, not by `cargo test -p tesaki-tests`.

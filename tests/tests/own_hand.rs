@@ -1,4 +1,5 @@
-//! docs/bring-your-own-hand.md: its files make a robot, its commands print what it shows, and a simulated board runs it.
+//! docs/bring-your-own-hand.md: its files make a robot, its commands print what it shows, and a simulated
+//! board runs it.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 

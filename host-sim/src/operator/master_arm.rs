@@ -11,8 +11,9 @@ use crate::purpose::Purpose;
 /// Longest step of the operator's arm [s].
 const STEP: f64 = 5e-4;
 
-/// How the operator's arm, with the handle in it, gives way to a force: a mass, a damper and a spring between the motion
-/// that is meant and the one that comes about. Measured on people: 1–2 kg, 10–20 N·s/m, 200–500 N/m.
+/// How the operator's arm, with the handle in it, gives way to a force: a mass, a damper and a spring between
+/// the motion that is meant and the one that comes about. Measured on people: 1–2 kg, 10–20 N·s/m, 200–500
+/// N/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impedance {
     /// [kg]
@@ -74,8 +75,9 @@ pub struct MasterPose {
 
 /// A master arm with the operator's arm at its handle.
 ///
-/// In free motion the handle goes where the hand is meant to go: the operator has learnt to move the arm. A reflected
-/// force pushes it off that, as the operator's [`Impedance`] says. Turning has no such dynamics: no torque is reflected.
+/// In free motion the handle goes where the hand is meant to go: the operator has learnt to move the arm. A
+/// reflected force pushes it off that, as the operator's [`Impedance`] says. Turning has no such dynamics: no
+/// torque is reflected.
 #[derive(Clone, Debug)]
 pub struct MasterArm {
     values: MasterArmValues,
@@ -102,8 +104,8 @@ impl MasterArm {
         Self { values, kinematics, zero_errors, sampling, rng, time: 0.0, deviation, deviation_rate, force }
     }
 
-    /// The force that the motors reflect from now on [N]; larger ones are cut to [`MasterArmValues::force_limit`].
-    /// Returns what is left.
+    /// The force that the motors reflect from now on [N]; larger ones are cut to
+    /// [`MasterArmValues::force_limit`]. Returns what is left.
     pub fn reflect(&mut self, force: [f64; 3]) -> [f64; 3] {
         self.force = Vector3::from(force).cap_magnitude(self.values.force_limit);
         self.force.into()
@@ -117,8 +119,8 @@ impl MasterArm {
         state
     }
 
-    /// Goes on to a time [s] and returns what was measured on the way: time [s] and pose of each sample. A pose out of
-    /// the arm's reach is measured at the end of that.
+    /// Goes on to a time [s] and returns what was measured on the way: time [s] and pose of each sample. A
+    /// pose out of the arm's reach is measured at the end of that.
     pub fn run(&mut self, motion: &HandMotion, until: f64) -> Vec<(f64, MasterPose)> {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
@@ -157,8 +159,8 @@ impl MasterArm {
     }
 }
 
-/// Joints: about z, then twice about y, then about x, y and z. At zero angles the arm points along x of its base, which
-/// looks from the shoulder towards the operator's hand.
+/// Joints: about z, then twice about y, then about x, y and z. At zero angles the arm points along x of its
+/// base, which looks from the shoulder towards the operator's hand.
 #[derive(Clone, Debug)]
 struct Kinematics {
     base: Isometry3<f64>,
@@ -269,7 +271,8 @@ mod tests {
         }
     }
 
-    /// A joint's error of a count's uniform share, and of its noise: 34 µrad; on levers of up to 0.6 m, and six axes.
+    /// A joint's error of a count's uniform share, and of its noise: 34 µrad; on levers of up to 0.6 m, and
+    /// six axes.
     #[test]
     fn quantisation_noise_and_zero_errors_have_their_sizes() {
         let deviation = (2e-5_f64.powi(2) + (TAU / 65_536.0).powi(2) / 12.0).sqrt();

@@ -1,4 +1,5 @@
-//! The operator's side of a master-slave system: a person's hand and elbow, the devices that measure them, and the links.
+//! The operator's side of a master-slave system: a person's hand and elbow, the devices that measure them,
+//! and the links.
 //!
 //! ```text
 //!  HandMotion ─► MasterArm ─► Link ─► slave          ElbowMotion ─► ElbowSensor ─► Link ─► slave
@@ -6,9 +7,9 @@
 //!                    └─ force ◄─ Link ◄──┘
 //! ```
 //!
-//! All poses are in one frame, in which the operator's hand and the slave's hand are to be at the same place; where the
-//! devices stand is their own matter. Devices sample at rates and phases of their own. Everything random is seeded, and
-//! all time stamps are of one clock.
+//! All poses are in one frame, in which the operator's hand and the slave's hand are to be at the same place;
+//! where the devices stand is their own matter. Devices sample at rates and phases of their own. Everything
+//! random is seeded, and all time stamps are of one clock.
 
 mod elbow;
 mod link;

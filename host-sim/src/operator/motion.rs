@@ -85,8 +85,9 @@ pub struct HandMotion {
 }
 
 impl HandMotion {
-    /// To and fro in a sine from `start`: the motion of the paper's master-slave experiment is (0.1, 0, 0) m at 0.5 Hz. It
-    /// swells within the first half period and dies away within the last; before and after the hand rests.
+    /// To and fro in a sine from `start`: the motion of the paper's master-slave experiment is (0.1, 0, 0) m
+    /// at 0.5 Hz. It swells within the first half period and dies away within the last; before and after the
+    /// hand rests.
     pub const fn sine(
         start: Isometry3<f64>,
         amplitude: Vector3<f64>,
@@ -132,7 +133,8 @@ impl HandMotion {
         Self { start: recorded.start(), course: Course::Recorded(recorded), tremor: Vec::new() }
     }
 
-    /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1 mm.
+    /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1
+    /// mm.
     #[must_use]
     pub fn with_tremor(mut self, rms: f64, seed: u64) -> Self {
         let mut rng = Purpose::Tremor.rng(seed);

@@ -10,9 +10,10 @@ use super::HandState;
 /// The columns, in this order, named in the first line.
 const HEADER: &str = "time,x,y,z,qx,qy,qz,qw";
 
-/// A recorded motion: a CSV file with the header `time,x,y,z,qx,qy,qz,qw` and a line for each sample: time [s], rising;
-/// position [m]; orientation, a quaternion that is made a unit one. Positions in between follow cubic Hermite splines
-/// whose velocities are those of the parabolas through three samples; orientations turn steadily from one to the next.
+/// A recorded motion: a CSV file with the header `time,x,y,z,qx,qy,qz,qw` and a line for each sample: time
+/// [s], rising; position [m]; orientation, a quaternion that is made a unit one. Positions in between follow
+/// cubic Hermite splines whose velocities are those of the parabolas through three samples; orientations turn
+/// steadily from one to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
     samples: Vec<Sample>,

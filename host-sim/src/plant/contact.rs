@@ -55,7 +55,8 @@ impl Touch {
         }
     }
 
-    /// Takes in the contact of a sub-step [s]: where it is, and how the tip moves along the object, turned by `turn`.
+    /// Takes in the contact of a sub-step [s]: where it is, and how the tip moves along the object, turned by
+    /// `turn`.
     pub fn update(
         &mut self,
         contact: &Contact,
@@ -92,8 +93,8 @@ impl Touch {
         self.sum.0 / self.sum.1.max(1.0)
     }
 
-    /// Friction on the object is to point where the tip slides. Rapier's does not where the masses that the contact moves
-    /// differ between directions, unless it is told of a suitable motion across.
+    /// Friction on the object is to point where the tip slides. Rapier's does not where the masses that the
+    /// contact moves differ between directions, unless it is told of a suitable motion across.
     fn lean(&mut self, friction: &Vector3<f64>) {
         let (Some(way), Some(pull)) = (self.slip_velocity.try_normalize(1e-6), friction.try_normalize(1e-9))
         else {

@@ -2,8 +2,8 @@ use core::f64::consts::TAU;
 
 use super::values::InnerLoop;
 
-/// The torque behind a drive's current loop: follows its target as a first-order lag; a new target takes effect after
-/// a delay. Exact, whatever the step.
+/// The torque behind a drive's current loop: follows its target as a first-order lag; a new target takes
+/// effect after a delay. Exact, whatever the step.
 #[derive(Clone, Debug)]
 pub struct Lag {
     /// Corner frequency [rad/s].

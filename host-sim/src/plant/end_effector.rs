@@ -1,4 +1,5 @@
-//! Tips: what the chains end in. A fingertip is the sphere that the URDF draws on its last links, a hand the link itself.
+//! Tips: what the chains end in. A fingertip is the sphere that the URDF draws on its last links, a hand the
+//! link itself.
 
 use rapier3d::na::{Isometry3, Matrix3, Vector3};
 use tesaki_description::urdf::{RigidBody, isometry, rotated_inertia};
@@ -27,8 +28,9 @@ pub struct Tip {
     pub inertia: Matrix3<f64>,
 }
 
-/// Of each body that carries no other, its own link or one fixed to it: the first with a sphere; else of the links that
-/// carry nothing the one farthest from the joint, the last of several that are as far (the controller's rule).
+/// Of each body that carries no other, its own link or one fixed to it: the first with a sphere; else of the
+/// links that carry nothing the one farthest from the joint, the last of several that are as far (the
+/// controller's rule).
 pub fn tips(robot: &Robot, bodies: &[Body]) -> Vec<Tip> {
     let is_last = |body: usize| !bodies.iter().any(|other| other.parent == Some(body));
     let last = bodies.iter().enumerate().filter(|(index, _)| is_last(*index));

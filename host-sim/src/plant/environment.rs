@@ -1,9 +1,9 @@
 //! What acts on the tips besides a grasped object: walls, somebody who holds a tip, pushes.
 //!
-//! Forces are computed from the state at the start of a sub-step, where the leapfrog has its angles: springs are exact to
-//! second order. Velocities are half a sub-step old there, so dampers use their extrapolation. Springs are stable up to
-//! `4 m / h²` and dampers up to `m / h`, with the sub-step `h` and the mass `m` that the tip presents; at 1 ms and 0.5 kg
-//! that is 2 MN/m and 500 N·s/m.
+//! Forces are computed from the state at the start of a sub-step, where the leapfrog has its angles: springs
+//! are exact to second order. Velocities are half a sub-step old there, so dampers use their extrapolation.
+//! Springs are stable up to `4 m / h²` and dampers up to `m / h`, with the sub-step `h` and the mass `m` that
+//! the tip presents; at 1 ms and 0.5 kg that is 2 MN/m and 500 N·s/m.
 
 use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki_supervisor::trajectory::minimum_jerk;
@@ -70,8 +70,8 @@ impl Wall {
     }
 }
 
-/// Somebody takes a tip, leads it to a place within a time, and holds it there: springs and dampers between the tip's
-/// frame and a frame that moves with minimum jerk.
+/// Somebody takes a tip, leads it to a place within a time, and holds it there: springs and dampers between
+/// the tip's frame and a frame that moves with minimum jerk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hold {
     /// Where the tip's frame is led, in the frame of the base [m].

@@ -8,8 +8,8 @@ use super::values::{CONTROL_PERIOD, ForceSensorValues};
 use super::world::World;
 use crate::purpose::Purpose;
 
-/// What the sensor of a tip is subject to: forces [N] and torques [N·m] of the world on the tip, in the frame of its link
-/// and about the origin of that.
+/// What the sensor of a tip is subject to: forces [N] and torques [N·m] of the world on the tip, in the frame
+/// of its link and about the origin of that.
 struct Gauge {
     gain: [f64; 6],
     offset: [f64; 6],
@@ -129,7 +129,8 @@ impl ForceSensors {
     }
 }
 
-/// What turns vectors of the base's frame into a tip's, the velocity of its centre of mass, and its angular velocity.
+/// What turns vectors of the base's frame into a tip's, the velocity of its centre of mass, and its angular
+/// velocity.
 fn motion(
     world: &World,
     index: usize,
@@ -140,8 +141,8 @@ fn motion(
     Some((frame.rotation.inverse(), motion.linear, motion.angular))
 }
 
-/// What a tip's own mass does to its sensor, `fall` being gravity less the acceleration of the centre of mass. All in the
-/// frame of the tip's link.
+/// What a tip's own mass does to its sensor, `fall` being gravity less the acceleration of the centre of
+/// mass. All in the frame of the tip's link.
 fn own_weight(
     tip: &Tip,
     fall: &Vector3<f64>,

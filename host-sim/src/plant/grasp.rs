@@ -17,9 +17,10 @@ use super::object::{ObjectValues, Shape};
 use super::push::Disturbances;
 use super::stiction::Creep;
 
-/// Sweeps over the constraints in a sub-step: many more than a free hand needs, since what squeezes an object is coupled
-/// through it. With 16, joints that should stick creep, and friction of 0.08 N·m takes nothing of a finger's 2 N at rest;
-/// from 256 on it takes as much as with 1000 (2.02, 1.91, 0.77 and 0.77 N of normal force with 16, 64, 256 and 1000).
+/// Sweeps over the constraints in a sub-step: many more than a free hand needs, since what squeezes an object
+/// is coupled through it. With 16, joints that should stick creep, and friction of 0.08 N·m takes nothing of
+/// a finger's 2 N at rest; from 256 on it takes as much as with 1000 (2.02, 1.91, 0.77 and 0.77 N of normal
+/// force with 16, 64, 256 and 1000).
 const SWEEPS: usize = 256;
 /// Spring of a contact, on the masses that it parts: natural frequency [Hz] and damping ratio.
 const SOFTNESS: (f32, f32) = (1000.0, 1.0);
@@ -46,15 +47,16 @@ pub fn set_parameters(parameters: &mut IntegrationParameters) {
     parameters.contact_recycling = false;
     parameters.contact_softness = softness;
     parameters.static_contact_softness = softness;
-    // Of faces; a tip's point always has Coulomb's. With the other model each corner of a face that slides pulls at an
-    // angle, and all together too little.
+    // Of faces; a tip's point always has Coulomb's. With the other model each corner of a face that slides
+    // pulls at an angle, and all together too little.
     parameters.friction_model = FrictionModel::Simplified;
     parameters.friction_in_bias_pass = true;
     parameters.num_internal_pgs_iterations = SWEEPS;
 }
 
 impl Grasp {
-    /// Puts the object, its support and a sphere for each tip into the physics. `links` are the bodies of the tips.
+    /// Puts the object, its support and a sphere for each tip into the physics. `links` are the bodies of the
+    /// tips.
     pub fn new(
         physics: &mut PhysicsWorld,
         values: &ObjectValues,
@@ -99,7 +101,8 @@ impl Grasp {
         }
     }
 
-    /// Reads the contacts of the last sub-step. `tips` are the middles of the tips and their motions, `step` in seconds.
+    /// Reads the contacts of the last sub-step. `tips` are the middles of the tips and their motions, `step`
+    /// in seconds.
     pub fn read(&mut self, physics: &PhysicsWorld, tips: &[(f64, Vector3<f64>, Motion)], step: f64) {
         let turn = self.pose(physics).rotation;
         for index in 0..self.touches.len() {

@@ -7,7 +7,7 @@ use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
 use super::drive::{self, DriveState};
-use super::end_effector::tips;
+use super::end_effector::{Tip, tips};
 use super::environment::{Hold, Wall};
 use super::error::PlantError;
 use super::factors::{self, JointFactors};
@@ -46,13 +46,7 @@ impl Plant {
         options: &PlantOptions,
     ) -> Result<Self, PlantError> {
         values.validate()?;
-        if drives.len() > MAX_JOINTS {
-            return Err(PlantError::Count {
-                item: "the list of drives",
-                got: drives.len(),
-                expected: MAX_JOINTS,
-            });
-        }
+        check_count(drives)?;
         let bodies = tree::bodies(urdf)?;
         let drive_of = match_drives(&bodies, drives)?;
         let posture = posture(values, options, drives)?;
@@ -62,17 +56,10 @@ impl Plant {
         let in_world_order = |index: usize| drive_of.get(index).copied().unwrap_or(index);
         let of_body =
             |index: usize| factors.get(in_world_order(index)).copied().unwrap_or(JointFactors::NONE);
-        let mut joint_values = Vec::new();
-        for (index, body) in bodies.iter().enumerate() {
-            let factors = of_body(index);
-            let drive = drives.get(in_world_order(index));
-            joint_values.push(JointValues {
-                rotor_inertia: drive.map_or(0.0, |drive| f64::from(drive.motor.rotor_inertia))
-                    * factors.rotor_inertia,
-                coulomb: options.coulomb.unwrap_or(body.coulomb) * factors.coulomb,
-                viscous: body.viscous * factors.viscous,
-            });
-        }
+        let of_joint = |(index, body): (usize, &Body)| {
+            joint_values(body, drives.get(in_world_order(index)), &of_body(index), options)
+        };
+        let joints: Vec<JointValues> = bodies.iter().enumerate().map(of_joint).collect();
         let world_posture: Vec<f64> = (0..bodies.len())
             .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
             .collect();
@@ -81,23 +68,19 @@ impl Plant {
             values.gravity,
             values.integration.step,
             &bodies,
-            &joint_values,
+            &joints,
             &world_factors,
             &world_posture,
         );
-        if let Some(object) = &options.object {
-            object.validate()?;
-        }
+        options.object.as_ref().map_or(Ok(()), ObjectValues::validate)?;
         let object = options.object.as_ref().map(|object| (object, friction(object, options)));
         let mut tips = tips(&urdf.robot, &bodies);
         for tip in &mut tips {
             tip.mass *= of_body(tip.body).mass;
             tip.inertia *= of_body(tip.body).inertia;
         }
-        if object.is_some()
-            && let Some(tip) = tips.iter().find(|tip| tip.radius <= 0.0)
-        {
-            return Err(PlantError::NoSphere(tip.link.clone()));
+        if object.is_some() {
+            check_spheres(&tips)?;
         }
         world.insert_object(tips, object);
         let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
@@ -137,11 +120,12 @@ impl Plant {
         frame
     }
 
-    /// What the force sensors read now, a tip each: forces and torques along x, y and z of the frame of its link, in
-    /// the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws noise twice.
+    /// What the force sensors read now, a tip each: forces and torques along x, y and z of the frame of its
+    /// link, in the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws
+    /// noise twice.
     ///
-    /// They feel what acts on the tip, at the origin of that frame, as a mean over the last control period: contact, and
-    /// the weight and inertia of the tip itself.
+    /// They feel what acts on the tip, at the origin of that frame, as a mean over the last control period:
+    /// contact, and the weight and inertia of the tip itself.
     pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
         self.forces.counts()
     }
@@ -189,9 +173,9 @@ impl Plant {
         Ok(())
     }
 
-    /// The amplifiers turn torques into currents by the motors' torque constants in `model`, as those of a board with that
-    /// model do, from now on. Before, they are those of the drives that the plant was built with, about which the true ones are
-    /// spread; the true ones stay.
+    /// The amplifiers turn torques into currents by the motors' torque constants in `model`, as those of a
+    /// board with that model do, from now on. Before, they are those of the drives that the plant was built
+    /// with, about which the true ones are spread; the true ones stay.
     pub fn configure_amplifiers(&mut self, model: &tesaki::model::RobotModel) {
         for drive in &mut self.drives {
             if let Some(joint) = model.joints.iter().find(|joint| joint.name == drive.joint.as_str()) {
@@ -314,10 +298,41 @@ impl Plant {
         &self.factors
     }
 
-    /// Where the link behind a joint is, as the frame of the joint, in the frame of the base: position [m] and
-    /// orientation `[x, y, z, w]`. `None` for a joint that does not exist.
+    /// Where the link behind a joint is, as the frame of the joint, in the frame of the base: position [m]
+    /// and orientation `[x, y, z, w]`. `None` for a joint that does not exist.
     pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
         self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
+    }
+}
+
+/// What the physics has for a joint: the values of URDF and drive, times its factors.
+fn joint_values(
+    body: &Body,
+    drive: Option<&Drive>,
+    factors: &JointFactors,
+    options: &PlantOptions,
+) -> JointValues {
+    JointValues {
+        rotor_inertia: drive.map_or(0.0, |drive| f64::from(drive.motor.rotor_inertia))
+            * factors.rotor_inertia,
+        coulomb: options.coulomb.unwrap_or(body.coulomb) * factors.coulomb,
+        viscous: body.viscous * factors.viscous,
+    }
+}
+
+/// No more drives than a board has joints.
+fn check_count(drives: &[Drive]) -> Result<(), PlantError> {
+    match drives.len() {
+        0..=MAX_JOINTS => Ok(()),
+        got => Err(PlantError::Count { item: "the list of drives", got, expected: MAX_JOINTS }),
+    }
+}
+
+/// Every tip that may touch an object has a sphere.
+fn check_spheres(tips: &[Tip]) -> Result<(), PlantError> {
+    match tips.iter().find(|tip| tip.radius <= 0.0) {
+        Some(tip) => Err(PlantError::NoSphere(tip.link.clone())),
+        None => Ok(()),
     }
 }
 

@@ -1,32 +1,34 @@
 //! The simulated machine: what a robot does when the controller's torques act on it.
 //!
-//! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its `plant.toml`
-//! ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's. Masses, inertias,
-//! friction and torque constants differ from the model by seeded factors, and what the controller gets to see is what
-//! a board's sensors read: whole counts, with noise.
+//! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
+//! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's.
+//! Masses, inertias, friction and torque constants differ from the model by seeded factors, and what the
+//! controller gets to see is what a board's sensors read: whole counts, with noise.
 //!
 //! ```text
-//!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─► links ─► SensorFrame
+//!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
+//!  SensorFrame ◄─────────────────────────────────────────────────────────────────────── links ◄─┘
 //! ```
 //!
 //! # Time
-//! [`Plant::sensors`] reads the state at the start of a control period, [`Plant::apply`] advances over the period, and
-//! the torque that it is given begins to act [`InnerLoop::delay`] after the reading. The physics' sub-step `h` is a
-//! leapfrog: angles belong to the ends of a sub-step, velocities to its middle. The torque of a sub-step is therefore the
-//! mean over the time from `h/2` before its start to `h/2` after, which makes smooth motions exact to second order.
-//! ([`Truth::velocities`] are `h/2` old accordingly.)
+//! [`Plant::sensors`] reads the state at the start of a control period, [`Plant::apply`] advances over the
+//! period, and the torque that it is given begins to act [`InnerLoop::delay`] after the reading. The physics'
+//! sub-step `h` is a leapfrog: angles belong to the ends of a sub-step, velocities to its middle. The torque
+//! of a sub-step is therefore the mean over the time from `h/2` before its start to `h/2` after, which makes
+//! smooth motions exact to second order. ([`Truth::velocities`] are `h/2` old accordingly.)
 //!
 //! # Friction
-//! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the bound stands
-//! still, and does not creep.
+//! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the
+//! bound stands still, and does not creep.
 //!
 //! # Contact
-//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction again as a
-//! constraint. Only the object touches anything: links and tips pass through each other and through the support.
+//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
+//! again as a constraint. Only the object touches anything: links and tips pass through each other and
+//! through the support.
 //!
 //! # Walls, holds, pushes
-//! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a force sensor
-//! behind the tip feels them. They begin and end between control periods.
+//! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a
+//! force sensor behind the tip feels them. They begin and end between control periods.
 
 mod contact;
 mod convert;

@@ -2,8 +2,8 @@
 
 use rapier3d::na::Vector3;
 
-/// Motion of a point of a body in the frame of the base, half a sub-step ago: velocities of the point [m/s] and of the
-/// body [rad/s].
+/// Motion of a point of a body in the frame of the base, half a sub-step ago: velocities of the point [m/s]
+/// and of the body [rad/s].
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     pub linear: Vector3<f64>,

@@ -1,7 +1,8 @@
 //! Static friction that does not creep.
 //!
-//! Rapier holds a sticking contact by its velocity, to single precision: 0.1 m from the origin that leaves a creep of up
-//! to 0.05 mm/s. So what a contact has crept since it last slid is measured, and rapier is told to take it back.
+//! Rapier holds a sticking contact by its velocity, to single precision: 0.1 m from the origin that leaves a
+//! creep of up to 0.05 mm/s. So what a contact has crept since it last slid is measured, and rapier is told
+//! to take it back.
 
 use rapier3d::geometry::ColliderHandle;
 use rapier3d::math::Vector;
@@ -15,8 +16,8 @@ pub const SHARE: f64 = 0.2;
 
 /// How far the contacts of an object have crept.
 pub struct Creep {
-    /// Collider of each fingertip, and the velocity along the object that takes back its creep, in the frame of the base
-    /// [m/s].
+    /// Collider of each fingertip, and the velocity along the object that takes back its creep, in the frame
+    /// of the base [m/s].
     pub tips: Vec<(ColliderHandle, Vector3<f64>)>,
     /// Collider of the support, and the motion by which the object has crept on it.
     pub support: Option<(ColliderHandle, Isometry3<f64>)>,

@@ -61,8 +61,8 @@ pub struct ObjectTruth {
     pub support_force: [f64; 3],
 }
 
-/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base where nothing else is
-/// said.
+/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base where
+/// nothing else is said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactTruth {
     /// Link of the fingertip.
@@ -75,11 +75,14 @@ pub struct ContactTruth {
     pub normal: [f64; 3],
     /// How deep the tip is in the object [m].
     pub depth: f64,
-    /// Velocity of the tip's surface along that of the object, in the frame of the object, half a sub-step ago [m/s].
+    /// Velocity of the tip's surface along that of the object, in the frame of the object, half a sub-step
+    /// ago [m/s].
     pub slip_velocity: [f64; 3],
-    /// Integral of `slip_velocity` since the start, while they touched: sliding, and at most some µm of creep [m].
+    /// Integral of `slip_velocity` since the start, while they touched: sliding, and at most some µm of creep
+    /// [m].
     pub slip: [f64; 3],
-    /// Integral of the size of `slip_velocity` while friction was at its limit [m]: what rubs to and fro adds up.
+    /// Integral of the size of `slip_velocity` while friction was at its limit [m]: what rubs to and fro adds
+    /// up.
     pub slip_path: f64,
 }
 

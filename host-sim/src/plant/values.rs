@@ -251,7 +251,8 @@ pub struct ForceSensorValues {
     pub force_noise: f64,
     /// Standard deviation [N·m].
     pub torque_noise: f64,
-    /// They read the mean over so much time before the reading [s]; over the whole control period if it is not given.
+    /// They read the mean over so much time before the reading [s]; over the whole control period if it is
+    /// not given.
     #[serde(default)]
     pub window: Option<f64>,
 }

@@ -18,8 +18,8 @@ use super::object::ObjectValues;
 use super::push::Disturbances;
 use super::tree::Body;
 
-/// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few sweeps
-/// joints that should stand creep.
+/// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
+/// sweeps joints that should stand creep.
 const SWEEPS: usize = 8;
 
 /// What a joint of the physics is made of.
@@ -141,7 +141,8 @@ impl World {
             let Some((chain, link)) = self.physics.multibody_joints.get_mut(joint.handle) else { continue };
             let Some(dof) = first_dof(chain, link) else { continue };
             chain.damping_mut()[dof] = narrow(values.viscous);
-            // Rapier's damping is that of the velocity at the end of the kick; this makes it the mean of both ends.
+            // Rapier's damping is that of the velocity at the end of the kick; this makes it the mean of both
+            // ends.
             chain.armature_mut()[dof] = narrow(values.rotor_inertia - 0.5 * values.viscous * step);
             chain.frictions_mut()[dof] = narrow(values.coulomb);
         }
@@ -164,7 +165,8 @@ impl World {
                 parent.add_torque(-torque, true);
             }
         }
-        // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by themselves.)
+        // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by
+        // themselves.)
         let share = if self.steps > 0 { 1.0 } else { 0.5 };
         self.physics.gravity = self.gravity * narrow(share);
         let time = self.time();
@@ -317,7 +319,8 @@ impl World {
         Some(Isometry3::from_parts(Translation3::new(x, y, z), turn))
     }
 
-    /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z, w]`.
+    /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z,
+    /// w]`.
     pub fn body_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
         let body = self.physics.bodies.get(self.joints.get(joint)?.body)?;
         let (place, turn) = (body.translation(), body.rotation());

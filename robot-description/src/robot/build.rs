@@ -146,7 +146,8 @@ fn joint_model(joint: &SerialJoint, settings: &JointSettings) -> Option<JointMod
     })
 }
 
-/// Gains are given per inertia: fills in the inertia that each joint of the chain feels in the middle of its range.
+/// Gains are given per inertia: fills in the inertia that each joint of the chain feels in the middle of its
+/// range.
 fn complete_gains(joints: &mut [JointModel], tip: &Pose, settings: &Settings) {
     let chain = Chain::new(joints, tip);
     let middle: Vec<f32> =

@@ -1,5 +1,5 @@
-//! `controller.toml`: what the URDF does not say. `[joint]` holds the values of every joint, `[joints.NAME]` what is
-//! different for one.
+//! `controller.toml`: what the URDF does not say. `[joint]` holds the values of every joint, `[joints.NAME]`
+//! what is different for one.
 
 use std::collections::BTreeMap;
 

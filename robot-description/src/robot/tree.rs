@@ -22,8 +22,8 @@ pub struct SerialJoint {
 /// Moving joints in series, and what they end in.
 pub struct SerialChain {
     pub joints: Vec<SerialJoint>,
-    /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from its
-    /// joint; the last in the file of several that are as far.
+    /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from
+    /// its joint; the last in the file of several that are as far.
     pub tip: String,
     /// Its frame in the last joint's.
     pub pose: Pose,
@@ -34,8 +34,8 @@ pub struct SerialChain {
     pub radius: f32,
 }
 
-/// The chains that leave the base, each from base to tip, in the order of the file. What no controller can drive is
-/// reported.
+/// The chains that leave the base, each from base to tip, in the order of the file. What no controller can
+/// drive is reported.
 pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
     let first = RigidBody::new(&urdf.robot, urdf.base()).joints;
     let chains: Vec<SerialChain> =

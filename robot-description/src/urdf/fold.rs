@@ -7,10 +7,11 @@ use urdf_rs::{Joint, JointType, Link, Robot};
 /// A link and all that is fixed to it. Its frame is that of the link.
 #[derive(Clone, Debug)]
 pub struct RigidBody<'a> {
-    /// Its links with their frames in that of the body: each behind the one that carries it, in the order of the file.
+    /// Its links with their frames in that of the body: each behind the one that carries it, in the order of
+    /// the file.
     pub links: Vec<(&'a Link, Isometry3<f64>)>,
-    /// The joints that move and leave it, in the order of its links, with the frame of their parent link in that of the
-    /// body.
+    /// The joints that move and leave it, in the order of its links, with the frame of their parent link in
+    /// that of the body.
     pub joints: Vec<(&'a Joint, Isometry3<f64>)>,
 }
 
@@ -52,8 +53,8 @@ impl<'a> RigidBody<'a> {
         sum.about_center()
     }
 
-    /// The link at its end: of those that carry nothing the one farthest from the body's origin, the last of several that
-    /// are as far.
+    /// The link at its end: of those that carry nothing the one farthest from the body's origin, the last of
+    /// several that are as far.
     pub fn tip(&self, robot: &Robot) -> Option<(&'a Link, Isometry3<f64>)> {
         let carries = |link: &Link| robot.joints.iter().any(|joint| joint.parent.link == link.name);
         let distance = |place: &Isometry3<f64>| place.translation.vector.norm();
@@ -111,7 +112,8 @@ impl Moments {
     }
 }
 
-/// A link's inertia about its centre of mass [kg·m²], in a frame in which the frame of that inertia is at `place`.
+/// A link's inertia about its centre of mass [kg·m²], in a frame in which the frame of that inertia is at
+/// `place`.
 pub fn rotated_inertia(inertial: &urdf_rs::Inertial, place: &Isometry3<f64>) -> Matrix3<f64> {
     let i = &inertial.inertia;
     let tensor = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);

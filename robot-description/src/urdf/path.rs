@@ -21,7 +21,8 @@ pub struct SerialPath {
     pub pose: Pose,
     /// What moves them: fewer than joints where joints mimic others.
     pub drives: Vec<Drive>,
-    /// Joints that move and lead elsewhere from the links on the way: the mass behind them is not that of the path.
+    /// Joints that move and lead elsewhere from the links on the way: the mass behind them is not that of the
+    /// path.
     pub branches: Vec<String>,
 }
 
@@ -80,7 +81,8 @@ impl SerialPath {
 }
 
 impl Urdf {
-    /// The leaf links that at least one joint behind `base`, or else the base of all, moves; in the order of the file.
+    /// The leaf links that at least one joint behind `base`, or else the base of all, moves; in the order of
+    /// the file.
     pub fn tips(&self, base: Option<&str>) -> Vec<&str> {
         let robot = &self.robot;
         let is_leaf = |name: &str| !robot.joints.iter().any(|joint| joint.parent.link == name);
@@ -91,7 +93,8 @@ impl Urdf {
         names.filter(|name| is_leaf(name) && moves(name)).collect()
     }
 
-    /// The links to which a path can be computed: the [`Urdf::tips`], or the last link before what is in the way.
+    /// The links to which a path can be computed: the [`Urdf::tips`], or the last link before what is in the
+    /// way.
     pub fn reachable_tips(&self, base: Option<&str>) -> Vec<&str> {
         let mut reachable = Vec::new();
         for tip in self.tips(base) {

@@ -77,8 +77,8 @@ enum Splice {
     Head(u32),
 }
 
-/// Damages bytes that pass through it, one direction of a line. Knows no time, so that tests can send millions of
-/// frames; the same bytes come out the same for the same seed, however they are cut into pieces.
+/// Damages bytes that pass through it, one direction of a line. Knows no time, so that tests can send
+/// millions of frames; the same bytes come out the same for the same seed, however they are cut into pieces.
 #[derive(Clone, Debug)]
 pub struct Damage {
     faults: LinkFaults,
@@ -86,8 +86,8 @@ pub struct Damage {
     splice: Splice,
     /// Bytes in the frame that comes in.
     length: u32,
-    /// Length of the frame before, by which the places of splices are chosen: the end of the present one is not
-    /// known, and waiting for it would delay the line.
+    /// Length of the frame before, by which the places of splices are chosen: the end of the present one is
+    /// not known, and waiting for it would delay the line.
     usual: u32,
     /// What went out since the last zero that did.
     frame: Vec<u8>,

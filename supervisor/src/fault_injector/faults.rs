@@ -28,7 +28,8 @@ pub struct LinkFaults {
     pub drop: f64,
     /// Per byte: one of its bits flips.
     pub flip: f64,
-    /// Per frame: its tail, its closing zero and the head of the next are lost, as when a receiver's buffer overruns.
+    /// Per frame: its tail, its closing zero and the head of the next are lost, as when a receiver's buffer
+    /// overruns.
     pub splice: f64,
     /// Per frame: it arrives twice.
     pub duplicate: f64,

@@ -11,7 +11,8 @@ use crate::ByteLink;
 #[derive(Debug)]
 struct Direction {
     damage: Damage,
-    /// Apart from the damage's, so that what happens to bytes does not depend on how they are cut into chunks.
+    /// Apart from the damage's, so that what happens to bytes does not depend on how they are cut into
+    /// chunks.
     rng: Rng,
     /// In the order in which they were sent: a late one holds up those behind it.
     chunks: VecDeque<(Instant, Vec<u8>)>,
@@ -69,8 +70,9 @@ impl Direction {
 
 /// A link that damages what passes through it, each direction by itself.
 ///
-/// What happens is decided by the seed, the bytes and, for delays and stalls, the calls. As nothing runs between
-/// calls, what is sent late leaves in the next call that finds it due; a caller that waits for an answer makes one.
+/// What happens is decided by the seed, the bytes and, for delays and stalls, the calls. As nothing runs
+/// between calls, what is sent late leaves in the next call that finds it due; a caller that waits for an
+/// answer makes one.
 #[derive(Debug)]
 pub struct FaultyLink<L> {
     link: L,

@@ -55,8 +55,8 @@ impl News {
         }
     }
 
-    /// Takes in a refusal that matters: one of a set-point that came late, or twice, does not, and a fault shows in the
-    /// telemetry.
+    /// Takes in a refusal that matters: one of a set-point that came late, or twice, does not, and a fault
+    /// shows in the telemetry.
     pub fn refuse(&mut self, refusal: Refusal) {
         if !matches!(refusal, Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault | Mode::Disabled)) {
             self.refusal = Some(refusal);

@@ -56,8 +56,8 @@ impl Client {
         self.flush();
         let written = if self.backlog.is_empty() { write_to(&self.file, &mut self.deaf, bytes) } else { 0 };
         let rest = bytes.get(written..).unwrap_or_default();
-        // Most of the time nobody has a pseudo-terminal open, and who opens it wants news: the kernel's few kB are
-        // backlog enough. The frame that is cut there fails its checksum.
+        // Most of the time nobody has a pseudo-terminal open, and who opens it wants news: the kernel's few
+        // kB are backlog enough. The frame that is cut there fails its checksum.
         let room = if self.slave.is_some() { 0 } else { BACKLOG - self.backlog.len().min(BACKLOG) };
         if rest.len() <= room {
             self.backlog.extend(rest);

@@ -21,8 +21,8 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
 }
 
-/// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not identified:
-/// such a joint has the value of its robot folder.
+/// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not
+/// identified: such a joint has the value of its robot folder.
 pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &RobotModel, fits: &[Fit]) {
     for (joint, fit) in model.joints.iter().zip(fits) {
         let name = joint.name.as_str();

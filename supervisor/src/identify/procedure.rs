@@ -1,5 +1,5 @@
-//! The motions that identify a hand: each joint to and fro in free motion, then an object held firmly and less firmly, and
-//! moved with every joint to and fro under load.
+//! The motions that identify a hand: each joint to and fro in free motion, then an object held firmly and
+//! less firmly, and moved with every joint to and fro under load.
 
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::{JointPoint, ServoMode};
@@ -28,7 +28,8 @@ const CLEAR: f64 = 0.02;
 const ASK: usize = 5;
 /// Most time from the command to grasp, or to put down, to its end [s].
 const PATIENCE: f64 = 20.0;
-/// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned [rad].
+/// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned
+/// [rad].
 const LIFT: f64 = 0.010;
 const SHIFT: f64 = 0.006;
 const TURN: f64 = 0.06;
@@ -187,12 +188,13 @@ struct Course<'a, M> {
     latest: Option<Sense>,
 }
 
-/// Identifies torque constants and friction of the joints of a hand: one result a joint. The hand stands with open fingers
-/// around an object, homed and tared; `plan` says how to grasp it.
+/// Identifies torque constants and friction of the joints of a hand: one result a joint. The hand stands with
+/// open fingers around an object, homed and tared; `plan` says how to grasp it.
 ///
-/// First each joint is swept to and fro by itself ([`Settings::amplitude`]). Then the object is grasped, lifted, shifted
-/// and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]), closed on the force sensors. A grip that the hand could not
-/// make is left out if there are two others, of different strengths.
+/// First each joint is swept to and fro by itself ([`Settings::amplitude`]). Then the object is grasped,
+/// lifted, shifted and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]),
+/// closed on the force sensors. A grip that the hand could not make is left out if there are two others, of
+/// different strengths.
 ///
 /// # Errors
 /// The machine's, or what hinders the identification; the board may be armed then.

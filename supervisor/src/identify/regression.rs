@@ -45,7 +45,8 @@ pub struct Estimate {
 pub struct Fit {
     /// True torque over what the drive was told; or why it is not known.
     pub gain: Result<Estimate, Doubt>,
-    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad]; in told torque if the gain is not known. Or why not.
+    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad]; in told torque if the gain is not known. Or
+    /// why not.
     pub friction: Result<[Estimate; 2], Doubt>,
     /// Largest load less the smallest [N·m].
     pub load_range: f64,
@@ -92,13 +93,11 @@ pub enum Doubt {
     },
 }
 
-/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ share · weight) / gain`, from the
-/// readings in which the joint moves: friction changes its sign with the direction, a load does not. Standard deviations
-/// are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion a cluster: neighbouring readings
-/// err together.
+/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ share · weight) /
+/// gain`, from the readings in which the joint moves: friction changes its sign with the direction, a load
+/// does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion
+/// a cluster: neighbouring readings err together.
 pub fn fit(readings: &[Reading]) -> Fit {
-    type Square = SMatrix<f64, COLUMNS, COLUMNS>;
-    type Row = SVector<f64, COLUMNS>;
     let moving: Vec<&Reading> = readings.iter().filter(|r| r.velocity.abs() > MOVING).collect();
     let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
     let back = moving.len() - forth;
@@ -115,80 +114,117 @@ pub fn fit(readings: &[Reading]) -> Fit {
             readings: moving.len(),
         };
     }
-    let row = |r: &Reading| {
-        let mut row = Row::zeros();
-        (row[0], row[1], row[2]) = (r.load, r.velocity.signum(), r.velocity);
-        row.as_mut_slice()[3..].copy_from_slice(&r.weights);
-        row
-    };
-    // Columns of the same size, so that units do not matter.
-    let mut scale = Row::zeros();
-    for r in &moving {
-        scale += row(r).map(|value| value * value);
-    }
-    let scale = scale.map(|sum| if sum > 0.0 { 1.0 / sum.sqrt() } else { 0.0 });
-    let (mut gram, mut right) = (Square::zeros(), Row::zeros());
-    for r in &moving {
-        let row = row(r).component_mul(&scale);
-        gram += row * row.transpose();
-        right += row * r.torque;
-    }
-    let eigen = SymmetricEigen::new(gram);
-    let least = RANK * eigen.eigenvalues.max();
-    let inverse = eigen.eigenvalues.map(|value| if value > least { 1.0 / value } else { 0.0 });
-    let bread = eigen.eigenvectors * Square::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
-    let solution = bread * right;
-    let (mut meat, mut score, mut squares) = (Square::zeros(), Row::zeros(), 0.0);
-    let mut clusters = 0_u32;
-    for (index, r) in moving.iter().enumerate() {
-        let row = row(r).component_mul(&scale);
-        let rest = r.torque - row.dot(&solution);
-        squares += rest * rest;
-        score += row * rest;
-        if moving.get(index + 1).is_none_or(|next| next.motion != r.motion) {
-            meat += score * score.transpose();
-            score = Row::zeros();
-            clusters += 1;
-        }
-    }
-    let clusters = f64::from(clusters);
-    let spread = if clusters > 1.0 { clusters / (clusters - 1.0) } else { f64::INFINITY };
-    let covariance = bread * meat * bread * spread;
-    let value = |i: usize| solution[i] * scale[i];
-    let variance = |i: usize, j: usize| covariance[(i, j)] * scale[i] * scale[j];
-
-    let inverse_gain = value(0);
-    let relative = if load_range > 0.0 { variance(0, 0).sqrt() / inverse_gain.abs() } else { f64::INFINITY };
-    let gain = if relative.is_nan() || relative > MAX_DEVIATION {
-        Err(Doubt::Unloaded { load_range, deviation: relative })
-    } else if !BELIEVED.contains(&(1.0 / inverse_gain)) {
-        Err(Doubt::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })
-    } else {
-        Ok(Estimate { value: 1.0 / inverse_gain, deviation: relative / inverse_gain })
-    };
-    let of_friction = |i: usize| match gain {
-        Err(_) => Estimate { value: value(i), deviation: variance(i, i).sqrt() },
-        Ok(_) => {
-            let ratio = value(i) / inverse_gain;
-            let square = variance(i, i) - 2.0 * ratio * variance(0, i) + ratio * ratio * variance(0, 0);
-            Estimate { value: ratio, deviation: square.max(0.0).sqrt() / inverse_gain }
-        }
-    };
-    let [coulomb, mut viscous] = [of_friction(1), of_friction(2)];
-    // What is lost in its own deviation is none.
-    if viscous.value < 0.0 && viscous.value > -3.0 * viscous.deviation {
-        viscous.value = 0.0;
-    }
-    let friction = if coulomb.value < 0.0 {
-        Err(Doubt::Implausible { what: "N·m of Coulomb friction", value: coulomb.value })
-    } else if viscous.value < 0.0 {
-        Err(Doubt::Implausible { what: "N·m·s/rad of viscous friction", value: viscous.value })
-    } else {
-        Ok([coulomb, viscous])
-    };
+    let found = LeastSquares::new(&moving);
+    let gain = found.gain(load_range);
+    let friction = found.friction(gain.is_ok());
     #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
-    let residual = (squares / moving.len() as f64).sqrt();
+    let residual = (found.squares / moving.len() as f64).sqrt();
     Fit { gain, friction, load_range, residual, readings: moving.len() }
+}
+
+type Square = SMatrix<f64, COLUMNS, COLUMNS>;
+type Row = SVector<f64, COLUMNS>;
+
+/// A row of the regressor: load, direction, velocity, weights.
+fn row(reading: &Reading) -> Row {
+    let mut row = Row::zeros();
+    (row[0], row[1], row[2]) = (reading.load, reading.velocity.signum(), reading.velocity);
+    row.as_mut_slice()[3..].copy_from_slice(&reading.weights);
+    row
+}
+
+/// The solution for 1 / gain, Coulomb and viscous friction and the shares of the weights, all over the gain.
+struct LeastSquares {
+    /// Columns of the regressor were multiplied by these: to the same size, so that units do not matter.
+    scale: Row,
+    solution: Row,
+    covariance: Square,
+    /// Sum of the squared residuals.
+    squares: f64,
+}
+
+impl LeastSquares {
+    fn new(moving: &[&Reading]) -> Self {
+        let mut scale = Row::zeros();
+        for r in moving {
+            scale += row(r).map(|value| value * value);
+        }
+        let scale = scale.map(|sum| if sum > 0.0 { 1.0 / sum.sqrt() } else { 0.0 });
+        let (mut gram, mut right) = (Square::zeros(), Row::zeros());
+        for r in moving {
+            let row = row(r).component_mul(&scale);
+            gram += row * row.transpose();
+            right += row * r.torque;
+        }
+        let eigen = SymmetricEigen::new(gram);
+        let least = RANK * eigen.eigenvalues.max();
+        let inverse = eigen.eigenvalues.map(|value| if value > least { 1.0 / value } else { 0.0 });
+        let bread = eigen.eigenvectors * Square::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+        let solution = bread * right;
+        let (mut meat, mut score, mut squares) = (Square::zeros(), Row::zeros(), 0.0);
+        let mut clusters = 0_u32;
+        for (index, r) in moving.iter().enumerate() {
+            let row = row(r).component_mul(&scale);
+            let rest = r.torque - row.dot(&solution);
+            squares += rest * rest;
+            score += row * rest;
+            if moving.get(index + 1).is_none_or(|next| next.motion != r.motion) {
+                meat += score * score.transpose();
+                score = Row::zeros();
+                clusters += 1;
+            }
+        }
+        let clusters = f64::from(clusters);
+        let spread = if clusters > 1.0 { clusters / (clusters - 1.0) } else { f64::INFINITY };
+        Self { scale, solution, covariance: bread * meat * bread * spread, squares }
+    }
+
+    fn value(&self, i: usize) -> f64 {
+        self.solution[i] * self.scale[i]
+    }
+
+    fn variance(&self, i: usize, j: usize) -> f64 {
+        self.covariance[(i, j)] * self.scale[i] * self.scale[j]
+    }
+
+    fn gain(&self, load_range: f64) -> Result<Estimate, Doubt> {
+        let inverse_gain = self.value(0);
+        let relative =
+            if load_range > 0.0 { self.variance(0, 0).sqrt() / inverse_gain.abs() } else { f64::INFINITY };
+        if relative.is_nan() || relative > MAX_DEVIATION {
+            Err(Doubt::Unloaded { load_range, deviation: relative })
+        } else if !BELIEVED.contains(&(1.0 / inverse_gain)) {
+            Err(Doubt::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })
+        } else {
+            Ok(Estimate { value: 1.0 / inverse_gain, deviation: relative / inverse_gain })
+        }
+    }
+
+    /// In N·m if the gain is known, else in told torque.
+    fn friction(&self, gain_is_known: bool) -> Result<[Estimate; 2], Doubt> {
+        let inverse_gain = self.value(0);
+        let estimate = |i: usize| {
+            if !gain_is_known {
+                return Estimate { value: self.value(i), deviation: self.variance(i, i).sqrt() };
+            }
+            let ratio = self.value(i) / inverse_gain;
+            let square =
+                self.variance(i, i) - 2.0 * ratio * self.variance(0, i) + ratio * ratio * self.variance(0, 0);
+            Estimate { value: ratio, deviation: square.max(0.0).sqrt() / inverse_gain }
+        };
+        let [coulomb, mut viscous] = [estimate(1), estimate(2)];
+        // Not significantly different from 0.
+        if viscous.value < 0.0 && viscous.value > -3.0 * viscous.deviation {
+            viscous.value = 0.0;
+        }
+        if coulomb.value < 0.0 {
+            Err(Doubt::Implausible { what: "N·m of Coulomb friction", value: coulomb.value })
+        } else if viscous.value < 0.0 {
+            Err(Doubt::Implausible { what: "N·m·s/rad of viscous friction", value: viscous.value })
+        } else {
+            Ok([coulomb, viscous])
+        }
+    }
 }
 
 #[cfg(test)]
@@ -198,8 +234,8 @@ mod tests {
 
     type Row = (usize, [f64; 5]);
 
-    /// Readings, and gain, Coulomb and viscous friction with their deviations, residual and number of readings from
-    /// `tests/oracles/identify.py`.
+    /// Readings, and gain, Coulomb and viscous friction with their deviations, residual and number of
+    /// readings from `tests/oracles/identify.py`.
     const ORACLE: (&[Row], [(f64, f64); 3], f64, usize) = include!("../../../tests/oracles/data/identify.in");
 
     fn readings() -> Vec<Reading> {

@@ -156,7 +156,8 @@ impl Key {
         }
     }
 
-    /// The selection after this key among `joints` joints: from none, down goes to the first and up to the last.
+    /// The selection after this key among `joints` joints: from none, down goes to the first and up to the
+    /// last.
     #[must_use]
     pub fn select(self, selected: Option<usize>, joints: usize) -> Option<usize> {
         let last = joints.checked_sub(1)?;

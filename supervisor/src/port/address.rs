@@ -96,7 +96,8 @@ impl FromStr for Address {
                 .then(|| Self::Tcp(host.to_owned()))
                 .ok_or_else(|| AddressError::NotHostAndPort(text.to_owned()));
         }
-        // A bare word is more often a slip than a file in the current directory, which can be written `./word`.
+        // A bare word is more often a slip than a file in the current directory, which can be written
+        // `./word`.
         if (text.contains(['/', '\\']) && !text.contains("://")) || is_com_port(text) {
             return Ok(Self::Path(text.into()));
         }

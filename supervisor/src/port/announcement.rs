@@ -7,9 +7,10 @@ use super::{Address, Found};
 
 /// A simulated board's note that it is there, for as long as this value lives.
 ///
-/// One file `<pid>-<name>` in `$XDG_RUNTIME_DIR/tesaki`, or else `/tmp/tesaki-<uid>`: the address in its first line,
-/// a description in its second. The file is locked as long as its writer runs; so a file left by a crash is told
-/// from a live one even when the process id has been given away again, or means nothing in another container.
+/// One file `<pid>-<name>` in `$XDG_RUNTIME_DIR/tesaki`, or else `/tmp/tesaki-<uid>`: the address in its
+/// first line, a description in its second. The file is locked as long as its writer runs; so a file left by
+/// a crash is told from a live one even when the process id has been given away again, or means nothing in
+/// another container.
 #[derive(Debug)]
 pub struct Announcement {
     path: PathBuf,
@@ -39,7 +40,8 @@ impl Announcement {
         }
         let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric() && letter != '-', "_");
         let path = folder.join(format!("{}-{name}", std::process::id()));
-        // Renamed only when locked and complete, so that nobody finds it unlocked and takes it for a left-over.
+        // Renamed only when locked and complete, so that nobody finds it unlocked and takes it for a
+        // left-over.
         let draft = folder.join(format!(".{}-{name}", std::process::id()));
         let mut file = File::create(&draft)?;
         file.try_lock()?;

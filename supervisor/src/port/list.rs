@@ -14,12 +14,13 @@ pub struct Found {
     pub description: String,
     /// Announced by a simulator.
     pub simulated: bool,
-    /// Whether [`Address::Auto`] may choose it: USB ports and simulated boards. A built-in port may have anything
-    /// at its other end, and nearly every PC has one.
+    /// Whether [`Address::Auto`] may choose it: USB ports and simulated boards. A built-in port may have
+    /// anything at its other end, and nearly every PC has one.
     pub automatic: bool,
 }
 
-/// All ports at which a board may answer: serial ports, USB first, then simulated boards that announced themselves.
+/// All ports at which a board may answer: serial ports, USB first, then simulated boards that announced
+/// themselves.
 pub fn list() -> Vec<Found> {
     let mut found = serial_ports();
     found.sort_by_key(|found| (!found.automatic, found.address.to_string()));
@@ -57,16 +58,18 @@ fn describe(path: &str, port: &SerialPortType) -> Option<Found> {
     Some(Found { address: Address::Path(path.into()), description, simulated: false, automatic })
 }
 
-/// Whether there is hardware behind a built-in port. Linux makes a fixed number of `/dev/ttyS*`; those without a
-/// UART have type 0, `PORT_UNKNOWN`. Other kinds of port have no such file and exist only with their hardware.
+/// Whether there is hardware behind a built-in port. Linux makes a fixed number of `/dev/ttyS*`; those
+/// without a UART have type 0, `PORT_UNKNOWN`. Other kinds of port have no such file and exist only with
+/// their hardware.
 fn has_uart(path: &Path) -> bool {
     path.file_name()
         .and_then(|name| fs::read_to_string(Path::new("/sys/class/tty").join(name).join("type")).ok())
         .is_none_or(|kind| kind.trim() != "0")
 }
 
-/// How long a USB serial adapter keeps received bytes before it passes them on, in ms: FTDI's chips wait 16 ms unless
-/// told otherwise, which is most of a request's round trip. `None` for adapters (and systems) that do not say.
+/// How long a USB serial adapter keeps received bytes before it passes them on, in ms: FTDI's chips wait 16
+/// ms unless told otherwise, which is most of a request's round trip. `None` for adapters (and systems) that
+/// do not say.
 pub fn latency_timer(path: &Path) -> Option<u32> {
     latency_timer_in(Path::new("/sys/bus/usb-serial/devices"), path)
 }

@@ -11,8 +11,8 @@ const RETRY: Duration = Duration::from_millis(100);
 
 /// A link that survives unplugging and plugging in again, or a simulator's restart.
 ///
-/// It never fails: while the port is away, nothing is received, and what is sent is lost and counted, as on a bad
-/// wire. [`Address::Auto`] is looked up anew each time, as an adapter may come back under another number.
+/// It never fails: while the port is away, nothing is received, and what is sent is lost and counted, as on a
+/// bad wire. [`Address::Auto`] is looked up anew each time, as an adapter may come back under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,
@@ -143,7 +143,8 @@ mod tests {
 
         drop((peer, listener));
         fs::remove_file(&path).unwrap();
-        // The deadline holds although the next try comes later. The best of a few, as the machine may be busy.
+        // The deadline holds although the next try comes later. The best of a few, as the machine may be
+        // busy.
         let waited = (0..4).map(|_| {
             let start = Instant::now();
             assert_eq!(link.receive(&mut buffer, within(20)).unwrap(), 0);

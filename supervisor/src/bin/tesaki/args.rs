@@ -101,7 +101,8 @@ pub enum Command {
     Home(Home),
     /// Take what the force sensors of the tips read now for nothing: when nothing touches them
     Tare,
-    /// Read the joints' state, or a parameter of the model such as safety.command_timeout or joints.NAME.limits
+    /// Read the joints' state, or a parameter of the model such as safety.command_timeout or
+    /// joints.NAME.limits
     Read {
         /// The parameter; `model` for all of them
         path: Option<String>,
@@ -119,7 +120,8 @@ pub enum Command {
         #[command(subcommand)]
         command: ModelCommand,
     },
-    /// Compute kinematics of a robot's tips, or the least grip of contacts, for every row of a table, without a board
+    /// Compute kinematics of a robot's tips, or the least grip of contacts, for every row of a table, without
+    /// a board
     #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|grip")]
     Eval(Eval),
     /// Read the faults since power-on

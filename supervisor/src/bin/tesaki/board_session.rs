@@ -82,7 +82,8 @@ impl BoardSession {
         })
     }
 
-    /// Sends a model, and waits a moment for the sensors to be read with it, so that the next command finds them.
+    /// Sends a model, and waits a moment for the sensors to be read with it, so that the next command finds
+    /// them.
     pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
         self.board.push_model(model)?;
         let before = self.board.status()?.node.tick;
@@ -107,8 +108,8 @@ impl BoardSession {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
     }
 
-    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us. Says
-    /// whether it answered.
+    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us.
+    /// Says whether it answered.
     pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
         self.board.set_timeout(Duration::from_millis(200));
         let mut ask = || {

@@ -1,4 +1,5 @@
-//! `eval`: the control core's kinematics and dynamics of any robot, and its least grip, for every row of a table.
+//! `eval`: the control core's kinematics and dynamics of any robot, and its least grip, for every row of a
+//! table.
 
 mod contacts;
 mod dynamics;
@@ -152,7 +153,8 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
     }
 }
 
-/// Writes the results and tells what was done: on standard error when the results themselves go to standard output.
+/// Writes the results and tells what was done: on standard error when the results themselves go to standard
+/// output.
 fn finish(
     options: &Options,
     path: &Path,

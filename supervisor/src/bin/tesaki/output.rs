@@ -22,8 +22,8 @@ pub fn result<T: Serialize>(
     }
 }
 
-/// The value for JSON, with the shortest digits that mean its numbers. (`json!` alone would print those of their double
-/// precision.)
+/// The value for JSON, with the shortest digits that mean its numbers. (`json!` alone would print those of
+/// their double precision.)
 pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
     serde_json::to_string(value).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
 }
@@ -56,7 +56,8 @@ pub fn notice(options: &Options, text: &str) {
     }
 }
 
-/// A line that is written anew again and again on a terminal, and now and then elsewhere; silent for programs.
+/// A line that is written anew again and again on a terminal, and now and then elsewhere; silent for
+/// programs.
 pub struct Live {
     every: Option<Duration>,
     overwrites: bool,

@@ -168,7 +168,8 @@ struct Log {
 }
 
 impl Log {
-    /// What made the recording, the model if there is one, the state: all that a node needs that is as after power-on.
+    /// What made the recording, the model if there is one, the state: all that a node needs that is as after
+    /// power-on.
     fn begin(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let (identity, unix_time) = (session.identity, since.as_secs());
@@ -214,8 +215,8 @@ impl Log {
         self.model.as_ref().map(|(robot, _)| robot)
     }
 
-    /// Entries are missing, or the board was reset: what follows cannot be repeated without its state, and its model
-    /// when that is another.
+    /// Entries are missing, or the board was reset: what follows cannot be repeated without its state, and
+    /// its model when that is another.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
         self.lost += u64::from(missing);

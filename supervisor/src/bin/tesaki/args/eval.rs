@@ -89,7 +89,8 @@ pub struct Kinematics {
     /// The link where the chains start and whose frame is used; without it the robot's base
     #[arg(long, value_name = "LINK")]
     pub base: Option<String>,
-    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw; more below for some; - reads stdin
+    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw; more
+    /// below for some; - reads stdin
     #[arg(long = "in", value_name = "CSV")]
     pub input: PathBuf,
     /// Where the results go; - writes to stdout

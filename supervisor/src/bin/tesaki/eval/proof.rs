@@ -5,8 +5,8 @@ use nalgebra::{Vector3, Vector6};
 use super::contacts::Grasp;
 use crate::args::Grip;
 
-/// Whether the load has more power against `twist`, about the contacts' centroid, than any forces inside their cones and
-/// limits have: then none of them hold it.
+/// Whether the load has more power against `twist`, about the contacts' centroid, than any forces inside
+/// their cones and limits have: then none of them hold it.
 pub fn holds(asked: &Grip, grasp: &Grasp, twist: &Vector6<f32>) -> bool {
     let halves = |six: &Vector6<f32>| {
         let six = six.cast::<f64>();
@@ -60,7 +60,8 @@ mod tests {
         assert!(proves(up, 16.001, 0.2) && !proves(up, 15.999, 0.2));
         assert!(!proves(up.map(|value| -value), 30.0, 0.0));
         assert!(!proves([0.0; 6], 30.0, 0.0) && !proves([f32::NAN; 6], 30.0, 0.0));
-        // A turn about the line of the fingers, which they do not resist, proves nothing of a load without that moment.
+        // A turn about the line of the fingers, which they do not resist, proves nothing of a load without
+        // that moment.
         assert!(!proves([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], 30.0, 0.0));
     }
 }
