@@ -152,7 +152,9 @@ fn firmware_lints(compiler: ArmCompiler) -> Result<()> {
 fn documentation() -> Result<()> {
     // Libraries: the page of the program `tesaki` would overwrite that of the control core.
     let mut doc = cargo(&["doc", "--no-deps", "--lib"]);
-    tools::run(doc.args(HOST).env("RUSTDOCFLAGS", "-D warnings"))
+    // Units stand in brackets, `[rad]`, which rustdoc takes for links.
+    let flags = "-D warnings -A rustdoc::broken_intra_doc_links";
+    tools::run(doc.args(HOST).env("RUSTDOCFLAGS", flags))
 }
 
 /// What `deny.toml` says. The advisories only where their database can be fetched.
