@@ -1,5 +1,5 @@
-//! `cargo xtask bench`: executed instructions on the emulated Cortex-M4F (exact and repeatable), and the speed of the
-//! simulation on this machine (not repeatable, so never a test). Recorded results are kept in
+//! `cargo xtask bench`: executed instructions on the emulated Cortex-M4F (exact and repeatable), and the
+//! speed of the simulation on this machine (not repeatable, so never a test). Recorded results are kept in
 //! `docs/benchmarks.jsonl`.
 
 use std::collections::BTreeMap;

@@ -49,8 +49,8 @@ pub fn run() -> Result<()> {
     report(&image, host_sim)
 }
 
-/// Prints what the image takes, and checks it against the limits. The stack is measured with `host_sim`: the image paints it at boot and tells how far it was
-/// used.
+/// Prints what the image takes, and checks it against the limits. The stack is measured with `host_sim`: the
+/// image paints it at boot and tells how far it was used.
 pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
     let footprint = Footprint::of(image)?;
     footprint.print();

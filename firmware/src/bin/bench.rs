@@ -257,7 +257,9 @@ fn main() -> ! {
     tick(&mut watch, first, "node_tick_9_pid", ServoMode::Pid);
     tick(&mut watch, second, "node_tick_9_observer", ServoMode::Observer);
     debug::exit(debug::EXIT_SUCCESS);
-    loop {}
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 /// The first `count` of six contacts of a hand whose tips have moved by `x`, the grasp map included.

@@ -44,7 +44,9 @@ fn main() -> ! {
         }
     };
     debug::exit(if passed { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
-    loop {}
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 enum Failure {

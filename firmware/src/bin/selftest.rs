@@ -14,6 +14,9 @@ use tesaki_firmware::{retained, stack};
 
 mod support;
 
+/// What is tested, and whether it passes.
+type Test = (&'static str, fn() -> bool);
+
 #[entry]
 fn main() -> ! {
     stack::paint();
@@ -34,7 +37,7 @@ fn main() -> ! {
         );
         SCB::sys_reset();
     }
-    let tests: &[(&str, fn() -> bool)] = &[
+    let tests: &[Test] = &[
         ("faults survive a reset", faults_survive),
         ("the last words survive a reset, cut to what fits, and are told once", last_words_survive),
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
@@ -53,7 +56,9 @@ fn main() -> ! {
     }
     hprintln!("{} passed, {} failed", tests.len() - failed, failed);
     debug::exit(if failed == 0 { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
-    loop {}
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 fn fault(cause: FaultCause, joint: Option<u8>, value: f32) -> Fault {

@@ -10,7 +10,8 @@ use serde_json::{Map, Value};
 use super::record::{Machine, Metric, Sweep};
 use super::set::Set;
 
-/// One run: the line that `host-sim run --json` prints, with the commit that was run where a sweep has added it.
+/// One run: the line that `host-sim run --json` prints, with the commit that was run where a sweep has added
+/// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
     /// The scenario's name.
@@ -61,7 +62,8 @@ impl Run {
         }
     }
 
-    /// What was measured, in the scenario's order: what it is, its value to six digits, whether it keeps its limit.
+    /// What was measured, in the scenario's order: what it is, its value to six digits, whether it keeps its
+    /// limit.
     ///
     /// # Errors
     /// When the run has a metric of another shape.
@@ -82,7 +84,8 @@ fn six_digits(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
-/// Reads runs, one a line. A file without a line is one that is still being written: returned for the caller to tell.
+/// Reads runs, one a line. A file without a line is one that is still being written: returned for the caller
+/// to tell.
 ///
 /// # Errors
 /// When a file cannot be read or a line is something else.
@@ -102,8 +105,8 @@ pub fn read(files: &[PathBuf]) -> Result<(Vec<Run>, Vec<&Path>)> {
     Ok((runs, empty))
 }
 
-/// Adds runs to the sweeps in `folder` and writes these. Runs of the recorded commit are added to its machines; runs of
-/// another commit replace the sweep. Returns a line a sweep, for people.
+/// Adds runs to the sweeps in `folder` and writes these. Runs of the recorded commit are added to its
+/// machines; runs of another commit replace the sweep. Returns a line a sweep, for people.
 ///
 /// # Errors
 /// When runs contradict each other, lack their commit, or are none that a sweep has.
@@ -225,7 +228,8 @@ pub mod fixtures {
         let pass = value <= 1.0;
         let line = format!(
             r#"{{"scenario":"arm","controller":"native","seed":{seed},"ticks":9,"frames_sha256":"{digest}",
-                "metrics":{{"error":{{"value":{value},"unit":"mm","limit":1.0,"pass":{pass}}}}},"pass":{pass}}}"#
+                "metrics":{{"error":{{"value":{value},"unit":"mm","limit":1.0,"pass":{pass}}}}},
+                "pass":{pass}}}"#
         );
         serde_json::from_str(&line).expect("a run")
     }

@@ -1,4 +1,5 @@
-//! `cargo xtask sweep`: every scenario on many machines, its results kept with the commit that they belong to.
+//! `cargo xtask sweep`: every scenario on many machines, its results kept with the commit that they belong
+//! to.
 
 mod check;
 mod merge;
@@ -71,7 +72,8 @@ struct SweepOptions {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Record runs: files with the lines of `host-sim run --json`, or the parts of a sweep; a seed tells its set
+    /// Record runs: files with the lines of `host-sim run --json`, or the parts of a sweep; a seed tells its
+    /// set
     Merge {
         /// Files with one JSON object a line
         #[arg(required = true)]

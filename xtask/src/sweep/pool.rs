@@ -54,7 +54,8 @@ impl Simulator {
         let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);
         if text.trim().is_empty() {
-            // Only an error of the scenario is a result of the machine: not a wrong command line, nor a signal.
+            // Only an error of the scenario is a result of the machine: not a wrong command line, nor a
+            // signal.
             let error = String::from_utf8_lossy(&output.stderr).trim().to_owned();
             let told = error.strip_prefix("host-sim: ");
             let told = told.with_context(|| format!("{scenario}, seed {seed}: {} {error}", output.status))?;
@@ -64,7 +65,8 @@ impl Simulator {
         serde_json::from_value(line).with_context(|| format!("{scenario}, seed {seed}: {text}"))
     }
 
-    /// Runs all `(scenario, seed)` on `jobs` cores; `done` is called with each result as it comes, in any order.
+    /// Runs all `(scenario, seed)` on `jobs` cores; `done` is called with each result as it comes, in any
+    /// order.
     ///
     /// # Errors
     /// When the simulator cannot be run, or `done` fails. Runs that have begun end first.

@@ -4,8 +4,9 @@ use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Evaluation machines that somebody has looked into, in the order in which that happened. Each is a development machine
-/// from then on, and the first seed behind the set that is still free takes its place: 1101, 1102, …
+/// Evaluation machines that somebody has looked into, in the order in which that happened. Each is a
+/// development machine from then on, and the first seed behind the set that is still free takes its place:
+/// 1101, 1102, …
 const LOOKED_INTO: &[u64] = &[];
 
 const FIRST_EVALUATION: u64 = 1001;

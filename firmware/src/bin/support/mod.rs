@@ -13,7 +13,9 @@ use tesaki::model::{
 fn panic(info: &PanicInfo<'_>) -> ! {
     hprintln!("panicked: {}", info);
     debug::exit(debug::EXIT_FAILURE);
-    loop {}
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 /// A joint of ordinary values; axes alternate.
@@ -22,7 +24,7 @@ pub fn joint(index: usize) -> JointModel {
     JointModel {
         name: NAMES[index].try_into().expect("short"),
         origin: Pose { translation: [0.01, 0.0, 0.04], ..Pose::IDENTITY },
-        axis: if index % 3 == 0 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
+        axis: if index.is_multiple_of(3) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
         link: Inertial {
             mass: 0.02,
             center_of_mass: [0.0, 0.0, 0.02],
