@@ -105,7 +105,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         match &mut self.control {
             Control::One(board) => {
                 board.tare().unwrap();
-                board.arm(TaskConfig::Grasping(())).unwrap();
+                board.enable(TaskConfig::Grasping(())).unwrap();
             }
             Control::Three(hand) => {
                 hand.tare().unwrap();
