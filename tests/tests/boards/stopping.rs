@@ -63,7 +63,7 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
             "{case}: {moved} m, {normals:?} N"
         );
     }
-    assert!(matches!(rig.hand().step(), Err(HandError::NotArmed)));
+    assert!(matches!(rig.hand().step(), Err(HandError::NotEnabled)));
 }
 
 #[test]
