@@ -11,7 +11,7 @@ fn workspace() -> PathBuf {
 
 /// Exit code and all that was printed.
 fn check(arguments: &[&str], robot: &Path) -> (i32, String) {
-    let mut command = tesaki_tests::tesaki();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
     let output = command.args(arguments).args(["model", "check"]).arg(robot).output().unwrap();
     let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
     (output.status.code().unwrap(), text)

@@ -13,7 +13,6 @@ use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status};
 use tesaki::task::TaskConfig;
-use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};

@@ -177,7 +177,7 @@ fn impedance_control_needs_an_arm_valid_settings_and_a_tared_sensor() {
 
 #[test]
 fn without_a_force_sensor_the_motors_tell_the_force() {
-    let mut bench = self::bench(&arm7());
+    let mut bench = bench(&arm7());
     assert_eq!(refusal(bench.ask(enable(SOFT))), refused(ImpedanceRefusal::NoForceSensor));
     let fast = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
     assert_eq!(

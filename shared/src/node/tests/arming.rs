@@ -3,7 +3,6 @@
 use heapless::Vec;
 
 use super::bench::{Bench, model, refusal};
-use crate::control::ServoMode;
 use crate::fault::FaultCause;
 use crate::protocol::{Mode, Refusal, Reply, Request, SCHEMA_KEY};
 use crate::task::TaskKind;
