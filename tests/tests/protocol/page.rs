@@ -87,8 +87,8 @@ fn the_page_is_about_this_version_of_the_messages() {
     let key = format!("`{SCHEMA_KEY:016x}`");
     assert!(
         PAGE.contains(&key),
-        "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write the \
-         key {key} there"
+        "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write \
+         the key {key} there"
     );
     let tables = tables();
     for variants in [
