@@ -389,9 +389,9 @@ class Board:
     def hello(self):
         """Agrees with the board on the schema.
 
-        The key is taken from the board: the first hello carries 0, the second what the first reply held. This
-        client thus claims to fit any board. A real one carries the key for which it was written and stops when
-        the board's differs.
+        The key is taken from the board: the first hello carries 0, the second what the first reply held. So
+        this client claims to fit any board. A real one carries the key for which it was written and stops
+        when the board's differs.
         """
         schema = self.ask(HELLO, varint(0))["schema"]
         return self.ask(HELLO, varint(schema))

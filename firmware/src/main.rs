@@ -10,6 +10,7 @@ use stm32f4xx_hal::pac;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
+    use heapless::Vec;
     use heapless::spsc::{Consumer, Producer, Queue};
     use tesaki::node::Node;
     use tesaki::protocol::{
@@ -207,33 +208,24 @@ mod app {
                 rtic::pend(Interrupt::USART1);
             }
         }
-        let (tick, telemetry, tips, grasp, arm, status_due, index) = cx.shared.node.lock(|node| {
-            let telemetry = node.is_due(Stream::Telemetry).then(|| node.telemetry());
-            let tips = node.is_due(Stream::Tips).then(|| node.tips());
-            let grasp = node.is_due(Stream::Grasp).then(|| node.grasp());
-            let arm = if node.is_due(Stream::Arm) { node.tool() } else { None };
-            (node.last_tick(), telemetry, tips, grasp, arm, node.is_due(Stream::Status), node.records())
+        if cx.shared.node.lock(|node| node.is_due(Stream::Status)) {
+            let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
+            refresh(status, link, plant);
+        }
+        // All of one tick, and each tick once.
+        let told = &mut *cx.local.told;
+        let (messages, index) = cx.shared.node.lock(|node| {
+            let mut messages = Vec::<FromBoard, { Stream::ALL.len() }>::new();
+            if told.replace(node.last_tick()) != Some(node.last_tick()) {
+                for message in Stream::ALL.into_iter().filter_map(|stream| node.due(stream, status)) {
+                    // Cannot fail: there is a place for each stream.
+                    let _ = messages.push(message);
+                }
+            }
+            (messages, node.records())
         });
         send_ticks(link, ticks, index);
-        if cx.local.told.replace(tick) != Some(tick) {
-            if let Some(telemetry) = telemetry {
-                link.send(&FromBoard::Telemetry(telemetry));
-            }
-            if let Some(tips) = tips {
-                link.send(&FromBoard::Tips(tips));
-            }
-            if let Some(grasp) = grasp {
-                link.send(&FromBoard::Grasp(grasp));
-            }
-            if let Some(arm) = arm {
-                link.send(&FromBoard::Arm(arm));
-            }
-            if status_due {
-                let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
-                refresh(status, link, plant);
-                link.send(&FromBoard::Status(cx.shared.node.lock(|node| node.status(status))));
-            }
-        }
+        messages.iter().for_each(|message| link.send(message));
         rtic::pend(Interrupt::USART1);
     }
 

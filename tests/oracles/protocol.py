@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Golden frames: every message of docs/protocol.md, written by hand-made COBS and postcard and by zlib's CRC-32."""
+"""Golden frames: every message of docs/protocol.md, by hand-made COBS and postcard and zlib's CRC-32."""
 
 import zlib
 
@@ -8,13 +8,13 @@ from protocol_encoding import (
     blob, boolean, byte, frame, option, real, reals, sequence, uint,
 )
 from protocol_parts import (
-    ARM_ANGLE, BOX, CLEAR_FAULTS, CLIENT, DISABLE, DISABLED, ENABLE, EXPORT, FAILURES, FAULT, FINGER, FIRMWARE,
-    GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
-    JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT, NO_GRASP,
-    NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK, RELEASE_COMMAND, SCHEMA,
-    SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, YIELDING, actuators, board_status, by_wrench,
-    differential, enabled, fault, frame_counts, goal, grasp, impedance, joints, model, node_status, observer, plan,
-    reply, request, sensors, settings, target, telemetry,
+    ARM_ANGLE, BOX, CLEAR_FAULTS, CLIENT, DISABLE, DISABLED, ENABLE, EXPORT, FAILURES, FAULT, FINGER,
+    FIRMWARE, GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
+    JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT,
+    NO_GRASP, NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK,
+    RELEASE_COMMAND, SCHEMA, SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, YIELDING,
+    actuators, board_status, by_wrench, differential, enabled, fault, frame_counts, goal, grasp, impedance,
+    joints, model, node_status, observer, plan, reply, request, sensors, settings, target, telemetry,
 )
 
 COLUMNS = """
@@ -29,7 +29,7 @@ def golden(name, message):
     LINES.append((name, frame(message)))
 
 
-# ---- the session of the page ----------------------------------------------------------------------------------------
+# ---- the session of the page -------------------------------------------------------------------------------
 
 
 def session():
@@ -65,7 +65,7 @@ def session():
     step(14, "release-command", RELEASE_COMMAND, done, 3)
 
 
-# ---- one of each ----------------------------------------------------------------------------------------------------
+# ---- one of each -------------------------------------------------------------------------------------------
 
 
 def requests():
@@ -123,7 +123,8 @@ def joint_servo():
 
 def grasping():
     command = TASK + GRASPING
-    least, normal, pairwise = uint(0) + reals([0.2, 0.3, 1.0]), uint(1) + real(2.0), uint(2) + reals([0.5, 1.0, 1.5])
+    least, normal = uint(0) + reals([0.2, 0.3, 1.0]), uint(1) + real(2.0)
+    pairwise = uint(2) + reals([0.5, 1.0, 1.5])
     by_gains = by_wrench([150.0, 300.0], [0.5, 1.0], 0.03125, False)
     lowest = ([LOWEST] * 3, [LOWEST] * 3)
     longest = by_wrench([LOWEST] * 2, [LOWEST] * 2, LOWEST, True)
@@ -145,8 +146,11 @@ def impedance_control():
     direct = settings(*YIELDING, 0, LEAST_MOTION, 12.0, SENSOR, 1.5, [0.25, 1.5])
     driven = settings(*YIELDING, 1, uint(1) + byte(2), 12.0, SENSOR, 1.5, [0.25, 1.5])
     observed = settings(*YIELDING, 1, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5])
-    longest = settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST, [LOWEST] * 2)
+    lowest = [LOWEST] * 6
+    longest = settings(lowest, lowest, lowest, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST,
+                       lowest[:2])
     enable, configure = ENABLE + IMPEDANCE, TASK + IMPEDANCE + uint(1)
+    position, rotation = [0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0]
     velocity = [0.125, 0.0, 0.0, 0.0, 0.0, 0.5]
     return {
         "enable-impedance": enable + yielding,
@@ -159,8 +163,8 @@ def impedance_control():
         "impedance-configure-driven": configure + driven,
         "impedance-configure-observed": configure + observed,
         "impedance-configure-longest": configure + longest,
-        "impedance-target": target([0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], velocity, [0.0] * 6, [0.25, 0.0, 0.0]),
-        "impedance-target-longest": target([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, [LOWEST] * 3),
+        "impedance-target": target(position, rotation, velocity, [0.0] * 6, [0.25, 0.0, 0.0]),
+        "impedance-target-longest": target(lowest[:3], lowest[:4], lowest, lowest, lowest[:3]),
     }
 
 
@@ -241,17 +245,20 @@ def from_board():
     for name, status in statuses.items():
         golden("board-status-" + name, reply(9, 1234, uint(3) + status))
     golden("board-faults-none", reply(9, 1234, uint(4) + uint(0) + sequence([])))
-    first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause) for cause in range(16)]
+    first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause)
+             for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
     second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 25)]
     golden("board-faults-16-to-24", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
-    golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)))
+    exported = uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)
+    golden("board-exported", reply(9, 1234, exported))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
     golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
     streams()
     golden("board-stream-status", uint(2) + statuses["fault"])
     for number, (name, record) in enumerate(RECORDS.items()):
         golden("board-log-" + name, uint(3) + uint(2468 + number) + record)
+    golden("board-log-longest", uint(3) + uint(4294967295) + uint(1) + FULL_SENSORS)
 
 
 def streams():
@@ -274,7 +281,8 @@ def streams():
     holding = [[0.09, 0.0, 0.0625, 0.0, 0.375, 0.0, 0.927], [0.5, 0.0, 1.75, 0.0, -0.015625, 0.0],
                [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]], 0.4375]
     golden("board-task-grasping", uint(5) + task(1234, grasp(5, None, *holding, 300, False)))
-    longest = grasp(8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, [[LOWEST] * 3] * 3, LOWEST, 65535, True)
+    wanted = [[LOWEST] * 3] * 3
+    longest = grasp(8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, wanted, LOWEST, 65535, True)
     golden("board-task-grasping-longest", uint(5) + task(4294967295, longest))
     golden("board-read-task-grasping", reply(9, 1234, uint(7) + task(1234, grasp(0, None, *NO_GRASP))))
     for number, name in enumerate(PHASES):
@@ -292,6 +300,7 @@ def streams():
     golden("board-read-task-impedance", reply(9, 1234, uint(7) + task(1234, impedance(*pushed))))
 
 
+FULL_SENSORS = sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16, [[-2147483648] * 6] * 6)
 RECORDS = {
     "request": uint(0) + request(9, DISABLE),
     "sensors": uint(1) + sensors(1234, 1, 24000, [100, -100], [5, -5]),
@@ -307,8 +316,9 @@ def plant_link():
     golden("sensors", sensors(1234, 0, 24000, [100, -100, 0], [5, -5, 0]))
     golden("sensors-none", sensors(0, 0, 0, [], []))
     golden("sensors-emergency-stop", sensors(300, 1, 65535, [-2147483648, 2147483647], [-32768, 32767]))
-    golden("sensors-16", sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16, [[-2147483648] * 6] * 6))
-    golden("sensors-forces", sensors(1234, 0, 24000, [100], [5], [[1000, -1000, 0, 7, -7, 63], [0, 0, 0, 0, 0, 1]]))
+    golden("sensors-16", FULL_SENSORS)
+    forces = [[1000, -1000, 0, 7, -7, 63], [0, 0, 0, 0, 0, 1]]
+    golden("sensors-forces", sensors(1234, 0, 24000, [100], [5], forces))
     golden("actuators-off", actuators(1234, False, [0.0, 0.0, 0.0]))
     golden("actuators-on", actuators(300, True, [0.0, -0.25, 0.5]))
     golden("actuators-none", actuators(0, False, []))

@@ -25,12 +25,14 @@ def enabled(task):
 
 
 # Requests.
-(HELLO, DISABLE, STOP, TAKE_COMMAND, RELEASE_COMMAND, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT, HOME, TARE, ENABLE, TASK,
- KEEP, READ_TASK, READ_STATUS, READ_FAULTS, CLEAR_FAULTS, SET_RATE, EXPORT, READ_EXPORT) = map(uint, range(20))
+(HELLO, DISABLE, STOP, TAKE_COMMAND, RELEASE_COMMAND, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT, HOME, TARE,
+ ENABLE, TASK, KEEP, READ_TASK, READ_STATUS, READ_FAULTS, CLEAR_FAULTS, SET_RATE, EXPORT,
+ READ_EXPORT) = map(uint, range(20))
 
 
 def fault(cause, joint, value, limit, tick):
-    return uint(cause) + option(None if joint is None else byte(joint)) + real(value) + real(limit) + uint(tick)
+    joint = option(None if joint is None else byte(joint))
+    return uint(cause) + joint + real(value) + real(limit) + uint(tick)
 
 
 def frame_counts(good, overlong, framing, checksum, malformed):
@@ -87,7 +89,8 @@ def model(reaction):
         + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits
         + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
     )
-    tip = text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0) + option(None)
+    tip = (text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0)
+           + option(None))
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
     return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
 
@@ -107,9 +110,9 @@ def goal(positions):
 
 def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
     """`contacts`: positions and normals; the others as encoded or as numbers."""
+    friction = option(None if friction is None else real(friction))
     return (b"".join(reals(position) + reals(normal) for position, normal in contacts) + real(clearance)
-            + real(touch_force) + option(None if friction is None else real(friction)) + internal + real(force_limit)
-            + boolean(feedback) + control)
+            + real(touch_force) + friction + internal + real(force_limit) + boolean(feedback) + control)
 
 
 def differential(observer):
@@ -135,8 +138,8 @@ FAILURES = {
 
 def grasp(phase, failure, pose, load, wanted, friction, slips, overloaded):
     """What the supervisor sees of a grasp. `pose`: position and quaternion."""
-    return (GRASPING + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
-            + real(friction) + uint(slips) + boolean(overloaded))
+    return (GRASPING + uint(phase) + option(failure) + reals(pose) + reals(load)
+            + b"".join(map(reals, wanted)) + real(friction) + uint(slips) + boolean(overloaded))
 
 
 SENSOR = uint(0)
@@ -154,8 +157,8 @@ def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, 
 
 def target(position, rotation, velocity, acceleration, elbow):
     """A command of impedance control: the set-point of tool and elbow."""
-    return (TASK + IMPEDANCE + uint(0) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration)
-            + reals(elbow))
+    return (TASK + IMPEDANCE + uint(0) + reals(position) + reals(rotation) + reals(velocity)
+            + reals(acceleration) + reals(elbow))
 
 
 def impedance(position, rotation, error, wrench, contact, sigma_min, elbow):

@@ -6,7 +6,7 @@ use tesaki::control::{ImpedanceTerm, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::Reaction;
 use tesaki::node::Node;
-use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
+use tesaki::protocol::{FromBoard, LogRecord, Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
 use tesaki::robot::LimitRefusal;
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
@@ -37,6 +37,21 @@ fn blocks(kind: &str) -> Vec<&'static str> {
         }
     }
     lines
+}
+
+/// The tables of the page whose rows begin with a number and a name in code: those.
+fn tables() -> Vec<Vec<(usize, &'static str)>> {
+    let mut tables = vec![Vec::new()];
+    for line in PAGE.lines() {
+        let mut cells = line.split(" | ");
+        let number = cells.next().and_then(|cell| cell.strip_prefix("| ")?.parse().ok());
+        let name = cells.next().and_then(|cell| cell.strip_prefix('`')?.strip_suffix('`'));
+        match number.zip(name) {
+            Some(row) => tables.last_mut().unwrap().push(row),
+            None => tables.push(Vec::new()),
+        }
+    }
+    tables
 }
 
 #[test]
@@ -72,11 +87,15 @@ fn the_page_is_about_this_version_of_the_messages() {
     let key = format!("`{SCHEMA_KEY:016x}`");
     assert!(
         PAGE.contains(&key),
-        "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write the key \
-         {key} there"
+        "docs/protocol.md describes another version: bring it and oracles/protocol.py up to date, then write \
+         the key {key} there"
     );
+    let tables = tables();
     for variants in [
         Request::VARIANTS,
+        FromBoard::VARIANTS,
+        LogRecord::VARIANTS,
+        Reaction::VARIANTS,
         Reply::VARIANTS,
         Stream::VARIANTS,
         Mode::VARIANTS,
@@ -104,10 +123,9 @@ fn the_page_is_about_this_version_of_the_messages() {
         ImpedanceTerm::VARIANTS,
         SetpointError::VARIANTS,
     ] {
-        for (number, variant) in variants.iter().enumerate() {
-            let row = format!("| {number} | `{}` |", variant.rsplit(':').next().unwrap());
-            assert!(PAGE.contains(&row), "docs/protocol.md has no row {row:?}");
-        }
+        let variants = variants.iter().map(|variant| variant.rsplit(':').next().unwrap());
+        let rows: Vec<_> = variants.enumerate().collect();
+        assert!(tables.contains(&rows), "docs/protocol.md has no table of {rows:?}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use tesaki::fault::{Fault, FaultLog};
 use tesaki::protocol::{
-    FromBoard, JointTelemetry, LogEntry, Mode, Reply, TaskReport, Telemetry, TipTelemetry, Tips,
+    FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply, TaskReport, Telemetry, TipTelemetry, Tips,
 };
 use tesaki::task::grasping::{Failure, GraspTelemetry, Phase};
 use tesaki::task::impedance::ImpedanceTelemetry;
@@ -11,7 +11,8 @@ use tesaki::task::{TaskKind, TaskTelemetry};
 use super::message::Message;
 use super::messages::Messages;
 use super::values::{
-    CAUSES, FAILURES, HOLDING, IDENTITY, NO_GRASP, PHASES, PUSHED, SCHEMA, STATE, list, records, statuses,
+    CAUSES, FAILURES, HOLDING, IDENTITY, NO_GRASP, PHASES, PUSHED, SCHEMA, STATE, full_sensors, list,
+    records, statuses,
 };
 
 impl Messages {
@@ -139,5 +140,8 @@ impl Messages {
             );
             self.add(format!("record-{name}"), Message::Record(record));
         }
+        let record = LogRecord::Sensors(full_sensors());
+        let longest = FromBoard::Log(LogEntry { index: u32::MAX, record });
+        self.add("board-log-longest", Message::Board(longest));
     }
 }

@@ -11,7 +11,9 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal};
 
 use super::message::Message;
 use super::messages::Messages;
-use super::values::{CLIENT, IDENTITY, OBSERVER, SCHEMA, finger, list, quiet_board, sensor_frame};
+use super::values::{
+    CLIENT, IDENTITY, OBSERVER, SCHEMA, finger, full_sensors, list, quiet_board, sensor_frame,
+};
 
 impl Messages {
     pub fn plant_link(&mut self) {
@@ -20,8 +22,7 @@ impl Messages {
         sensors("-none", SensorFrame::default());
         let ends = sensor_frame(300, 1, u16::MAX, &[i32::MIN, i32::MAX], &[i16::MIN, i16::MAX]);
         sensors("-emergency-stop", ends);
-        let full = sensor_frame(u32::MAX, 255, u16::MAX, &[i32::MIN; 16], &[i16::MIN; 16]);
-        sensors("-16", SensorFrame { forces: list([[i32::MIN; 6]; 6]), ..full });
+        sensors("-16", full_sensors());
         let forces = list([[1000, -1000, 0, 7, -7, 63], [0, 0, 0, 0, 0, 1]]);
         sensors("-forces", SensorFrame { forces, ..sensor_frame(1234, 0, 24000, &[100], &[5]) });
         for tick in 1..=3 {

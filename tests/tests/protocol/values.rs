@@ -402,6 +402,12 @@ pub fn sensor_frame(
     SensorFrame { sequence, flags: SensorFlags(flags), supply, encoders, currents, forces: list([]) }
 }
 
+/// With the longest encoding.
+pub fn full_sensors() -> SensorFrame {
+    let full = sensor_frame(u32::MAX, 255, u16::MAX, &[i32::MIN; 16], &[i16::MIN; 16]);
+    SensorFrame { forces: list([[i32::MIN; 6]; 6]), ..full }
+}
+
 pub fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {
     let request = RequestFrame { client: CLIENT, sequence: 9, request: Request::Disable };
     let torques = list([0.25, -0.25]);

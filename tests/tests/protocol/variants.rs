@@ -33,7 +33,8 @@ pub trait Variants: Serialize {
 macro_rules! variants {
     ($($kind:ident { $($variant:ident),* $(,)? })*) => {
         $(impl Variants for $kind {
-            const VARIANTS: &'static [&'static str] = &[$(concat!(stringify!($kind), "::", stringify!($variant))),*];
+            const VARIANTS: &'static [&'static str] =
+                &[$(concat!(stringify!($kind), "::", stringify!($variant))),*];
             fn variant(&self) -> &'static str {
                 match self {
                     $(Self::$variant { .. } => concat!(stringify!($kind), "::", stringify!($variant)),)*
@@ -48,8 +49,8 @@ macro_rules! variants {
 
 variants! {
     Request {
-        Hello, Disable, Stop, TakeCommand, ReleaseCommand, ModelBegin, ModelChunk, ModelCommit, Home, Tare, Enable,
-        Task, Keep, ReadTask, ReadStatus, ReadFaults, ClearFaults, SetRate, Export, ReadExport,
+        Hello, Disable, Stop, TakeCommand, ReleaseCommand, ModelBegin, ModelChunk, ModelCommit, Home, Tare,
+        Enable, Task, Keep, ReadTask, ReadStatus, ReadFaults, ClearFaults, SetRate, Export, ReadExport,
     }
     Stream { Telemetry, Status, Log, Tips, Task }
     Item { Model, State }
@@ -83,9 +84,9 @@ variants! {
     FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }
     Refusal {
-        SchemaMismatch, WrongMode, Commanded, NotCommander, Stale, FaultsUnread, NoModel, Model, ModelTransfer,
-        ModelChecksum, ModelUnreadable, NoSensors, Unsafe, NotHomed, NoForceSensor, NotExported, Limit, NoTask,
-        OtherTask, Task,
+        SchemaMismatch, WrongMode, Commanded, NotCommander, Stale, FaultsUnread, NoModel, Model,
+        ModelTransfer, ModelChecksum, ModelUnreadable, NoSensors, Unsafe, NotHomed, NoForceSensor,
+        NotExported, Limit, NoTask, OtherTask, Task,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
