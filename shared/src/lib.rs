@@ -31,6 +31,10 @@
 //!
 //! *Configuration* (checked once by a `try_new`, immutable) and *state* are different types throughout. SI units;
 //! single precision; period [`TICK`].
+//!
+//! `examples/minimal_node.rs` is a node that moves one joint, in one file.
+//!
+#![doc = include_str!("papers.md")]
 
 #![cfg_attr(not(test), no_std)]
 

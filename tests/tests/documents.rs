@@ -1,0 +1,198 @@
+//! The documents name what there is: equations and the functions that compute them, faults and refusals, the example.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::collections::BTreeSet;
+use std::fs::read_to_string;
+use std::path::{Path, PathBuf};
+
+#[allow(dead_code, reason = "the example's `main`")]
+#[path = "../../shared/examples/minimal_node.rs"]
+mod minimal_node;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn document(name: &str) -> String {
+    read_to_string(root().join("docs").join(name)).unwrap()
+}
+
+/// The Rust files under a folder, with their text.
+fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    for entry in folder.read_dir().unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let text = read_to_string(&path).unwrap();
+            found.push((path, text));
+        }
+    }
+    found
+}
+
+/// The text between the first pair of backticks.
+fn quoted(text: &str) -> Option<&str> {
+    text.split('`').nth(1)
+}
+
+/// Whether `word` stands in `text` by itself.
+fn has_word(text: &str, word: &str) -> bool {
+    let part = |c: char| c.is_alphanumeric() || c == '_';
+    text.match_indices(word)
+        .any(|(at, _)| !text[..at].ends_with(part) && !text[at + word.len()..].starts_with(part))
+}
+
+#[test]
+fn every_function_of_the_equations_is_in_its_file() {
+    let page = document("equations.md");
+    let mut functions = 0;
+    for line in page.lines().filter(|line| line.contains("`tesaki::") && line.starts_with('|')) {
+        let [.., function, file, _] = line.split('|').collect::<Vec<_>>()[..] else { panic!("{line}") };
+        let (path, file) = (quoted(function).unwrap(), quoted(file).unwrap());
+        let text = read_to_string(root().join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let mut parts = path.rsplit("::");
+        let name = parts.next().unwrap();
+        let declared = ["(", "<"].iter().any(|next| text.contains(&format!("fn {name}{next}")));
+        assert!(declared, "docs/equations.md names `{path}`, but there is no `fn {name}` in {file}");
+        let owner = parts.next().unwrap();
+        if owner.starts_with(char::is_uppercase) {
+            assert!(has_word(&text, owner), "docs/equations.md names `{path}`, but {file} has no {owner}");
+        }
+        functions += 1;
+    }
+    assert!(functions >= 40, "only {functions} functions found");
+}
+
+#[test]
+fn every_numbered_equation_of_the_papers_has_a_row() {
+    let page = document("equations.md");
+    for (paper, count) in [("Hand3", 25), ("Arm7", 3), ("Hand5", 2), ("Knob", 2)] {
+        let (_, section) = page.split_once(&format!("\n## {paper}\n")).unwrap();
+        let section = section.split("\n## ").next().unwrap();
+        // The numbered ones stand in the section's first table.
+        let rows = section.lines().skip_while(|line| !line.starts_with("| eq.")).skip(2);
+        let numbers: BTreeSet<u32> = rows
+            .take_while(|line| line.starts_with('|'))
+            .map(|line| line.split('|').nth(1).unwrap().trim().parse().unwrap())
+            .collect();
+        assert_eq!(numbers, (1..=count).collect(), "{paper}");
+    }
+    // The two keys to the papers name the same ones.
+    let key = read_to_string(root().join("shared/src/papers.md")).unwrap();
+    for paper in ["Hand3", "Arm7", "Hand5", "Knob"] {
+        assert!(key.contains(&format!("| {paper} |")), "shared/src/papers.md has no {paper}");
+    }
+}
+
+/// The variants of an enumeration, in order.
+fn variants(source: &str, name: &str) -> Option<Vec<String>> {
+    let (_, body) = source.split_once(&format!("pub enum {name} {{\n"))?;
+    let (body, _) = body.split_once("\n}\n")?;
+    let variant = |line: &str| {
+        let line = line.strip_prefix("    ").filter(|line| line.starts_with(char::is_uppercase))?;
+        Some(line.split(|c: char| !c.is_alphanumeric()).next()?.to_owned())
+    };
+    Some(body.lines().filter_map(variant).collect())
+}
+
+/// What docs/troubleshooting.md says under the heading of an enumeration: the name of each entry, and its text.
+fn entries<'a>(page: &'a str, name: &str) -> Vec<(&'a str, &'a str)> {
+    let heading = page.lines().find(|line| line.starts_with("## ") && quoted(line) == Some(name));
+    let heading = heading.unwrap_or_else(|| panic!("docs/troubleshooting.md has no section for `{name}`"));
+    let section = page.split_once(heading).unwrap().1.split("\n## ").next().unwrap();
+    section.split("\n### ").skip(1).map(|entry| (quoted(entry).unwrap(), entry)).collect()
+}
+
+/// Sections of docs/troubleshooting.md: an entry for each variant.
+const EXPLAINED: &[&str] = &[
+    "FaultCause",
+    "Refusal",
+    "LimitRefusal",
+    "JointServoRefusal",
+    "GraspRefusal",
+    "InvalidPlan",
+    "ImpedanceRefusal",
+    "SetpointError",
+    "InvalidSettings",
+    "Problem",
+    "BoardError",
+];
+
+#[test]
+fn every_fault_and_every_refusal_has_an_entry_and_no_entry_is_about_another() {
+    let page = document("troubleshooting.md");
+    let sources = [sources(&root().join("shared/src")), sources(&root().join("supervisor/src"))].concat();
+    for name in EXPLAINED {
+        let found = sources.iter().find_map(|(_, text)| variants(text, name));
+        let variants = found.unwrap_or_else(|| panic!("no `pub enum {name}`"));
+        assert!(variants.len() >= 5, "{name}: {variants:?}");
+        let entries = entries(&page, name);
+        let names: Vec<_> = entries.iter().map(|(name, _)| *name).collect();
+        assert_eq!(names, variants, "docs/troubleshooting.md, section {name}");
+        for (entry, text) in entries {
+            // A heading, then what it means and what to do.
+            let words = text.lines().skip(1).flat_map(str::split_whitespace).count();
+            assert!(words >= 8, "docs/troubleshooting.md: {name}, {entry}: too short to help");
+        }
+    }
+    let sections = page.lines().filter_map(|line| quoted(line.strip_prefix("## ")?));
+    let sections: BTreeSet<_> = sections.collect();
+    assert_eq!(sections, EXPLAINED.iter().copied().collect());
+    for (number, cause) in
+        variants(&read_to_string(root().join("shared/src/fault.rs")).unwrap(), "FaultCause")
+            .unwrap()
+            .iter()
+            .enumerate()
+    {
+        let heading = format!("\n### Fault {number}: `{cause}`\n");
+        assert!(page.contains(&heading), "docs/troubleshooting.md has no heading {heading:?}");
+    }
+}
+
+/// A refusal of a new task is not forgotten: all of them implement `Concerns`.
+#[test]
+fn the_refusals_of_every_task_are_explained() {
+    let mut found = 0;
+    for (path, text) in sources(&root().join("shared/src")) {
+        for rest in text.split("\nimpl Concerns for ").skip(1) {
+            let name = rest.split(' ').next().unwrap();
+            if name != "TaskRefusal" {
+                assert!(EXPLAINED.contains(&name), "{name} of {} is not explained", path.display());
+            }
+            found += 1;
+        }
+    }
+    assert!(found >= 5, "only {found} kinds of refusals found");
+}
+
+#[test]
+fn the_smallest_node_prints_what_the_documents_quote() {
+    let line = minimal_node::run().unwrap();
+    assert!(
+        document("architecture.md").contains(&format!("\n{line}\n")),
+        "docs/architecture.md lacks: {line}"
+    );
+}
+
+/// Every relative link of the documents leads to a file.
+#[test]
+fn links_between_documents_lead_somewhere() {
+    let mut pages = vec![root().join("README.md"), root().join("CONTRIBUTING.md")];
+    let docs = root().join("docs").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    pages.extend(docs.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    let mut links = 0;
+    for page in pages {
+        let text = read_to_string(&page).unwrap();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let file = link.split('#').next().unwrap();
+            if file.is_empty() || file.contains("://") {
+                continue;
+            }
+            assert!(page.parent().unwrap().join(file).exists(), "{}: no {file}", page.display());
+            links += 1;
+        }
+    }
+    assert!(links >= 20, "only {links} links found");
+}
