@@ -62,9 +62,9 @@ pub fn tick<'a>(
 ) -> Result<(), BoardsError> {
     let mut shares = share_sensors(robot, &plant.sensors(sequence));
     let mut frames = Vec::new();
-    for (index, (board, share)) in boards.into_iter().zip(&mut shares).enumerate() {
-        spoil(index, share);
-        frames.push(board.tick(share)?);
+    for (index, (board, fraction)) in boards.into_iter().zip(&mut shares).enumerate() {
+        spoil(index, fraction);
+        frames.push(board.tick(fraction)?);
     }
     Ok(plant.apply(&join_actuators(robot, sequence, &frames))?)
 }

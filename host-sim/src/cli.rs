@@ -199,8 +199,8 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
     use tesaki_description::grasp::load_placed;
     use tesaki_description::robot::RobotFolder;
-    use tesaki_sim::grasp_scene::{on_support, open_posture};
     use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+    use tesaki_sim::scenario::scene::{on_support, open_posture};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
     use tesaki_supervisor::hub::Hub;
@@ -286,7 +286,7 @@ type SeedResult = (Summary, Outcome, Vec<u8>);
 fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
-    let progress = |share: f64| bar.set_position((share * 1000.0) as u64);
+    let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
     let robot = robot_folder(scenario, options);
     let (mut native, mut qemu);
     let controller: &mut dyn Controller = match options.controller {

@@ -10,7 +10,6 @@
 pub mod boards;
 pub mod controller;
 pub mod digest;
-pub mod grasp_scene;
 pub mod motion;
 pub mod operator;
 pub mod plant;

@@ -17,6 +17,8 @@ mod hand3_shift;
 mod hand3_turn;
 mod hand3_weights;
 
+pub use grasping::scene;
+
 use std::path::Path;
 
 use tesaki::protocol::LogRecord;
@@ -27,10 +29,10 @@ use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
-use crate::grasp_scene::SceneError;
 use crate::motion::Motion;
 use crate::plant::PlantError;
 use crate::report::{Figure, Summary};
+use grasping::scene::SceneError;
 
 /// A named experiment.
 pub struct Scenario {
@@ -127,14 +129,14 @@ pub enum ScenarioError {
         fault: String,
     },
     /// The time is too short for what is to be measured.
-    #[error("--duration {duration} is too short: {name} needs at least {least} s")]
+    #[error("--duration {duration} is too short: {name} needs at least {minimum} s")]
     TooShort {
         /// As asked for [s].
         duration: f64,
         /// The scenario.
         name: &'static str,
         /// Needed [s].
-        least: f64,
+        minimum: f64,
     },
 }
 

@@ -135,7 +135,7 @@ impl Exact {
 fn grips_and_refusals_are_those_of_cvxpy() {
     let mut groups: BTreeMap<String, Vec<&Stored>> = BTreeMap::new();
     for case in STORED {
-        groups.entry(format!("--margin={:?} --least={:?}", case.0, case.1)).or_default().push(case);
+        groups.entry(format!("--margin={:?} --min={:?}", case.0, case.1)).or_default().push(case);
     }
     let (mut held, mut refused, mut open, mut worst, mut above) = (0, 0, 0, 0.0_f64, 0.0_f64);
     for (options, cases) in &groups {
@@ -230,7 +230,7 @@ fn margin_least_force_friction_and_limit_can_be_options() {
     let table = "x1,y1,z1,nx1,ny1,nz1,x2,y2,z2,nx2,ny2,nz2,mu2,fx,fy,fz\n\
         -0.02,0,0,1,0,0,0.02,0,0,-1,0,0,,0,0,1\n\
         -0.02,0,0,1,0,0,0.02,0,0,-1,0,0,,0,0,0.1\n";
-    let (got, _) = grip(&["--friction", "0.5", "--max", "20", "--margin", "0.2", "--least", "0.5"], table);
+    let (got, _) = grip(&["--friction", "0.5", "--max", "20", "--margin", "0.2", "--min", "0.5"], table);
     // A push of 0.5/0.4 N; of the whole friction 80 % are used.
     has(&got, 0, &[("normal1", 1.25), ("used1", 0.8), ("normal2", 1.25), ("used2", 0.8)]);
     has(&got, 1, &[("normal1", 0.5), ("used1", 0.2), ("normal2", 0.5), ("used2", 0.2)]);
@@ -359,19 +359,22 @@ fn what_does_not_fit_is_told_with_line_column_value_and_what_is_allowed() {
     let (code, _, err) = tesaki(&["eval", "grip", "--in", "-"], &far);
     assert!(code == 1 && err.contains("standard input:3: columns x1, y1, z1: the place is too far"), "{err}");
 
-    let weak = ["eval", "grip", "--in", "-", "--least", "3"];
+    let weak = ["eval", "grip", "--in", "-", "--min", "3"];
     let (code, _, err) = tesaki(&weak, &with("max1", "2"));
-    assert!(code == 1 && err.contains("3: column max1: 2 N is below the least normal force of 3 N"), "{err}");
+    assert!(
+        code == 1 && err.contains("3: column max1: 2 N is below the minimum normal force of 3 N"),
+        "{err}"
+    );
     for (option, value, expected) in [
-        ("--margin", "1", "at least 0 and less than 1"),
-        ("--margin", "-0.1", "at least 0 and less than 1"),
-        ("--least", "-1", "at least 0"),
-        ("--friction", "NaN", "at least 0"),
-        ("--max", "0", "more than 0"),
-        ("--max", "much", "more than 0"),
+        ("--margin", "1", "of at least 0 and less than 1"),
+        ("--margin", "-0.1", "of at least 0 and less than 1"),
+        ("--min", "-1", "of at least 0"),
+        ("--friction", "NaN", "of at least 0"),
+        ("--max", "0", "greater than 0"),
+        ("--max", "much", "greater than 0"),
     ] {
         let (code, _, err) = tesaki(&["eval", "grip", "--in", "-", option, value], &with("", ""));
-        let expected = format!("{value:?} is no number that is {expected}");
+        let expected = format!("{value:?}: expected a number {expected}");
         assert!(code == 2 && err.contains(option) && err.contains(&expected), "{option} {value}: {err}");
     }
     let (code, _, err) = tesaki(&["eval", "grip", "--in", "/nowhere.csv"], "");

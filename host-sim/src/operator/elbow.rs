@@ -36,8 +36,8 @@ impl ElbowMotion {
     pub fn at(&self, time: f64) -> [f64; 3] {
         let mut sum = [self.start, 0.0, 0.0];
         for ElbowSwing { begin, duration, angle } in &self.swings {
-            let [share, rate, change] = minimum_jerk((time - begin) / duration);
-            sum[0] += angle * share;
+            let [fraction, rate, change] = minimum_jerk((time - begin) / duration);
+            sum[0] += angle * fraction;
             sum[1] += angle * rate / duration;
             sum[2] += angle * change / (duration * duration);
         }
@@ -97,23 +97,23 @@ impl ElbowSensor {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
             let [tilt, _, acceleration] = motion.at(time);
-            let felt = tilt + libm::atan2(self.values.radius * acceleration, GRAVITY);
+            let apparent = tilt + libm::atan2(self.values.radius * acceleration, GRAVITY);
             // Exact for an input that changes steadily between the samples.
             let output = match self.output {
-                None => felt,
-                Some((before, output)) => self.filter(output, before, felt),
+                None => apparent,
+                Some((before, output)) => self.filter(output, before, apparent),
             };
-            self.output = Some((felt, output));
+            self.output = Some((apparent, output));
             samples.push((time, output + self.offset + self.values.noise * self.rng.normal()));
         }
         samples
     }
 
-    fn filter(&self, output: f64, before: f64, felt: f64) -> f64 {
+    fn filter(&self, output: f64, before: f64, apparent: f64) -> f64 {
         let lag = TAU * self.values.bandwidth / self.values.rate;
         let decay = libm::exp(-lag);
-        let slope = (felt - before) / lag;
-        felt - slope + (output - before + slope) * decay
+        let slope = (apparent - before) / lag;
+        apparent - slope + (output - before + slope) * decay
     }
 }
 

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use rapier3d::na::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use tesaki_rng::Rng;
 
-use super::{HandMotion, HandState, Sampling};
+use super::{OperatorHandMotion, OperatorHandState, Sampling};
 use crate::purpose::Purpose;
 
 /// Longest step of the operator's arm [s].
@@ -112,7 +112,7 @@ impl MasterArm {
     }
 
     /// The handle now, in truth, while the operator means it to move by `motion`.
-    pub fn handle(&self, motion: &HandMotion) -> HandState {
+    pub fn handle(&self, motion: &OperatorHandMotion) -> OperatorHandState {
         let mut state = motion.at(self.time);
         state.pose.translation.vector += self.deviation;
         state.velocity += self.deviation_rate;
@@ -121,7 +121,7 @@ impl MasterArm {
 
     /// Goes on to a time [s] and returns what was measured on the way: time [s] and pose of each sample. A
     /// pose out of the arm's reach is measured at the end of that.
-    pub fn run(&mut self, motion: &HandMotion, until: f64) -> Vec<(f64, MasterPose)> {
+    pub fn run(&mut self, motion: &OperatorHandMotion, until: f64) -> Vec<(f64, MasterPose)> {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
             self.advance(time);
@@ -180,8 +180,8 @@ impl Kinematics {
         let reach = wrist - wrist.normalize() * values.handle;
         let forearm = base.rotation * arm.turn_of_forearm(&arm.angles_of_wrist(&reach));
         let way = middle.translation.vector - base.transform_point(&Point3::from(reach)).coords;
-        let place = Translation3::from(forearm.inverse() * way);
-        arm.handle = Isometry3::from_parts(place, forearm.inverse() * middle.rotation);
+        let position = Translation3::from(forearm.inverse() * way);
+        arm.handle = Isometry3::from_parts(position, forearm.inverse() * middle.rotation);
         arm
     }
 
@@ -244,7 +244,7 @@ mod tests {
 
     /// Errors of what a run of 20 s measures.
     fn errors(values: MasterArmValues, seed: u64) -> Vec<Error> {
-        let motion = HandMotion::reaching(middle(), &StrokeValues::default(), seed, 20.0);
+        let motion = OperatorHandMotion::reaching(middle(), &StrokeValues::default(), seed, 20.0);
         let samples = MasterArm::new(values, &middle(), seed).run(&motion, 20.0);
         assert!((4799..=4801).contains(&samples.len()), "{}", samples.len());
         let error = |(time, sample): &(f64, MasterPose)| {
@@ -266,8 +266,8 @@ mod tests {
         let arm = Kinematics::new(&values, &middle());
         let neutral = arm.inverse(&middle());
         assert!(neutral[3..].iter().all(|angle| angle.abs() < 1e-9), "{neutral:?}");
-        for (place, turn) in errors(values, 2) {
-            assert!(place.norm() < 1e-9 && turn.norm() < 1e-9, "{place} {turn}");
+        for (position, turn) in errors(values, 2) {
+            assert!(position.norm() < 1e-9 && turn.norm() < 1e-9, "{position} {turn}");
         }
     }
 
@@ -283,19 +283,19 @@ mod tests {
         let turn = rms(&|(_, turn)| turn.norm_squared());
         // Six unit axes add up; at the handle the first three have levers of 0.26 to 0.45 m.
         assert!((turn / (deviation * 6_f64.sqrt()) - 1.0).abs() < 0.1, "{turn:e} {deviation:e}");
-        let place = rms(&|(place, _)| place.norm_squared());
-        assert!(place > 0.35 * deviation && place < 0.45 * 3_f64.sqrt() * deviation, "{place:e}");
+        let position = rms(&|(position, _)| position.norm_squared());
+        assert!(position > 0.35 * deviation && position < 0.45 * 3_f64.sqrt() * deviation, "{position:e}");
         let constant = errors(MasterArmValues { noise: 0.0, counts_per_turn: 1e13, ..values }, 5);
-        assert!(constant.iter().all(|(place, _)| place.norm() < 1e-9));
+        assert!(constant.iter().all(|(position, _)| position.norm() < 1e-9));
         let off =
             errors(MasterArmValues { noise: 0.0, counts_per_turn: 1e13, ..MasterArmValues::default() }, 5);
-        let largest = off.iter().fold(0.0_f64, |largest, (place, _)| largest.max(place.norm()));
+        let largest = off.iter().fold(0.0_f64, |largest, (position, _)| largest.max(position.norm()));
         assert!(largest > 2e-5 && largest < 3.0 * 0.5 * 3e-4, "{largest:e}");
     }
 
     #[test]
     fn samples_are_not_locked_to_the_slaves_ticks() {
-        let motion = HandMotion::strokes(middle(), Vec::new());
+        let motion = OperatorHandMotion::strokes(middle(), Vec::new());
         let mut arm = MasterArm::new(MasterArmValues::default(), &middle(), 1);
         let mut counts = [0; 5];
         let mut times = Vec::new();
@@ -315,7 +315,7 @@ mod tests {
     /// A step of force on mass, damper and spring: overshoot, period and rest as in every textbook.
     #[test]
     fn the_operators_arm_gives_way_as_its_impedance_says() {
-        let motion = HandMotion::strokes(middle(), Vec::new());
+        let motion = OperatorHandMotion::strokes(middle(), Vec::new());
         let mut arm = MasterArm::new(MasterArmValues::default(), &middle(), 1);
         assert!((arm.reflect([0.0, 6.0, 0.0])[1] - 6.0).abs() < 1e-12, "not cut");
         let (mut peak, mut when) = (0.0, 0.0);

@@ -20,7 +20,7 @@ mod recorded;
 pub use elbow::{ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing};
 pub use link::{Link, LinkValues, Packet};
 pub use master_arm::{Impedance, MasterArm, MasterArmValues, MasterPose};
-pub use motion::{HandMotion, HandState, Stroke, StrokeValues, TREMOR_BAND};
+pub use motion::{OperatorHandMotion, OperatorHandState, Stroke, StrokeValues, TREMOR_BAND};
 pub use recorded::{Recorded, RecordedError};
 
 /// Instants of a device that samples at a steady rate from a phase on.

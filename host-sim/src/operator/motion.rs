@@ -15,7 +15,7 @@ const TREMOR_PARTS: usize = 12;
 
 /// Where a hand is and how it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HandState {
+pub struct OperatorHandState {
     /// Position and orientation.
     pub pose: Isometry3<f64>,
     /// Of the position [m/s].
@@ -78,13 +78,13 @@ struct Tremor {
 
 /// A motion of a person's hand, as a function of time.
 #[derive(Clone, Debug)]
-pub struct HandMotion {
+pub struct OperatorHandMotion {
     start: Isometry3<f64>,
     course: Course,
     tremor: Vec<Tremor>,
 }
 
-impl HandMotion {
+impl OperatorHandMotion {
     /// To and fro in a sine from `start`: the motion of the paper's master-slave experiment is (0.1, 0, 0) m
     /// at 0.5 Hz. It swells within the first half period and dies away within the last; before and after the
     /// hand rests.
@@ -154,7 +154,7 @@ impl HandMotion {
     }
 
     /// Where the hand is meant to be at a time [s].
-    pub fn at(&self, time: f64) -> HandState {
+    pub fn at(&self, time: f64) -> OperatorHandState {
         let mut state = match &self.course {
             Course::Recorded(recorded) => recorded.at(time),
             Course::Strokes(strokes) => self.in_strokes(strokes, time),
@@ -171,14 +171,14 @@ impl HandMotion {
         state
     }
 
-    fn in_strokes(&self, strokes: &[Stroke], time: f64) -> HandState {
+    fn in_strokes(&self, strokes: &[Stroke], time: f64) -> OperatorHandState {
         let zero = Vector3::zeros();
         let (mut shift, mut velocity, mut turn, mut spin) = (zero, zero, zero, zero);
         for stroke in strokes.iter().take_while(|stroke| stroke.begin <= time) {
-            let [share, rate, _] = minimum_jerk((time - stroke.begin) / stroke.duration);
-            shift += stroke.shift * share;
+            let [fraction, rate, _] = minimum_jerk((time - stroke.begin) / stroke.duration);
+            shift += stroke.shift * fraction;
             velocity += stroke.shift * (rate / stroke.duration);
-            turn += stroke.turn * share;
+            turn += stroke.turn * fraction;
             spin += stroke.turn * (rate / stroke.duration);
         }
         self.moved(shift, velocity, turn, spin)
@@ -191,10 +191,10 @@ impl HandMotion {
         velocity: Vector3<f64>,
         turn: Vector3<f64>,
         rate: Vector3<f64>,
-    ) -> HandState {
+    ) -> OperatorHandState {
         let rotation = UnitQuaternion::new(turn) * self.start.rotation;
         let pose = Isometry3::from_parts(Translation3::from(self.start.translation.vector + shift), rotation);
-        HandState { pose, velocity, angular_velocity: angular_velocity(&turn, &rate) }
+        OperatorHandState { pose, velocity, angular_velocity: angular_velocity(&turn, &rate) }
     }
 }
 
@@ -231,7 +231,7 @@ mod tests {
     }
 
     /// Velocities are the derivatives of the poses.
-    fn check_velocities(motion: &HandMotion, duration: f64) {
+    fn check_velocities(motion: &OperatorHandMotion, duration: f64) {
         let step = 1e-5;
         for tick in 1..(duration * 50.0) as u32 {
             let time = f64::from(tick) * 0.02 + 0.0003;
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn the_papers_motion_goes_01_m_each_way_at_half_a_hertz_and_rests() {
-        let motion = HandMotion::sine(start(), Vector3::new(0.1, 0.0, 0.0), 0.5, [1.0, 9.0]);
+        let motion = OperatorHandMotion::sine(start(), Vector3::new(0.1, 0.0, 0.0), 0.5, [1.0, 9.0]);
         let x = |time: f64| motion.at(time).pose.translation.x - 0.36;
         assert!(x(0.9).abs() < 1e-12 && x(9.1).abs() < 1e-12 && motion.at(9.5).velocity.norm() < 1e-12);
         // Peaks every second at the quarter and three quarters of the 2 s period.
@@ -259,7 +259,7 @@ mod tests {
         let values = StrokeValues::default();
         let (mut reversed, mut all, mut paused) = (0, 0, 0);
         for seed in 0..20 {
-            let motion = HandMotion::reaching(start(), &values, seed, 20.0);
+            let motion = OperatorHandMotion::reaching(start(), &values, seed, 20.0);
             let Course::Strokes(strokes) = &motion.course else { panic!("strokes") };
             for pair in strokes.windows(2) {
                 all += 1;
@@ -274,17 +274,17 @@ mod tests {
                 assert!(off.amax() <= 0.1 + 1e-9 && state.velocity.norm() <= 0.5 + 1e-9, "{state:?}");
             }
         }
-        let share = |count: i32| f64::from(count) / f64::from(all);
+        let fraction = |count: i32| f64::from(count) / f64::from(all);
         assert!(
-            (share(reversed) - 0.3).abs() < 0.06 && (share(paused) - 0.3).abs() < 0.06,
+            (fraction(reversed) - 0.3).abs() < 0.06 && (fraction(paused) - 0.3).abs() < 0.06,
             "{reversed} {paused} {all}"
         );
-        check_velocities(&HandMotion::reaching(start(), &values, 1, 10.0), 10.0);
+        check_velocities(&OperatorHandMotion::reaching(start(), &values, 1, 10.0), 10.0);
     }
 
     #[test]
     fn tremor_has_its_size_and_its_band() {
-        let rest = HandMotion::strokes(start(), Vec::new());
+        let rest = OperatorHandMotion::strokes(start(), Vec::new());
         let motion = rest.with_tremor(1e-4, 7);
         let samples: Vec<f64> = (0..4000)
             .map(|n| motion.at(f64::from(n) * 0.005).pose.translation.y - start().translation.y)

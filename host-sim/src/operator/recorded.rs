@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use csv::{ReaderBuilder, StringRecord, Trim};
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::HandState;
+use super::OperatorHandState;
 
 /// The columns, in this order, named in the first line.
 const HEADER: &str = "time,x,y,z,qx,qy,qz,qw";
@@ -16,11 +16,11 @@ const HEADER: &str = "time,x,y,z,qx,qy,qz,qw";
 /// steadily from one to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
-    samples: Vec<Sample>,
+    samples: Vec<RecordedSample>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Sample {
+struct RecordedSample {
     time: f64,
     pose: Isometry3<f64>,
     velocity: Vector3<f64>,
@@ -75,7 +75,7 @@ impl Recorded {
         if !header.iter().eq(HEADER.split(',')) {
             return Err(RecordedError::Header(header.iter().collect::<Vec<_>>().join(",")));
         }
-        let mut samples: Vec<Sample> = Vec::new();
+        let mut samples: Vec<RecordedSample> = Vec::new();
         for record in reader.records().flatten() {
             let error = |problem| RecordedError::Line { line: line(text, &record), problem };
             let sample = sample(&record).map_err(error)?;
@@ -89,7 +89,7 @@ impl Recorded {
         }
         for index in 1..samples.len() - 1 {
             let [a, b, c] = [index - 1, index, index + 1].map(|index| samples[index]);
-            let slope = |a: &Sample, b: &Sample| {
+            let slope = |a: &RecordedSample, b: &RecordedSample| {
                 (b.pose.translation.vector - a.pose.translation.vector) / (b.time - a.time)
             };
             let weight = (b.time - a.time) / (c.time - a.time);
@@ -108,7 +108,7 @@ impl Recorded {
     }
 
     /// At a time from the first sample on [s].
-    pub(super) fn at(&self, time: f64) -> HandState {
+    pub(super) fn at(&self, time: f64) -> OperatorHandState {
         let time = self.samples[0].time + time.clamp(0.0, self.duration());
         let after =
             self.samples.partition_point(|sample| sample.time <= time).clamp(1, self.samples.len() - 1);
@@ -116,7 +116,7 @@ impl Recorded {
         let span = b.time - a.time;
         let s = (time - a.time) / span;
         let way = b.pose.translation.vector - a.pose.translation.vector;
-        let place = a.pose.translation.vector
+        let position = a.pose.translation.vector
             + way * (s * s * (3.0 - 2.0 * s))
             + (a.velocity * (1.0 - s) - b.velocity * s) * (span * s * (1.0 - s));
         let velocity = way * (6.0 * s * (1.0 - s) / span)
@@ -124,8 +124,8 @@ impl Recorded {
             + b.velocity * (s * (3.0 * s - 2.0));
         let turn = (b.pose.rotation * a.pose.rotation.inverse()).scaled_axis();
         let rotation = UnitQuaternion::new(turn * s) * a.pose.rotation;
-        HandState {
-            pose: Isometry3::from_parts(Translation3::from(place), rotation),
+        OperatorHandState {
+            pose: Isometry3::from_parts(Translation3::from(position), rotation),
             velocity,
             angular_velocity: if s < 1.0 { turn / span } else { Vector3::zeros() },
         }
@@ -141,7 +141,7 @@ fn line(text: &str, record: &StringRecord) -> u64 {
 }
 
 /// A line, without a velocity.
-fn sample(record: &StringRecord) -> Result<Sample, &'static str> {
+fn sample(record: &StringRecord) -> Result<RecordedSample, &'static str> {
     let numbers: Vec<f64> = record.iter().map_while(|word| word.parse().ok()).collect();
     let Ok([time, x, y, z, i, j, k, w]) = <[f64; 8]>::try_from(numbers) else {
         return Err("it does not have eight numbers");
@@ -151,7 +151,7 @@ fn sample(record: &StringRecord) -> Result<Sample, &'static str> {
     }
     let turn = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6).ok_or("its quaternion is 0")?;
     let pose = Isometry3::from_parts(Translation3::new(x, y, z), turn);
-    Ok(Sample { time, pose, velocity: Vector3::zeros() })
+    Ok(RecordedSample { time, pose, velocity: Vector3::zeros() })
 }
 
 #[cfg(test)]

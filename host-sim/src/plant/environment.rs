@@ -144,16 +144,16 @@ struct Held {
 impl Held {
     fn wrench(&self, frame: &Isometry3<f64>, motion: &Motion, time: f64) -> Wrench {
         let (from, to, hold) = (&self.from, self.hold.end(), &self.hold);
-        let (share, rate) = if hold.ramp > 0.0 {
-            let [share, rate, _] = minimum_jerk((time - self.begin) / hold.ramp);
-            (share, rate / hold.ramp)
+        let (fraction, rate) = if hold.ramp > 0.0 {
+            let [fraction, rate, _] = minimum_jerk((time - self.begin) / hold.ramp);
+            (fraction, rate / hold.ramp)
         } else {
             (1.0, 0.0)
         };
         let way = to.translation.vector - from.translation.vector;
         let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
-        let place = from.translation.vector + way * share;
-        let turned = UnitQuaternion::new(turn * share) * from.rotation;
+        let place = from.translation.vector + way * fraction;
+        let turned = UnitQuaternion::new(turn * fraction) * from.rotation;
         let off = (turned * frame.rotation.inverse()).scaled_axis();
         Wrench {
             force: (place - frame.translation.vector) * hold.stiffness
@@ -266,7 +266,7 @@ impl Environment {
         tip: &Tip,
         (frame, motion): (&Isometry3<f64>, Motion),
         time: f64,
-        share: f64,
+        fraction: f64,
     ) -> Option<Wrench> {
         let around = self.tips.get_mut(number)?;
         let before = around.before.take();
@@ -286,7 +286,7 @@ impl Environment {
             around.hold.as_ref().map(|held| held.wrench(frame, &motion, time)).unwrap_or_default();
         for (begin, push) in &around.pushes {
             let arm = frame.rotation * Vector3::from(push.point);
-            wrench.add(&(Vector3::from(push.force) * push.share(time - begin)), &arm);
+            wrench.add(&(Vector3::from(push.force) * push.fraction(time - begin)), &arm);
         }
         let center = (frame * Point3::from(tip.center)).coords;
         for (wall, anchor) in self.walls.iter().zip(&mut around.anchors) {
@@ -295,10 +295,10 @@ impl Environment {
             let velocity = motion.linear + motion.angular.cross(&arm);
             let (force, depth) = wall.force(&point, &velocity, anchor);
             wrench.add(&force, &arm);
-            around.wall_force += force * share;
+            around.wall_force += force * fraction;
             around.depth = around.depth.max(depth);
         }
-        wrench = Wrench { force: wrench.force * share, torque: wrench.torque * share };
+        wrench = Wrench { force: wrench.force * fraction, torque: wrench.torque * fraction };
         let back = frame.rotation.inverse();
         around.felt = Wrench { force: back * wrench.force, torque: back * wrench.torque };
         around.sum.0.force += wrench.force;

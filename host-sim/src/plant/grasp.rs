@@ -89,9 +89,9 @@ impl Grasp {
     }
 
     /// Lets pushes and weights act in the sub-step around `time`, with a share of each force.
-    pub fn disturb(&mut self, physics: &mut PhysicsWorld, time: f64, share: f64) {
+    pub fn disturb(&mut self, physics: &mut PhysicsWorld, time: f64, fraction: f64) {
         if let Some(body) = physics.bodies.get_mut(self.object) {
-            self.disturbances.act(body, &physics.colliders, time, share);
+            self.disturbances.act(body, &physics.colliders, time, fraction);
         }
     }
 

@@ -101,7 +101,7 @@ impl ObjectValues {
                 // Simpson's rule over the height; exact for cubic polynomials.
                 let slices = [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)];
                 let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
-                    slices.iter().map(|(up, share)| share * of(*up, x * (1.0 - (1.0 - top) * up))).sum()
+                    slices.iter().map(|(up, fraction)| fraction * of(*up, x * (1.0 - (1.0 - top) * up))).sum()
                 };
                 let area = sum(&|_, width| width);
                 let up = sum(&|up, width| up * width) / area;

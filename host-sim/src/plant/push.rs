@@ -42,7 +42,7 @@ impl Push {
     }
 
     /// Share of the force, `time` after it began.
-    pub(super) fn share(&self, time: f64) -> f64 {
+    pub(super) fn fraction(&self, time: f64) -> f64 {
         let left = 2.0 * self.ramp + self.hold - time;
         if time < 0.0 || left <= 0.0 {
             0.0
@@ -92,8 +92,8 @@ struct Weight {
 
 impl Weight {
     fn mass(&self, time: f64) -> f64 {
-        let share = if self.ramp > 0.0 { ((time - self.begin) / self.ramp).clamp(0.0, 1.0) } else { 1.0 };
-        self.from + (self.to - self.from) * share
+        let fraction = if self.ramp > 0.0 { ((time - self.begin) / self.ramp).clamp(0.0, 1.0) } else { 1.0 };
+        self.from + (self.to - self.from) * fraction
     }
 }
 
@@ -137,11 +137,11 @@ impl Disturbances {
     }
 
     /// Acts on the object in the sub-step around `time`, with a share of each force.
-    pub fn act(&mut self, body: &mut RigidBody, colliders: &ColliderSet, time: f64, share: f64) {
+    pub fn act(&mut self, body: &mut RigidBody, colliders: &ColliderSet, time: f64, fraction: f64) {
         body.reset_forces(true);
         body.reset_torques(true);
         for (begin, push) in &self.pushes {
-            let force = Vector3::from(push.force) * (push.share(time - begin) * share);
+            let force = Vector3::from(push.force) * (push.fraction(time - begin) * fraction);
             let point = body.position() * vector(&Vector3::from(push.point));
             body.add_force_at_point(vector(&force), point, true);
         }
@@ -181,13 +181,13 @@ mod tests {
     #[test]
     fn a_push_rises_stays_and_falls() {
         let push = Push { force: [1.0, 0.0, 0.0], point: [0.0; 3], ramp: 0.3, hold: 0.4 };
-        for (time, share) in [(-0.1, 0.0), (0.15, 0.5), (0.3, 1.0), (0.6, 1.0), (0.85, 0.5), (1.1, 0.0)] {
-            assert!((push.share(time) - share).abs() < 1e-12, "{time}");
+        for (time, fraction) in [(-0.1, 0.0), (0.15, 0.5), (0.3, 1.0), (0.6, 1.0), (0.85, 0.5), (1.1, 0.0)] {
+            assert!((push.fraction(time) - fraction).abs() < 1e-12, "{time}");
         }
         let sudden = Push { ramp: 0.0, hold: f64::INFINITY, ..push };
-        assert!(sudden.share(-0.1) < 0.5 && sudden.share(0.0) > 0.5 && sudden.share(1e9) > 0.5);
+        assert!(sudden.fraction(-0.1) < 0.5 && sudden.fraction(0.0) > 0.5 && sudden.fraction(1e9) > 0.5);
         let lasting = Push { hold: f64::INFINITY, ..push };
-        assert!((lasting.share(0.03) - 0.1).abs() < 1e-12 && (lasting.share(1e9) - 1.0).abs() < 1e-12);
+        assert!((lasting.fraction(0.03) - 0.1).abs() < 1e-12 && (lasting.fraction(1e9) - 1.0).abs() < 1e-12);
     }
 
     #[test]

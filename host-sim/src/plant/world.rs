@@ -167,13 +167,13 @@ impl World {
         }
         // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by
         // themselves.)
-        let share = if self.steps > 0 { 1.0 } else { 0.5 };
-        self.physics.gravity = self.gravity * narrow(share);
+        let fraction = if self.steps > 0 { 1.0 } else { 0.5 };
+        self.physics.gravity = self.gravity * narrow(fraction);
         let time = self.time();
         if let Some(grasp) = &mut self.grasp {
-            grasp.disturb(&mut self.physics, time, share);
+            grasp.disturb(&mut self.physics, time, fraction);
         }
-        self.act_on_tips(time, share);
+        self.act_on_tips(time, fraction);
         self.steps += 1;
         match self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step)) {
             Some(creep) => self.physics.step_with_events(&creep, &()),
@@ -182,7 +182,7 @@ impl World {
         self.read_contacts();
     }
 
-    fn act_on_tips(&mut self, time: f64, share: f64) {
+    fn act_on_tips(&mut self, time: f64, fraction: f64) {
         if !std::mem::take(&mut self.environment.active) {
             return;
         }
@@ -190,7 +190,7 @@ impl World {
             let (Some(frame), Some(tip)) = (self.tip_frame(index), self.tips.get(index)) else { continue };
             let origin = frame.translation.vector;
             let motion = self.motion_at(tip.body, &origin);
-            let wrench = self.environment.act(index, tip, (&frame, motion), time, share);
+            let wrench = self.environment.act(index, tip, (&frame, motion), time, fraction);
             let body = self.joints.get(tip.body).and_then(|joint| self.physics.bodies.get_mut(joint.body));
             self.environment.active |= wrench.is_some();
             if let (Some(wrench), Some(body)) = (wrench, body) {

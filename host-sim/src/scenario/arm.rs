@@ -75,14 +75,14 @@ pub enum Machine {
 }
 
 /// What all parts of a scenario share.
-pub struct Bench {
+pub struct ArmRig {
     pub robot: RobotFolder,
     pub values: PlantValues,
     pub motion: Motion,
     seed: u64,
 }
 
-impl Bench {
+impl ArmRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
@@ -112,7 +112,7 @@ impl Bench {
 
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub struct ArmSample {
     /// Since the controller was armed [s].
     pub time: f64,
     pub tool: TipTruth,
@@ -121,12 +121,12 @@ pub struct Sample {
     /// Motor torques [N·m].
     pub torques: Vec<f64>,
     /// Where the tool should be [m].
-    pub aim: Vector3<f64>,
+    pub target: Vector3<f64>,
     /// Where the elbow should be [rad].
     pub elbow: f64,
 }
 
-impl Sample {
+impl ArmSample {
     pub fn position(&self) -> Vector3<f64> {
         self.tool.position.into()
     }
@@ -139,33 +139,33 @@ impl Sample {
 
 /// A sample a tick.
 #[derive(Clone, Debug, Default)]
-pub struct Log(pub Vec<Sample>);
+pub struct ArmLog(pub Vec<ArmSample>);
 
-impl Log {
+impl ArmLog {
     /// Time of the next sample [s].
     pub fn now(&self) -> f64 {
         self.0.len() as f64 * T
     }
 
     /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
-    pub fn during(&self, span: &Range<f64>) -> &[Sample] {
+    pub fn during(&self, span: &Range<f64>) -> &[ArmSample] {
         let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
         self.0.get(from..to).unwrap_or(&[])
     }
 
     /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
-    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Sample) -> f64) -> f64 {
+    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&ArmSample) -> f64) -> f64 {
         self.during(span).iter().map(value).fold(f64::NAN, f64::max)
     }
 
     /// As CSV.
     pub fn table(&self) -> String {
-        let series = |value: &dyn Fn(&Sample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
+        let series = |value: &dyn Fn(&ArmSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
         let mut columns: Vec<(String, &str, Vec<f64>)> =
             vec![("time".to_owned(), "s", series(&|sample| sample.time))];
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
-            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.aim[axis])));
+            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.target[axis])));
             columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
         }
         columns.push(("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
@@ -181,65 +181,65 @@ impl Log {
 }
 
 /// One arm, from power-on to the end of what is done with it.
-pub struct Session<'a, 'b> {
+pub struct ArmTrial<'a, 'b> {
     pub controller: &'a mut Watched<'b>,
-    bench: &'a mut Bench,
+    rig: &'a mut ArmRig,
     model: RobotModel,
     label: String,
     progress: &'a dyn Fn(f64),
     duration: f64,
     pub plant: Plant,
-    pub log: Log,
-    aim: PosePoint,
+    pub log: ArmLog,
+    target: PosePoint,
     elbow: ElbowSetpoint,
-    armed: bool,
+    enabled: bool,
 }
 
-impl<'a, 'b> Session<'a, 'b> {
+impl<'a, 'b> ArmTrial<'a, 'b> {
     /// Tares and arms; the tool is to be where it is.
     pub fn begin(
         setting: &'a mut Setting<'_, 'b>,
-        bench: &'a mut Bench,
+        rig: &'a mut ArmRig,
         label: &str,
         machine: Machine,
         settings: ImpedanceSettings,
     ) -> Result<Self, ScenarioError> {
-        let (model, plant) = bench.build(machine)?;
-        bench.motion.note(label);
-        let aim = PosePoint {
+        let (model, plant) = rig.build(machine)?;
+        rig.motion.note(label);
+        let target = PosePoint {
             position: [0.0; 3],
             rotation: [0.0, 0.0, 0.0, 1.0],
             velocity: [0.0; 6],
             acceleration: [0.0; 6],
         };
-        let mut session = Self {
+        let mut arm_trial = Self {
             controller: &mut *setting.controller,
-            bench,
+            rig,
             model,
             label: label.to_owned(),
             progress: setting.progress,
             duration: setting.duration,
             plant,
-            log: Log::default(),
-            aim,
+            log: ArmLog::default(),
+            target,
             elbow: ElbowSetpoint::default(),
-            armed: false,
+            enabled: false,
         };
-        introduce(session.controller, &session.model)?;
-        session.wait(REST)?;
-        session.controller.tare()?;
-        session.controller.enable(TaskConfig::Impedance(settings))?;
-        let tool = session.controller.read_impedance()?;
-        (session.aim.position, session.aim.rotation) = (tool.position, tool.rotation);
-        session.elbow.angle = tool.elbow;
-        (session.armed, session.log) = (true, Log::default());
-        session.tick()?;
-        Ok(session)
+        introduce(arm_trial.controller, &arm_trial.model)?;
+        arm_trial.wait(REST)?;
+        arm_trial.controller.tare()?;
+        arm_trial.controller.enable(TaskConfig::Impedance(settings))?;
+        let tool = arm_trial.controller.read_impedance()?;
+        (arm_trial.target.position, arm_trial.target.rotation) = (tool.position, tool.rotation);
+        arm_trial.elbow.angle = tool.elbow;
+        (arm_trial.enabled, arm_trial.log) = (true, ArmLog::default());
+        arm_trial.tick()?;
+        Ok(arm_trial)
     }
 
     /// Where the tool is to be at first.
     pub fn start(&self) -> (PosePoint, ElbowSetpoint) {
-        (self.aim, self.elbow)
+        (self.target, self.elbow)
     }
 
     /// What the controller sees of the arm.
@@ -250,27 +250,27 @@ impl<'a, 'b> Session<'a, 'b> {
     /// One control period in which the tool is to be at `point`, and the elbow at `elbow`.
     pub fn follow(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), ScenarioError> {
         self.controller.set_target(point, elbow)?;
-        (self.aim, self.elbow) = (point, elbow);
+        (self.target, self.elbow) = (point, elbow);
         self.tick()
     }
 
     /// One control period.
     pub fn tick(&mut self) -> Result<(), ScenarioError> {
         let truth = self.plant.truth();
-        let sequence = self.bench.motion.tick(&truth);
-        if let (true, Some(tool)) = (self.armed, self.plant.tips().into_iter().next()) {
-            self.log.0.push(Sample {
+        let sequence = self.rig.motion.tick(&truth);
+        if let (true, Some(tool)) = (self.enabled, self.plant.tips().into_iter().next()) {
+            self.log.0.push(ArmSample {
                 time: self.log.now(),
                 tool,
                 joints: truth.positions,
                 torques: truth.torques,
-                aim: Vector3::from(self.aim.position).map(f64::from),
+                target: Vector3::from(self.target.position).map(f64::from),
                 elbow: f64::from(self.elbow.angle),
             });
         }
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
-        if self.armed && self.controller.keep().is_err() {
+        if self.enabled && self.controller.keep().is_err() {
             let time = self.log.now();
             return Err(stopped(self.controller, &self.model, &self.label, time));
         }
@@ -287,7 +287,7 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     /// Switches the arm off; what was recorded.
-    pub fn end(self) -> Result<Log, ScenarioError> {
+    pub fn end(self) -> Result<ArmLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.log)
     }

@@ -6,11 +6,11 @@ use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{PowerPort, PowerPortLimits};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, Machine, Sample, Session, impedance, settings};
+use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
 use super::common::grouped;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::operator::{HandMotion, Link, LinkValues, MasterArm, MasterArmValues, Stroke};
+use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::Wall;
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
@@ -49,7 +49,7 @@ const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
 const DAMPING: f64 = 20.0;
 /// Most energy that the wall may get before the operator put it in: both reserves, that of the arm's own motion, and what a
 /// first contact owes [mJ].
-const MOST_MADE: f64 = 100.0;
+const MAX_ENERGY_MADE: f64 = 100.0;
 /// The handle has settled within this [m].
 const BAND: f64 = 0.002;
 /// Without the reserve, what the first contact owes can keep the arm waiting.
@@ -72,12 +72,12 @@ struct Run {
     delay: f64,
     guarded: bool,
     ticks: Vec<Tick>,
-    samples: Vec<Sample>,
+    samples: Vec<ArmSample>,
 }
 
 impl Run {
     /// How long after the stroke's end the handle was last off what it is at the end [s].
-    fn settled(&self) -> f64 {
+    fn settling_time(&self) -> f64 {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
         let off = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > BAND);
@@ -85,12 +85,12 @@ impl Run {
     }
 
     /// Least energy that was in the link [J].
-    fn least(&self) -> f64 {
+    fn min_energy(&self) -> f64 {
         self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
     }
 
     /// Most that the wall has got beyond what the operator had put in until then, by the true forces and ways [J].
-    fn made(&self) -> f64 {
+    fn recorded(&self) -> f64 {
         let handle = self.ticks.windows(2).map(|pair| -pair[0].force * (pair[1].handle - pair[0].handle));
         let wall = self.samples.windows(2).map(|pair| {
             let way = pair[1].tool.position[0] - pair[0].tool.position[0];
@@ -132,22 +132,22 @@ impl Run {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut runs = Vec::new();
     for delay in DELAYS {
         for wall in WALLS {
-            runs.push(touch(setting, &mut bench, wall, delay, true)?);
+            runs.push(touch(setting, &mut rig, wall, delay, true)?);
         }
     }
-    runs.push(touch(setting, &mut bench, WALLS[1], DELAYS[2], false)?);
+    runs.push(touch(setting, &mut rig, WALLS[1], DELAYS[2], false)?);
     for run in &runs {
         add_metrics(&mut summary, run);
     }
     let tables = runs.iter().map(|run| (format!("{}.csv", run.name()), run.table())).collect();
     let figures = vec![handle(&runs), wall_force(&runs), handle_force(&runs), energy(&runs)];
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
 /// What travels to the arm: where the handle is [m], and the energy that the operator has put in [µJ].
@@ -157,28 +157,28 @@ type Back = (Vector3<f32>, i64);
 
 fn touch(
     setting: &mut Setting<'_, '_>,
-    bench: &mut Bench,
+    rig: &mut ArmRig,
     wall: f64,
     delay: f64,
     guarded: bool,
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
-    let mut made = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
+    let mut recorded = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
     let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
-    let mut session = Session::begin(setting, bench, &made.label(), Machine::Mismatched, heavy)?;
-    let (point, elbow) = session.start();
+    let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, heavy)?;
+    let (point, elbow) = arm_trial.start();
     let start = Vector3::from(point.position).map(f64::from);
     let place = [start.x + CLEARANCE, 0.0, 0.0];
     let surface =
         Wall { point: place, normal: [-1.0, 0.0, 0.0], stiffness: wall, damping: DAMPING, friction: 0.0 };
-    session.plant.insert_wall(surface)?;
+    arm_trial.plant.insert_wall(surface)?;
 
     let [x, y, z, w] = point.rotation.map(f64::from);
     let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     let middle = Isometry3::from_parts(Translation3::from(start), turn);
     let stroke =
         Stroke { begin: BEGIN, duration: TIME, shift: Vector3::new(WAY, 0.0, 0.0), turn: Vector3::zeros() };
-    let motion = HandMotion::strokes(middle, vec![stroke]);
+    let motion = OperatorHandMotion::strokes(middle, vec![stroke]);
     let mut master = MasterArm::new(MasterArmValues::default(), &middle, seed);
     let link = LinkValues { delay, ..LinkValues::default() };
     let (mut forth, mut back) = (Link::<Forth>::new(link, seed), Link::<Back>::new(link, seed + 1000));
@@ -191,23 +191,23 @@ fn touch(
         for packet in forth.receive(time) {
             (ends.target, ends.master_gave) = packet.message;
         }
-        let arm = session.telemetry()?;
+        let arm = arm_trial.telemetry()?;
         let (at, pushed) = ends.lead(&arm.error, arm.contact);
-        session.follow(at, ends.elbow)?;
+        arm_trial.follow(at, ends.elbow)?;
         back.send(time, (pushed, ends.slave.energy_in()));
         for packet in back.receive(time) {
             (ends.force, ends.slave_gave) = packet.message;
         }
-        let felt = ends.felt();
-        master.reflect(felt.map(f64::from).into());
-        made.ticks.push(Tick {
+        let handle_force = ends.handle_force();
+        master.reflect(handle_force.map(f64::from).into());
+        recorded.ticks.push(Tick {
             handle: master.handle(&motion).pose.translation.vector.x - start.x,
-            force: f64::from(felt.x),
+            force: f64::from(handle_force.x),
             energy: 1e-6 * (ends.master.balance() + ends.slave.balance()) as f64,
         });
     }
-    made.samples = session.end()?.0;
-    Ok(made)
+    recorded.samples = arm_trial.end()?.0;
+    Ok(recorded)
 }
 
 /// Both ends of the link.
@@ -287,7 +287,7 @@ impl Ends {
     }
 
     /// What the handle feels.
-    fn felt(&mut self) -> Vector3<f32> {
+    fn handle_force(&mut self) -> Vector3<f32> {
         self.damping = if self.guarded {
             self.master.damping_force(&LIMITS, self.slave_gave, &self.force, &self.velocity)
         } else {
@@ -300,23 +300,23 @@ impl Ends {
 fn add_metrics(summary: &mut Summary, run: &Run) {
     let (name, label) = (run.name(), run.label());
     let text = format!("{label}: settling time of the handle");
-    let settled = run.settled();
+    let settling_time = run.settling_time();
     let metric = if run.guarded {
-        Metric::at_most(text, settled, 2.0, "s")
+        Metric::at_most(text, settling_time, 2.0, "s")
     } else {
-        Metric::reported(text, settled, "s")
+        Metric::reported(text, settling_time, "s")
     };
     summary.insert(format!("{name}_settled"), metric);
     let text = format!("{label}: largest energy the wall received beyond the operator's input");
-    let made = 1e3 * run.made();
+    let recorded = 1e3 * run.recorded();
     let metric = if run.guarded {
-        Metric::at_most(text, made, MOST_MADE, "mJ")
+        Metric::at_most(text, recorded, MAX_ENERGY_MADE, "mJ")
     } else {
-        Metric::reported(text, made, "mJ")
+        Metric::reported(text, recorded, "mJ")
     };
     summary.insert(format!("{name}_made"), metric);
     let text = format!("{label}: largest energy owed by the link, as its ends count");
-    summary.insert(format!("{name}_owed"), Metric::reported(text, -1e3 * run.least(), "mJ"));
+    summary.insert(format!("{name}_owed"), Metric::reported(text, -1e3 * run.min_energy(), "mJ"));
     let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
     summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }

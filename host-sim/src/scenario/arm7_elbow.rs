@@ -6,7 +6,9 @@ use tesaki::kinematics::ElbowSetpoint;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, impedance, settings};
+use super::arm::{
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
+};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -37,59 +39,63 @@ const REST: f64 = 1.5;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {
-        let log = swing(setting, &mut bench, trial)?;
+        let log = elbow_swing(setting, &mut rig, trial)?;
         add_metrics(&mut summary, trial, &log);
         figures.push(figure(trial, &log));
         tables.push((format!("{}.csv", trial.name), log.table()));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn swing(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
+fn elbow_swing(
+    setting: &mut Setting<'_, '_>,
+    rig: &mut ArmRig,
+    trial: &ElbowTrial,
+) -> Result<ArmLog, ScenarioError> {
     let firm = ImpedanceSettings {
         impedance: impedance(1.5, 30.0, 300.0),
         redundancy: trial.redundancy,
         ..settings(30.0)
     };
-    let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, firm)?;
-    session.wait(1.0)?;
-    let (point, elbow) = session.start();
+    let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, firm)?;
+    arm_trial.wait(1.0)?;
+    let (point, elbow) = arm_trial.start();
     for (from, to) in [(0.0, SWING), (SWING, 0.0)] {
         for tick in 1..=(TIME / T).round() as usize {
-            let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
+            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let way = to - from;
             let at = ElbowSetpoint {
-                angle: elbow.angle + (from + way * share) as f32,
+                angle: elbow.angle + (from + way * fraction) as f32,
                 velocity: (way * rate / TIME) as f32,
                 acceleration: (way * change / (TIME * TIME)) as f32,
             };
-            session.follow(point, at)?;
+            arm_trial.follow(point, at)?;
         }
-        session.wait(REST)?;
+        arm_trial.wait(REST)?;
     }
-    session.end()
+    arm_trial.end()
 }
 
 /// From the first swing on.
-fn swings(log: &Log) -> &[Sample] {
+fn swings(log: &ArmLog) -> &[ArmSample] {
     log.0.get(100..).unwrap_or(&[])
 }
 
 /// How far the hand is from where it was before the first swing [mm], and by how much it is turned [mrad].
-fn away(samples: &[Sample]) -> Vec<(f64, f64)> {
+fn away(samples: &[ArmSample]) -> Vec<(f64, f64)> {
     let Some(first) = samples.first() else { return Vec::new() };
     let (place, turn) = (first.position(), first.turn());
     let off =
-        |sample: &Sample| ((sample.position() - place).norm() * 1e3, turn.angle_to(&sample.turn()) * 1e3);
+        |sample: &ArmSample| ((sample.position() - place).norm() * 1e3, turn.angle_to(&sample.turn()) * 1e3);
     samples.iter().map(off).collect()
 }
 
-fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
+fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     let label = capital(trial.label);
     let off = away(swings(log));
     let largest = |value: fn(&(f64, f64)) -> f64| off.iter().map(value).fold(f64::NAN, f64::max);
@@ -102,7 +108,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
         "turn",
         Metric::reported(format!("{label}: largest rotation of the hand"), largest(|off| off.1), "mrad"),
     );
-    let elbow = |sample: &Sample| Vector3::from(elbow(sample));
+    let elbow = |sample: &ArmSample| Vector3::from(elbow(sample));
     let all = swings(log);
     let far = all.first().map_or(f64::NAN, |first| {
         all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
@@ -111,7 +117,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
 }
 
 /// Where the elbow is [m].
-fn elbow(sample: &Sample) -> [f64; 3] {
+fn elbow(sample: &ArmSample) -> [f64; 3] {
     const UPPER_ARM: f64 = 0.30;
     let (pitch, roll) = (sample.joints[0], sample.joints[1]);
     // Pitch turns about −y, roll about −x.
@@ -119,7 +125,7 @@ fn elbow(sample: &Sample) -> [f64; 3] {
     [-down.z * pitch.sin(), down.y, down.z * pitch.cos()]
 }
 
-fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
+fn figure(trial: &ElbowTrial, log: &ArmLog) -> Figure {
     let caption = "Displacement of the hand since before the first swing, change of the elbow's set-point, \
                    and changes of the joint angles.";
     let samples = swings(log);

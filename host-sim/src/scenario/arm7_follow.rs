@@ -2,19 +2,21 @@
 
 mod trace;
 
+use std::ops::Range;
+
 use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::{ImpedanceSettings, Law};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
 use self::trace::{Trace, sides};
-use super::arm::{Bench, Machine, Session, settings};
+use super::arm::{ArmRig, ArmTrial, Machine, settings};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{
-    ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing, HandMotion, Link, LinkValues, MasterArm,
-    MasterArmValues, MasterPose, Packet, Stroke,
+    ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing, Link, LinkValues, MasterArm, MasterArmValues,
+    MasterPose, OperatorHandMotion, Packet, Stroke,
 };
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -115,10 +117,10 @@ const TRIALS: [Trial; 6] = [
 ];
 
 impl Course {
-    fn motion(self, start: Isometry3<f64>) -> HandMotion {
+    fn motion(self, start: Isometry3<f64>) -> OperatorHandMotion {
         let along = Vector3::new(AMPLITUDE, 0.0, 0.0);
         match self {
-            Self::Sine => HandMotion::sine(start, along, FREQUENCY, [BEGIN, END]),
+            Self::Sine => OperatorHandMotion::sine(start, along, FREQUENCY, [BEGIN, END]),
             Self::Strokes => {
                 // Out, then end to end, twice after a pause.
                 let turn = Vector3::new(0.0, 0.1, 0.1);
@@ -131,7 +133,7 @@ impl Course {
                         shift: along * way,
                         turn: turn * way,
                     });
-                HandMotion::strokes(start, strokes.collect())
+                OperatorHandMotion::strokes(start, strokes.collect())
             }
         }
     }
@@ -139,7 +141,7 @@ impl Course {
 
 /// The person, with the devices and the links.
 struct Operator {
-    motion: HandMotion,
+    motion: OperatorHandMotion,
     elbow: ElbowMotion,
     master: MasterArm,
     sensor: ElbowSensor,
@@ -148,10 +150,10 @@ struct Operator {
 
 impl Operator {
     fn new(trial: &Trial, seed: u64, start: &Isometry3<f64>, elbow: f64) -> Self {
-        let swing = |begin, angle| ElbowSwing { begin: BEGIN + begin, duration: 1.5, angle };
+        let elbow_swing = |begin, angle| ElbowSwing { begin: BEGIN + begin, duration: 1.5, angle };
         Self {
             motion: trial.course.motion(*start).with_tremor(trial.tremor, seed),
-            elbow: ElbowMotion { start: elbow, swings: vec![swing(2.2, 0.3), swing(6.1, -0.3)] },
+            elbow: ElbowMotion { start: elbow, swings: vec![elbow_swing(2.2, 0.3), elbow_swing(6.1, -0.3)] },
             master: MasterArm::new(MasterArmValues::default(), start, seed),
             sensor: ElbowSensor::new(ElbowSensorValues::default(), seed),
             links: (Link::new(trial.link, 2 * seed), Link::new(trial.link, 2 * seed + 1)),
@@ -179,13 +181,16 @@ enum Slave {
 }
 
 impl Slave {
-    fn new(law: Law, (aim, elbow): (PosePoint, ElbowSetpoint)) -> Self {
+    fn new(law: Law, (target, elbow): (PosePoint, ElbowSetpoint)) -> Self {
         match law {
-            Law::Direct => Self::Paper(aim, elbow),
+            Law::Direct => Self::Paper(target, elbow),
             Law::ModelFollowing => {
                 let follower =
                     Follower::try_new(FollowerSettings::HUMAN).expect("its own settings are valid");
-                Self::Ours(follower, Box::new(FollowerState::at(aim.position, aim.rotation, elbow.angle)))
+                Self::Ours(
+                    follower,
+                    Box::new(FollowerState::at(target.position, target.rotation, elbow.angle)),
+                )
             }
         }
     }
@@ -199,7 +204,7 @@ impl Slave {
                 // Overtaken ones are of no use, and nothing else is refused here.
                 let _ = follower.add_sample(state, instant(time), &sample);
             }
-            Self::Paper(aim, _) => (aim.position, aim.rotation) = (position, rotation),
+            Self::Paper(target, _) => (target.position, target.rotation) = (position, rotation),
         }
     }
 
@@ -226,7 +231,7 @@ impl Slave {
     fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
         match self {
             Self::Ours(follower, state) => follower.tick(state, instant(time)),
-            Self::Paper(aim, elbow) => (*aim, *elbow),
+            Self::Paper(target, elbow) => (*target, *elbow),
         }
     }
 }
@@ -238,34 +243,34 @@ fn instant(time: f64) -> Instant {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
-        let trace = follow(setting, &mut bench, trial)?;
+        let trace = follow(setting, &mut rig, trial)?;
         add_metrics(&mut summary, trial, &trace);
         figures.push(figure(trial, &trace));
         tables.push((format!("{}.csv", trial.name), trace.table()));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn follow(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Result<Trace, ScenarioError> {
+fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
     let machine = if trial.law == Law::Direct { Machine::Paper } else { Machine::Mismatched };
     let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
     let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
-    let mut session = Session::begin(setting, bench, trial.label, machine, settings)?;
-    session.wait(0.5)?;
-    let now = session.plant.tips().swap_remove(0);
+    let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, machine, settings)?;
+    arm_trial.wait(0.5)?;
+    let now = arm_trial.plant.tips().swap_remove(0);
     let [x, y, z, w] = now.orientation;
     let turn = UnitQuaternion::from_quaternion(rapier3d::na::Quaternion::new(w, x, y, z));
     let start = Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), turn);
-    let aim = session.start();
-    let mut operator = Operator::new(trial, seed, &start, aim.1.angle.into());
-    let mut slave = Slave::new(trial.law, aim);
-    let mut trace = Trace::new(session.log.now());
+    let target = arm_trial.start();
+    let mut operator = Operator::new(trial, seed, &start, target.1.angle.into());
+    let mut slave = Slave::new(trial.law, target);
+    let mut trace = Trace::new(arm_trial.log.now());
     let tick = |time: f64| (time / T).round() as usize;
     for number in 0..tick(END + REST) {
         let time = number as f64 * T;
@@ -283,77 +288,105 @@ fn follow(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &Trial) -> Re
         }
         let (point, elbow) = slave.tick(time);
         trace.hand(&operator.motion.at(time), &operator.elbow.at(time), &point);
-        session.follow(point, elbow)?;
+        arm_trial.follow(point, elbow)?;
     }
-    trace.end(session.end()?);
+    trace.end(arm_trial.end()?);
     Ok(trace)
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
-    let Trial { name, label, limits, law, .. } = trial;
-    let label = capital(label);
-    let mut insert = |key: &str, metric: Metric| summary.insert(format!("{name}_{key}"), metric);
-    let (moving, rest) = (BEGIN..END + 1.0, END + 1.0..END + REST);
-    let text = |text: &str| format!("{label}: {text}");
-    if let Some([open, close]) = trial.clutch {
-        let text_open = text("motion of the tool while the clutch is open, from 0.3 s on");
-        insert("open", Metric::at_most(text_open, trace.wander(&(open + 0.3..close)), 0.2, "mm"));
-        let largest = trace.largest_beside(&(close + 0.5..END + 1.0), &rest);
+/// Adds metrics under the trial's name.
+struct Metrics<'a> {
+    summary: &'a mut Summary,
+    trial: &'a Trial,
+    label: String,
+}
+
+impl Metrics<'_> {
+    fn insert(&mut self, key: &str, metric: Metric) {
+        self.summary.insert(format!("{}_{key}", self.trial.name), metric);
+    }
+
+    fn text(&self, text: &str) -> String {
+        format!("{}: {text}", self.label)
+    }
+
+    fn reported(&self, text: &str, value: f64, unit: &'static str) -> Metric {
+        Metric::reported(self.text(text), value, unit)
+    }
+
+    fn clutch(&mut self, trace: &Trace, [open, close]: [f64; 2], rest: &Range<f64>) {
+        let text_open = self.text("motion of the tool while the clutch is open, from 0.3 s on");
+        self.insert("open", Metric::at_most(text_open, trace.wander(&(open + 0.3..close)), 0.2, "mm"));
+        let largest = trace.largest_beside(&(close + 0.5..END + 1.0), rest);
         let note = "relative to the mean difference at rest, which the clutch is meant to create";
-        let text_closed = text("largest error later than 0.5 s after the clutch closed");
-        insert("closed", Metric::at_most(text_closed, largest, 1.0, "mm").note(note));
-    } else {
-        let largest = trace.largest(&moving, |moment| moment.error().norm());
-        let reversals = trace.reversals(&moving);
-        let still = trace.mean_error(&rest).norm();
-        let most = Metric::reported(text("largest position error in motion"), largest, "mm");
-        let at_ends = Metric::reported(text("largest error along x at the reversals"), reversals, "mm");
-        let at_rest = Metric::reported(text("error at rest"), still, "mm");
-        match (law, limits) {
+        let text_closed = self.text("largest error later than 0.5 s after the clutch closed");
+        self.insert("closed", Metric::at_most(text_closed, largest, 1.0, "mm").note(note));
+    }
+
+    fn following(&mut self, trace: &Trace, moving: &Range<f64>, rest: &Range<f64>) {
+        let largest = trace.largest(moving, |moment| moment.error().norm());
+        let largest = self.reported("largest position error in motion", largest, "mm");
+        let reversals = trace.reversals(moving);
+        let reversals = self.reported("largest error along x at the reversals", reversals, "mm");
+        let at_rest = self.reported("error at rest", trace.mean_error(rest).norm(), "mm");
+        match (self.trial.law, self.trial.limits) {
             (Law::Direct, _) => {
-                insert("largest", most);
-                insert("reversals", at_ends.paper("7 mm"));
-                let along = trace.mean_error(&rest).x.abs();
-                let along = Metric::reported(text("error at rest along x"), along, "mm");
-                insert("rest_x", along.paper("3 mm"));
-                insert("rest", at_rest);
+                self.insert("largest", largest);
+                self.insert("reversals", reversals.paper("7 mm"));
+                let along = trace.mean_error(rest).x.abs();
+                let along = self.reported("error at rest along x", along, "mm");
+                self.insert("rest_x", along.paper("3 mm"));
+                self.insert("rest", at_rest);
             }
             (_, Some([limit, limit_at_rest])) => {
-                insert("largest", Metric { limit: Some(*limit), ..most });
-                insert("reversals", at_ends.paper("7 mm"));
-                insert("rest", Metric { limit: Some(*limit_at_rest), ..at_rest }.paper("3 mm"));
+                self.insert("largest", Metric { limit: Some(limit), ..largest });
+                self.insert("reversals", reversals.paper("7 mm"));
+                self.insert("rest", Metric { limit: Some(limit_at_rest), ..at_rest }.paper("3 mm"));
             }
             _ => {
-                insert("largest", most);
-                insert("rest", at_rest);
+                self.insert("largest", largest);
+                self.insert("rest", at_rest);
             }
         }
     }
-    if *law == Law::ModelFollowing {
-        let predicted = trace.largest(&moving, |moment| moment.predicted().norm());
-        let own = trace.largest(&moving, |moment| moment.own().norm());
-        if trial.clutch.is_none() {
-            insert(
-                "prediction",
-                Metric::reported(text("largest error of the set-point, without the arm"), predicted, "mm"),
-            );
+
+    fn prediction(&mut self, trace: &Trace, moving: &Range<f64>) {
+        let predicted = trace.largest(moving, |moment| moment.predicted().norm());
+        let own = trace.largest(moving, |moment| moment.own().norm());
+        if self.trial.clutch.is_none() {
+            let text = "largest error of the set-point, without the arm";
+            self.insert("prediction", self.reported(text, predicted, "mm"));
         }
-        insert("arm", Metric::reported(text("largest distance of the tool from the set-point"), own, "mm"));
+        self.insert("arm", self.reported("largest distance of the tool from the set-point", own, "mm"));
+    }
+}
+
+fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
+    let mut metrics = Metrics { summary, trial, label: capital(trial.label) };
+    let (moving, rest) = (BEGIN..END + 1.0, END + 1.0..END + REST);
+    match trial.clutch {
+        Some(times) => metrics.clutch(trace, times, &rest),
+        None => metrics.following(trace, &moving, &rest),
+    }
+    let predicts = trial.law == Law::ModelFollowing;
+    if predicts {
+        metrics.prediction(trace, &moving);
+    }
+    if trial.clutch.is_none() {
+        let elbow = trace.largest(&(BEGIN..END), |moment| moment.elbow().abs());
+        metrics.insert("elbow", metrics.reported("largest error of the shoulder yaw", elbow, "mrad"));
     }
     let all = CLOSE..END + REST;
-    let elbow = trace.largest(&(BEGIN..END), |moment| moment.elbow().abs());
-    if trial.clutch.is_none() {
-        insert("elbow", Metric::reported(text("largest error of the shoulder yaw"), elbow, "mrad"));
-    }
     // To the digits of single precision.
     let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
     let limit = f64::from(FollowerSettings::HUMAN.position_limits.acceleration);
     let acceleration = Metric {
-        limit: (*law == Law::ModelFollowing).then_some(limit),
-        ..Metric::reported(text("largest acceleration of the set-point"), acceleration, "m/s²")
+        limit: predicts.then_some(limit),
+        ..metrics.reported("largest acceleration of the set-point", acceleration, "m/s²")
     };
-    insert("acceleration", acceleration);
-    insert("rate", Metric::reported(text("largest rate of a torque"), trace.torque_rate(&all), "N·m/s"));
+    metrics.insert("acceleration", acceleration);
+    let rate = trace.torque_rate(&all);
+    metrics.insert("rate", metrics.reported("largest rate of a torque", rate, "N·m/s"));
 }
 
 fn figure(trial: &Trial, trace: &Trace) -> Figure {

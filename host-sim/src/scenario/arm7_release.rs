@@ -3,7 +3,7 @@
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::{ImpedanceSettings, Law};
 
-use super::arm::{Bench, Log, Machine, Session, settings};
+use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -94,7 +94,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 struct Release {
     axis: usize,
     damping: f64,
-    log: Log,
+    log: ArmLog,
     /// The first reading of the force sensor without the hand, and by how much before it the tool was let go [s].
     time: f64,
     before: f64,
@@ -104,11 +104,11 @@ impl Release {
     /// Since the tool was let go [s]; how far it is off along its axis, and how far it should be [m].
     fn curves(&self) -> [Vec<f64>; 3] {
         let samples = self.log.during(&(self.time - T..self.time + AFTER));
-        let place = |index: usize| samples[index].position()[self.axis] - samples[index].aim[self.axis];
+        let place = |index: usize| samples[index].position()[self.axis] - samples[index].target[self.axis];
         let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time + self.before).collect();
         let real: Vec<f64> = (0..samples.len()).map(place).collect();
         let from = real.first().copied().unwrap_or(f64::NAN);
-        let ideal = time.iter().map(|&time| swing(self.damping, from, time.max(0.0))).collect();
+        let ideal = time.iter().map(|&time| elbow_swing(self.damping, from, time.max(0.0))).collect();
         [time, real, ideal]
     }
 
@@ -121,8 +121,8 @@ impl Release {
     /// How far the tool left the axis [mm].
     fn sideways(&self) -> f64 {
         let samples = self.log.during(&(self.time..self.time + AFTER));
-        let off = |sample: &super::arm::Sample| {
-            let mut off = sample.position() - sample.aim;
+        let off = |sample: &super::arm::ArmSample| {
+            let mut off = sample.position() - sample.target;
             off[self.axis] = 0.0;
             off.norm()
         };
@@ -131,7 +131,7 @@ impl Release {
 }
 
 /// Displacement of the underdamped mass `time` [s] after it was let go at rest.
-fn swing(damping: f64, from: f64, time: f64) -> f64 {
+fn elbow_swing(damping: f64, from: f64, time: f64) -> f64 {
     let decay = damping / (2.0 * MASS);
     let frequency = (STIFFNESS / MASS - decay * decay).sqrt();
     let (sine, cosine) = (frequency * time).sin_cos();
@@ -140,14 +140,14 @@ fn swing(damping: f64, from: f64, time: f64) -> f64 {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let mut releases = Vec::new();
         for damping in DAMPINGS {
             for (axis, name) in AXES.into_iter().enumerate() {
-                let release = release(setting, &mut bench, trial, damping, axis)?;
+                let release = release(setting, &mut rig, trial, damping, axis)?;
                 tables.push((format!("{}_{}_{damping}.csv", trial.name, name), release.log.table()));
                 releases.push(release);
             }
@@ -155,32 +155,32 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         add_metrics(&mut summary, trial, &releases);
         figures.push(figure(trial, &releases));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
 fn release(
     setting: &mut Setting<'_, '_>,
-    bench: &mut Bench,
+    rig: &mut ArmRig,
     trial: &Trial,
     damping: f32,
     axis: usize,
 ) -> Result<Release, ScenarioError> {
     let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let label = format!("{}, B {damping} N·s/m, {}", trial.label, AXES[axis]);
-    let mut session = Session::begin(setting, bench, &label, trial.machine, settings)?;
-    session.wait(0.5)?;
-    let (aim, _) = session.start();
-    let mut place = Vector3::from(aim.position).map(f64::from);
+    let mut arm_trial = ArmTrial::begin(setting, rig, &label, trial.machine, settings)?;
+    arm_trial.wait(0.5)?;
+    let (target, _) = arm_trial.start();
+    let mut place = Vector3::from(target.position).map(f64::from);
     place[axis] += OFF;
-    session.plant.hold_tip(0, Hold::firm(place.into(), aim.rotation.map(f64::from), WAY))?;
-    session.wait(WAY + HELD)?;
-    let before = trial.before.unwrap_or(LEAD * session.plant.force_window());
-    session.plant.release_tip(0, T - before)?;
-    session.tick()?;
-    let time = session.log.now();
-    session.wait(AFTER)?;
-    Ok(Release { axis, damping: damping.into(), log: session.end()?, time, before })
+    arm_trial.plant.hold_tip(0, Hold::firm(place.into(), target.rotation.map(f64::from), WAY))?;
+    arm_trial.wait(WAY + HELD)?;
+    let before = trial.before.unwrap_or(LEAD * arm_trial.plant.force_window());
+    arm_trial.plant.release_tip(0, T - before)?;
+    arm_trial.tick()?;
+    let time = arm_trial.log.now();
+    arm_trial.wait(AFTER)?;
+    Ok(Release { axis, damping: damping.into(), log: arm_trial.end()?, time, before })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {

@@ -4,7 +4,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, ELBOW_TRIALS, ElbowTrial, Log, Machine, Sample, Session, settings};
+use super::arm::{ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, settings};
 use super::common::capital;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -40,53 +40,57 @@ const REST: f64 = 1.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {
-        let log = lead(setting, &mut bench, trial)?;
+        let log = lead(setting, &mut rig, trial)?;
         add_metrics(&mut summary, trial, &log);
         figures.push(figure(trial, &log));
         tables.push((format!("{}.csv", trial.name), log.table()));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn lead(setting: &mut Setting<'_, '_>, bench: &mut Bench, trial: &ElbowTrial) -> Result<Log, ScenarioError> {
+fn lead(
+    setting: &mut Setting<'_, '_>,
+    rig: &mut ArmRig,
+    trial: &ElbowTrial,
+) -> Result<ArmLog, ScenarioError> {
     let settings = ImpedanceSettings { redundancy: trial.redundancy, ..settings(30.0) };
-    let mut session = Session::begin(setting, bench, trial.label, Machine::Mismatched, settings)?;
-    session.wait(1.0)?;
-    let (start, elbow) = session.start();
+    let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, settings)?;
+    arm_trial.wait(1.0)?;
+    let (start, elbow) = arm_trial.start();
     // The hand points along x and keeps that.
     let wrist = Vector3::from(start.position).map(f64::from) - Vector3::x() * HAND;
     let outwards = wrist.normalize() * (REACH + BEYOND - wrist.norm());
     for (from, to) in [(0.0, 1.0), (1.0, 0.0)] {
         for tick in 1..=(TIME / T).round() as usize {
-            let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
+            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let mut at = start;
             for axis in 0..3 {
                 let way = outwards[axis] * (to - from);
-                at.position[axis] += (outwards[axis] * from + way * share) as f32;
+                at.position[axis] += (outwards[axis] * from + way * fraction) as f32;
                 at.velocity[axis] = (way * rate / TIME) as f32;
                 at.acceleration[axis] = (way * change / (TIME * TIME)) as f32;
             }
-            session.follow(at, elbow)?;
+            arm_trial.follow(at, elbow)?;
         }
-        session.wait(REST)?;
+        arm_trial.wait(REST)?;
     }
-    session.end()
+    arm_trial.end()
 }
 
 /// Largest rate at which a value of any joint changes from one control period to the next [1/s].
-fn largest_rate(log: &Log, values: impl Fn(&Sample) -> &[f64]) -> f64 {
+fn largest_rate(log: &ArmLog, values: impl Fn(&ArmSample) -> &[f64]) -> f64 {
     let changes = log.0.windows(2).flat_map(|pair| {
         values(&pair[0]).iter().zip(values(&pair[1])).map(|(before, after)| (after - before).abs() / T)
     });
     changes.fold(f64::NAN, f64::max)
 }
 
-fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
+fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     let label = capital(trial.label);
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     let all = 0.0..log.now();
@@ -97,7 +101,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
     insert("speed", Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"));
     let text = format!("{label}: largest torque, the shoulder is rated at 60 N·m");
     let torque =
-        |sample: &Sample| sample.torques.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
+        |sample: &ArmSample| sample.torques.iter().fold(0.0, |max: f64, torque| max.max(torque.abs()));
     insert("torque", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
     let text = format!("{label}: largest rate of a torque");
     insert("rate", Metric::at_most(text, largest_rate(log, |sample| &sample.torques), 1000.0, "N·m/s"));
@@ -113,16 +117,16 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &Log) {
 }
 
 /// How far the tool is from where it should be [mm].
-fn off(sample: &Sample) -> f64 {
-    1e3 * (sample.position() - sample.aim).norm()
+fn off(sample: &ArmSample) -> f64 {
+    1e3 * (sample.position() - sample.target).norm()
 }
 
-fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
+fn figure(trial: &ElbowTrial, log: &ArmLog) -> Figure {
     let caption = "Displacement of the tool from its start and that of the set-point (dashed), position \
                    error, elbow angle, and motor torques.";
-    let series = |value: &dyn Fn(&Sample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
+    let series = |value: &dyn Fn(&ArmSample) -> f64| log.0.iter().map(value).collect::<Vec<f64>>();
     let time = series(&|sample| sample.time);
-    let start = log.0.first().map_or(Vector3::repeat(f64::NAN), |first| first.aim);
+    let start = log.0.first().map_or(Vector3::repeat(f64::NAN), |first| first.target);
     let tool = Panel::new("Tool", "displacement", "mm")
         .line(Line::solid(
             "tool",
@@ -134,7 +138,7 @@ fn figure(trial: &ElbowTrial, log: &Log) -> Figure {
             "set-point",
             Line::INK,
             time.clone(),
-            series(&|sample| 1e3 * (sample.aim - start).norm()),
+            series(&|sample| 1e3 * (sample.target - start).norm()),
         ));
     let error =
         Panel::new("Position error", "error", "mm").line(Line::solid("error", 1, time.clone(), series(&off)));

@@ -4,7 +4,7 @@ use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{Bench, Log, Machine, Session, impedance, settings};
+use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, settings};
 use super::common::grouped;
 use super::grasping::{T, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -57,7 +57,7 @@ const MOST_DOUBT: f64 = 5.0;
 struct Contact {
     stiffness: f64,
     force: ForceSource,
-    log: Log,
+    log: ArmLog,
     /// What the controller took the force for before the tool was led away [N].
     felt: f64,
     /// When the tool should have arrived, when it was led away again, and when that ended [s].
@@ -84,7 +84,7 @@ impl Contact {
     }
 
     /// Force into the wall [N].
-    fn force(sample: &super::arm::Sample) -> f64 {
+    fn force(sample: &super::arm::ArmSample) -> f64 {
         -sample.tool.wall_force[0]
     }
 
@@ -114,43 +114,50 @@ impl Contact {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut contacts, mut tables) = (Vec::new(), Vec::new());
     let sensed = WALLS.map(|stiffness| (stiffness, ForceSource::Sensor));
     let observed = UNFELT.map(|stiffness| (stiffness, ForceSource::Observer { bandwidth: BANDWIDTH }));
     for (stiffness, force) in sensed.into_iter().chain(observed) {
-        let contact = meet(setting, &mut bench, stiffness, force)?;
+        let contact = meet(setting, &mut rig, stiffness, force)?;
         tables.push((format!("{}.csv", contact.name()), contact.log.table()));
         contacts.push(contact);
     }
     for contact in &contacts {
         add_metrics(&mut summary, contact);
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome {
         summary,
         figures: vec![forces(&contacts), positions(&contacts)],
         tables,
-        motion: bench.motion,
+        motion: rig.motion,
     })
 }
 
 fn meet(
     setting: &mut Setting<'_, '_>,
-    bench: &mut Bench,
+    rig: &mut ArmRig,
     stiffness: f64,
     force: ForceSource,
 ) -> Result<Contact, ScenarioError> {
-    let mut contact =
-        Contact { stiffness, force, log: Log::default(), felt: f64::NAN, arrived: 0.0, left: 0.0, end: 0.0 };
+    let mut contact = Contact {
+        stiffness,
+        force,
+        log: ArmLog::default(),
+        felt: f64::NAN,
+        arrived: 0.0,
+        left: 0.0,
+        end: 0.0,
+    };
     let mut heavy =
         ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
     if contact.is_observed() {
         heavy.contact_force = DOUBT;
     }
-    let mut session = Session::begin(setting, bench, &contact.label(), Machine::Mismatched, heavy)?;
-    let (point, elbow) = session.start();
+    let mut arm_trial = ArmTrial::begin(setting, rig, &contact.label(), Machine::Mismatched, heavy)?;
+    let (point, elbow) = arm_trial.start();
     let place = f64::from(point.position[0]) + CLEARANCE;
     let wall = Wall {
         point: [place, 0.0, 0.0],
@@ -159,27 +166,27 @@ fn meet(
         damping: DAMPING,
         friction: 0.0,
     };
-    session.plant.insert_wall(wall)?;
-    session.wait(0.5)?;
-    let lead = |session: &mut Session<'_, '_>, from: f64, to: f64| {
+    arm_trial.plant.insert_wall(wall)?;
+    arm_trial.wait(0.5)?;
+    let lead = |arm_trial: &mut ArmTrial<'_, '_>, from: f64, to: f64| {
         for tick in 1..=(TIME / T).round() as usize {
-            let [share, rate, change] = minimum_jerk(tick as f64 * T / TIME);
+            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
             let mut at: PosePoint = point;
-            at.position[0] += (from + (to - from) * share) as f32;
+            at.position[0] += (from + (to - from) * fraction) as f32;
             at.velocity[0] = ((to - from) * rate / TIME) as f32;
             at.acceleration[0] = ((to - from) * change / (TIME * TIME)) as f32;
-            session.follow(at, elbow)?;
+            arm_trial.follow(at, elbow)?;
         }
-        Ok::<_, ScenarioError>(session.log.now())
+        Ok::<_, ScenarioError>(arm_trial.log.now())
     };
-    contact.arrived = lead(&mut session, 0.0, WAY)?;
-    session.wait(STAY)?;
-    contact.left = session.log.now();
-    contact.felt = -f64::from(session.telemetry()?.wrench[0]);
-    lead(&mut session, WAY, 0.0)?;
-    session.wait(1.0)?;
-    contact.end = session.log.now();
-    contact.log = session.end()?;
+    contact.arrived = lead(&mut arm_trial, 0.0, WAY)?;
+    arm_trial.wait(STAY)?;
+    contact.left = arm_trial.log.now();
+    contact.felt = -f64::from(arm_trial.telemetry()?.wrench[0]);
+    lead(&mut arm_trial, WAY, 0.0)?;
+    arm_trial.wait(1.0)?;
+    contact.end = arm_trial.log.now();
+    contact.log = arm_trial.end()?;
     Ok(contact)
 }
 
@@ -201,7 +208,7 @@ fn add_metrics(summary: &mut Summary, contact: &Contact) {
     summary.insert(name("rest"), Metric::reported(text, error, "N"));
     summary.insert(name("peak"), Metric::reported(format!("{label}: largest force"), contact.peak(), "N"));
     let back = contact.log.during(&(contact.end - 0.1..contact.end));
-    let off = back.last().map_or(f64::NAN, |sample| (sample.position() - sample.aim).norm());
+    let off = back.last().map_or(f64::NAN, |sample| (sample.position() - sample.target).norm());
     let text = format!("{label}: position error after the return");
     summary.insert(name("back"), Metric::reported(text, 1e3 * off, "mm"));
 }
@@ -233,7 +240,7 @@ fn forces(contacts: &[Contact]) -> Figure {
                 vec![contact.arrived, contact.left],
                 expected,
             ));
-        let touches = |sample: &&super::arm::Sample| Contact::force(sample) > 0.0;
+        let touches = |sample: &&super::arm::ArmSample| Contact::force(sample) > 0.0;
         for end in [samples.iter().find(touches), samples.iter().rev().find(touches)].into_iter().flatten() {
             panel = panel.mark(end.time, 0.0, "");
         }
@@ -247,10 +254,10 @@ fn positions(contacts: &[Contact]) -> Figure {
     let mut figure = timeline("Tool position", caption, contacts);
     for contact in contacts {
         let samples = contact.log.during(&(0.0..contact.end));
-        let start = samples.first().map_or(f64::NAN, |sample| sample.aim.x);
+        let start = samples.first().map_or(f64::NAN, |sample| sample.target.x);
         let time: Vec<f64> = samples.iter().map(|sample| sample.time).collect();
         let position = samples.iter().map(|sample| 1e3 * (sample.position().x - start)).collect();
-        let setpoint = samples.iter().map(|sample| 1e3 * (sample.aim.x - start)).collect();
+        let setpoint = samples.iter().map(|sample| 1e3 * (sample.target.x - start)).collect();
         let panel = Panel::new(contact.label(), "position", "mm")
             .rule(1e3 * CLEARANCE, "wall")
             .line(Line::solid("tool", 0, time.clone(), position))

@@ -1,19 +1,20 @@
 //! What scenarios share in which three fingers hold an object: where it stands, the session with the controller, what is
 //! recorded of it, and how firm a grip is against the least that would do.
 
-mod bench;
-mod calibrating;
+mod calibration;
 mod figures;
-mod firmness;
-mod log;
-mod session;
+mod grasp_log;
+mod grip_ratio;
+mod rig;
+pub mod scene;
+mod trial;
 
-pub use bench::{Bench, Held, PAPER_STRENGTH};
-pub use calibrating::calibrate;
+pub use calibration::calibrate;
 pub use figures::{component_targets, components, moved, xyz};
-pub use firmness::{Firmness, firmness, internal_forces};
-pub use log::{Log, Sample, table};
-pub use session::{MOVE, Session};
+pub use grasp_log::{GraspLog, GraspSample, table};
+pub use grip_ratio::{GripRatio, grip_ratio, internal_forces};
+pub use rig::{GraspRig, GraspedObject, PAPER_STRENGTH};
+pub use trial::{GraspTrial, MOVE};
 
 use super::{Scenario, ScenarioError, Setting};
 
@@ -26,7 +27,7 @@ pub const UP: f64 = 0.010;
 pub fn require_duration(scenario: &Scenario, setting: &Setting<'_, '_>) -> Result<(), ScenarioError> {
     let Setting { duration, .. } = *setting;
     if duration.is_nan() || duration < scenario.duration {
-        return Err(ScenarioError::TooShort { duration, name: scenario.name, least: scenario.duration });
+        return Err(ScenarioError::TooShort { duration, name: scenario.name, minimum: scenario.duration });
     }
     Ok(())
 }

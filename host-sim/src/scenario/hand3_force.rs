@@ -8,7 +8,8 @@ use tesaki::task::grasping::{GraspPlan, InternalForce};
 
 use super::common::capital;
 use super::grasping::{
-    Bench, Held, Log, PAPER_STRENGTH, Session, T, calibrate, components, require_duration, table,
+    GraspLog, GraspRig, GraspTrial, GraspedObject, PAPER_STRENGTH, T, calibrate, components,
+    require_duration, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -110,52 +111,52 @@ struct Measured {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = GraspRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
         .event(BEFORE, "support removed")
         .phase(BEFORE + HOLD - COUNTED, BEFORE + HOLD, "evaluated");
     let mut tables = Vec::new();
     for trial in &TRIALS {
-        let held = Held {
+        let held = GraspedObject {
             label: trial.label,
             object: "box",
             change: &|grasp| trial.change(&mut grasp.plan),
             paper: trial.paper_law,
         };
         if trial.identified {
-            let held = Held { label: "identification", ..held };
-            let found = calibrate(setting, &mut bench, &held)?;
-            add_identified(&mut summary, &bench, &held, &found)?;
+            let held = GraspedObject { label: "identification", ..held };
+            let found = calibrate(setting, &mut rig, &held)?;
+            add_identified(&mut summary, &rig, &held, &found)?;
         }
-        let mut session = Session::without_support(setting, &mut bench, &held)?;
-        session.wait(HOLD)?;
-        let log = session.end()?;
+        let mut grasp_trial = GraspTrial::without_support(setting, &mut rig, &held)?;
+        grasp_trial.wait(HOLD)?;
+        let log = grasp_trial.end()?;
         add_metrics(&mut summary, trial, &log);
         figure = figure.panel(panel(trial, &log));
         tables.push((format!("{}.csv", trial.name), table(&log)));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures: vec![figure], tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures: vec![figure], tables, motion: rig.motion })
 }
 
 /// The stretch that counts [s].
-fn counted(log: &Log) -> Range<f64> {
+fn counted(log: &GraspLog) -> Range<f64> {
     let end = log.held + HOLD;
     end - COUNTED..end
 }
 
-fn measured(log: &Log, finger: usize) -> Measured {
+fn measured(log: &GraspLog, finger: usize) -> Measured {
     let samples = log.during(&counted(log));
     let mean =
         |value: &dyn Fn(usize) -> f64| (0..samples.len()).map(value).sum::<f64>() / samples.len() as f64;
     let size = |index: usize| samples[index].force(finger).norm();
     let force = mean(&size);
     let ripple = (0..samples.len()).map(|index| (size(index) - force).abs()).fold(f64::NAN, f64::max);
-    Measured { force, target: mean(&|index| samples[index].wanted[finger].norm()), ripple }
+    Measured { force, target: mean(&|index| samples[index].target_forces[finger].norm()), ripple }
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
+fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
     let label = capital(trial.label);
     let fingers = [0, 1, 2].map(|finger| measured(log, finger));
     let lost = log.lost.clone();
@@ -205,17 +206,17 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &Log) {
 /// What was identified, against the machine.
 fn add_identified(
     summary: &mut Summary,
-    bench: &Bench,
-    held: &Held<'_>,
+    rig: &GraspRig,
+    held: &GraspedObject<'_>,
     found: &Identification,
 ) -> Result<(), ScenarioError> {
-    let (_, plant) = bench.place(held)?;
+    let (_, plant) = rig.set_up(held)?;
     let [mut known, mut gain, mut coulomb] = [0.0_f64, f64::NAN, f64::NAN];
-    for ((fit, factors), joint) in found.fits.iter().zip(plant.factors()).zip(&bench.robot.model.joints) {
+    for ((fit, factors), joint) in found.fits.iter().zip(plant.factors()).zip(&rig.robot.model.joints) {
         let Ok(found) = fit.gain else { continue };
         known += 1.0;
         gain = gain.max(100.0 * (found.value / factors.torque_constant - 1.0).abs());
-        let dynamics = bench.robot.urdf.robot.joints.iter().find(|other| other.name == joint.name.as_str());
+        let dynamics = rig.robot.urdf.robot.joints.iter().find(|other| other.name == joint.name.as_str());
         let nominal = dynamics.and_then(|joint| joint.dynamics.as_ref()).map_or(f64::NAN, |d| d.friction);
         if let Ok([found, _]) = fit.friction {
             coulomb = coulomb.max(1e3 * (found.value - nominal * factors.coulomb).abs());
@@ -251,7 +252,7 @@ const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's 
                        figure 11 commands (1.48, 0, −1.34) N, along the x axis of a box that was pitched by \
                        33 mrad less, and shows 0.89 N.";
 
-fn panel(trial: &Trial, log: &Log) -> Panel {
+fn panel(trial: &Trial, log: &GraspLog) -> Panel {
     let span = log.held - BEFORE..log.held + HOLD;
     let panel = Panel::new(capital(trial.label), "force", "N");
     let mut panel = components(panel, log, &span, |sample| sample.force(0));

@@ -6,7 +6,9 @@ use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspCommand, Phase};
 
 use super::common::capital;
-use super::grasping::{Bench, Held, Log, MOVE, Sample, Session, require_duration, table, xyz};
+use super::grasping::{
+    GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, require_duration, table, xyz,
+};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -54,7 +56,7 @@ const TRIALS: [Trial; 3] = [
 
 /// What was recorded with an object.
 struct Record {
-    log: Log,
+    log: GraspLog,
     /// When each turn began [s].
     turned: Vec<f64>,
     /// When each motion that was commanded began [s], and what it was.
@@ -64,36 +66,36 @@ struct Record {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = GraspRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
-        let force_limit = f64::from(bench.grasp(trial.object)?.plan.force_limit);
-        let held = Held { label: trial.object, object: trial.object, change: &|_| {}, paper: false };
-        let mut session = Session::begin(setting, &mut bench, &held)?;
-        let mut motions = vec![(session.log.now(), "lift".to_owned())];
-        let up = session.lift()?;
+        let force_limit = f64::from(rig.grasp(trial.object)?.plan.force_limit);
+        let held = GraspedObject { label: trial.object, object: trial.object, change: &|_| {}, paper: false };
+        let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
+        let mut motions = vec![(grasp_trial.log.now(), "lift".to_owned())];
+        let up = grasp_trial.lift()?;
         let mut turned = Vec::new();
         for &turn in trial.turns {
-            motions.push((session.log.now(), format!("{} rad", signed(turn))));
-            turned.push(session.bring(up, [0.0, turn, 0.0])?);
-            session.wait(MOVE + REST)?;
+            motions.push((grasp_trial.log.now(), format!("{} rad", signed(turn))));
+            turned.push(grasp_trial.move_object(up, [0.0, turn, 0.0])?);
+            grasp_trial.wait(MOVE + REST)?;
         }
         for &shift in trial.shifts {
-            motions.push((session.log.now(), format!("{} mm", signed(1e3 * shift))));
-            session.bring([up[0] + shift, up[1], up[2]], [0.0; 3])?;
-            session.wait(MOVE + REST)?;
+            motions.push((grasp_trial.log.now(), format!("{} mm", signed(1e3 * shift))));
+            grasp_trial.move_object([up[0] + shift, up[1], up[2]], [0.0; 3])?;
+            grasp_trial.wait(MOVE + REST)?;
         }
-        session.forget_aim();
-        session.send("put down", GraspCommand::PutDown)?;
-        session.until(Phase::Ready, DOWN_TIME)?;
-        let record = Record { log: session.end()?, turned, motions, force_limit };
+        grasp_trial.forget_aim();
+        grasp_trial.send("put down", GraspCommand::PutDown)?;
+        grasp_trial.wait_for_phase(Phase::Ready, DOWN_TIME)?;
+        let record = Record { log: grasp_trial.end()?, turned, motions, force_limit };
         add_metrics(&mut summary, trial, &record);
         figures.push(figure(trial, &record));
         tables.push((format!("{}.csv", trial.object), table(&record.log)));
     }
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
@@ -174,36 +176,36 @@ fn figure(trial: &Trial, record: &Record) -> Figure {
 }
 
 /// The sample when the hand began to hold the object: references count from there.
-fn when_held(log: &Log) -> Option<&Sample> {
+fn when_held(log: &GraspLog) -> Option<&GraspSample> {
     log.at(log.held)
 }
 
-fn displacement(log: &Log) -> Panel {
-    let start = log.samples.first().map_or(Vector3::zeros(), Sample::position);
-    let held = when_held(log).map_or(Vector3::repeat(f64::NAN), Sample::position);
+fn displacement(log: &GraspLog) -> Panel {
+    let start = log.samples.first().map_or(Vector3::zeros(), GraspSample::position);
+    let held = when_held(log).map_or(Vector3::repeat(f64::NAN), GraspSample::position);
     let mut panel = Panel::new("Displacement of the object", "displacement", "mm");
     for (axis, name) in xyz() {
         let values = log.series(|sample| 1e3 * (sample.position() - start)[axis]);
         panel = panel.line(Line::solid(name, axis, log.times(), values));
     }
     for (axis, name) in xyz() {
-        let reference = |sample: &Sample| 1e3 * (held + sample.aim[0] - start)[axis];
+        let reference = |sample: &GraspSample| 1e3 * (held + sample.target[0] - start)[axis];
         let values = log.series(|sample| if sample.time < log.held { f64::NAN } else { reference(sample) });
         panel = panel.line(Line::dashed(format!("{name} reference"), axis, log.times(), values));
     }
     panel
 }
 
-fn pitch(log: &Log) -> Panel {
+fn pitch(log: &GraspLog) -> Panel {
     let held = when_held(log).map_or(f64::NAN, |sample| sample.angles()[1]);
     let reference =
-        log.series(|sample| if sample.time < log.held { f64::NAN } else { held + sample.aim[1][1] });
+        log.series(|sample| if sample.time < log.held { f64::NAN } else { held + sample.target[1][1] });
     Panel::new("Pitch of the object", "angle", "rad")
         .line(Line::solid("pitch", 3, log.times(), log.series(|sample| sample.angles()[1])))
         .line(Line::dashed("pitch reference", 3, log.times(), reference))
 }
 
-fn forces(log: &Log) -> Panel {
+fn forces(log: &GraspLog) -> Panel {
     let mut panel = Panel::new("Contact force of each finger", "force", "N");
     for finger in 0..3 {
         let name = format!("finger {}", finger + 1);
@@ -212,7 +214,7 @@ fn forces(log: &Log) -> Panel {
     }
     for finger in 0..3 {
         let name = format!("finger {} target", finger + 1);
-        let target = log.series(|sample| sample.wanted[finger].norm());
+        let target = log.series(|sample| sample.target_forces[finger].norm());
         panel = panel.line(Line::dashed(name, 4 + finger, log.times(), target));
     }
     panel

@@ -121,9 +121,9 @@ impl Recording {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let least = 2.0 * TRIAL;
-    if setting.duration.is_nan() || setting.duration < least {
-        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
+    let minimum = 2.0 * TRIAL;
+    if setting.duration.is_nan() || setting.duration < minimum {
+        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, minimum });
     }
     let robot = RobotFolder::load(setting.robot)?;
     let values = PlantValues::load(setting.robot)?;
@@ -131,7 +131,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
     for (index, trial) in TRIALS.iter().enumerate() {
-        let progress = |share: f64| (setting.progress)((index as f64 + share) / 2.0);
+        let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 2.0);
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let options = PlantOptions::mismatched(setting.seed);
         let mut plant = Plant::new(&robot.urdf, &drives, &values, &options)?;

@@ -37,18 +37,18 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// From the start to the first step [s].
-const SETTLE: f64 = 0.5;
+const INITIAL_REST: f64 = 0.5;
 /// From one step to the next [s].
 const INTERVAL: f64 = 2.5;
 /// The steps' size [rad].
 const STEP: f64 = 0.3;
-/// From here on after a step the error counts as settled [s].
-const SETTLED_AFTER: f64 = 1.0;
-/// The first step in each direction finds the friction as the model has it; from then on the servo has learnt it.
+/// Time after a step from which the error counts as settled [s].
+const SETTLING_TIME: f64 = 1.0;
+/// The first step in each direction meets unknown friction; from then on the servo has adapted to it.
 const FIRST_MOTIONS: usize = 2;
 /// Control period [s].
 const T: f64 = 0.01;
-/// Ticks from one command to the next; a command says the whole aim, so repeating it is safe.
+/// Ticks from one command to the next; commands are idempotent.
 const COMMAND_EVERY: u32 = 5;
 const TRIALS: [Trial; 4] = [
     Trial {
@@ -81,7 +81,7 @@ const TRIALS: [Trial; 4] = [
     },
 ];
 
-/// One plant under one servo.
+/// A combination of plant and servo.
 struct Trial {
     name: &'static str,
     label: &'static str,
@@ -91,34 +91,34 @@ struct Trial {
     limits: Option<(f64, f64)>,
 }
 
-/// What was recorded of a trial; one list a joint, one value a tick.
+/// Signals of a trial: a list for each joint, with a value for each tick.
 struct Recording {
     time: Vec<f64>,
     reference: Vec<Vec<f64>>,
     position: Vec<Vec<f64>>,
     torque: Vec<Vec<f64>>,
     homing_errors: Vec<f64>,
-    /// Ticks at which the goal stepped.
+    /// Ticks of the steps of the goal.
     steps: Vec<usize>,
 }
 
 impl Recording {
-    /// Error of a joint's motion [mrad]: true angle less reference, without the constant error of the homing, which no
-    /// servo can see.
+    /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which the
+    /// servo cannot observe.
     fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         let homing = self.homing_errors[joint];
         let pairs = self.position[joint].iter().zip(&self.reference[joint]);
         pairs.map(move |(position, reference)| 1e3 * (position + homing - reference))
     }
 
-    /// A joint's angle from the start as its encoder sees it [rad].
+    /// Encoder angle of a joint relative to the start [rad].
     fn moved(&self, joint: usize) -> Vec<f64> {
         let start = self.reference[joint].first().copied().unwrap_or(0.0);
         self.position[joint].iter().map(|angle| angle + self.homing_errors[joint] - start).collect()
     }
 
-    /// Largest error of any joint after the steps numbered `steps`: at any time, and from [`SETTLED_AFTER`] each of
-    /// them on [mrad].
+    /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than [`SETTLING_TIME`]
+    /// after each step.
     fn worst(&self, steps: Range<usize>) -> (f64, f64) {
         let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
         for joint in 0..self.position.len() {
@@ -128,7 +128,7 @@ impl Recording {
                     continue;
                 }
                 peak = peak.max(error.abs());
-                if (tick - self.steps[number - 1]) as f64 * T >= SETTLED_AFTER - 1e-9 {
+                if (tick - self.steps[number - 1]) as f64 * T >= SETTLING_TIME - 1e-9 {
                     settled = settled.max(error.abs());
                 }
             }
@@ -143,9 +143,9 @@ impl Recording {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let least = 4.0 * (SETTLE + INTERVAL * (FIRST_MOTIONS + 1) as f64);
-    if setting.duration.is_nan() || setting.duration < least {
-        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, least });
+    let minimum = 4.0 * (INITIAL_REST + INTERVAL * (FIRST_MOTIONS + 1) as f64);
+    if setting.duration.is_nan() || setting.duration < minimum {
+        return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, minimum });
     }
     let robot = RobotFolder::load(setting.robot)?;
     let values = PlantValues::load(setting.robot)?;
@@ -155,17 +155,14 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
     for (index, trial) in TRIALS.iter().enumerate() {
-        let progress = |share: f64| (setting.progress)((index as f64 + share) / 4.0);
-        let recording = run_trial(
-            trial,
-            &robot,
-            &values,
-            setting.controller,
-            setting.seed,
-            ticks,
-            &mut motion,
-            &progress,
-        )?;
+        let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
+        let Setting { seed, .. } = *setting;
+        let mut trial_run = TrialRun::begin(trial, (&robot, &values, seed), setting.controller, &mut motion)?;
+        for tick in 0..ticks {
+            trial_run.tick(tick)?;
+            progress(f64::from(tick + 1) / f64::from(ticks));
+        }
+        let recording = trial_run.end()?;
         add_metrics(&mut summary, trial, &recording);
         figures.push(figure(trial, &recording, &robot.model));
         tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
@@ -174,83 +171,103 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion })
 }
 
-#[expect(clippy::too_many_arguments, reason = "called once")]
-fn run_trial(
-    trial: &Trial,
-    robot: &RobotFolder,
-    values: &PlantValues,
-    controller: &mut Watched<'_>,
-    seed: u64,
-    ticks: u32,
-    motion: &mut Motion,
-    progress: &dyn Fn(f64),
-) -> Result<Recording, ScenarioError> {
-    let mut model = robot.model.clone();
-    let mut options = PlantOptions::mismatched(seed);
-    if trial.paper_friction {
-        options.coulomb = Some(values.friction.paper);
-        for joint in &mut model.joints {
-            joint.friction.coulomb = values.friction.paper as f32;
-        }
-    }
-    let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-    let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
-    let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
-
-    let joints = model.joints.len();
-    let filter_time = f64::from(model.joints[0].servo.filter_time);
-    let mut recording = Recording {
-        time: Vec::new(),
-        reference: vec![Vec::new(); joints],
-        position: vec![Vec::new(); joints],
-        torque: vec![Vec::new(); joints],
-        homing_errors: plant.truth().homing_errors,
-        steps: Vec::new(),
-    };
-    let mut raised = false;
-    for tick in 0..ticks {
-        let time = f64::from(tick) * T;
-        let next_step = SETTLE + INTERVAL * recording.steps.len() as f64;
-        let steps_now = time >= next_step - 1e-9;
-        if steps_now {
-            recording.steps.push(tick as usize);
-            raised = !raised;
-        }
-        if steps_now || tick % COMMAND_EVERY == 0 {
-            let offset = if raised { STEP } else { 0.0 };
-            let goal: Vec<f32> = start.iter().map(|angle| angle + offset as f32).collect();
-            match controller.set_goal(&goal) {
-                Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                    return Err(stopped(controller, &model, trial.label, time));
-                }
-                other => other?,
-            }
-        }
-        let truth = plant.truth();
-        let actuators = controller.tick(&plant.sensors(motion.tick(&truth)))?;
-        if !actuators.enabled {
-            return Err(stopped(controller, &model, trial.label, time));
-        }
-        let moved = reference(tick, &recording.steps, filter_time);
-        motion.reference(start.iter().map(|&start| f64::from(start) + moved).collect());
-        if tick == 0 {
-            motion.note(trial.label);
-        }
-        recording.time.push(time);
-        for (joint, &start) in start.iter().enumerate() {
-            recording.reference[joint].push(f64::from(start) + moved);
-            recording.position[joint].push(truth.positions[joint]);
-            recording.torque[joint].push(truth.torques[joint]);
-        }
-        plant.apply(&actuators)?;
-        progress(f64::from(tick + 1) / f64::from(ticks));
-    }
-    controller.disable()?;
-    Ok(recording)
+/// A trial in progress: the plant under the servo, and what is recorded of it.
+struct TrialRun<'a, 'b> {
+    label: &'static str,
+    controller: &'a mut Watched<'b>,
+    motion: &'a mut Motion,
+    model: RobotModel,
+    plant: Plant,
+    /// Joint angles at the start [rad].
+    start: Vec<f32>,
+    /// Time constant of the trajectory filter [s].
+    filter_time: f64,
+    recording: Recording,
 }
 
-/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one term a
-/// step. A goal that comes with a tick acts from the tick before it.
+impl<'a, 'b> TrialRun<'a, 'b> {
+    fn begin(
+        trial: &Trial,
+        (robot, values, seed): (&RobotFolder, &PlantValues, u64),
+        controller: &'a mut Watched<'b>,
+        motion: &'a mut Motion,
+    ) -> Result<Self, ScenarioError> {
+        let mut model = robot.model.clone();
+        let mut options = PlantOptions::mismatched(seed);
+        if trial.paper_friction {
+            options.coulomb = Some(values.friction.paper);
+            for joint in &mut model.joints {
+                joint.friction.coulomb = values.friction.paper as f32;
+            }
+        }
+        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
+        let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
+        let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
+        let joints = model.joints.len();
+        let filter_time = f64::from(model.joints[0].servo.filter_time);
+        let recording = Recording {
+            time: Vec::new(),
+            reference: vec![Vec::new(); joints],
+            position: vec![Vec::new(); joints],
+            torque: vec![Vec::new(); joints],
+            homing_errors: plant.truth().homing_errors,
+            steps: Vec::new(),
+        };
+        Ok(Self { label: trial.label, controller, motion, model, plant, start, filter_time, recording })
+    }
+
+    /// One control period.
+    fn tick(&mut self, tick: u32) -> Result<(), ScenarioError> {
+        let time = f64::from(tick) * T;
+        self.command(tick, time)?;
+        let truth = self.plant.truth();
+        let actuators = self.controller.tick(&self.plant.sensors(self.motion.tick(&truth)))?;
+        if !actuators.enabled {
+            return Err(stopped(self.controller, &self.model, self.label, time));
+        }
+        let moved = reference(tick, &self.recording.steps, self.filter_time);
+        self.motion.reference(self.start.iter().map(|&start| f64::from(start) + moved).collect());
+        if tick == 0 {
+            self.motion.note(self.label);
+        }
+        self.recording.time.push(time);
+        for (joint, &start) in self.start.iter().enumerate() {
+            self.recording.reference[joint].push(f64::from(start) + moved);
+            self.recording.position[joint].push(truth.positions[joint]);
+            self.recording.torque[joint].push(truth.torques[joint]);
+        }
+        Ok(self.plant.apply(&actuators)?)
+    }
+
+    /// Sends the goal when it steps, and repeats it every [`COMMAND_EVERY`] ticks.
+    fn command(&mut self, tick: u32, time: f64) -> Result<(), ScenarioError> {
+        let next_step = INITIAL_REST + INTERVAL * self.recording.steps.len() as f64;
+        let steps_now = time >= next_step - 1e-9;
+        if steps_now {
+            self.recording.steps.push(tick as usize);
+        }
+        if !steps_now && tick % COMMAND_EVERY != 0 {
+            return Ok(());
+        }
+        let raised = self.recording.steps.len() % 2 == 1;
+        let offset = if raised { STEP } else { 0.0 };
+        let goal: Vec<f32> = self.start.iter().map(|angle| angle + offset as f32).collect();
+        match self.controller.set_goal(&goal) {
+            Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
+                Err(stopped(self.controller, &self.model, self.label, time))
+            }
+            other => Ok(other?),
+        }
+    }
+
+    fn end(self) -> Result<Recording, ScenarioError> {
+        self.controller.disable()?;
+        Ok(self.recording)
+    }
+}
+
+/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one term per
+/// step. A goal received with a tick acts from the tick before it.
 fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
     let mut moved = 0.0;
     for (index, &step) in steps.iter().enumerate() {
@@ -287,7 +304,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     summary.insert(format!("{name}_torque_peak"), torque);
 }
 
-/// All joints' angles and torques, and the errors chain by chain; a joint has the colour of its place in the chain.
+/// All joints' angles and torques, and the errors chain by chain; the colour is the joint's position in its chain.
 fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     let mut angles = Panel::new("Joint angles from the start", "angle", "rad");
     let mut errors = Vec::new();
@@ -333,7 +350,7 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     errors.into_iter().fold(figure, Figure::panel).panel(torques)
 }
 
-/// What the names of a chain's joints have in common before an underscore, and the rest of each.
+/// The common prefix of the joint names of a chain before an underscore, and the rest of each.
 fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
     let prefix = names.first().and_then(|name| name.rsplit_once('_')).map_or("", |(prefix, _)| prefix);
     let rest = |name: &&str| name.strip_prefix(prefix).is_some_and(|rest| rest.starts_with('_'));

@@ -5,7 +5,9 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 
 use super::common::capital;
-use super::grasping::{Bench, Held, Log, MOVE, Session, moved, require_duration, table, xyz};
+use super::grasping::{
+    GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, moved, require_duration, table, xyz,
+};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -52,7 +54,7 @@ const TRIALS: [Trial; 2] = [
 
 /// A run, and when its two motions began [s].
 struct Record {
-    log: Log,
+    log: GraspLog,
     moves: [f64; 2],
 }
 
@@ -67,34 +69,35 @@ impl Record {
         let (Some(start), Some(rest)) = (self.log.at(self.moves[0]), rest) else {
             return Vector3::repeat(f64::NAN);
         };
-        let reference = rest.aim[0] - start.aim[0];
+        let reference = rest.target[0] - start.target[0];
         (rest.position() - start.position() - reference) * 1e3
     }
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
+    let mut rig = GraspRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut records = Vec::new();
     for trial in &TRIALS {
-        let held = Held { label: trial.label, object: "box", change: &|_| {}, paper: trial.paper_law };
-        let mut session = Session::without_support(setting, &mut bench, &held)?;
-        session.wait(SETTLE)?;
+        let held =
+            GraspedObject { label: trial.label, object: "box", change: &|_| {}, paper: trial.paper_law };
+        let mut grasp_trial = GraspTrial::without_support(setting, &mut rig, &held)?;
+        grasp_trial.wait(SETTLE)?;
         let mut moves = [f64::NAN; 2];
         for (begin, to) in moves.iter_mut().zip([SHIFT, 0.0]) {
-            *begin = session.bring([to, 0.0, 0.0], [0.0; 3])?;
-            session.wait(MOVE + REST)?;
+            *begin = grasp_trial.move_object([to, 0.0, 0.0], [0.0; 3])?;
+            grasp_trial.wait(MOVE + REST)?;
         }
-        records.push(Record { log: session.end()?, moves });
+        records.push(Record { log: grasp_trial.end()?, moves });
     }
     for (trial, record) in TRIALS.iter().zip(&records) {
         add_metrics(&mut summary, trial, record);
     }
     let tables = TRIALS.iter().zip(&records);
     let tables = tables.map(|(trial, record)| (format!("{}.csv", trial.name), table(&record.log))).collect();
-    let summary = summary.ticks(u64::from(bench.motion.ticks()));
-    Ok(Outcome { summary, figures: vec![figure(&records)], tables, motion: bench.motion })
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures: vec![figure(&records)], tables, motion: rig.motion })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {

@@ -3,7 +3,9 @@
 use rapier3d::na::UnitQuaternion;
 
 use super::common::capital;
-use super::grasping::{Bench, Held, Log, MOVE, Sample, Session, require_duration, table};
+use super::grasping::{
+    GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, require_duration, table,
+};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -34,27 +36,27 @@ const AFTER: f64 = 2.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
-    let held = Held { label: "turn", object: "box", change: &|_| {}, paper: false };
-    let mut session = Session::begin(setting, &mut bench, &held)?;
-    let up = session.lift()?;
+    let mut rig = GraspRig::load(setting)?;
+    let held = GraspedObject { label: "turn", object: "box", change: &|_| {}, paper: false };
+    let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
+    let up = grasp_trial.lift()?;
     let mut begins = [f64::NAN; 4];
     for (begin, turn) in begins.iter_mut().zip(TURNS) {
-        *begin = session.bring(up, [0.0, turn, 0.0])?;
-        session.wait(MOVE + REST)?;
+        *begin = grasp_trial.move_object(up, [0.0, turn, 0.0])?;
+        grasp_trial.wait(MOVE + REST)?;
     }
-    let log = session.end()?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(bench.motion.ticks()));
+    let log = grasp_trial.end()?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(rig.motion.ticks()));
     add_metrics(&mut summary, &log, &begins);
     let figures = vec![figure(&log, begins[0])];
-    Ok(Outcome { summary, figures, tables: vec![("turn.csv".to_owned(), table(&log))], motion: bench.motion })
+    Ok(Outcome { summary, figures, tables: vec![("turn.csv".to_owned(), table(&log))], motion: rig.motion })
 }
 
-fn pitch(sample: Option<&Sample>) -> f64 {
+fn pitch(sample: Option<&GraspSample>) -> f64 {
     sample.map_or(f64::NAN, |sample| sample.angles()[1])
 }
 
-fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
+fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
     let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
     let start = pitch(log.at(begins[0]));
     let rests = begins.map(|begin| pitch(log.at(begin + MOVE + AFTER)));
@@ -72,7 +74,7 @@ fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
     let text = "Largest sliding of a fingertip on the box";
     summary.insert("sliding", Metric::reported(text, 1e3 * log.sliding(&span), "mm"));
     let drift = [0, 2].map(|axis| {
-        let angle = |sample: Option<&Sample>| sample.map_or(f64::NAN, |sample| sample.angles()[axis]);
+        let angle = |sample: Option<&GraspSample>| sample.map_or(f64::NAN, |sample| sample.angles()[axis]);
         let start = angle(log.at(begins[0]));
         begins
             .iter()
@@ -83,7 +85,7 @@ fn add_metrics(summary: &mut Summary, log: &Log, begins: &[f64; 4]) {
     summary.insert("drift", Metric::reported(text, drift[0].max(drift[1]), "mrad"));
 }
 
-fn figure(log: &Log, begin: f64) -> Figure {
+fn figure(log: &GraspLog, begin: f64) -> Figure {
     let caption = "True roll, pitch and yaw of the box, and their references (dashed), which begin at the \
                    true values before the first turn. As in the paper's figure 14.";
     let mut figure = Figure::stacked("Roll, pitch and yaw of the box", caption, "time", "s");
@@ -91,13 +93,13 @@ fn figure(log: &Log, begin: f64) -> Figure {
         let begin = number as f64 * (MOVE + REST);
         figure = figure.phase(begin, begin + MOVE, name).phase(begin + MOVE, begin + MOVE + REST, "at rest");
     }
-    let samples: Vec<&Sample> = log.samples.iter().filter(|sample| sample.time >= begin - 0.5).collect();
+    let samples: Vec<&GraspSample> = log.samples.iter().filter(|sample| sample.time >= begin - 0.5).collect();
     let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
     let start = log.at(begin);
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-        let reference = |sample: &&Sample| {
+        let reference = |sample: &&GraspSample| {
             let Some(start) = start else { return f64::NAN };
-            let turned = UnitQuaternion::from_scaled_axis(sample.aim[1] - start.aim[1]) * start.turn();
+            let turned = UnitQuaternion::from_scaled_axis(sample.target[1] - start.target[1]) * start.turn();
             let (roll, pitch, yaw) = turned.euler_angles();
             [roll, pitch, yaw][axis]
         };

@@ -7,8 +7,8 @@ use rapier3d::na::{Vector3, Vector6};
 use tesaki_description::grasp::PlacedGrasp;
 
 use super::grasping::{
-    Bench, Firmness, Held, Log, Session, UP, component_targets, components, firmness, internal_forces,
-    require_duration, table,
+    GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, UP, component_targets, components, grip_ratio,
+    internal_forces, require_duration, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::{Load, Push};
@@ -68,7 +68,7 @@ struct Put {
     /// All that is on now [kg].
     mass: f64,
     /// The grip one second later, if the box was still held.
-    grip: Option<Firmness>,
+    grip: Option<GripRatio>,
     /// Whether any forces within the limit could hold it.
     possible: bool,
 }
@@ -76,26 +76,27 @@ struct Put {
 struct Record {
     parts: Vec<Part>,
     puts: Vec<Put>,
-    empty: Option<Firmness>,
+    empty: Option<GripRatio>,
     /// What happened when [s].
     events: Vec<(f64, String)>,
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut bench = Bench::load(setting)?;
-    let gravity = Vector3::from(bench.values.gravity);
-    let model = bench.robot.model.clone();
-    let limit = f64::from(bench.grasp("box")?.plan.force_limit);
-    let grip = |log: &Log, added: f64| {
+    let seed = setting.seed;
+    let mut rig = GraspRig::load(setting)?;
+    let gravity = Vector3::from(rig.values.gravity);
+    let model = rig.robot.model.clone();
+    let limit = f64::from(rig.grasp("box")?.plan.force_limit);
+    let grip = |log: &GraspLog, added: f64| {
         let sample = log.samples.last()?;
         let force = gravity * -added;
-        let place = sample.position() + sample.turn() * Vector3::from(TOP);
-        let moment = place.cross(&force);
+        let position = sample.position() + sample.turn() * Vector3::from(TOP);
+        let moment = position.cross(&force);
         let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-        firmness(&model, sample, &load, limit)
+        grip_ratio(&model, sample, &load, limit)
     };
-    // So that it is held at the paper's place when it has been lifted.
+    // The box is to be in the paper's position after it has been lifted.
     let down = gravity * (UP / gravity.norm());
     let change = |grasp: &mut PlacedGrasp| {
         grasp.position = (Vector3::from(grasp.position) + down).into();
@@ -103,63 +104,82 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             contact.position = (Vector3::from(contact.position) + down.map(|part| part as f32)).into();
         }
     };
-    let held = Held { label: "weights", object: "box", change: &change, paper: false };
-    let mut session = Session::begin(setting, &mut bench, &held)?;
-    session.lift()?;
-    let mut record =
-        Record { parts: Vec::new(), puts: Vec::new(), empty: grip(&session.log, 0.0), events: Vec::new() };
+    let held = GraspedObject { label: "weights", object: "box", change: &change, paper: false };
+    let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
+    grasp_trial.lift()?;
+    let empty = grip(&grasp_trial.log, 0.0);
+    let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty, events: Vec::new() };
     for (name, label, cumulative) in [("single", "One at a time", false), ("all", "Cumulative", true)] {
-        let begin = session.log.now();
-        let mut on = 0.0;
-        for mass in WEIGHTS {
-            let possible = grip(&session.log, mass).is_some_and(|grip| grip.possible);
-            on = if cumulative { on + mass } else { mass };
-            session.note(&format!("{:.0} g on", 1e3 * on));
-            record.events.push((session.log.now(), format!("{:.0} g", 1e3 * on)));
-            session.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
-            session.wait(RAMP + GRIP_AFTER)?;
-            let found = if session.log.lost.is_none() { grip(&session.log, 0.0) } else { None };
-            record.puts.push(Put { part: name, mass: on, grip: found, possible });
-            session.wait(STEP - RAMP - GRIP_AFTER)?;
-            if !cumulative {
-                record.events.push((session.log.now(), "off".to_owned()));
-                take_off(&mut session)?;
-            }
-        }
-        if cumulative {
-            record.events.push((session.log.now(), "off".to_owned()));
-            take_off(&mut session)?;
-        }
-        record.parts.push(Part { name, label, span: begin..session.log.now() });
+        let begin = grasp_trial.log.now();
+        put_weights(&mut grasp_trial, &mut record, name, cumulative, &grip)?;
+        record.parts.push(Part { name, label, span: begin..grasp_trial.log.now() });
     }
-    let begin = session.log.now();
-    session.note("push");
-    record.events.push((begin, "push".to_owned()));
-    let force = [0.0, PUSH, 0.0];
-    session.plant.push(Push { force, point: [0.0; 3], ramp: 0.1, hold: PUSH_TIME })?;
-    session.wait(PUSH_TIME + 1.0)?;
-    record.parts.push(Part { name: "push", label: "Push from the side", span: begin..session.log.now() });
-    let log = session.end()?;
+    push(&mut grasp_trial, &mut record)?;
+    let log = grasp_trial.end()?;
 
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(bench.motion.ticks()));
+    let mut summary = Summary::new(SCENARIO.name, "", seed).ticks(u64::from(rig.motion.ticks()));
     add_metrics(&mut summary, &log, &record);
     let begin = record.parts.first().map_or(0.0, |part| part.span.start);
     let figures = vec![loads(&log, &record, begin), forces(&log, &record, begin)];
     let tables = vec![("weights.csv".to_owned(), table(&log))];
-    Ok(Outcome { summary, figures, tables, motion: bench.motion })
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn take_off(session: &mut Session<'_, '_>) -> Result<(), ScenarioError> {
-    session.note("off");
-    session.plant.unload(RAMP);
-    session.wait(STEP)
+/// Puts the weights on the box, one at a time or one on the other, and takes them off.
+fn put_weights(
+    grasp_trial: &mut GraspTrial<'_, '_>,
+    record: &mut Record,
+    part: &'static str,
+    cumulative: bool,
+    grip: &impl Fn(&GraspLog, f64) -> Option<GripRatio>,
+) -> Result<(), ScenarioError> {
+    let mut on = 0.0;
+    for mass in WEIGHTS {
+        let possible = grip(&grasp_trial.log, mass).is_some_and(|grip| grip.possible);
+        on = if cumulative { on + mass } else { mass };
+        grasp_trial.note(&format!("{:.0} g on", 1e3 * on));
+        record.events.push((grasp_trial.log.now(), format!("{:.0} g", 1e3 * on)));
+        grasp_trial.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
+        grasp_trial.wait(RAMP + GRIP_AFTER)?;
+        let found = if grasp_trial.log.lost.is_none() { grip(&grasp_trial.log, 0.0) } else { None };
+        record.puts.push(Put { part, mass: on, grip: found, possible });
+        grasp_trial.wait(STEP - RAMP - GRIP_AFTER)?;
+        if !cumulative {
+            record.events.push((grasp_trial.log.now(), "off".to_owned()));
+            take_off(grasp_trial)?;
+        }
+    }
+    if cumulative {
+        record.events.push((grasp_trial.log.now(), "off".to_owned()));
+        take_off(grasp_trial)?;
+    }
+    Ok(())
 }
 
-fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
+/// Pushes the box from the side.
+fn push(grasp_trial: &mut GraspTrial<'_, '_>, record: &mut Record) -> Result<(), ScenarioError> {
+    let begin = grasp_trial.log.now();
+    grasp_trial.note("push");
+    record.events.push((begin, "push".to_owned()));
+    let force = [0.0, PUSH, 0.0];
+    grasp_trial.plant.push(Push { force, point: [0.0; 3], ramp: 0.1, hold: PUSH_TIME })?;
+    grasp_trial.wait(PUSH_TIME + 1.0)?;
+    let span = begin..grasp_trial.log.now();
+    record.parts.push(Part { name: "push", label: "Push from the side", span });
+    Ok(())
+}
+
+fn take_off(grasp_trial: &mut GraspTrial<'_, '_>) -> Result<(), ScenarioError> {
+    grasp_trial.note("off");
+    grasp_trial.plant.unload(RAMP);
+    grasp_trial.wait(STEP)
+}
+
+fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
     let impossible = |part: &str| record.puts.iter().find(|put| put.part == part && !put.possible);
-    let metric = |part: &str, text: String, value: f64, most: f64, unit: &str| {
-        let mut metric = Metric::at_most(text, value, most, unit);
+    let metric = |part: &str, text: String, value: f64, max: f64, unit: &str| {
+        let mut metric = Metric::at_most(text, value, max, unit);
         metric.note.clone_from(&lost);
         if let Some(put) = impossible(part) {
             metric.limit = None;
@@ -179,7 +199,7 @@ fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
     }
     for part in record.parts.iter().filter(|part| part.name != "push") {
         let puts = || record.puts.iter().filter(|put| put.part == part.name);
-        let all = |value: fn(&Firmness) -> f64| {
+        let all = |value: fn(&GripRatio) -> f64| {
             let values = puts().map(|put| put.grip.as_ref().map_or(f64::NAN, value));
             values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
         };
@@ -207,13 +227,13 @@ fn add_metrics(summary: &mut Summary, log: &Log, record: &Record) {
     );
     summary.insert("friction_true", Metric::reported("Coefficient of friction, true", friction, ""));
     let whole = log.held..log.now();
-    let most = log.largest(&whole, |sample| {
+    let max = log.largest(&whole, |sample| {
         sample.contacts.iter().map(crate::plant::ContactTruth::normal_force).fold(f64::NAN, f64::max)
     });
-    summary.insert("force_peak", Metric::reported("Largest normal force", most, "N"));
+    summary.insert("force_peak", Metric::reported("Largest normal force", max, "N"));
 }
 
-fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
+fn loads(log: &GraspLog, record: &Record, begin: f64) -> Figure {
     let span = begin..log.now();
     let samples = log.during(&span);
     let time: Vec<f64> = samples.iter().map(|sample| sample.time - begin).collect();
@@ -238,13 +258,13 @@ fn loads(log: &Log, record: &Record, begin: f64) -> Figure {
     mark_parts(figure, record, begin).panel(loads).panel(internal).panel(motion)
 }
 
-fn forces(log: &Log, record: &Record, begin: f64) -> Figure {
+fn forces(log: &GraspLog, record: &Record, begin: f64) -> Figure {
     let caption = "True contact force of finger 1 on the box in the hand's frame (as in the paper's figure \
                    13), and the controller's target (dashed).";
     let span = begin..log.now();
     let panel =
         components(Panel::new("Force of finger 1", "force", "N"), log, &span, |sample| sample.force(0));
-    let panel = component_targets(panel, log, &span, |sample| sample.wanted[0]);
+    let panel = component_targets(panel, log, &span, |sample| sample.target_forces[0]);
     let figure = Figure::stacked("Force of finger 1 on the box", caption, "time", "s");
     mark_parts(figure, record, begin).panel(panel)
 }

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
-use tesaki_sim::grasp_scene::{on_support, open_posture};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+use tesaki_sim::scenario::scene::{on_support, open_posture};
 use tesaki_sim::serve::{home_command, serve};
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;

@@ -5,9 +5,9 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki::kinematics::PosePoint;
 
-use crate::operator::HandState;
+use crate::operator::OperatorHandState;
 use crate::report::{Column, csv};
-use crate::scenario::arm::{Log, Sample, YAW};
+use crate::scenario::arm::{ArmLog, ArmSample, YAW};
 use crate::scenario::grasping::T;
 
 /// A hand slower than this turns round [m/s].
@@ -15,7 +15,7 @@ const SLOW: f64 = 0.01;
 
 /// What the person does, and what the set-point is.
 #[derive(Clone, Debug)]
-struct Wanted {
+struct OperatorSample {
     hand: Vector3<f64>,
     velocity: Vector3<f64>,
     elbow: f64,
@@ -25,14 +25,14 @@ struct Wanted {
 /// A tick each.
 pub struct Trace {
     from: f64,
-    wanted: Vec<Wanted>,
-    samples: Vec<Sample>,
+    operator: Vec<OperatorSample>,
+    samples: Vec<ArmSample>,
 }
 
 /// Both at one time, in mm and mrad.
 pub struct Moment<'a> {
-    wanted: &'a Wanted,
-    sample: &'a Sample,
+    operator: &'a OperatorSample,
+    sample: &'a ArmSample,
     /// Of the set-point [m/s²].
     pub acceleration: f64,
 }
@@ -40,35 +40,35 @@ pub struct Moment<'a> {
 impl Moment<'_> {
     /// The tool less the hand.
     pub fn error(&self) -> Vector3<f64> {
-        (self.sample.position() - self.wanted.hand) * 1e3
+        (self.sample.position() - self.operator.hand) * 1e3
     }
 
     /// The set-point less the hand.
     pub fn predicted(&self) -> Vector3<f64> {
-        (self.sample.aim - self.wanted.hand) * 1e3
+        (self.sample.target - self.operator.hand) * 1e3
     }
 
     /// The tool less the set-point.
     pub fn own(&self) -> Vector3<f64> {
-        (self.sample.position() - self.sample.aim) * 1e3
+        (self.sample.position() - self.sample.target) * 1e3
     }
 
     /// The shoulder's yaw less the elbow's tilt.
     pub fn elbow(&self) -> f64 {
-        (self.sample.joints[usize::from(YAW)] - self.wanted.elbow) * 1e3
+        (self.sample.joints[usize::from(YAW)] - self.operator.elbow) * 1e3
     }
 }
 
 impl Trace {
     /// From a time of the session's log on [s].
     pub fn new(from: f64) -> Self {
-        Self { from, wanted: Vec::new(), samples: Vec::new() }
+        Self { from, operator: Vec::new(), samples: Vec::new() }
     }
 
     /// The hand of the next tick.
-    pub fn hand(&mut self, hand: &HandState, elbow: &[f64; 3], point: &PosePoint) {
+    pub fn hand(&mut self, hand: &OperatorHandState, elbow: &[f64; 3], point: &PosePoint) {
         let [x, y, z, ..] = point.acceleration.map(f64::from);
-        self.wanted.push(Wanted {
+        self.operator.push(OperatorSample {
             hand: hand.pose.translation.vector,
             velocity: hand.velocity,
             elbow: elbow[0],
@@ -77,17 +77,17 @@ impl Trace {
     }
 
     /// With what the session recorded.
-    pub fn end(&mut self, mut log: Log) {
+    pub fn end(&mut self, mut log: ArmLog) {
         self.samples = log.0.split_off((self.from / T).round() as usize);
     }
 
     pub fn times(&self) -> Vec<f64> {
-        (0..self.wanted.len()).map(|tick| tick as f64 * T).collect()
+        (0..self.operator.len()).map(|tick| tick as f64 * T).collect()
     }
 
     fn all(&self) -> impl Iterator<Item = Moment<'_>> {
-        let both = self.wanted.iter().zip(&self.samples);
-        both.map(|(wanted, sample)| Moment { wanted, sample, acceleration: wanted.acceleration })
+        let both = self.operator.iter().zip(&self.samples);
+        both.map(|(operator, sample)| Moment { operator, sample, acceleration: operator.acceleration })
     }
 
     fn during(&self, span: &Range<f64>) -> impl Iterator<Item = Moment<'_>> {
@@ -102,7 +102,7 @@ impl Trace {
 
     /// The largest error along x where the hand turns round [mm].
     pub fn reversals(&self, span: &Range<f64>) -> f64 {
-        let turning = self.during(span).filter(|moment| moment.wanted.velocity.x.abs() < SLOW);
+        let turning = self.during(span).filter(|moment| moment.operator.velocity.x.abs() < SLOW);
         turning.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
     }
 
@@ -142,11 +142,11 @@ impl Trace {
         let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", self.times())];
         let series = |value: &dyn Fn(&Moment<'_>) -> f64| self.all().map(|moment| value(&moment)).collect();
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push((format!("hand {name}"), "m", series(&|moment| moment.wanted.hand[axis])));
-            columns.push((format!("set-point {name}"), "m", series(&|moment| moment.sample.aim[axis])));
+            columns.push((format!("hand {name}"), "m", series(&|moment| moment.operator.hand[axis])));
+            columns.push((format!("set-point {name}"), "m", series(&|moment| moment.sample.target[axis])));
             columns.push((format!("tool {name}"), "m", series(&|moment| moment.sample.position()[axis])));
         }
-        columns.push(("elbow".to_owned(), "rad", series(&|moment| moment.wanted.elbow)));
+        columns.push(("elbow".to_owned(), "rad", series(&|moment| moment.operator.elbow)));
         let joints = self.samples.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
             columns.push((
@@ -168,9 +168,9 @@ impl Trace {
 
 /// Hand and tool off the hand's start along an axis [mm].
 pub fn sides(trace: &Trace, axis: usize) -> [Vec<f64>; 2] {
-    let start = trace.wanted.first().map_or(0.0, |wanted| wanted.hand[axis]);
+    let start = trace.operator.first().map_or(0.0, |operator| operator.hand[axis]);
     let off = |place: f64| 1e3 * (place - start);
-    let hand = trace.all().map(|moment| off(moment.wanted.hand[axis])).collect();
+    let hand = trace.all().map(|moment| off(moment.operator.hand[axis])).collect();
     let tool = trace.all().map(|moment| off(moment.sample.position()[axis])).collect();
     [hand, tool]
 }

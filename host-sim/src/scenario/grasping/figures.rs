@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rapier3d::na::Vector3;
 
-use super::{Log, Sample};
+use super::{GraspLog, GraspSample};
 use crate::report::{Line, Panel};
 
 /// An axis by number and name.
@@ -18,9 +18,9 @@ pub const fn xyz() -> [Axis; 3] {
 /// A panel with the three components of a vector, solid, in the hand's frame.
 pub fn components(
     panel: Panel,
-    log: &Log,
+    log: &GraspLog,
     span: &Range<f64>,
-    vector: impl Fn(&Sample) -> Vector3<f64>,
+    vector: impl Fn(&GraspSample) -> Vector3<f64>,
 ) -> Panel {
     let samples = log.during(span);
     let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
@@ -33,9 +33,9 @@ pub fn components(
 /// The same for the targets of these components, dashed in the same colours.
 pub fn component_targets(
     panel: Panel,
-    log: &Log,
+    log: &GraspLog,
     span: &Range<f64>,
-    vector: impl Fn(&Sample) -> Vector3<f64>,
+    vector: impl Fn(&GraspSample) -> Vector3<f64>,
 ) -> Panel {
     let samples = log.during(span);
     let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
@@ -47,14 +47,14 @@ pub fn component_targets(
 
 /// Displacement of the object since the start of `span` along an axis of the hand: time from there [s], true
 /// displacement and its reference [mm].
-pub fn moved(log: &Log, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
+pub fn moved(log: &GraspLog, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
     let samples = log.during(span);
     let start = samples.first();
-    let place = |sample: &Sample| sample.position()[axis];
-    let aim = |sample: &Sample| sample.aim[0][axis];
-    let from = |value: &dyn Fn(&Sample) -> f64| {
+    let place = |sample: &GraspSample| sample.position()[axis];
+    let target = |sample: &GraspSample| sample.target[0][axis];
+    let from = |value: &dyn Fn(&GraspSample) -> f64| {
         let zero = start.map_or(f64::NAN, value);
         samples.iter().map(|sample| 1e3 * (value(sample) - zero)).collect()
     };
-    [samples.iter().map(|sample| sample.time - span.start).collect(), from(&place), from(&aim)]
+    [samples.iter().map(|sample| sample.time - span.start).collect(), from(&place), from(&target)]
 }

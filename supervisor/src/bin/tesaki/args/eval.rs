@@ -112,7 +112,7 @@ pub struct Grip {
     pub margin: f32,
     /// Minimum normal force of every contact [N]
     #[arg(long, value_name = "N", default_value = "0", allow_negative_numbers = true, value_parser = not_negative)]
-    pub least: f32,
+    pub min: f32,
     /// Coefficient of friction where the table gives none
     #[arg(long, value_name = "MU", allow_negative_numbers = true, value_parser = not_negative)]
     pub friction: Option<f32>,

@@ -130,10 +130,10 @@ impl ContactColumns {
         };
         let friction = value(self.friction, asked.friction, FRICTION, "--friction")?;
         let limit = value(self.limit, asked.max, LIMIT, "--max")?;
-        if limit > 0.0 && limit < asked.least {
-            let least = asked.least;
+        if limit > 0.0 && limit < asked.min {
+            let min = asked.min;
             return Err(wrong(&format!(
-                "column {LIMIT}{number}: {limit} N is below the least normal force of {least} N: it is at least --least"
+                "column {LIMIT}{number}: {limit} N is below the minimum normal force of {min} N (--min)"
             )));
         }
         let contact = Contact::try_new(place, normal, friction, limit);

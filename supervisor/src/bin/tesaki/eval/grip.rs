@@ -22,7 +22,7 @@ enum Answer {
 
 pub fn run(options: &Options, asked: &args::Grip) -> Result<(), Failure> {
     let grip =
-        LeastGrip::try_new(asked.margin, asked.least).map_err(|error| Failure::Usage(error.to_string()))?;
+        LeastGrip::try_new(asked.margin, asked.min).map_err(|error| Failure::Usage(error.to_string()))?;
     let table = Table::read(&asked.input)?;
     let columns = Columns::find(&table, asked)?;
     let used = columns.used().map(|column| table.header(column).to_owned()).collect();

@@ -27,7 +27,7 @@ pub fn holds(asked: &Grip, grasp: &Grasp, twist: &Vector6<f32>) -> bool {
         let friction = f64::from(contact.friction()) * (1.0 - f64::from(asked.margin));
         // The power of the best force for each newton along the normal.
         let rate = along + friction * (velocity - normal * along).norm();
-        rate * f64::from(if rate > 0.0 { contact.limit() } else { asked.least })
+        rate * f64::from(if rate > 0.0 { contact.limit() } else { asked.min })
     });
     power > most.sum::<f64>()
 }

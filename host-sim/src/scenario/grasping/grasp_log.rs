@@ -11,7 +11,7 @@ use tesaki::task::grasping::Phase;
 
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]
-pub struct Sample {
+pub struct GraspSample {
     /// Since the controller was armed [s].
     pub time: f64,
     pub object: ObjectTruth,
@@ -20,13 +20,13 @@ pub struct Sample {
     /// Joint angles [rad].
     pub joints: Vec<f64>,
     /// The controller's wanted force of each finger on the object, when it was last asked [N].
-    pub wanted: [Vector3<f64>; 3],
+    pub target_forces: [Vector3<f64>; 3],
     /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not a number
     /// where that is not known.
-    pub aim: [Vector3<f64>; 2],
+    pub target: [Vector3<f64>; 2],
 }
 
-impl Sample {
+impl GraspSample {
     pub fn position(&self) -> Vector3<f64> {
         self.object.position.into()
     }
@@ -50,8 +50,8 @@ impl Sample {
 
 /// A sample a tick, and how it ended.
 #[derive(Clone, Debug, Default)]
-pub struct Log {
-    pub samples: Vec<Sample>,
+pub struct GraspLog {
+    pub samples: Vec<GraspSample>,
     /// When the hand began to hold the object [s]; not a number if it never did.
     pub held: f64,
     /// Why and when the object was lost.
@@ -62,32 +62,32 @@ pub struct Log {
     pub friction: f64,
 }
 
-impl Log {
+impl GraspLog {
     /// Time of the next sample [s].
     pub fn now(&self) -> f64 {
         self.samples.len() as f64 * T
     }
 
     /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a tick before.
-    pub fn at(&self, time: f64) -> Option<&Sample> {
+    pub fn at(&self, time: f64) -> Option<&GraspSample> {
         let index = (time / T).round() as usize;
         self.samples.get(index).or_else(|| (index == self.samples.len()).then(|| self.samples.last())?)
     }
 
     /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
-    pub fn during(&self, span: &Range<f64>) -> &[Sample] {
+    pub fn during(&self, span: &Range<f64>) -> &[GraspSample] {
         let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
         self.samples.get(from..to).unwrap_or(&[])
     }
 
     /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
-    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Sample) -> f64) -> f64 {
+    pub fn largest(&self, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) -> f64 {
         self.during(span).iter().map(value).fold(f64::NAN, f64::max)
     }
 
     /// How far the object came from where it was at the start of a stretch of time [m].
     pub fn motion(&self, span: &Range<f64>) -> f64 {
-        let start = self.at(span.start).map_or(Vector3::repeat(f64::NAN), Sample::position);
+        let start = self.at(span.start).map_or(Vector3::repeat(f64::NAN), GraspSample::position);
         self.largest(span, |sample| (sample.position() - start).norm())
     }
 
@@ -103,13 +103,13 @@ impl Log {
         self.samples.iter().map(|sample| sample.time).collect()
     }
 
-    pub fn series(&self, value: impl Fn(&Sample) -> f64) -> Vec<f64> {
+    pub fn series(&self, value: impl Fn(&GraspSample) -> f64) -> Vec<f64> {
         self.samples.iter().map(value).collect()
     }
 }
 
 /// The record as CSV: object, weights, contacts.
-pub fn table(log: &Log) -> String {
+pub fn table(log: &GraspLog) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", log.times())];
     for (axis, name) in AXES.into_iter().enumerate() {
@@ -122,7 +122,11 @@ pub fn table(log: &Log) -> String {
         [("target displacement", "m"), ("target rotation", "rad")].into_iter().enumerate()
     {
         for (axis, name) in AXES.into_iter().enumerate() {
-            columns.push((format!("{quantity} {name}"), unit, log.series(|sample| sample.aim[part][axis])));
+            columns.push((
+                format!("{quantity} {name}"),
+                unit,
+                log.series(|sample| sample.target[part][axis]),
+            ));
         }
     }
     columns.push(("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
@@ -138,7 +142,7 @@ pub fn table(log: &Log) -> String {
             columns.push((
                 name(&format!("target force {letter}")),
                 "N",
-                log.series(|sample| sample.wanted[finger][axis]),
+                log.series(|sample| sample.target_forces[finger][axis]),
             ));
         }
         columns.push((name("normal force"), "N", contact(ContactTruth::normal_force)));

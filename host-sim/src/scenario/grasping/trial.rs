@@ -7,8 +7,8 @@ use tesaki::task::grasping::{GraspCommand, Phase};
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::bench::{Bench, Held};
-use super::{Log, Sample, T, UP};
+use super::rig::{GraspRig, GraspedObject};
+use super::{GraspLog, GraspSample, T, UP};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
 use crate::plant::Plant;
@@ -26,84 +26,84 @@ pub const MOVE: f64 = 1.0;
 
 /// A motion of the object that was asked for.
 #[derive(Clone, Copy)]
-struct Way {
+struct ObjectPath {
     from: [Vector3<f64>; 2],
     to: [Vector3<f64>; 2],
     begin: f64,
 }
 
-impl Way {
+impl ObjectPath {
     fn at(&self, time: f64) -> [Vector3<f64>; 2] {
-        let [share, ..] = minimum_jerk((time - self.begin) / MOVE);
-        [0, 1].map(|part| self.from[part] + (self.to[part] - self.from[part]) * share)
+        let [fraction, ..] = minimum_jerk((time - self.begin) / MOVE);
+        [0, 1].map(|part| self.from[part] + (self.to[part] - self.from[part]) * fraction)
     }
 }
 
 /// One object, from the open hand to the end of what is done with it.
 ///
 /// When the object is lost everything that follows is left out: the log ends there.
-pub struct Session<'a, 'b> {
+pub struct GraspTrial<'a, 'b> {
     controller: &'a mut Watched<'b>,
-    bench: &'a mut Bench,
+    rig: &'a mut GraspRig,
     progress: &'a dyn Fn(f64),
     duration: f64,
     pub plant: Plant,
-    pub log: Log,
-    armed: bool,
+    pub log: GraspLog,
+    enabled: bool,
     phase: Phase,
-    wanted: [Vector3<f64>; 3],
-    way: Way,
+    target_forces: [Vector3<f64>; 3],
+    way: ObjectPath,
     note: Option<String>,
 }
 
-impl<'a, 'b> Session<'a, 'b> {
+impl<'a, 'b> GraspTrial<'a, 'b> {
     /// Homes, tares and grasps; returns when the object is held.
     pub fn begin(
         setting: &'a mut Setting<'_, 'b>,
-        bench: &'a mut Bench,
-        held: &Held<'_>,
+        rig: &'a mut GraspRig,
+        held: &GraspedObject<'_>,
     ) -> Result<Self, ScenarioError> {
-        let (plan, plant) = bench.place(held)?;
+        let (plan, plant) = rig.set_up(held)?;
         let zero = [Vector3::zeros(); 2];
-        let mut session = Self {
+        let mut grasp_trial = Self {
             controller: &mut *setting.controller,
-            bench,
+            rig,
             progress: setting.progress,
             duration: setting.duration,
             plant,
-            log: Log { held: f64::NAN, friction: f64::NAN, ..Log::default() },
-            armed: false,
+            log: GraspLog { held: f64::NAN, friction: f64::NAN, ..GraspLog::default() },
+            enabled: false,
             phase: Phase::Ready,
-            wanted: [Vector3::repeat(f64::NAN); 3],
-            way: Way { from: zero, to: zero, begin: 0.0 },
+            target_forces: [Vector3::repeat(f64::NAN); 3],
+            way: ObjectPath { from: zero, to: zero, begin: 0.0 },
             note: Some(held.label.to_owned()),
         };
-        introduce(session.controller, &session.bench.robot.model)?;
-        session.tick()?;
-        let homed: Vec<f32> = session.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        session.controller.home(&homed)?;
-        session.wait(REST)?;
-        session.controller.tare()?;
-        session.controller.enable(TaskConfig::Grasping(()))?;
-        (session.armed, session.log.samples) = (true, Vec::new());
-        session.send("grasp", GraspCommand::Grasp(plan))?;
-        session.until(Phase::Hold, GRASP_TIME)?;
-        if session.log.lost.is_none() {
-            session.log.held = session.log.now();
+        introduce(grasp_trial.controller, &grasp_trial.rig.robot.model)?;
+        grasp_trial.tick()?;
+        let homed: Vec<f32> = grasp_trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+        grasp_trial.controller.home(&homed)?;
+        grasp_trial.wait(REST)?;
+        grasp_trial.controller.tare()?;
+        grasp_trial.controller.enable(TaskConfig::Grasping(()))?;
+        (grasp_trial.enabled, grasp_trial.log.samples) = (true, Vec::new());
+        grasp_trial.send("grasp", GraspCommand::Grasp(plan))?;
+        grasp_trial.wait_for_phase(Phase::Hold, GRASP_TIME)?;
+        if grasp_trial.log.lost.is_none() {
+            grasp_trial.log.held = grasp_trial.log.now();
         }
-        Ok(session)
+        Ok(grasp_trial)
     }
 
     /// The same, and then what it stands on is taken away.
     pub fn without_support(
         setting: &'a mut Setting<'_, 'b>,
-        bench: &'a mut Bench,
-        held: &Held<'_>,
+        rig: &'a mut GraspRig,
+        held: &GraspedObject<'_>,
     ) -> Result<Self, ScenarioError> {
-        let mut session = Self::begin(setting, bench, held)?;
-        session.note("the support is taken away");
-        session.plant.remove_support();
-        Ok(session)
+        let mut grasp_trial = Self::begin(setting, rig, held)?;
+        grasp_trial.note("the support is taken away");
+        grasp_trial.plant.remove_support();
+        Ok(grasp_trial)
     }
 
     /// One control period.
@@ -112,15 +112,15 @@ impl<'a, 'b> Session<'a, 'b> {
             return Ok(());
         }
         self.record();
-        let sequence = self.bench.motion.ticks();
+        let sequence = self.rig.motion.ticks();
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
-        if self.armed && self.log.samples.len().is_multiple_of(TALK_EVERY) {
+        if self.enabled && self.log.samples.len().is_multiple_of(TALK_EVERY) {
             match self.controller.keep() {
-                Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => return self.lose(),
+                Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => return self.record_loss(),
                 other => other?,
             }
-            self.look()?;
+            self.read_telemetry()?;
         }
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
         Ok(())
@@ -130,30 +130,30 @@ impl<'a, 'b> Session<'a, 'b> {
     fn record(&mut self) {
         let truth = self.plant.truth();
         let Some(object) = self.plant.object() else { return };
-        let motion = &mut self.bench.motion;
+        let motion = &mut self.rig.motion;
         motion.tick(&truth);
         if let Some(note) = self.note.take() {
             motion.note(note);
         }
         let (translation, rotation_xyzw) = (object.position, object.orientation);
-        let parent = self.bench.base().to_owned();
+        let parent = self.rig.base().to_owned();
         let frame = Transform { parent, child: "object".to_owned(), translation, rotation_xyzw };
-        self.bench.motion.frame(frame);
+        self.rig.motion.frame(frame);
         let time = self.log.now();
-        self.log.samples.push(Sample {
+        self.log.samples.push(GraspSample {
             time,
             object,
             contacts: self.plant.contacts(),
             joints: truth.positions,
-            wanted: self.wanted,
-            aim: self.way.at(time),
+            target_forces: self.target_forces,
+            target: self.way.at(time),
         });
     }
 
     /// Asks the controller how it goes.
-    fn look(&mut self) -> Result<(), ScenarioError> {
+    fn read_telemetry(&mut self) -> Result<(), ScenarioError> {
         let grasp = self.controller.read_grasp()?;
-        self.wanted = grasp.wanted.map(|force| Vector3::from(force).map(f64::from));
+        self.target_forces = grasp.wanted.map(|force| Vector3::from(force).map(f64::from));
         self.log.friction = f64::from(grasp.friction);
         if grasp.phase != self.phase {
             self.phase = grasp.phase;
@@ -165,9 +165,9 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     /// The controller gave up.
-    fn lose(&mut self) -> Result<(), ScenarioError> {
+    fn record_loss(&mut self) -> Result<(), ScenarioError> {
         let faults = self.controller.faults()?;
-        let model = &self.bench.robot.model;
+        let model = &self.rig.robot.model;
         let reason =
             faults.faults.last().map_or_else(|| "unknown".to_owned(), |f| f.named(model).to_string());
         self.log.lost = Some(format!("at {:.2} s: {reason}", self.log.now()));
@@ -183,9 +183,9 @@ impl<'a, 'b> Session<'a, 'b> {
         Ok(())
     }
 
-    /// Lets time pass until the hand is in `phase`; if it is not within `most` [s], the object counts as lost.
-    pub fn until(&mut self, phase: Phase, most: f64) -> Result<(), ScenarioError> {
-        let end = self.log.now() + most;
+    /// Lets time pass until the hand is in `phase`; if it is not within `max` [s], the object counts as lost.
+    pub fn wait_for_phase(&mut self, phase: Phase, max: f64) -> Result<(), ScenarioError> {
+        let end = self.log.now() + max;
         // A new command is seen in the first answer after it.
         self.wait(TALK_EVERY as f64 * T)?;
         while self.log.lost.is_none() && self.phase != phase {
@@ -206,7 +206,7 @@ impl<'a, 'b> Session<'a, 'b> {
         }
         self.note = Some(note.to_owned());
         match self.controller.grasp(command) {
-            Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => self.lose(),
+            Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => self.record_loss(),
             Err(BoardError::Refused { refusal: Refusal::Task(refusal), .. }) => {
                 self.log.lost = Some(format!("at {:.2} s: asked to {note}: {refusal}", self.log.now()));
                 Ok(())
@@ -216,9 +216,9 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this begins [s].
-    pub fn bring(&mut self, shift: [f64; 3], turn: [f64; 3]) -> Result<f64, ScenarioError> {
+    pub fn move_object(&mut self, shift: [f64; 3], turn: [f64; 3]) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
-        self.way = Way { from: self.way.at(begin), to: [shift.into(), turn.into()], begin };
+        self.way = ObjectPath { from: self.way.at(begin), to: [shift.into(), turn.into()], begin };
         let single = |values: [f64; 3]| values.map(|value| value as f32);
         let (translation, rotation) = (single(shift), single(turn));
         self.send("move", GraspCommand::Move { translation, rotation, duration: MOVE as f32 })?;
@@ -227,9 +227,9 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Lifts the object off what it stands on and lets it come to rest; returns how far that is [m].
     pub fn lift(&mut self) -> Result<[f64; 3], ScenarioError> {
-        let gravity = Vector3::from(self.bench.values.gravity);
+        let gravity = Vector3::from(self.rig.values.gravity);
         let up = (gravity * (-UP / gravity.norm())).into();
-        self.bring(up, [0.0; 3])?;
+        self.move_object(up, [0.0; 3])?;
         self.wait(MOVE + 1.0)?;
         Ok(up)
     }
@@ -237,7 +237,7 @@ impl<'a, 'b> Session<'a, 'b> {
     /// Where it should be is not known from now on.
     pub fn forget_aim(&mut self) {
         let unknown = [Vector3::repeat(f64::NAN); 2];
-        self.way = Way { from: unknown, to: unknown, begin: 0.0 };
+        self.way = ObjectPath { from: unknown, to: unknown, begin: 0.0 };
     }
 
     /// Writes a line into the recording.
@@ -246,7 +246,7 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     /// Switches the hand off; what was recorded.
-    pub fn end(self) -> Result<Log, ScenarioError> {
+    pub fn end(self) -> Result<GraspLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.log)
     }

@@ -5,10 +5,10 @@ use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGain
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::robot::RobotFolder;
 
-use crate::grasp_scene::{on_support, open_posture};
 use crate::motion::Motion;
 use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
+use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
 
 /// The object stands off the place where it is thought to be by at most this much along each axis of its support [m].
@@ -21,7 +21,7 @@ const PAPER_GAINS: WrenchGains =
 pub const PAPER_STRENGTH: f64 = 4.0;
 
 /// What is in the hand in a part of a scenario, and how it is held.
-pub struct Held<'a> {
+pub struct GraspedObject<'a> {
     /// For people.
     pub label: &'a str,
     /// The name of its files in `objects/` and `grasps/`.
@@ -33,7 +33,7 @@ pub struct Held<'a> {
 }
 
 /// What all parts of a scenario share.
-pub struct Bench {
+pub struct GraspRig {
     pub robot: RobotFolder,
     /// The machine's motors and encoders, as its maker sold them.
     drives: Vec<Drive>,
@@ -42,7 +42,7 @@ pub struct Bench {
     seed: u64,
 }
 
-impl Bench {
+impl GraspRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
@@ -62,7 +62,7 @@ impl Bench {
     }
 
     /// The grasp, and a machine with what is to be grasped.
-    pub fn place(&self, held: &Held<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
+    pub fn set_up(&self, held: &GraspedObject<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
         let mut grasp = self.grasp(held.object)?;
         if held.paper {
             grasp.plan.control = ObjectControl::Wrench(PAPER_GAINS);
@@ -112,10 +112,10 @@ mod tests {
                 let mut controller = Watched::new(&mut native, false);
                 let setting =
                     Setting { robot, controller: &mut controller, seed, duration: 0.0, progress: &|_| {} };
-                let bench = Bench::load(&setting).unwrap();
-                assert_eq!(bench.base(), "palm");
-                let held = Held { label: object, object, change: &|_| {}, paper: false };
-                let (plan, plant) = bench.place(&held).unwrap();
+                let rig = GraspRig::load(&setting).unwrap();
+                assert_eq!(rig.base(), "palm");
+                let held = GraspedObject { label: object, object, change: &|_| {}, paper: false };
+                let (plan, plant) = rig.set_up(&held).unwrap();
                 assert!(plan.validate().is_ok());
                 assert!(plant.contacts().iter().all(|contact| contact.depth <= 0.0), "{object} {seed}");
                 let [x, y, z] = plant.object().unwrap().position;

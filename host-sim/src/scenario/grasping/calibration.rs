@@ -7,8 +7,8 @@ use tesaki_supervisor::hand::FingerBoard;
 use tesaki_supervisor::identify::{Identification, Machine, Sense, Settings, identified, identify};
 
 use super::T;
-use super::bench::{Bench, Held};
-use super::session::REST;
+use super::rig::{GraspRig, GraspedObject};
+use super::trial::REST;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
@@ -65,16 +65,16 @@ impl Machine for Simulated<'_, '_> {
 /// on. Returns it.
 pub fn calibrate(
     setting: &mut Setting<'_, '_>,
-    bench: &mut Bench,
-    held: &Held<'_>,
+    rig: &mut GraspRig,
+    held: &GraspedObject<'_>,
 ) -> Result<Identification, ScenarioError> {
-    let (plan, plant) = bench.place(held)?;
-    let model = bench.robot.model.clone();
+    let (plan, plant) = rig.set_up(held)?;
+    let model = rig.robot.model.clone();
     introduce(setting.controller, &model)?;
     let mut machine = Simulated {
         controller: &mut *setting.controller,
         plant,
-        motion: &mut bench.motion,
+        motion: &mut rig.motion,
         progress: setting.progress,
         duration: setting.duration,
     };
@@ -95,7 +95,7 @@ pub fn calibrate(
     }
     let found = match found {
         Err(ScenarioError::Identify(error)) => {
-            let time = f64::from(bench.motion.ticks()) * T;
+            let time = f64::from(rig.motion.ticks()) * T;
             let why = stopped(setting.controller, &model, held.label, time);
             return Err(
                 if let ScenarioError::Fault { fault, .. } = &why
@@ -109,7 +109,7 @@ pub fn calibrate(
         }
         found => found?,
     };
-    identified(&model, &found.fits).apply(&mut bench.robot.model)?;
+    identified(&model, &found.fits).apply(&mut rig.robot.model)?;
     setting.controller.disable()?;
     Ok(found)
 }

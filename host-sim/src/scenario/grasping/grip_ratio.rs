@@ -5,12 +5,12 @@ use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFin
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
 
-use super::Sample;
+use super::GraspSample;
 use crate::plant::ContactTruth;
 
 /// A grip against the least one that holds the same load with the true friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Firmness {
+pub struct GripRatio {
     /// Sum of the normal forces over that of the least grip.
     pub ratio: f64,
     /// Largest joint torque that the least grip takes, without the weight of the fingers [N·m].
@@ -21,7 +21,12 @@ pub struct Firmness {
 
 /// The grip of a sample for the load that it has and `added` [N; N·m about the base frame's origin], with at most `limit`
 /// of normal force at a contact [N]. `None` unless all fingers touch the object.
-pub fn firmness(model: &RobotModel, sample: &Sample, added: &Vector6<f64>, limit: f64) -> Option<Firmness> {
+pub fn grip_ratio(
+    model: &RobotModel,
+    sample: &GraspSample,
+    added: &Vector6<f64>,
+    limit: f64,
+) -> Option<GripRatio> {
     let map = grasp_map(sample, limit)?;
     let load = map.wrench(&forces(sample)) + added.map(|part| part as f32);
     let grip = LeastGrip::try_new(0.0, 0.0).ok()?;
@@ -31,17 +36,17 @@ pub fn firmness(model: &RobotModel, sample: &Sample, added: &Vector6<f64>, limit
             let least: f32 = pushes.map(|(force, contact)| force.dot(contact.normal())).sum();
             let sum: f64 = sample.contacts.iter().map(ContactTruth::normal_force).sum();
             let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
-            Some(Firmness { ratio: sum / f64::from(least), torque, possible: true })
+            Some(GripRatio { ratio: sum / f64::from(least), torque, possible: true })
         }
         Err(GripError::CannotHold(_)) => {
-            Some(Firmness { ratio: f64::NAN, torque: f64::NAN, possible: false })
+            Some(GripRatio { ratio: f64::NAN, torque: f64::NAN, possible: false })
         }
         Err(_) => None,
     }
 }
 
 /// The part of each finger's force that moves nothing [N].
-pub fn internal_forces(sample: &Sample) -> [Vector3<f64>; 3] {
+pub fn internal_forces(sample: &GraspSample) -> [Vector3<f64>; 3] {
     let unknown = [Vector3::repeat(f64::NAN); 3];
     let Some(map) = grasp_map(sample, f64::from(f32::MAX)) else { return unknown };
     let mut forces = forces(sample);
@@ -49,11 +54,11 @@ pub fn internal_forces(sample: &Sample) -> [Vector3<f64>; 3] {
     forces.try_into().map_or(unknown, |forces: [Vector3<f32>; 3]| forces.map(|force| force.map(f64::from)))
 }
 
-fn forces(sample: &Sample) -> Vec<Vector3<f32>> {
+fn forces(sample: &GraspSample) -> Vec<Vector3<f32>> {
     sample.contacts.iter().map(|contact| Vector3::from(contact.force).map(|part| part as f32)).collect()
 }
 
-fn grasp_map(sample: &Sample, limit: f64) -> Option<GraspMap> {
+fn grasp_map(sample: &GraspSample, limit: f64) -> Option<GraspMap> {
     let mut contacts = Vec::new();
     for contact in &sample.contacts {
         let [point, normal] =
@@ -65,7 +70,7 @@ fn grasp_map(sample: &Sample, limit: f64) -> Option<GraspMap> {
 }
 
 /// The largest joint torque for these forces of the fingers [N·m].
-fn largest_torque(model: &RobotModel, sample: &Sample, forces: &[Vector3<f32>; 3]) -> f64 {
+fn largest_torque(model: &RobotModel, sample: &GraspSample, forces: &[Vector3<f32>; 3]) -> f64 {
     let mut fingers = Vec::new();
     for ((chain, range), contact) in model.chains.iter().zip(model.chain_ranges()).zip(&sample.contacts) {
         let angles: Vec<f32> =
@@ -76,5 +81,5 @@ fn largest_torque(model: &RobotModel, sample: &Sample, forces: &[Vector3<f32>; 3
     }
     let Ok(fingers) = fingers.try_into() else { return f64::NAN };
     let torques = ThreeFingers::new(&fingers).torques(forces);
-    torques.iter().flatten().fold(0.0, |most, torque| f64::max(most, f64::from(torque.abs())))
+    torques.iter().flatten().fold(0.0, |max, torque| f64::max(max, f64::from(torque.abs())))
 }
