@@ -16,7 +16,7 @@ import sys
 import time
 import zlib
 
-# ---- postcard and frames --------------------------------------------------------------------------------------------
+# ---- postcard and frames -----------------------------------------------------------------------------------
 
 
 def varint(value):
@@ -99,23 +99,22 @@ class Reader:
             raise ValueError("the message is too long")
 
 
-# ---- messages -------------------------------------------------------------------------------------------------------
+# ---- messages ----------------------------------------------------------------------------------------------
 
-HELLO, ARM, DISARM, SET_POINT, READ_STATUS, READ_FAULTS = 0, 5, 6, 7, 9, 10
-CLEAR_FAULTS, SET_RATE, TAKE_COMMAND, RELEASE_COMMAND = 11, 12, 13, 14
+HELLO, DISABLE, TAKE_COMMAND, RELEASE_COMMAND, ENABLE, TASK = 0, 1, 3, 4, 10, 11
+READ_STATUS, READ_FAULTS, CLEAR_FAULTS, SET_RATE = 14, 15, 16, 17
+JOINT_SERVO, OBSERVER, GOAL, TELEMETRY = 0, 1, 0, 0
+TASKS = ["joint servo", "grasping", "impedance"]
 
-CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck; torque not
-finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog reset; panic; CPU fault;
-clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
+CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck;
+torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog
+reset; panic; CPU fault; clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
 object lost; object moved; tool away; tool turned""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
     mode = r.uint()
-    if mode == 1:
-        task = r.uint()
-        return "armed (" + (["PID", "observer"][r.uint()] if task == 0 else ["grasp", "impedance"][task - 1]) + ")"
-    return {0: "disarmed", 2: "fault"}[mode]
+    return f"enabled ({TASKS[r.uint()]})" if mode == 1 else {0: "disabled", 2: "fault"}[mode]
 
 
 def read_fault(r):
@@ -130,84 +129,46 @@ def read_model_error(r):
     return {"joint": joint, "field": field, "value": value, "problem": problem, "limit": limit}
 
 
-PHASES = ["ready", "approach", "touch", "squeeze", "feel", "hold", "move", "lower", "open"]
-PLAN_FIELDS = ["clearance", "touch force", "friction", "force limit", "margin", "least", "strength", "gain"]
+# Lists of refusals: the words and the fields of each, by number.
 
-
-def read_bad_plan(r):
-    number = r.uint()
-    if number == 0:
-        return {"field": PLAN_FIELDS[r.uint()], "value": r.f32(), "lower": r.f32(), "upper": r.f32()}
-    if number == 1:
-        return {"contact": r.u8()}
-    return {"rest": r.f32()} if number == 4 else ["the contacts are in line", "no grip within the friction"][number - 2]
-
-
-def read_unable(r):
-    number = r.uint()
-    if number == 0:
-        return {"busy": PHASES[r.uint()]}
-    if number == 1:
-        return {"plan": read_bad_plan(r)}
-    if number == 2:
-        return {"out_of_reach": r.u8(), "nearest": [r.f32() for _ in range(3)]}
-    return {"too_fast": r.f32(), "limit": r.f32()} if number == 4 else "not finite"
-
-
-def read_bad_settings(r):
-    number = r.uint()
-    if number == 0:
-        term, axis = ["mass", "damping", "stiffness"][r.uint()], r.u8()
-        return {"impedance": term, "axis": axis, "value": r.f32(), "limit": r.f32()}
-    if number == 1:
-        return {"joint": r.u8(), "joints": r.u8()}
-    if number == 3:
-        return {"elbow_bandwidth": r.f32(), "limit": r.f32()}
-    return {["contact_force", "reach"][number - 4]: r.f32()} if number > 3 else "only seven joints have an arm angle"
-
-
-def read_arm_error(r):
-    number = r.uint()
-    if number in (0, 1, 5):
-        return {{0: "distance", 1: "turn", 5: "elbow"}[number]: r.f32(), "limit": r.f32()}
-    return {"norm": r.f32()} if number == 3 else {2: "not finite", 4: "no settings: send them first"}[number]
-
-
-REFUSALS = [
-    ("schema mismatch", ["board:uint", "firmware:version"]),
-    ("no model: push one first", []),
-    ("the model holds nonsense", ["error:model_error"]),
-    ("model transfer out of step", ["received:uint", "announced:uint"]),
-    ("model damaged", ["received:uint", "announced:uint"]),
-    ("model unreadable", ["length:uint", "limit:uint"]),
-    ("not in this mode", ["mode:mode"]),
-    ("not homed: run `tesaki home`", ["joint:u8"]),
-    ("faults not read", ["total:uint"]),
+LIMITS = [
     ("wrong number of joints", ["got:u8", "expected:u8"]),
     ("not a finite number", ["joint:u8"]),
     ("outside the limits", ["joint:u8", "value:f32", "lower:f32", "upper:f32"]),
     ("too fast", ["joint:u8", "value:f32", "limit:f32"]),
     ("too far from the reference", ["joint:u8", "value:f32", "limit:f32"]),
-    ("no sensor readings yet", []),
-    ("unsafe", ["fault:fault"]),
+    ("too much acceleration", ["joint:u8", "value:f32", "limit:f32"]),
+    ("too much torque", ["joint:u8", "value:f32", "limit:f32"]),
+]
+JOINT_SERVO_REFUSALS = [
+    ("limit", ["limit:limit"]),
+    ("wrong number of tips", ["got:u8", "expected:u8"]),
+    ("the board cannot compute this chain's angles", ["chain:u8"]),
+    ("the tip cannot reach this point", ["chain:u8", "nearest:vector"]),
+    ("the chain is nearly singular there", ["chain:u8"]),
+    ("the point is not finite", ["chain:u8"]),
+]
+REFUSALS = [
+    ("schema mismatch", ["board:uint", "firmware:version"]),
+    ("not in this mode", ["mode:mode"]),
     ("another client commands", ["by:uint"]),
     ("nobody commands: take command first", []),
     ("too late", ["latest:uint"]),
-    ("not exported", ["length:uint"]),
-    ("wrong number of tips", ["got:u8", "expected:u8"]),
-    ("the board cannot compute this chain's angles", ["chain:u8"]),
-    ("the tip cannot be there", ["chain:u8", "nearest_x:f32", "nearest_y:f32", "nearest_z:f32"]),
-    ("the tip can hardly move there", ["chain:u8"]),
-    ("too much acceleration", ["joint:u8", "value:f32", "limit:f32"]),
-    ("not a place", ["chain:u8"]),
+    ("faults not read", ["total:uint"]),
+    ("no model: push one first", []),
+    ("invalid model", ["error:model_error"]),
+    ("model transfer out of step", ["received:uint", "announced:uint"]),
+    ("model damaged", ["received:uint", "announced:uint"]),
+    ("model unreadable", ["length:uint", "limit:uint"]),
+    ("no sensor readings yet", []),
+    ("unsafe", ["fault:fault"]),
+    ("not homed: run `tesaki home`", ["joint:u8"]),
     ("no force sensor", []),
-    ("not a hand", []),
-    ("force sensor not tared", ["chain:u8"]),
-    ("the hand cannot do this", ["why:unable"]),
-    ("too much torque", ["joint:u8", "value:f32", "limit:f32"]),
-    ("not an arm", []),
-    ("an arm cannot behave like that", ["why:bad_settings"]),
-    ("the arm cannot do this", ["why:arm_error"]),
+    ("not exported", ["length:uint"]),
+    ("limit", ["limit:limit"]),
+    ("no task was enabled", []),
+    ("another task runs", ["task:uint"]),
+    ("the task refuses", ["why:task_refusal"]),
 ]
 
 
@@ -215,20 +176,35 @@ def read_version(r):
     return ".".join(str(part) for part in r.take(3))
 
 
-def read_refusal(r):
-    readers = {"version": read_version, "mode": read_mode, "fault": read_fault, "model_error": read_model_error,
-               "unable": read_unable, "bad_settings": read_bad_settings, "arm_error": read_arm_error}
-    number = r.uint()
-    words, fields = REFUSALS[number]
-    values = {}
-    for field in fields:
-        name, kind = field.split(":")
-        values[name] = readers[kind](r) if kind in readers else getattr(r, kind)()
-    return {"refusal": number, "words": words, **values}
+def read_entry(refusals):
+    """Reads a refusal of this list, as words and fields."""
+    def read(r):
+        words, fields = refusals[r.uint()]
+        values = {}
+        for field in fields:
+            name, kind = field.split(":")
+            values[name] = READERS[kind](r) if kind in READERS else getattr(r, kind)()
+        return {"words": words, **values}
+
+    return read
+
+
+def read_task_refusal(r):
+    if r.uint() != JOINT_SERVO:
+        raise ValueError("a refusal of a task that this client does not use")
+    return read_entry(JOINT_SERVO_REFUSALS)(r)
+
+
+READERS = {
+    "version": read_version, "mode": read_mode, "fault": read_fault,
+    "model_error": read_model_error, "limit": read_entry(LIMITS), "task_refusal": read_task_refusal,
+    "vector": lambda r: [r.f32() for _ in range(3)],
+}
 
 
 def read_identity(r):
-    return {"firmware": read_version(r), "image": r.take(8).hex(), "board": r.take(12).hex(), "capabilities": r.uint()}
+    return {"firmware": read_version(r), "image": r.take(8).hex(), "board": r.take(12).hex(),
+            "capabilities": r.uint()}
 
 
 def read_statistics(r):
@@ -263,7 +239,7 @@ def read_reply(r):
     if number == 1:
         return {"kind": "done"}
     if number == 2:
-        return {"kind": "refused", **read_refusal(r)}
+        return {"kind": "refused", **read_entry(REFUSALS)(r)}
     if number == 3:
         return {"kind": "status", **read_status(r)}
     if number == 4:
@@ -288,7 +264,7 @@ def read_from_board(data, our_client):
     return message
 
 
-# ---- the line -------------------------------------------------------------------------------------------------------
+# ---- the line ----------------------------------------------------------------------------------------------
 
 
 class Line:
@@ -406,16 +382,16 @@ class Board:
     @staticmethod
     def checked(reply):
         if reply["kind"] == "refused":
-            details = {name: value for name, value in reply.items() if name not in ("kind", "words", "refusal")}
-            raise Refused(f"refused ({reply['refusal']}): {reply['words']} {details or ''}".rstrip())
+            details = {name: value for name, value in reply.items() if name not in ("kind", "words")}
+            raise Refused(f"refused: {reply['words']} {details or ''}".rstrip())
         return reply
 
     def hello(self):
         """Agrees with the board on the schema.
 
-        The key is taken from the board: the first hello carries 0, the second what the first reply held. This client
-        thus claims to fit any board. A real one carries the key for which it was written and stops when the board's
-        differs.
+        The key is taken from the board: the first hello carries 0, the second what the first reply held. This
+        client thus claims to fit any board. A real one carries the key for which it was written and stops when
+        the board's differs.
         """
         schema = self.ask(HELLO, varint(0))["schema"]
         return self.ask(HELLO, varint(schema))
@@ -438,18 +414,18 @@ def clear_faults(board):
 def move(board, index, angle, seconds):
     board.ask(TAKE_COMMAND, b"\0")
     try:
-        # Before arming, as from then on set-points must come.
+        # Before the task is enabled, as from then on set-points must come.
         goals = [joint["position"] for joint in first_telemetry(board)["joints"]]
         if not 0 <= index < len(goals):
             raise Refused(f"there is no joint {index}; the board's robot has {len(goals)}")
         print(f"joint {index} from {goals[index]:.4f} to {angle:.4f} rad")
         goals[index] = angle
-        board.ask(ARM, varint(0) + varint(1))  # joint servo, observer
+        board.ask(ENABLE, varint(JOINT_SERVO) + varint(OBSERVER))
         try:
             stream(board, goals, index, seconds)
         finally:
-            board.ask(DISARM)
-            print("disarmed")
+            board.ask(DISABLE)
+            print("disabled")
     finally:
         try:
             board.ask(RELEASE_COMMAND)
@@ -459,7 +435,7 @@ def move(board, index, angle, seconds):
 
 def first_telemetry(board):
     board.telemetry = None
-    board.ask(SET_RATE, varint(0) + varint(1))  # telemetry every tick
+    board.ask(SET_RATE, varint(TELEMETRY) + varint(1))  # every tick
     end = time.monotonic() + 1
     while board.telemetry is None and time.monotonic() < end:
         board.listen(end - time.monotonic())
@@ -470,16 +446,17 @@ def first_telemetry(board):
 
 def stream(board, goals, index, seconds):
     due = told = start = time.monotonic()
-    armed = False
+    enabled = False
     while due < start + seconds:
         # Each states the whole aim, so none is sent twice; refusals are looked at.
-        board.post(SET_POINT, varint(0) + floats(goals))
+        board.post(TASK, varint(JOINT_SERVO) + varint(GOAL) + floats(goals))
         due += 0.02
         while time.monotonic() < due:
             board.listen(due - time.monotonic())
         state = board.telemetry
-        armed = armed or state["mode"].startswith("armed")
-        if armed and not state["mode"].startswith("armed"):
+        running = state["mode"].startswith("enabled")
+        enabled = enabled or running
+        if enabled and not running:
             print(board.ask(READ_FAULTS)["faults"][-1])
             raise Refused(f"the board is in mode {state['mode']}")
         for reply in board.replies.values():
@@ -488,12 +465,14 @@ def stream(board, goals, index, seconds):
         if time.monotonic() > told:
             told += 0.5
             joint = state["joints"][index]
-            print(f"  {time.monotonic() - start:5.2f} s  tick {state['tick']}  angle {joint['position']:8.4f} rad  "
-                  f"reference {joint['reference']:8.4f} rad  torque {joint['torque']:8.4f} N·m")
+            print(f"  {time.monotonic() - start:5.2f} s  tick {state['tick']}  "
+                  f"angle {joint['position']:8.4f} rad  reference {joint['reference']:8.4f} rad  "
+                  f"torque {joint['torque']:8.4f} N·m")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    layout = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
     parser.add_argument("address", help="unix://PATH, tcp://HOST:PORT, or a serial port")
     parser.add_argument("--move", nargs=2, metavar=("INDEX", "ANGLE"), help="move joint INDEX to ANGLE [rad]")
     parser.add_argument("--seconds", type=float, default=3.0, help="how long (default: 3)")

@@ -15,7 +15,7 @@ pub const MAX_FAULTS: usize = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultCause {
-    /// 0: armed, and no command for too long. Value and limit in s.
+    /// 0: enabled, and no command for too long. Value and limit in s.
     CommandTimeout,
     /// 1: a joint is outside its limits. Value and limit in rad.
     PositionLimit,
@@ -48,8 +48,8 @@ pub enum FaultCause {
     Panic,
     /// 15: a CPU fault reset the board. Value: the program counter.
     HardFault,
-    /// 16: the clock fell back to a less exact source at boot. Value: the [`super::ClockSource`]'s number. Arming
-    /// is still possible.
+    /// 16: the clock fell back to a less exact source at boot. Value: the [`super::ClockSource`]'s number. The
+    /// board can still be enabled.
     ClockFallback,
     /// 17: the supervisor asked for an immediate stop.
     Stop,

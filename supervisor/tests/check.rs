@@ -11,7 +11,7 @@ fn workspace() -> PathBuf {
 
 /// Exit code and all that was printed.
 fn check(arguments: &[&str], robot: &Path) -> (i32, String) {
-    let mut command = tesaki_tests::tesaki();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
     let output = command.args(arguments).args(["model", "check"]).arg(robot).output().unwrap();
     let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
     (output.status.code().unwrap(), text)
@@ -43,7 +43,7 @@ fn a_good_folder_lists_its_joints() {
     assert_eq!(code, 0, "{text}");
     contains(
         &text,
-        &["chain to finger1_tip", "finger3_curl", "hand3: 9 joints in 3 chains", "nothing is wrong"],
+        &["chain to finger1_tip", "finger3_curl", "hand3: 9 joints in 3 chains", "no problems found"],
     );
 }
 
@@ -75,7 +75,7 @@ fn every_mistake_of_both_files_is_told_in_one_go() {
             "controller.toml:43: joint finger2_bend: there is no motor.torqe",
             "controller.toml:36: joints finger1_swing, finger1_bend",
             "invalid type: string \"fast\", expected f32",
-            "7 to mend",
+            "7 problems found",
         ],
     );
 }
@@ -98,7 +98,7 @@ fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_fil
             "robot.urdf:34: joint finger1_swing: limits.velocity = 0 must be above 0",
             "<limit velocity",
             "controller.toml:40: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
-            "2 to mend",
+            "2 problems found",
         ],
     );
 }
@@ -113,7 +113,12 @@ fn joints_without_settings_are_named() {
     assert_eq!(code, 1, "{text}");
     contains(
         &text,
-        &["joints finger1_swing, finger1_bend", "finger3_curl: nothing is said", "[joint…]", "1 to mend"],
+        &[
+            "joints finger1_swing, finger1_bend",
+            "finger3_curl: nothing is said",
+            "[joint…]",
+            "1 problem found",
+        ],
     );
 }
 
@@ -149,7 +154,7 @@ fn warnings_alone_are_no_failure_and_json_is_a_list() {
     contains(warning["finding"].as_str().unwrap(), &["panda_finger_joint1", "prismatic"]);
     contains(warning["advice"].as_str().unwrap(), &["panda_hand_tcp"]);
     let (_, text) = check(&[], &robot);
-    contains(&text, &["look  ", "works; 2 to look at"]);
+    contains(&text, &["warn  ", "works; 2 warnings"]);
 }
 
 #[test]

@@ -235,7 +235,7 @@ fn columns_in_any_order_further_columns_and_angles_outside_are_told_and_computed
         0.1,-0.2,3.5,0.4,0.5,0.6\n";
     assert_eq!(out, eval("fk", &ur5e, &[], ordered).0);
     for words in [
-        "columns that were not needed: time",
+        "unused columns: time",
         "elbow_joint: 1 of 2 angles outside its limits -3.1415927 to 3.1415927 rad, first in line 3",
         "2 rows, tips tool0",
     ] {
@@ -478,7 +478,7 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     let robot = folder.path().to_str().unwrap();
     change("<mass value=\"", "<mass value=\"-");
     let (_, err) = eval("fk", robot, &[], "finger_joint\n0\n");
-    assert!(err.contains("1 findings that do not matter here: `tesaki model check "), "{err}");
+    assert!(err.contains("1 findings that are irrelevant here; `tesaki model check "), "{err}");
     change("upper=\"", "upper=\"100");
     eval("fk", robot, &[], "finger_joint\n0\n");
     let (code, _, err) = tesaki(&["eval", "ik", "--robot", robot, "--in", "-"], "finger_joint\n0\n");

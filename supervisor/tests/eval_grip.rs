@@ -257,7 +257,7 @@ fn rows_leave_contacts_out_and_say_about_which_point_the_moment_is() {
     }
     has(&got, 2, &[("f1x", 2.5), ("f1z", 1.0), ("f3x", -2.5), ("f3z", 1.0), ("rank", 5.0)]);
     assert!(["f2x", "f2y", "f2z", "normal2", "used2"].iter().all(|name| got[*name][2].is_empty()));
-    assert!(err.contains("columns that were not needed: name"), "{err}");
+    assert!(err.contains("unused columns: name"), "{err}");
 }
 
 #[test]

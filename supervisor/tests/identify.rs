@@ -110,7 +110,7 @@ struct Stub {
     weak: Option<(f32, Failure)>,
     start: Vec<f32>,
     tick: u32,
-    task: Task,
+    task: TaskConfig,
     phase: Phase,
     failure: Option<Failure>,
     said: Vec<String>,
@@ -148,18 +148,19 @@ impl Machine for Stub {
     }
 
     fn read_grasp(&mut self) -> Result<GraspTelemetry, Trouble> {
-        let telemetry = GraspState::NONE.telemetry(self.tick);
+        let telemetry = GraspState::NONE.telemetry();
         Ok(GraspTelemetry { phase: self.phase, failure: self.failure, ..telemetry })
     }
 
-    fn tick(&mut self, _: SetPoint) -> Result<Sense, Trouble> {
+    fn tick(&mut self, _: Request) -> Result<Sense, Trouble> {
         self.tick += 1 + u32::from(self.tick.is_multiple_of(self.loses));
         let velocity = if (self.tick / 7).is_multiple_of(2) { 0.1 } else { -0.1 };
         let torque = force(self.tick + 1);
         let joint = |&position: &f32| JointTelemetry { position, velocity, reference: position, torque };
         let tip = TipTelemetry { force: [0.0, 0.0, force(self.tick)], ..TipTelemetry::default() };
         let joints = self.start.iter().map(joint).collect();
-        let telemetry = Telemetry { tick: self.tick, mode: Mode::Enabled(self.task), faults: 0, joints };
+        let telemetry =
+            Telemetry { tick: self.tick, mode: Mode::Enabled(self.task.kind()), faults: 0, joints };
         Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
     }
 
@@ -237,7 +238,7 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
 
 /// Exit code and complaint of `tesaki`.
 fn complaint(arguments: &[&str]) -> (i32, String) {
-    let output = tesaki_tests::tesaki().args(arguments).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 

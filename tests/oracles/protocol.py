@@ -8,11 +8,13 @@ from protocol_encoding import (
     blob, boolean, byte, frame, option, real, reals, sequence, uint,
 )
 from protocol_parts import (
-    ARMED_GRASP, ARMED_IMPEDANCE, ARMED_OBSERVER, ARMED_PID, ARM_ANGLE, ARM_ERRORS, BAD_SETTINGS, BOX, CLIENT,
-    DISARMED, FAILURES, FAULT, FINGER, FIRMWARE, IDENTITY, LEAST_MOTION, LOWEST, NO_GRASP, NO_STATISTICS,
-    PHASES, PLAN_FIELDS, QUIET_BOARD, SCHEMA, SENSOR, TASK, YIELDING, actuators, arm, board_status, by_wrench,
-    differential, fault, frame_counts, goal, grasp, guide, model, node_status, observer, plan, pose, reply,
-    request, sensors, settings, telemetry,
+    ARM_ANGLE, BOX, CLEAR_FAULTS, CLIENT, DISABLE, DISABLED, ENABLE, EXPORT, FAILURES, FAULT, FINGER, FIRMWARE,
+    GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
+    JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT, NO_GRASP,
+    NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK, RELEASE_COMMAND, SCHEMA,
+    SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, YIELDING, actuators, board_status, by_wrench,
+    differential, enabled, fault, frame_counts, goal, grasp, impedance, joints, model, node_status, observer, plan,
+    reply, request, sensors, settings, target, telemetry,
 )
 
 COLUMNS = """
@@ -40,26 +42,27 @@ def session():
     done = uint(1)
     golden("sensors-session-1", sensors(1, 0, 24000, [1000], [0]))
     golden("actuators-session-1", actuators(1, False, []))
-    step(1, "hello", uint(0) + uint(SCHEMA), uint(0) + uint(SCHEMA) + IDENTITY, 1)
-    step(2, "take-command", uint(13) + boolean(False), done, 1)
-    step(3, "model-begin", uint(1) + uint(len(FINGER)) + uint(crc), done, 1)
-    step(4, "model-chunk-0", uint(2) + uint(0) + blob(FINGER[:192]), done, 1)
-    step(5, "model-chunk-192", uint(2) + uint(192) + blob(FINGER[192:]), done, 1)
-    step(6, "model-commit", uint(3), done, 1)
+    step(1, "hello", HELLO + uint(SCHEMA), uint(0) + uint(SCHEMA) + IDENTITY, 1)
+    step(2, "take-command", TAKE_COMMAND + boolean(False), done, 1)
+    step(3, "model-begin", MODEL_BEGIN + uint(len(FINGER)) + uint(crc), done, 1)
+    step(4, "model-chunk-0", MODEL_CHUNK + uint(0) + blob(FINGER[:192]), done, 1)
+    step(5, "model-chunk-192", MODEL_CHUNK + uint(192) + blob(FINGER[192:]), done, 1)
+    step(6, "model-commit", MODEL_COMMIT, done, 1)
     golden("sensors-session-2", sensors(2, 0, 24000, [1000], [0]))
     golden("actuators-session-2", actuators(2, False, [0.0]))
-    step(7, "home", uint(4) + sequence([real(0.0)]), done, 2)
-    step(8, "set-rate", uint(12) + uint(0) + uint(1), done, 2)
-    step(9, "arm", uint(5) + TASK["observer"], done, 2)
+    step(7, "home", HOME + sequence([real(0.0)]), done, 2)
+    step(8, "set-rate", SET_RATE + uint(0) + uint(1), done, 2)
+    step(9, "enable", ENABLE + JOINT_SERVO + uint(1), done, 2)
     golden("sensors-session-3", sensors(3, 0, 24000, [1000], [0]))
     golden("actuators-session-3", actuators(3, True, [0.0]))
-    golden("board-session-telemetry", uint(1) + telemetry(3, ARMED_OBSERVER, 0, [[0.0, 0.0, 0.0, 0.0]]))
+    golden("board-session-telemetry", uint(1) + telemetry(3, enabled(JOINT_SERVO), 0, [[0.0, 0.0, 0.0, 0.0]]))
     step(10, "goal", goal([0.5]), done, 3)
-    step(11, "goal-outside", goal([2.0]), uint(2) + uint(11) + byte(0) + reals([2.0, -1.5, 1.5]), 3)
-    step(12, "disarm", uint(6), done, 3)
-    status = node_status(DISARMED, "finger", crc, 1, 0, True, CLIENT, 3, 24.0) + QUIET_BOARD
-    step(13, "read-status", uint(9), uint(3) + status, 3)
-    step(14, "release-command", uint(14), done, 3)
+    outside = uint(19) + JOINT_SERVO + uint(0) + uint(2) + byte(0) + reals([2.0, -1.5, 1.5])
+    step(11, "goal-outside", goal([2.0]), uint(2) + outside, 3)
+    step(12, "disable", DISABLE, done, 3)
+    status = node_status(DISABLED, "finger", crc, 1, 0, True, CLIENT, 3, 24.0) + QUIET_BOARD
+    step(13, "read-status", READ_STATUS, uint(3) + status, 3)
+    step(14, "release-command", RELEASE_COMMAND, done, 3)
 
 
 # ---- one of each ----------------------------------------------------------------------------------------------------
@@ -67,74 +70,98 @@ def session():
 
 def requests():
     each = {
-        "hello": uint(0) + uint(SCHEMA),
-        "hello-0": uint(0) + uint(0),
-        "model-begin": uint(1) + uint(4096) + uint(0xDEADBEEF),
-        "model-chunk": uint(2) + uint(192) + blob([0, 1, 254, 255]),
-        "model-chunk-long": uint(2) + uint(3840) + blob([255] * 192),
-        "model-chunk-zeros": uint(2) + uint(0) + blob([0] * 192),
-        "model-commit": uint(3),
-        "home": uint(4) + sequence(map(real, [0.25, -1.5])),
-        "home-none": uint(4) + sequence([]),
-        "arm-pid": uint(5) + TASK["pid"],
-        "arm-observer": uint(5) + TASK["observer"],
-        "arm-grasp": uint(5) + TASK["grasp"],
-        "arm-impedance": uint(5) + TASK["impedance"],
-        "disarm": uint(6),
-        "set-point-goal": goal([0.5, -0.25, 0.125]),
-        "set-point-stream": uint(7) + uint(1) + sequence(map(reals, [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]])),
-        "set-point-stream-16": uint(7) + uint(1) + sequence([reals([LOWEST] * 3)] * 16),
-        "set-point-reach": uint(7) + uint(2)
-        + sequence([reals([0.1, -0.04, 0.0625, 0.5, -0.25, 0.125, 2.0, -1.0, 0.0]), reals([0.0] * 9)]),
-        "set-point-reach-6": uint(7) + uint(2) + sequence([reals([LOWEST] * 9)] * 6),
-        "set-point-keep": uint(7) + uint(3),
-        "set-point-guide": guide([[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]], [0.125, -0.0625]),
-        "set-point-guide-16": guide([[LOWEST] * 3] * 16, [LOWEST] * 16),
-        "set-point-pose": pose([0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.125, 0.0, 0.0, 0.0, 0.0, 0.5], [0.0] * 6,
-                               [0.25, 0.0, 0.0]),
-        "set-point-pose-longest": pose([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, [LOWEST] * 3),
-        "stop": uint(8),
-        "read-status": uint(9),
-        "read-faults": uint(10),
-        "clear-faults": uint(11) + uint(300),
-        "set-rate-telemetry": uint(12) + uint(0) + uint(1),
-        "set-rate-status": uint(12) + uint(1) + uint(100),
-        "set-rate-log": uint(12) + uint(2) + uint(65535),
-        "set-rate-tips": uint(12) + uint(3) + uint(2),
-        "set-rate-grasp": uint(12) + uint(4) + uint(5),
-        "set-rate-arm": uint(12) + uint(5) + uint(5),
-        "tare": uint(17),
-        "grasp": uint(18) + uint(0)
-        + plan(BOX, 0.01, 0.1, None, uint(0) + reals([0.2, 0.3, 1.0]), 9.0, True, differential(1)),
-        "grasp-normal": uint(18) + uint(0) + plan(BOX, 0.005, 0.125, 0.5, uint(1) + real(2.0), 4.0, False, differential(0)),
-        "grasp-pairwise": uint(18) + uint(0)
-        + plan(BOX, 0.01, 0.1, 0.75, uint(2) + reals([0.5, 1.0, 1.5]), 9.0, True,
-               by_wrench([150.0, 300.0], [0.5, 1.0], 0.03125, False)),
-        "grasp-longest": uint(18) + uint(0)
-        + plan([([LOWEST] * 3, [LOWEST] * 3)] * 3, LOWEST, LOWEST, LOWEST, uint(2) + reals([LOWEST] * 3), LOWEST, True,
-               by_wrench([LOWEST] * 2, [LOWEST] * 2, LOWEST, True)),
-        "grasp-move": uint(18) + uint(1) + reals([0.0, 0.0, 0.02]) + reals([0.25, -0.125, 0.0]) + real(1.5),
-        "grasp-put-down": uint(18) + uint(2),
-        "grasp-open": uint(18) + uint(3),
-        "read-grasp": uint(19),
-        "impedance": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, SENSOR, 1.5, [0.25, 1.5]),
-        "impedance-observed": uint(20) + settings(*YIELDING, 1, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5]),
-        "impedance-driven": uint(20) + settings(*YIELDING, 1, uint(1) + byte(2), 12.0, SENSOR, 1.5, [0.25, 1.5]),
-        "impedance-printed": uint(20) + settings(*YIELDING, 0, LEAST_MOTION, 12.0, SENSOR, 1.5, [0.25, 1.5]),
-        "impedance-longest": uint(20)
-        + settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST, [LOWEST] * 2),
-        "read-arm": uint(21),
-        "take-command": uint(13) + boolean(False),
-        "take-command-by-force": uint(13) + boolean(True),
-        "release-command": uint(14),
-        "export-model": uint(15) + uint(0),
-        "export-state": uint(15) + uint(1),
-        "read-export": uint(16) + uint(192),
+        "hello": HELLO + uint(SCHEMA),
+        "hello-0": HELLO + uint(0),
+        "disable": DISABLE,
+        "stop": STOP,
+        "take-command": TAKE_COMMAND + boolean(False),
+        "take-command-by-force": TAKE_COMMAND + boolean(True),
+        "release-command": RELEASE_COMMAND,
+        "model-begin": MODEL_BEGIN + uint(4096) + uint(0xDEADBEEF),
+        "model-chunk": MODEL_CHUNK + uint(192) + blob([0, 1, 254, 255]),
+        "model-chunk-long": MODEL_CHUNK + uint(3840) + blob([255] * 192),
+        "model-chunk-zeros": MODEL_CHUNK + uint(0) + blob([0] * 192),
+        "model-commit": MODEL_COMMIT,
+        "home": HOME + sequence(map(real, [0.25, -1.5])),
+        "home-none": HOME + sequence([]),
+        "tare": TARE,
+        "keep": KEEP,
+        "read-task": READ_TASK,
+        "read-status": READ_STATUS,
+        "read-faults": READ_FAULTS,
+        "clear-faults": CLEAR_FAULTS + uint(300),
+        "set-rate-telemetry": SET_RATE + uint(0) + uint(1),
+        "set-rate-status": SET_RATE + uint(1) + uint(100),
+        "set-rate-log": SET_RATE + uint(2) + uint(65535),
+        "set-rate-tips": SET_RATE + uint(3) + uint(2),
+        "set-rate-task": SET_RATE + uint(4) + uint(5),
+        "export-model": EXPORT + uint(0),
+        "export-state": EXPORT + uint(1),
+        "read-export": READ_EXPORT + uint(192),
     }
-    for name, what in each.items():
+    for name, what in {**each, **joint_servo(), **grasping(), **impedance_control()}.items():
         golden("request-" + name, request(9, what))
-    golden("request-first-number", request(0, uint(9), client=1))
-    golden("request-last-number", request(65535, uint(9), client=0xFFFFFFFF))
+    golden("request-first-number", request(0, READ_STATUS, client=1))
+    golden("request-last-number", request(65535, READ_STATUS, client=0xFFFFFFFF))
+
+
+def joint_servo():
+    points = [[0.5, -0.25, 2.0], [0.0, 0.0, 0.0]]
+    tip = [0.1, -0.04, 0.0625, 0.5, -0.25, 0.125, 2.0, -1.0, 0.0]
+    return {
+        "enable-pid": ENABLE + JOINT_SERVO + uint(0),
+        "enable-observer": ENABLE + JOINT_SERVO + uint(1),
+        "joints-goal": goal([0.5, -0.25, 0.125]),
+        "joints-stream": joints(1, map(reals, points)),
+        "joints-stream-16": joints(1, [reals([LOWEST] * 3)] * 16),
+        "joints-reach": joints(2, [reals(tip), reals([0.0] * 9)]),
+        "joints-reach-6": joints(2, [reals([LOWEST] * 9)] * 6),
+        "joints-guide": joints(3, map(reals, points), map(real, [0.125, -0.0625])),
+        "joints-guide-16": joints(3, [reals([LOWEST] * 3)] * 16, [real(LOWEST)] * 16),
+    }
+
+
+def grasping():
+    command = TASK + GRASPING
+    least, normal, pairwise = uint(0) + reals([0.2, 0.3, 1.0]), uint(1) + real(2.0), uint(2) + reals([0.5, 1.0, 1.5])
+    by_gains = by_wrench([150.0, 300.0], [0.5, 1.0], 0.03125, False)
+    lowest = ([LOWEST] * 3, [LOWEST] * 3)
+    longest = by_wrench([LOWEST] * 2, [LOWEST] * 2, LOWEST, True)
+    return {
+        "enable-grasping": ENABLE + GRASPING,
+        "grasp": command + uint(0) + plan(BOX, 0.01, 0.1, None, least, 9.0, True, differential(1)),
+        "grasp-normal": command + uint(0) + plan(BOX, 0.005, 0.125, 0.5, normal, 4.0, False, differential(0)),
+        "grasp-pairwise": command + uint(0) + plan(BOX, 0.01, 0.1, 0.75, pairwise, 9.0, True, by_gains),
+        "grasp-longest": command + uint(0)
+        + plan([lowest] * 3, LOWEST, LOWEST, LOWEST, uint(2) + reals([LOWEST] * 3), LOWEST, True, longest),
+        "grasp-move": command + uint(1) + reals([0.0, 0.0, 0.02]) + reals([0.25, -0.125, 0.0]) + real(1.5),
+        "grasp-put-down": command + uint(2),
+        "grasp-open": command + uint(3),
+    }
+
+
+def impedance_control():
+    yielding = settings(*YIELDING, 1, ARM_ANGLE, 12.0, SENSOR, 1.5, [0.25, 1.5])
+    direct = settings(*YIELDING, 0, LEAST_MOTION, 12.0, SENSOR, 1.5, [0.25, 1.5])
+    driven = settings(*YIELDING, 1, uint(1) + byte(2), 12.0, SENSOR, 1.5, [0.25, 1.5])
+    observed = settings(*YIELDING, 1, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5])
+    longest = settings(*[[LOWEST] * 6] * 3, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST, [LOWEST] * 2)
+    enable, configure = ENABLE + IMPEDANCE, TASK + IMPEDANCE + uint(1)
+    velocity = [0.125, 0.0, 0.0, 0.0, 0.0, 0.5]
+    return {
+        "enable-impedance": enable + yielding,
+        "enable-impedance-direct": enable + direct,
+        "enable-impedance-driven": enable + driven,
+        "enable-impedance-observed": enable + observed,
+        "enable-impedance-longest": enable + longest,
+        "impedance-configure": configure + yielding,
+        "impedance-configure-direct": configure + direct,
+        "impedance-configure-driven": configure + driven,
+        "impedance-configure-observed": configure + observed,
+        "impedance-configure-longest": configure + longest,
+        "impedance-target": target([0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], velocity, [0.0] * 6, [0.25, 0.0, 0.0]),
+        "impedance-target-longest": target([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, [LOWEST] * 3),
+    }
 
 
 FIELDS = """joints chains gravity name origin-translation origin-rotation axis mass center-of-mass inertia
@@ -148,11 +175,17 @@ tip-center-of-mass tip-radius""".split()
 
 def refusals():
     def error(joint, field, value, problem):
-        return uint(2) + option(None if joint is None else byte(joint)) + uint(field) + real(value) + problem
+        return uint(7) + option(None if joint is None else byte(joint)) + uint(field) + real(value) + problem
 
     each = {
         "schema-mismatch": uint(0) + uint(SCHEMA) + FIRMWARE,
-        "no-model": uint(1),
+        "wrong-mode-disabled": uint(1) + DISABLED,
+        "wrong-mode-fault": uint(1) + FAULT,
+        "commanded": uint(2) + uint(0xDECADE),
+        "not-commander": uint(3),
+        "stale": uint(4) + uint(12),
+        "faults-unread": uint(5) + uint(3),
+        "no-model": uint(6),
         "model-not-finite": error(None, 2, float("inf"), uint(0)),
         "model-below": error(3, 7, -0.5, uint(1) + real(0.0)),
         "model-not-above": error(15, 20, 1.0, uint(2) + real(1.0)),
@@ -161,55 +194,27 @@ def refusals():
         "model-not-physical": error(2, 9, -0.125, uint(5)),
         "model-count": error(None, 1, 8.0, uint(6) + real(9.0)),
         "model-not-unique": error(4, 3, 4.0, uint(7)),
-        "model-transfer": uint(3) + uint(192) + uint(220),
-        "model-checksum": uint(4) + uint(0x01020304) + uint(0xDEADBEEF),
-        "model-unreadable": uint(5) + uint(5000) + uint(4096),
-        "wrong-mode-disarmed": uint(6) + DISARMED,
-        "wrong-mode-armed-pid": uint(6) + ARMED_PID,
-        "wrong-mode-armed-observer": uint(6) + ARMED_OBSERVER,
-        "wrong-mode-armed-grasp": uint(6) + ARMED_GRASP,
-        "wrong-mode-armed-impedance": uint(6) + ARMED_IMPEDANCE,
-        "wrong-mode-fault": uint(6) + FAULT,
-        "not-homed": uint(7) + byte(8),
-        "faults-unread": uint(8) + uint(3),
-        "joint-count": uint(9) + byte(2) + byte(9),
-        "not-finite": uint(10) + byte(15),
-        "outside-limits": uint(11) + byte(0) + reals([2.0, -1.5, 1.5]),
-        "too-fast": uint(12) + byte(1) + reals([9.0, 8.0]),
-        "jump": uint(13) + byte(2) + reals([0.5, 0.25]),
-        "no-sensors": uint(14),
-        "unsafe": uint(15) + fault(10, None, 12.0, 20.0, 1234),
-        "commanded": uint(16) + uint(0xDECADE),
-        "not-commander": uint(17),
-        "stale": uint(18) + uint(12),
-        "not-exported": uint(19) + uint(0),
-        "tip-count": uint(20) + byte(1) + byte(3),
-        "not-a-finger": uint(21) + byte(2),
-        "out-of-reach": uint(22) + byte(1) + reals([0.1, 0.0, -0.25]),
-        "singular": uint(23) + byte(0),
-        "too-much-acceleration": uint(24) + byte(3) + reals([9000.0, 2857.0]),
-        "tip-not-finite": uint(25) + byte(2),
-        "no-force-sensor": uint(26),
-        "not-a-hand": uint(27),
-        "not-tared": uint(28) + byte(1),
-        "unable-plan-contact": uint(29) + uint(1) + uint(1) + byte(2),
-        "unable-plan-no-triangle": uint(29) + uint(1) + uint(2),
-        "unable-plan-cannot-grip": uint(29) + uint(1) + uint(3),
-        "unable-plan-unbalanced": uint(29) + uint(1) + uint(4) + real(0.25),
-        "unable-out-of-reach": uint(29) + uint(2) + byte(1) + reals([0.1, 0.0, -0.25]),
-        "unable-not-finite": uint(29) + uint(3),
-        "unable-too-fast": uint(29) + uint(4) + reals([0.375, 0.2]),
-        "too-much-torque": uint(30) + byte(3) + reals([0.75, 0.6]),
-        "not-an-arm": uint(31),
+        "model-transfer": uint(8) + uint(192) + uint(220),
+        "model-checksum": uint(9) + uint(0x01020304) + uint(0xDEADBEEF),
+        "model-unreadable": uint(10) + uint(5000) + uint(4096),
+        "no-sensors": uint(11),
+        "unsafe": uint(12) + fault(10, None, 12.0, 20.0, 1234),
+        "not-homed": uint(13) + byte(8),
+        "no-force-sensor": uint(14),
+        "not-exported": uint(15) + uint(0),
+        "no-task": uint(17),
     }
-    for number, name in enumerate(PHASES):
-        each["unable-busy-" + name] = uint(29) + uint(0) + uint(number)
-    for number, name in enumerate(PLAN_FIELDS):
-        each["unable-plan-" + name] = uint(29) + uint(1) + uint(0) + uint(number) + reals([2.0, 0.25, 1.0])
-    for name, bad in BAD_SETTINGS.items():
-        each["settings-" + name] = uint(32) + bad
-    for name, bad in ARM_ERRORS.items():
-        each["arm-" + name] = uint(33) + bad
+    for name, task in TASKS.items():
+        each["wrong-mode-" + name] = uint(1) + enabled(task)
+        each["other-task-" + name] = uint(18) + task
+    for name, limit in LIMITS.items():
+        each["limit-" + name] = uint(16) + limit
+    for name, refusal in JOINT_SERVO_REFUSALS.items():
+        each["joint-servo-" + name] = uint(19) + JOINT_SERVO + refusal
+    for name, refusal in GRASP_REFUSALS.items():
+        each["grasping-" + name] = uint(19) + GRASPING + refusal
+    for name, refusal in IMPEDANCE_REFUSALS.items():
+        each["impedance-" + name] = uint(19) + IMPEDANCE + refusal
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
     for number, name in enumerate(FIELDS):
@@ -218,7 +223,7 @@ def refusals():
 
 def from_board():
     crystal_fault = node_status(FAULT, "hand3", 0x89ABCDEF, 511, 18, False, 0xDECADE, 100000, 23.5)
-    nobody = node_status(DISARMED, "", 0, 0, 0, True, None, 0, 0.0)
+    nobody = node_status(DISABLED, "", 0, 0, 0, True, None, 0, 0.0)
     full = board_status(1, 2, "panicked at src/main.rs:7", 2048, 16384,
                         frame_counts(1, 2, 3, 4, 5) + uint(6) + uint(7) + uint(8),
                         frame_counts(128, 0, 0, 16384, 0) + uint(0) + uint(0) + uint(4294967295))
@@ -240,46 +245,60 @@ def from_board():
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
     second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 25)]
     golden("board-faults-16-to-24", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
-    golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469)))
+    golden("board-exported", reply(9, 1234, uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))
     golden("board-chunk-long", reply(9, 1234, uint(6) + uint(0) + blob(range(192))))
-    golden("board-telemetry-none", uint(1) + telemetry(0, DISARMED, 0, []))
-    golden("board-telemetry-pid", uint(1) + telemetry(1234, ARMED_PID, 0, [[0.5, -0.25, 0.5625, 0.03125],
-                                                                          [-0.5, 0.25, -0.5625, -0.03125]]))
-    golden("board-telemetry-16", uint(1) + telemetry(4294967295, FAULT, 4294967295, [[LOWEST] * 4] * 16))
-    tip = reals([0.1, -0.04, 0.0625, 1.5, 0.0, -0.5, 0.0, 0.015625, 0.0]) + boolean(True)
-    golden("board-tips", uint(4) + uint(1234) + sequence([tip, reals([0.0] * 9) + boolean(False)]))
-    golden("board-tips-6", uint(4) + uint(4294967295) + sequence([reals([LOWEST] * 9) + boolean(True)] * 6))
-    golden("board-telemetry-grasp", uint(1) + telemetry(1235, ARMED_GRASP, 0, [[0.5, -0.25, 0.5625, 0.03125]]))
-    holding = [[0.09, 0.0, 0.0625, 0.0, 0.375, 0.0, 0.927], [0.5, 0.0, 1.75, 0.0, -0.015625, 0.0],
-               [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]], 0.4375]
-    golden("board-grasp", uint(5) + grasp(1234, 5, None, *holding, 300, False))
-    golden("board-grasp-longest", uint(5) + grasp(
-        4294967295, 8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, [[LOWEST] * 3] * 3, LOWEST, 65535, True))
-    golden("board-read-grasp", reply(9, 1234, uint(7) + grasp(1234, 0, None, *NO_GRASP)))
-    for number, name in enumerate(PHASES):
-        golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1233, number, None, *holding, 0, True)))
-    for name, failure in FAILURES.items():
-        golden("board-read-grasp-" + name, reply(9, 1234, uint(7) + grasp(1234, 0, failure, *NO_GRASP)))
-    golden("board-telemetry-impedance", uint(1) + telemetry(1236, ARMED_IMPEDANCE, 0, [[0.5, -0.25, 0.5625, 0.03125]]))
-    pushed = [[0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
-              [18.75, 0.0, 0.0, 0.0, 0.0, -1.0], True, 0.15625, 0.25]
-    golden("board-arm", uint(6) + arm(1234, *pushed))
-    golden("board-arm-longest", uint(6) + arm(4294967295, [LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True,
-                                              LOWEST, LOWEST))
-    golden("board-read-arm", reply(9, 1234, uint(8) + arm(1234, *pushed)))
+    streams()
     golden("board-stream-status", uint(2) + statuses["fault"])
     for number, (name, record) in enumerate(RECORDS.items()):
         golden("board-log-" + name, uint(3) + uint(2468 + number) + record)
 
 
+def streams():
+    def task(tick, what):
+        return uint(tick) + what
+
+    two = [[0.5, -0.25, 0.5625, 0.03125], [-0.5, 0.25, -0.5625, -0.03125]]
+    golden("board-telemetry-none", uint(1) + telemetry(0, DISABLED, 0, []))
+    golden("board-telemetry-joint-servo", uint(1) + telemetry(1234, enabled(JOINT_SERVO), 0, two))
+    golden("board-telemetry-grasping", uint(1) + telemetry(1235, enabled(GRASPING), 0, two[:1]))
+    golden("board-telemetry-impedance", uint(1) + telemetry(1236, enabled(IMPEDANCE), 0, two[:1]))
+    golden("board-telemetry-16", uint(1) + telemetry(4294967295, FAULT, 4294967295, [[LOWEST] * 4] * 16))
+    tip = reals([0.1, -0.04, 0.0625, 1.5, 0.0, -0.5, 0.0, 0.015625, 0.0]) + boolean(True)
+    golden("board-tips", uint(4) + uint(1234) + sequence([tip, reals([0.0] * 9) + boolean(False)]))
+    golden("board-tips-6", uint(4) + uint(4294967295) + sequence([reals([LOWEST] * 9) + boolean(True)] * 6))
+
+    golden("board-task-joint-servo", uint(5) + task(1234, JOINT_SERVO))
+    golden("board-read-task-joint-servo", reply(9, 1234, uint(7) + task(1234, JOINT_SERVO)))
+
+    holding = [[0.09, 0.0, 0.0625, 0.0, 0.375, 0.0, 0.927], [0.5, 0.0, 1.75, 0.0, -0.015625, 0.0],
+               [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]], 0.4375]
+    golden("board-task-grasping", uint(5) + task(1234, grasp(5, None, *holding, 300, False)))
+    longest = grasp(8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, [[LOWEST] * 3] * 3, LOWEST, 65535, True)
+    golden("board-task-grasping-longest", uint(5) + task(4294967295, longest))
+    golden("board-read-task-grasping", reply(9, 1234, uint(7) + task(1234, grasp(0, None, *NO_GRASP))))
+    for number, name in enumerate(PHASES):
+        report = task(1233, grasp(number, None, *holding, 0, True))
+        golden("board-read-task-grasping-" + name, reply(9, 1234, uint(7) + report))
+    for name, failure in FAILURES.items():
+        report = task(1234, grasp(0, failure, *NO_GRASP))
+        golden("board-read-task-grasping-" + name, reply(9, 1234, uint(7) + report))
+
+    pushed = [[0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
+              [18.75, 0.0, 0.0, 0.0, 0.0, -1.0], True, 0.15625, 0.25]
+    golden("board-task-impedance", uint(5) + task(1234, impedance(*pushed)))
+    longest = impedance([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True, LOWEST, LOWEST)
+    golden("board-task-impedance-longest", uint(5) + task(4294967295, longest))
+    golden("board-read-task-impedance", reply(9, 1234, uint(7) + task(1234, impedance(*pushed))))
+
+
 RECORDS = {
-    "request": uint(0) + request(9, uint(6)),
+    "request": uint(0) + request(9, DISABLE),
     "sensors": uint(1) + sensors(1234, 1, 24000, [100, -100], [5, -5]),
     "actuators": uint(2) + actuators(1234, True, [0.25, -0.25]),
     "start": uint(3) + uint(SCHEMA) + IDENTITY + uint(1795000000),
     "state": uint(4) + uint(192) + blob([0, 1, 254, 255]),
-    "restore": uint(5) + uint(196) + uint(0xDEADBEEF),
+    "restore": uint(5) + uint(196) + uint(0xDEADBEEF) + uint(STATE),
     "gap": uint(6) + uint(300),
 }
 

@@ -7,15 +7,26 @@ from protocol_encoding import (
 )
 
 SCHEMA = 0x0123456789ABCDEF
+STATE = 0xFEDCBA9876543210
 CLIENT = 0xC0FFEE
 IMAGE = "1f2e3d4c5b6a7988"
 BOARD = "300021000d51363034333832"
 FIRMWARE = byte(0) + byte(1) + byte(0)
 IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
 
-DISARMED, ARMED_PID, ARMED_OBSERVER, FAULT = uint(0), uint(1) + uint(0) + uint(0), uint(1) + uint(0) + uint(1), uint(2)
-ARMED_GRASP = uint(1) + uint(1)
-ARMED_IMPEDANCE = uint(1) + uint(2)
+# Tasks, and modes.
+JOINT_SERVO, GRASPING, IMPEDANCE = uint(0), uint(1), uint(2)
+TASKS = {"joint-servo": JOINT_SERVO, "grasping": GRASPING, "impedance": IMPEDANCE}
+DISABLED, FAULT = uint(0), uint(2)
+
+
+def enabled(task):
+    return uint(1) + task
+
+
+# Requests.
+(HELLO, DISABLE, STOP, TAKE_COMMAND, RELEASE_COMMAND, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT, HOME, TARE, ENABLE, TASK,
+ KEEP, READ_TASK, READ_STATUS, READ_FAULTS, CLEAR_FAULTS, SET_RATE, EXPORT, READ_EXPORT) = map(uint, range(20))
 
 
 def fault(cause, joint, value, limit, tick):
@@ -83,15 +94,15 @@ def model(reaction):
 
 FINGER = model(2)
 LOWEST = struct.unpack("<f", b"\xff\xff\x7f\xff")[0]  # no zero among its bytes
-TASK = {"pid": uint(0) + uint(0), "observer": uint(0) + uint(1), "grasp": uint(1), "impedance": uint(2)}
+
+
+def joints(command, *lists):
+    """A command of the joint servo."""
+    return TASK + JOINT_SERVO + uint(command) + b"".join(map(sequence, lists))
 
 
 def goal(positions):
-    return uint(7) + uint(0) + sequence(map(real, positions))
-
-
-def guide(points, torques):
-    return uint(7) + uint(4) + sequence(map(reals, points)) + sequence(map(real, torques))
+    return joints(0, map(real, positions))
 
 
 def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
@@ -109,7 +120,7 @@ def by_wrench(position, orientation, damping, compensated):
     return uint(1) + reals(position) + reals(orientation) + real(damping) + boolean(compensated)
 
 
-PHASES = "ready approach touch squeeze feel hold move lower open".split()
+PHASES = "ready approach touch squeeze probe-friction hold move lower open".split()
 PLAN_FIELDS = "clearance touch-force friction force-limit margin least strength gain".split()
 BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
        ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
@@ -122,9 +133,9 @@ FAILURES = {
 }
 
 
-def grasp(tick, phase, failure, pose, load, wanted, friction, slips, overloaded):
+def grasp(phase, failure, pose, load, wanted, friction, slips, overloaded):
     """What the supervisor sees of a grasp. `pose`: position and quaternion."""
-    return (uint(tick) + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
+    return (GRASPING + uint(phase) + option(failure) + reals(pose) + reals(load) + b"".join(map(reals, wanted))
             + real(friction) + uint(slips) + boolean(overloaded))
 
 
@@ -141,27 +152,28 @@ def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, 
             + force + real(contact_force) + reals(reach))
 
 
-def pose(position, rotation, velocity, acceleration, elbow):
-    return uint(7) + uint(5) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration) + reals(elbow)
+def target(position, rotation, velocity, acceleration, elbow):
+    """A command of impedance control: the set-point of tool and elbow."""
+    return (TASK + IMPEDANCE + uint(0) + reals(position) + reals(rotation) + reals(velocity) + reals(acceleration)
+            + reals(elbow))
 
 
-def arm(tick, position, rotation, error, wrench, contact, weakest, elbow):
-    """What the supervisor sees of an arm."""
-    return (uint(tick) + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
-            + reals([weakest, elbow]))
+def impedance(position, rotation, error, wrench, contact, sigma_min, elbow):
+    """What the supervisor sees of impedance control."""
+    return (IMPEDANCE + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
+            + reals([sigma_min, elbow]))
 
 
 LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
 YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
-ARM_ERRORS = {
+SETPOINT_ERRORS = {
     "distance": uint(0) + reals([1.0, 0.25]),
-    "turn": uint(1) + reals([3.125, 1.5]),
+    "rotation": uint(1) + reals([3.125, 1.5]),
     "not-finite": uint(2),
-    "not-a-unit": uint(3) + real(0.5),
-    "no-settings": uint(4),
-    "elbow": uint(5) + reals([2.0, 1.5]),
+    "not-unit": uint(3) + real(0.5),
+    "elbow": uint(4) + reals([2.0, 1.5]),
 }
-BAD_SETTINGS = {
+INVALID_SETTINGS = {
     "impedance-mass": uint(0) + uint(0) + byte(4) + reals([0.0, 10000.0]),
     "impedance-damping": uint(0) + uint(1) + byte(0) + reals([-1.0, 150.0]),
     "impedance-stiffness": uint(0) + uint(2) + byte(5) + reals([4000.0, 3750.0]),
@@ -173,6 +185,47 @@ BAD_SETTINGS = {
     "force-bandwidth": uint(6) + reals([60.0, 50.0]),
     "no-free-joint": uint(7),
 }
-
+LIMITS = {
+    "joint-count": uint(0) + byte(2) + byte(9),
+    "not-finite": uint(1) + byte(15),
+    "outside-limits": uint(2) + byte(0) + reals([2.0, -1.5, 1.5]),
+    "too-fast": uint(3) + byte(1) + reals([9.0, 8.0]),
+    "jump": uint(4) + byte(2) + reals([0.5, 0.25]),
+    "too-much-acceleration": uint(5) + byte(3) + reals([9000.0, 2857.0]),
+    "too-much-torque": uint(6) + byte(3) + reals([0.75, 0.6]),
+}
+JOINT_SERVO_REFUSALS = {
+    "limit": uint(0) + LIMITS["outside-limits"],
+    "tip-count": uint(1) + byte(1) + byte(3),
+    "not-a-finger": uint(2) + byte(2),
+    "out-of-reach": uint(3) + byte(1) + reals([0.1, 0.0, -0.25]),
+    "singular": uint(4) + byte(0),
+    "tip-not-finite": uint(5) + byte(2),
+}
+GRASP_REFUSALS = {
+    "not-a-hand": uint(0),
+    "not-tared": uint(1) + byte(1),
+    "plan-contact": uint(3) + uint(1) + byte(2),
+    "plan-no-triangle": uint(3) + uint(2),
+    "plan-cannot-grip": uint(3) + uint(3),
+    "plan-unbalanced": uint(3) + uint(4) + real(0.25),
+    "out-of-reach": uint(4) + byte(1) + reals([0.1, 0.0, -0.25]),
+    "not-finite": uint(5),
+    "too-fast": uint(6) + reals([0.375, 0.2]),
+}
+for number, name in enumerate(PHASES):
+    GRASP_REFUSALS["busy-" + name] = uint(2) + uint(number)
+for number, name in enumerate(PLAN_FIELDS):
+    GRASP_REFUSALS["plan-" + name] = uint(3) + uint(0) + uint(number) + reals([2.0, 0.25, 1.0])
+IMPEDANCE_REFUSALS = {
+    "not-an-arm": uint(0),
+    "not-tared": uint(1) + byte(0),
+    "no-force-sensor": uint(2),
+    "force-source-in-use": uint(3),
+}
+for name, invalid in INVALID_SETTINGS.items():
+    IMPEDANCE_REFUSALS["settings-" + name] = uint(4) + invalid
+for name, error in SETPOINT_ERRORS.items():
+    IMPEDANCE_REFUSALS["setpoint-" + name] = uint(5) + error
 
 NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]

@@ -13,7 +13,6 @@ use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status};
 use tesaki::task::TaskConfig;
-use tesaki_description::robot::RobotFolder;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -142,7 +141,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     board.home(&[0.2; 9]).unwrap();
     let too_many = vec![0.0; MAX_JOINTS + 1];
     assert!(board.home(&too_many).unwrap_err().to_string().contains("17 joints"));
-    board.arm(TaskConfig::JointServo(ServoMode::Observer)).unwrap();
+    board.enable(TaskConfig::JointServo(ServoMode::Observer)).unwrap();
     let refused = board.set_goal(&[0.2, 0.2, 9.0, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2]).unwrap_err();
     assert!(refused.to_string().contains("joint 2: 9 rad is outside its limits"), "{refused}");
     sensors.sequence += 1;
@@ -167,7 +166,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     assert_eq!(status.identity.capabilities, Identity::PLANT_LINK | Identity::TASKS);
     assert_ne!(status.identity.image, [0; 8], "the image knows its build id");
     board.take_command(false).unwrap();
-    let refused = board.arm(TaskConfig::JointServo(ServoMode::Pid)).unwrap_err();
+    let refused = board.enable(TaskConfig::JointServo(ServoMode::Pid)).unwrap_err();
     assert!(refused.to_string().contains("no robot model"), "{refused}");
     // The log is only cleared by who has read it.
     assert!(board.ask("clear", Request::ClearFaults { total: total + 1 }).is_err());

@@ -78,7 +78,7 @@ fn servo(from: [f64; JOINTS], to: [f64; JOINTS], mode: ServoMode, seed: u64) -> 
         actuators.enabled
     };
     tick(&mut controller, &mut plant);
-    controller.arm(TaskConfig::JointServo(mode)).unwrap();
+    controller.enable(TaskConfig::JointServo(mode)).unwrap();
     let goal = to.map(|angle| angle as f32);
     let mut worst = 0.0_f64;
     for number in 0..400 {

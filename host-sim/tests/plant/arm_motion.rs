@@ -1,7 +1,7 @@
 //! The arm against MuJoCo.
 
+use crate::arm::{Arm, JOINTS, hand};
 use crate::hand::{frame_of, largest};
-use crate::task::impedance::{Arm, JOINTS, hand};
 use tesaki_sim::plant::Wall;
 
 type Joints = [f64; JOINTS];

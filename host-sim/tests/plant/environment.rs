@@ -2,8 +2,8 @@
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
+use crate::arm::{Arm, BENT, JOINTS, hand};
 use crate::hand::{Hand, frame_of, largest};
-use crate::task::impedance::{Arm, BENT, JOINTS, hand};
 use tesaki_sim::plant::{Hold, ObjectValues, Plant, PlantError, Push, TipTruth, Wall};
 
 #[allow(clippy::cast_sign_loss, reason = "a duration")]

@@ -33,6 +33,12 @@ impl ForceSensorState {
         Self { counts: [0; 6], still: 0, mean: [0.0; 6], tare: [0.0; 6], read: false }
     }
 
+    /// The state with the longest encoding.
+    #[cfg(test)]
+    pub fn extreme() -> Self {
+        Self { counts: [i32::MIN; 6], still: u16::MAX, ..Self::new() }
+    }
+
     /// Takes over the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns force and torque
     /// of the world on the tip, in base axes [N, N·m], and what is wrong with them: cause, value, limit.
     pub fn read(

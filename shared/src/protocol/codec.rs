@@ -336,10 +336,10 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_bytes_worked_out_by_hand() {
-        // Client 1, sequence 9, request 6 (Disarm), each a varint: 01 09 06; CRC-32 of them from Python's zlib, low
-        // byte first: 59 ad 22 c6; no zero among the seven bytes, so COBS puts an 8 in front.
+        // Client 1, sequence 9, request 1 (Disable), each a varint: 01 09 01; CRC-32 of them from Python's zlib, low
+        // byte first: fa 38 46 58; no zero among the seven bytes, so COBS puts an 8 in front.
         let bytes = encoded(&RequestFrame { client: 1, sequence: 9, request: Request::Disable });
-        assert_eq!(bytes, [8, 1, 9, 6, 0x59, 0xad, 0x22, 0xc6, 0]);
+        assert_eq!(bytes, [8, 1, 9, 1, 0xfa, 0x38, 0x46, 0x58, 0]);
         // The check value of CRC-32/ISO-HDLC.
         assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
     }
@@ -384,7 +384,7 @@ mod tests {
         use crate::model::MAX_JOINTS;
         use crate::protocol::{
             Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply,
-            ReplyFrame, SetPoint, Telemetry,
+            ReplyFrame, Telemetry,
         };
         let value = f32::MIN;
         let joint = JointTelemetry { position: value, velocity: value, reference: value, torque: value };
@@ -397,6 +397,8 @@ mod tests {
         let point = JointPoint { position: value, velocity: value, acceleration: value };
         let points = [point; MAX_JOINTS].into_iter().collect();
         let torques = [value; MAX_JOINTS].into_iter().collect();
+        use crate::task::TaskCommand;
+        use crate::task::joint_servo::JointCommand;
         let request = Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }));
         let record = LogRecord::Request(RequestFrame { client, sequence, request });
         encoded(&FromBoard::Log(LogEntry { index: u32::MAX, record }));

@@ -44,6 +44,7 @@ macro_rules! tasks {
 
         /// The state of the task that runs, or ran last.
         #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
+        #[expect(clippy::large_enum_variant, reason = "it is kept in place, once, and never moved")]
         #[repr(u8)]
         pub enum TaskState { $($(#[$doc])* $name($task)),* }
 

@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 
 use super::operator_estimate::OperatorEstimate;
 use super::*;
-use crate::task::impedance::PosePoint;
+use crate::kinematics::PosePoint;
 use crate::{TICK, math};
 
 /// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later
@@ -281,7 +281,7 @@ fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
     assert_eq!(run.close(), Err(FollowerError::NoSample));
     let bad = FollowerSettings { scale: 0.0, ..FollowerSettings::HUMAN };
     let error = Follower::try_new(bad).unwrap_err().to_string();
-    assert_eq!(error, "scale is 0; it must be 0.001 at least, and 100 at most");
+    assert_eq!(error, "scale is 0; it must be between 0.001 and 100");
     let bad = FollowerSettings { max_innovation: [0.1, 3.2], ..FollowerSettings::HUMAN };
     assert_eq!(Follower::try_new(bad).unwrap_err().field, "innovation of the orientation");
 }

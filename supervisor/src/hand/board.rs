@@ -4,26 +4,26 @@ use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Tel
 
 use crate::{Board, BoardError, ByteLink, LinkBoard};
 
-/// What came from a board since it was listened to last: the latest of each.
+/// Data received from a board since the last call: the latest of each kind.
 #[derive(Clone, Debug, Default)]
 pub struct News {
     /// Its joints.
     pub telemetry: Option<Telemetry>,
     /// Its fingertip.
     pub tips: Option<Tips>,
-    /// Why it did not take a set-point.
+    /// Why it refused a set-point.
     pub refusal: Option<Refusal>,
 }
 
-/// A board that can be spoken to without waiting for its answer.
+/// A board that takes requests without waiting for replies.
 pub trait FingerBoard: Board {
-    /// Sends a request; that it was refused comes as [`News`].
+    /// Sends a request; a refusal comes later, in [`News`].
     ///
     /// # Errors
     /// When the link fails.
     fn post(&mut self, request: Request) -> Result<(), BoardError>;
 
-    /// Takes what has come.
+    /// Returns the data received so far.
     ///
     /// # Errors
     /// When the link fails.
@@ -45,7 +45,7 @@ impl<L: ByteLink> FingerBoard for LinkBoard<L> {
 }
 
 impl News {
-    /// Takes in what came unasked.
+    /// Takes in a message.
     pub fn take(&mut self, event: FromBoard) {
         match event {
             FromBoard::Telemetry(telemetry) => self.telemetry = Some(telemetry),
@@ -55,8 +55,7 @@ impl News {
         }
     }
 
-    /// Takes in a refusal that matters: one of a set-point that came late, or twice, does not, and a fault
-    /// shows in the telemetry.
+    /// Takes in a refusal, unless the set-point was late or duplicated; a fault shows in the telemetry.
     pub fn refuse(&mut self, refusal: Refusal) {
         if !matches!(refusal, Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault | Mode::Disabled)) {
             self.refusal = Some(refusal);

@@ -5,12 +5,12 @@ use tesaki::task::grasping::{GraspFault, GraspRefusal};
 
 use crate::BoardError;
 
-/// Why a hand of several boards did not go on. Boards have the names of their fingertips.
+/// Why a hand of several boards failed. Boards have the names of their fingertips.
 #[derive(Debug, thiserror::Error)]
 pub enum HandError {
-    /// The robot is no hand.
+    /// The robot is not a hand.
     #[error(
-        "{robot} is no hand that grasps: it needs three fingers of three joints, each with a force sensor: {why}"
+        "{robot} is not a hand for grasping: three fingers of three joints, each with a force sensor, are needed, but {why}"
     )]
     NotAHand {
         /// Its name.
@@ -27,36 +27,36 @@ pub enum HandError {
         source: BoardError,
     },
     /// A board is in fault.
-    #[error("{board} is in fault{}", .fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}")))]
+    #[error("{board} is in fault{}; see docs/troubleshooting.md", .fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}")))]
     Fault {
         /// Which.
         board: String,
-        /// Its fault in words, if it could be asked.
+        /// Description of its fault, if it could be read.
         fault: Option<String>,
     },
-    /// A board that was armed is not any more.
-    #[error("{board} was disarmed by somebody else, or reset")]
-    Disarmed {
+    /// A board is no longer enabled.
+    #[error("{board} was disabled by another program, or reset")]
+    Disabled {
         /// Which.
         board: String,
     },
-    /// A board is not heard.
-    #[error("nothing new came from {board} for {steps} ticks: check cable and power")]
+    /// A board is silent.
+    #[error("no new data from {board} for {steps} ticks: check cable and power")]
     Stale {
         /// Which.
         board: String,
-        /// Ticks without news.
+        /// Ticks without new data.
         steps: u32,
     },
-    /// A board did not take a set-point.
-    #[error("{board} refused a set-point: {refusal}")]
+    /// A board refused a set-point.
+    #[error("{board} refused a set-point: {refusal}; see docs/troubleshooting.md")]
     Refused {
         /// Which.
         board: String,
         /// Its reason.
         refusal: Refusal,
     },
-    /// A force sensor whose offset is not known.
+    /// A force sensor whose offset is unknown.
     #[error(
         "the force sensor of {board} was not tared since the model was pushed: tare it while nothing touches the tips"
     )]
@@ -66,38 +66,40 @@ pub enum HandError {
     },
     /// Object control by wrench needs a hand on one board.
     #[error(
-        "object control by wrench needs all fingers on one board: boards of their own servo their joints"
+        "object control by wrench needs all fingers on one board: separate boards control joint positions"
     )]
     WrenchControl,
-    /// The hand cannot do what it is told now.
+    /// The grasp command was refused.
     #[error(transparent)]
     GraspRefusal(GraspRefusal),
     /// The object was lost.
-    #[error("{}", Words(.0))]
+    #[error("{}; see docs/troubleshooting.md", Description(.0))]
     Lost(GraspFault),
-    /// The boards are not armed.
-    #[error("the hand is not armed")]
-    NotArmed,
+    /// The boards are not enabled.
+    #[error("the hand is not enabled")]
+    NotEnabled,
 }
 
-/// A loss in words.
-struct Words<'a>(&'a GraspFault);
+/// Description of a lost object.
+struct Description<'a>(&'a GraspFault);
 
-impl fmt::Display for Words<'_> {
+impl fmt::Display for Description<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             GraspFault::Contact { finger, force, limit } => write!(
                 f,
-                "finger {} no longer touches the object in the hand: {force:.3} N, limit {limit:.3} N",
+                "finger {} lost contact with the object: {force:.3} N, limit {limit:.3} N",
                 finger + 1
             ),
             GraspFault::Deformed { distance, limit } => {
-                write!(f, "the object in the hand slid between the fingers: {distance:.4} m, limit {limit} m")
+                write!(f, "the object slipped between the fingers: {distance:.4} m, limit {limit} m")
             }
             GraspFault::Moved { distance, limit } => {
-                write!(f, "the object in the hand was moved: {distance:.4} m, limit {limit} m")
+                write!(f, "the object was moved from its target: {distance:.4} m, limit {limit} m")
             }
-            GraspFault::NoFrame => write!(f, "the fingertips are in line: where the object is is not known"),
+            GraspFault::NoFrame => {
+                write!(f, "the fingertips are collinear: the pose of the object cannot be computed")
+            }
         }
     }
 }

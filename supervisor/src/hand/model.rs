@@ -6,7 +6,7 @@ use tesaki::task::grasping::{Hand, HandFinger, PerFinger};
 
 use super::HandError;
 
-/// A robot made ready for the control of an object.
+/// Kinematics and limits of a hand for grasp control.
 #[derive(Clone, Debug)]
 pub struct HandModel {
     fingers: PerFinger<(Chain, Finger, [f32; 3], f32)>,
@@ -14,10 +14,10 @@ pub struct HandModel {
 }
 
 impl HandModel {
-    /// The hand that `robot` is.
+    /// The hand of `robot`.
     ///
     /// # Errors
-    /// What it lacks.
+    /// What the robot lacks.
     pub fn try_new(robot: &RobotModel) -> Result<Self, HandError> {
         let not = |why: String| HandError::NotAHand { robot: robot.name.to_string(), why };
         let mut fingers = Vec::new();
@@ -27,7 +27,7 @@ impl HandModel {
                 return Err(not(format!("{} has {} joints", model.name, joints.len())));
             };
             if model.force_sensor.is_none() {
-                return Err(not(format!("{} has none", model.name)));
+                return Err(not(format!("{} has no force sensor", model.name)));
             }
             let chain = Chain::new(joints, &model.tip);
             let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
@@ -37,11 +37,11 @@ impl HandModel {
             fingers.push((chain, inverse, torques, model.tip_radius));
         }
         let got = fingers.len();
-        let fingers = fingers.try_into().map_err(|_| not(format!("it has {got}")))?;
+        let fingers = fingers.try_into().map_err(|_| not(format!("it has {got} fingers")))?;
         Ok(Self { fingers, gravity: Vector3::from(robot.gravity) })
     }
 
-    /// As the control of an object takes it.
+    /// As the grasp controller takes it.
     pub fn hand(&self) -> Hand<'_> {
         let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| HandFinger {
             chain,

@@ -8,16 +8,16 @@ use ratatui::widgets::{Axis, Block, BorderType, Chart, Clear, Dataset, GraphType
 use super::joints::{self, BOLD, DIM, number, shorten};
 use super::{JointView, LinkView, State, View};
 
-const SMALLEST: (u16, u16) = (60, 12);
-/// Lines of the panels below the joints with their borders; with fewer they are left out.
+const MIN_SIZE: (u16, u16) = (60, 12);
+/// Minimum height of the panels below the joints with their borders; with less room they are hidden.
 const PANELS: u16 = 5;
 const KEYS: [(&str, &str); 6] =
-    [("space", "stop"), ("d", "disarm"), ("f", "faults"), ("↑↓", "joint"), ("?", "help"), ("q", "quit")];
+    [("space", "stop"), ("d", "disable"), ("f", "faults"), ("↑↓", "joint"), ("?", "help"), ("q", "quit")];
 
 /// Draws the view with the joint at `selected`, if any, in detail.
 pub fn draw(frame: &mut Frame, view: &View, selected: Option<usize>) {
     let area = frame.area();
-    if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
+    if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
         return draw_too_small(frame, area);
     }
     let selected = selected.filter(|&index| index < view.joints.len());
@@ -52,11 +52,11 @@ pub fn draw(frame: &mut Frame, view: &View, selected: Option<usize>) {
     draw_keys(frame, keys);
 }
 
-/// Lays the help over what is drawn.
+/// Draws the help over the view.
 pub fn draw_help(frame: &mut Frame) {
     let lines = [
         ("space", "stop the motion"),
-        ("d", "disarm: switch the actuators off"),
+        ("d", "disable: switch the actuators off"),
         ("f", "read and show the faults"),
         ("↑ ↓  k j", "select a joint"),
         ("?  h", "show or hide this help"),
@@ -74,7 +74,7 @@ pub fn draw_help(frame: &mut Frame) {
     over(frame, " help ", 56, lines);
 }
 
-/// Lays all faults over what is drawn, the newest first.
+/// Draws all faults over the view, the newest first.
 pub fn draw_faults(frame: &mut Frame, view: &View) {
     let lines = if view.faults.is_empty() {
         vec![Line::styled("no faults", DIM)]
@@ -86,7 +86,7 @@ pub fn draw_faults(frame: &mut Frame, view: &View) {
 
 fn over(frame: &mut Frame, title: &str, width: u16, lines: Vec<Line>) {
     let screen = frame.area();
-    if screen.width < SMALLEST.0 || screen.height < SMALLEST.1 {
+    if screen.width < MIN_SIZE.0 || screen.height < MIN_SIZE.1 {
         return;
     }
     let width = width.min(screen.width - 2);
@@ -102,7 +102,7 @@ fn over(frame: &mut Frame, title: &str, width: u16, lines: Vec<Line>) {
 }
 
 fn draw_too_small(frame: &mut Frame, area: Rect) {
-    let size = format!("{}x{}, needs {}x{}", area.width, area.height, SMALLEST.0, SMALLEST.1);
+    let size = format!("{}x{}, needs {}x{}", area.width, area.height, MIN_SIZE.0, MIN_SIZE.1);
     let text = Paragraph::new(vec![Line::styled("terminal too small", BOLD), Line::raw(size)]);
     let middle = area.centered_vertically(Constraint::Length(area.height.min(2)));
     frame.render_widget(text.alignment(Alignment::Center), middle);
@@ -110,8 +110,8 @@ fn draw_too_small(frame: &mut Frame, area: Rect) {
 
 const fn badge(state: State) -> (&'static str, Style) {
     let (text, colour) = match state {
-        State::Disarmed => (" ○ DISARMED ", Color::Reset),
-        State::Armed => (" ● ARMED ", Color::Green),
+        State::Disabled => (" ○ DISABLED ", Color::Reset),
+        State::Enabled => (" ● ENABLED ", Color::Green),
         State::Fault => (" ! FAULT ", Color::Red),
         State::Lost => (" ? LOST ", Color::Magenta),
     };
@@ -127,7 +127,7 @@ fn draw_joints(frame: &mut Frame, view: &View, selected: Option<usize>, area: Re
     }
     let lost = view.state == State::Lost;
     if lost {
-        title = format!("{title}(old: nothing heard for {:.1} s) ", view.link.last_seconds);
+        title = format!("{title}(outdated: no data for {:.1} s) ", view.link.last_seconds);
     }
     let legend = Line::from(" █ measured  ◆ reference  ~ near limit  ! beyond ").right_aligned();
     let block = panel(&title).padding(Padding::ZERO).title_bottom(legend);
@@ -240,7 +240,7 @@ fn draw_hint(frame: &mut Frame, hint: &str, fault: Option<&String>, area: Rect) 
 fn draw_keys(frame: &mut Frame, area: Rect) {
     let mut spans = vec![Span::raw(" ")];
     for (key, text) in KEYS {
-        // The arrows are the ones that are found without being told.
+        // The arrow keys are the most obvious ones.
         if key == "↑↓" && area.width < 72 {
             continue;
         }

@@ -4,7 +4,7 @@ use ratatui::style::{Color, Modifier, Style};
 
 use super::JointView;
 
-/// This close to a limit, as a share of the range, is near it.
+/// This close to a limit, as a fraction of the range, counts as near.
 const NEAR: f64 = 0.05;
 const SPARKS: [&str; 8] = ["▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"];
 
@@ -28,9 +28,9 @@ enum Column {
     History,
 }
 
-/// How a joint's position sits in its limits.
+/// Where a joint's position is relative to its limits.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum LimitState {
     NotHomed,
     NoReading,
     NoLimits,
@@ -39,7 +39,7 @@ enum Place {
     Outside,
 }
 
-impl Place {
+impl LimitState {
     fn of(joint: &JointView) -> Self {
         if !joint.homed {
             return Self::NotHomed;
@@ -47,10 +47,10 @@ impl Place {
         if !joint.position.is_finite() {
             return Self::NoReading;
         }
-        let Some(share) = share(joint.position, joint) else { return Self::NoLimits };
-        if !(0.0..=1.0).contains(&share) {
+        let Some(fraction) = fraction(joint.position, joint) else { return Self::NoLimits };
+        if !(0.0..=1.0).contains(&fraction) {
             Self::Outside
-        } else if !(NEAR..=1.0 - NEAR).contains(&share) {
+        } else if !(NEAR..=1.0 - NEAR).contains(&fraction) {
             Self::Near
         } else {
             Self::Inside
@@ -103,8 +103,8 @@ pub(super) fn draw(
 /// The columns that `width` has room for.
 fn columns(joints: &[JointView], width: u16) -> Vec<(Column, Constraint)> {
     let longest = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0);
-    let most = if width < 76 { 12 } else { 16 + width.saturating_sub(94) / 4 };
-    let name = u16::try_from(longest).unwrap_or(most).clamp(5, most.min(32));
+    let max = if width < 76 { 12 } else { 16 + width.saturating_sub(94) / 4 };
+    let name = u16::try_from(longest).unwrap_or(max).clamp(5, max.min(32));
     let number = Constraint::Length(6);
     let all = [
         (0, Column::Mark, Constraint::Length(2)),
@@ -144,16 +144,16 @@ const fn heading(column: Column) -> (&'static str, bool) {
 }
 
 fn draw_cell(column: Column, joint: &JointView, selected: bool, area: Rect, buffer: &mut Buffer) {
-    let place = Place::of(joint);
+    let limit_state = LimitState::of(joint);
     let grey = if joint.homed { Style::new() } else { DIM };
     let right = |text: String, style: Style, buffer: &mut Buffer| write(&text, true, area, style, buffer);
     match column {
         Column::Mark => {
             write(if selected { "▸" } else { " " }, false, area, BOLD, buffer);
-            write(place.mark(), true, area, place.style(), buffer);
+            write(limit_state.mark(), true, area, limit_state.style(), buffer);
         }
         Column::Name => {
-            let style = place.style();
+            let style = limit_state.style();
             write(
                 &shorten(&joint.name, area.width),
                 false,
@@ -163,10 +163,10 @@ fn draw_cell(column: Column, joint: &JointView, selected: bool, area: Rect, buff
             );
         }
         Column::Lower => right(number(joint.lower, 2), DIM, buffer),
-        Column::Track => draw_track(joint, place, area, buffer),
+        Column::Track => draw_track(joint, limit_state, area, buffer),
         Column::Upper => write(number(joint.upper, 2).trim_start(), false, area, DIM, buffer),
-        Column::Position => right(number(joint.position, 3), place.style(), buffer),
-        Column::Degrees => right(number(joint.position.to_degrees(), 1), place.style(), buffer),
+        Column::Position => right(number(joint.position, 3), limit_state.style(), buffer),
+        Column::Degrees => right(number(joint.position.to_degrees(), 1), limit_state.style(), buffer),
         Column::Reference => right(number(joint.reference, 3), grey, buffer),
         Column::Velocity => right(number(joint.velocity, 3), grey, buffer),
         Column::Bar => draw_bar(joint, area, buffer),
@@ -177,12 +177,12 @@ fn draw_cell(column: Column, joint: &JointView, selected: bool, area: Rect, buff
 }
 
 /// The range of the joint as a line, the position as a block on it in steps of half a cell.
-fn draw_track(joint: &JointView, place: Place, area: Rect, buffer: &mut Buffer) {
-    let word = match place {
-        Place::NotHomed => "not homed",
-        Place::NoReading => "no reading",
-        Place::NoLimits => "no limits",
-        Place::Inside | Place::Near | Place::Outside => "",
+fn draw_track(joint: &JointView, limit_state: LimitState, area: Rect, buffer: &mut Buffer) {
+    let word = match limit_state {
+        LimitState::NotHomed => "not homed",
+        LimitState::NoReading => "no reading",
+        LimitState::NoLimits => "no limits",
+        LimitState::Inside | LimitState::Near | LimitState::Outside => "",
     };
     if !word.is_empty() || area.width < 5 {
         let text = format!("{:╌^1$}", format!(" {word} "), usize::from(area.width));
@@ -190,7 +190,7 @@ fn draw_track(joint: &JointView, place: Place, area: Rect, buffer: &mut Buffer) 
             &text,
             false,
             area,
-            if place == Place::NoReading { place.style() } else { DIM },
+            if limit_state == LimitState::NoReading { limit_state.style() } else { DIM },
             buffer,
         );
     }
@@ -204,17 +204,19 @@ fn draw_track(joint: &JointView, place: Place, area: Rect, buffer: &mut Buffer) 
         };
         buffer[(x, area.y)].set_symbol(sign).set_style(DIM);
     }
-    let (Some(position), reference) = (share(joint.position, joint), share(joint.reference, joint)) else {
+    let (Some(position), reference) = (fraction(joint.position, joint), fraction(joint.reference, joint))
+    else {
         return;
     };
-    let style = if place == Place::Inside { Style::new().fg(Color::Green) } else { place.style() };
+    let style =
+        if limit_state == LimitState::Inside { Style::new().fg(Color::Green) } else { limit_state.style() };
     let mut put = |x: u16, sign: &str| {
         let cell = &mut buffer[(area.x + x, area.y)];
         cell.reset();
         cell.set_symbol(sign).set_style(style);
     };
     let last = area.width - 1;
-    if place == Place::Outside {
+    if limit_state == LimitState::Outside {
         put(if position < 0.0 { 0 } else { last }, if position < 0.0 { "◀" } else { "▶" });
     } else {
         let half = step(position, 2 * last + 1);
@@ -273,8 +275,8 @@ fn draw_history(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     for (back, x) in (area.x..area.right()).rev().enumerate() {
         let age = if count > width { back * count / width } else { back };
         let position = joint.history.iter().rev().nth(age);
-        let share = position.and_then(|&position| share(position, joint));
-        let sign = share.map_or(" ", |share| SPARKS[usize::from(step(share, 8))]);
+        let fraction = position.and_then(|&position| fraction(position, joint));
+        let sign = fraction.map_or(" ", |fraction| SPARKS[usize::from(step(fraction, 8))]);
         buffer[(x, area.y)].set_symbol(sign).set_style(style);
     }
 }
@@ -293,19 +295,19 @@ fn torque_style(joint: &JointView) -> Style {
 }
 
 /// Where an angle is in the joint's range: 0 at the lower limit, 1 at the upper one.
-fn share(angle: f32, joint: &JointView) -> Option<f64> {
+fn fraction(angle: f32, joint: &JointView) -> Option<f64> {
     let (lower, upper) = (f64::from(joint.lower), f64::from(joint.upper));
-    let share = (f64::from(angle) - lower) / (upper - lower);
-    (upper > lower && share.is_finite()).then_some(share)
+    let fraction = (f64::from(angle) - lower) / (upper - lower);
+    (upper > lower && fraction.is_finite()).then_some(fraction)
 }
 
-/// Which of `steps` equal steps a share is in.
+/// Index of the step that contains a fraction, of `steps` equal steps.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded before")]
-fn step(share: f64, steps: u16) -> u16 {
-    ((share.clamp(0.0, 1.0) * f64::from(steps)) as u16).min(steps.saturating_sub(1))
+fn step(fraction: f64, steps: u16) -> u16 {
+    ((fraction.clamp(0.0, 1.0) * f64::from(steps)) as u16).min(steps.saturating_sub(1))
 }
 
-/// At most six characters: fewer decimals for the larger numbers.
+/// At most six characters, with fewer decimals for larger numbers.
 pub(super) fn number(value: f32, decimals: usize) -> String {
     if !value.is_finite() {
         return value.to_string().to_lowercase();

@@ -1,7 +1,7 @@
 //! The live terminal view of `tesaki monitor`.
 //!
-//! [`draw`] is a pure function of a [`View`]: whoever talks to the board fills in the view, and nothing here
-//! knows the protocol. [`Screen`] owns the terminal and brings it back to normal at its end.
+//! [`draw`] is a pure function of a [`View`]: the caller fills in the view from the board, and nothing here
+//! depends on the protocol. [`Screen`] owns the terminal and restores it when dropped.
 
 mod draw;
 mod joints;
@@ -22,23 +22,23 @@ pub const HISTORY: usize = 240;
 /// Everything the monitor shows.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct View {
-    /// Which robot where: "hand3 on /dev/ttyUSB0, firmware 0.1.0".
+    /// Robot, port and firmware: "hand3 on /dev/ttyUSB0, firmware 0.1.0".
     pub title: String,
-    /// What the board is doing: "armed (joint servo, observer)".
+    /// The mode of the board: "enabled (joint servo)".
     pub mode: String,
-    /// The same in one word, for the badge and its colour.
+    /// The state for the badge and its colour.
     pub state: State,
     /// Seconds since the board started.
     pub time: f64,
     /// The joints, in the model's order.
     pub joints: Vec<JointView>,
-    /// The faults known here, newest last.
+    /// The known faults, newest last.
     pub faults: Vec<String>,
-    /// How the line to the board is doing.
+    /// The link to the board.
     pub link: LinkView,
-    /// Supply voltage in V, where the board measures it.
+    /// Supply voltage in V, if the board measures it.
     pub supply: Option<f32>,
-    /// What to do next: "faults unread: press f".
+    /// Advice: "faults unread: press f".
     pub hint: String,
 }
 
@@ -46,12 +46,12 @@ pub struct View {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum State {
     /// Connected, actuators off.
-    Disarmed,
+    Disabled,
     /// Actuators on.
-    Armed,
+    Enabled,
     /// Stopped by a fault.
     Fault,
-    /// Nothing is heard from the board; what is shown is old.
+    /// No data from the board; the view is outdated.
     #[default]
     Lost,
 }
@@ -65,7 +65,7 @@ pub struct JointView {
     pub position: f32,
     /// Measured velocity in rad/s.
     pub velocity: f32,
-    /// Where it is told to be, in rad.
+    /// Reference position in rad.
     pub reference: f32,
     /// Lower limit of the position in rad.
     pub lower: f32,
@@ -73,16 +73,16 @@ pub struct JointView {
     pub upper: f32,
     /// Torque in N·m.
     pub torque: f32,
-    /// The largest torque allowed, in N·m, either way.
+    /// Torque limit in N·m, in both directions.
     pub torque_limit: f32,
-    /// Whether the position means anything yet.
+    /// Whether the encoder is homed, so that the position is valid.
     pub homed: bool,
     /// Past positions in rad, newest last.
     pub history: VecDeque<f32>,
 }
 
 impl JointView {
-    /// Takes a new position and puts it in the history, which keeps the last [`HISTORY`].
+    /// Sets the position and appends it to the history, which keeps the last [`HISTORY`].
     pub fn remember(&mut self, position: f32) {
         self.position = position;
         while self.history.len() >= HISTORY {
@@ -92,26 +92,26 @@ impl JointView {
     }
 }
 
-/// The line to the board.
+/// The link to the board.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LinkView {
     /// Whether the port is open.
     pub open: bool,
-    /// Telemetry frames a second that come in.
+    /// Received telemetry frames per second.
     pub rate: f32,
-    /// Telemetry frames a second that the board sends.
+    /// Telemetry frames per second that the board sends.
     pub expected_rate: f32,
-    /// Frames that never came.
+    /// Lost frames.
     pub lost: u64,
-    /// Frames that came damaged.
+    /// Damaged frames.
     pub damaged: u64,
-    /// From a request to its reply, in ms, where one has been measured.
+    /// Time from a request to its reply in ms, if one has been measured.
     pub round_trip_ms: Option<f32>,
     /// Seconds since the last telemetry.
     pub last_seconds: f32,
 }
 
-/// What a key asks for.
+/// The command of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
     /// Leave the monitor: q, Esc, Ctrl-C.
@@ -119,7 +119,7 @@ pub enum Key {
     /// Stop the motion: space.
     Stop,
     /// Switch the actuators off: d.
-    Disarm,
+    Disable,
     /// Read the fault log and show it: f.
     ReadFaults,
     /// Show or hide the help: ?, h.
@@ -147,7 +147,7 @@ impl Key {
         match key.code {
             KeyCode::Char('q') | KeyCode::Esc => Some(Self::Quit),
             KeyCode::Char(' ') => Some(Self::Stop),
-            KeyCode::Char('d') => Some(Self::Disarm),
+            KeyCode::Char('d') => Some(Self::Disable),
             KeyCode::Char('f') => Some(Self::ReadFaults),
             KeyCode::Char('?' | 'h') => Some(Self::Help),
             KeyCode::Up | KeyCode::Char('k') => Some(Self::Up),

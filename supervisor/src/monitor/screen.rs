@@ -65,7 +65,7 @@ impl Screen {
         Ok(())
     }
 
-    /// Waits for a key that means something, at most for `timeout`. A terminal that changed its size ends the
+    /// Waits for a known key, for at most `timeout`. A terminal that changed its size ends the
     /// wait early, with `None`, so that it is drawn anew.
     ///
     /// # Errors

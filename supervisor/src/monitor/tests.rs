@@ -25,8 +25,8 @@ fn joint(name: &str, position: f32) -> JointView {
 fn view(joints: Vec<JointView>) -> View {
     View {
         title: "hand3 on /dev/ttyUSB0, firmware 0.1.0".to_owned(),
-        mode: "armed (joint servo, observer)".to_owned(),
-        state: State::Armed,
+        mode: "enabled (joint servo)".to_owned(),
+        state: State::Enabled,
         time: 3_723.4,
         joints,
         faults: Vec::new(),
@@ -137,8 +137,8 @@ fn a_small_view() {
     assert_eq!(
         text(80, 12, &view(joints), Some(0)),
         [
-            " ● ARMED  hand3 on /dev/ttyUSB0, firmware 0.1.0                    up 1:02:03.4",
-            " armed (joint servo, observer)                                    supply 12.0 V",
+            " ● ENABLED  hand3 on /dev/ttyUSB0, firmware 0.1.0                  up 1:02:03.4",
+            " enabled (joint servo)                                            supply 12.0 V",
             "╭ joints: 3 ───────────────────────────────────────────────────────────────────╮",
             "│   joint     position                   rad    ref  rad/s torque           N·m│",
             "│▸  index_mcp ├───────◆──█──────────┤  0.750  0.500  0.125 ······│━━━···  0.150│",
@@ -148,7 +148,7 @@ fn a_small_view() {
             "╰───────────────────────────── █ measured  ◆ reference  ~ near limit  ! beyond ╯",
             " link open   99 of 100 frames/s   lost 0   damaged 0   last 0.0 s ago",
             " ▸ space stops",
-            "  space  stop  d  disarm  f  faults  ↑↓  joint  ?  help  q  quit",
+            "  space  stop  d  disable  f  faults  ↑↓  joint  ?  help  q  quit",
         ]
     );
 }
@@ -251,7 +251,7 @@ fn an_old_view_says_so() {
     let mut view = hand();
     (view.state, view.link.open, view.link.last_seconds) = (State::Lost, false, 3.2);
     let text = text(80, 24, &view, None).join("\n");
-    assert!(text.contains("? LOST") && text.contains("old: nothing heard for 3.2 s"), "{text}");
+    assert!(text.contains("? LOST") && text.contains("outdated: no data for 3.2 s"), "{text}");
     assert!(text.contains("link closed !") && text.contains("last 3.2 s ago !"), "{text}");
 }
 
@@ -283,7 +283,7 @@ fn keys_mean_what_the_help_says() {
     assert_eq!(key(KeyCode::Char('d'), KeyModifiers::CONTROL), None);
     assert_eq!(plain(KeyCode::Char('c')), None);
     assert_eq!(plain(KeyCode::Char(' ')), Some(Key::Stop));
-    assert_eq!(plain(KeyCode::Char('d')), Some(Key::Disarm));
+    assert_eq!(plain(KeyCode::Char('d')), Some(Key::Disable));
     assert_eq!(plain(KeyCode::Char('f')), Some(Key::ReadFaults));
     assert_eq!(key(KeyCode::Char('?'), KeyModifiers::SHIFT), Some(Key::Help));
     assert_eq!(plain(KeyCode::Up), Some(Key::Up));

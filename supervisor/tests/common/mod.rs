@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 /// Exit code, standard output, standard error of `tesaki`, which reads `input`.
 pub fn tesaki(arguments: &[&str], input: &str) -> (i32, String, String) {
-    let mut command = tesaki_tests::tesaki();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().unwrap();
     let mut stdin = child.stdin.take().unwrap();

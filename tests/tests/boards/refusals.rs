@@ -21,7 +21,7 @@ fn what_three_boards_cannot_do_is_said() {
     rig.hand().boards_mut()[1].request(Request::Disable).unwrap();
     let gone = rig.tick().unwrap_err();
     assert_eq!(gone.to_string(), "finger2_tip was disarmed by somebody else, or reset");
-    assert!(!rig.hand().is_armed());
+    assert!(!rig.hand().is_enabled());
     assert_eq!(rig.hand().boards()[2].board.node().mode(), Mode::Fault);
 
     let finger = chain_model(&rig.robot.model, 0).unwrap();

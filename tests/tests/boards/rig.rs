@@ -95,7 +95,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
             Control::Three(hand) => {
                 let (fingers, _) = angles.as_chunks::<3>();
                 hand.home(fingers.try_into().unwrap()).unwrap();
-                let early = hand.arm(ServoMode::Observer).unwrap_err();
+                let early = hand.enable(ServoMode::Observer).unwrap_err();
                 assert!(matches!(early, HandError::NotTared { .. }), "{early}");
             }
         }
@@ -105,13 +105,13 @@ impl<B: FingerBoard + Controller> Rig<B> {
         match &mut self.control {
             Control::One(board) => {
                 board.tare().unwrap();
-                board.arm(TaskConfig::Grasping(())).unwrap();
+                board.enable(TaskConfig::Grasping(())).unwrap();
             }
             Control::Three(hand) => {
                 hand.tare().unwrap();
                 self.machine();
                 let Control::Three(hand) = &mut self.control else { return };
-                hand.arm(ServoMode::Observer).unwrap();
+                hand.enable(ServoMode::Observer).unwrap();
             }
         }
     }

@@ -1,6 +1,7 @@
 //! What becomes of the box when one of the boards stops.
 
-use tesaki::protocol::{FaultCause, Mode};
+use tesaki::fault::FaultCause;
+use tesaki::protocol::Mode;
 use tesaki_supervisor::hand::HandError;
 
 use super::rig::{Rig, Trouble, distance, natives};
@@ -62,7 +63,7 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
             "{case}: {moved} m, {normals:?} N"
         );
     }
-    assert!(matches!(rig.hand().step(), Err(HandError::NotArmed)));
+    assert!(matches!(rig.hand().step(), Err(HandError::NotEnabled)));
 }
 
 #[test]

@@ -1,11 +1,11 @@
-//! An arm under impedance.
+//! An arm under impedance control.
 
 use std::time::Duration;
 
 use super::server::{Server, arm7, finish, said, signal};
 
 #[test]
-fn an_arm_yields_until_ctrl_c() {
+fn an_arm_is_compliant_until_ctrl_c() {
     let server = Server::ready_arm();
     let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
     server.fails(&["impedance", "hold", &soft], 7, &["hand was not tared", "tesaki tare"]);
@@ -17,29 +17,29 @@ fn an_arm_yields_until_ctrl_c() {
     std::fs::write(&spoilt, text).unwrap();
     let spoilt = spoilt.to_str().unwrap();
     server.fails(&["impedance", "hold", spoilt], 1, &["spoilt.toml", "stiffness along x", "0 to 3750 N/m"]);
-    // The tool is seen before the arm is armed, too.
+    // The tool's pose can be read before the board is enabled.
     let before = server.json(&["impedance", "status"]);
     assert!((before["position"][0].as_f64().unwrap() - 0.36).abs() < 0.01, "{before}");
 
     let run = server.start_command(&["impedance", "hold", &soft]);
     let held = (0..100).find_map(|_| {
         std::thread::sleep(Duration::from_millis(50));
-        (server.json(&["impedance", "status"])["weakest"].as_f64().unwrap() > 0.1).then_some(())
+        (server.json(&["impedance", "status"])["sigma_min"].as_f64().unwrap() > 0.1).then_some(())
     });
-    held.expect("never armed");
+    held.expect("never enabled");
     std::thread::sleep(Duration::from_millis(1200));
     let words = server.succeeds(&["impedance", "status"]);
-    assert!(words.contains("off its place") && words.contains("contact        no"), "{words}");
+    assert!(words.contains("deviation") && words.contains("contact        no"), "{words}");
     signal(&run, nix::sys::signal::Signal::SIGINT);
     let (code, text) = said(&finish(run));
     assert_eq!(code, 0, "{text}");
-    for word in ["armed", "mm off", "N, free", "elbow", "interrupted: disarmed", "done: yielded for"] {
+    for word in ["enabled", "deviation", "N, free", "elbow", "interrupted: disabled", "done: compliant for"] {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
 
-    // What is printed for programs is JSON, and a recording that starts meanwhile repeats.
+    // With --json every line is JSON, and a recording that starts in the middle can be replayed.
     let run = server.start_command(&["--json", "impedance", "hold", &soft, "--duration", "4"]);
-    while server.json(&["info"])["status"]["node"]["mode"] == "Disarmed" {
+    while server.json(&["info"])["status"]["node"]["mode"] == "Disabled" {
         std::thread::sleep(Duration::from_millis(20));
     }
     let recording = server.folder.path().join("arm").to_str().unwrap().to_owned();
@@ -52,7 +52,7 @@ fn an_arm_yields_until_ctrl_c() {
 }
 
 #[test]
-fn a_hand_is_no_arm() {
+fn a_hand_is_not_an_arm() {
     let server = Server::ready();
     server.fails(&["impedance", "status"], 7, &["the robot is not an arm"]);
     let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();

@@ -1,4 +1,4 @@
-//! The line to the board: absent, bad, or lost for a while.
+//! The link to the board: absent, bad, or interrupted.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::server::Server;
 
 #[test]
-fn ports_that_are_not_there_and_words_that_make_no_sense_are_told_apart() {
+fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     let server = Server::start();
     server.fails(&["--port", "/dev/nowhere", "info"], 3, &["/dev/nowhere does not exist"]);
     server.fails(&["--port", "tcp://localhost:1", "info"], 3, &["nobody answers"]);
@@ -15,7 +15,7 @@ fn ports_that_are_not_there_and_words_that_make_no_sense_are_told_apart() {
     server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
     server.fails(&["dance"], 2, &["dance"]);
     server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);
-    // A socket at which nobody speaks our language.
+    // A socket where nothing answers.
     let silent = server.folder.path().join("silent");
     let _listener = std::os::unix::net::UnixListener::bind(&silent).unwrap();
     let port = format!("unix://{}", silent.display());
@@ -50,7 +50,7 @@ fn a_bad_line_costs_repeats_and_nothing_else() {
 }
 
 #[test]
-fn a_monitor_goes_on_by_itself_when_the_board_comes_back() {
+fn a_monitor_resumes_when_the_board_comes_back() {
     let server = Server::ready();
     let mut monitor = server.start_command(&["--json", "monitor"]);
     let folder = tempfile::tempdir().unwrap();
@@ -59,7 +59,7 @@ fn a_monitor_goes_on_by_itself_when_the_board_comes_back() {
     server.stop.store(true, Ordering::Relaxed);
     std::thread::sleep(Duration::from_millis(300));
     drop(folder);
-    // Another board appears at the same place.
+    // Another board appears at the same address.
     let mut server = server;
     if let Some(thread) = server.thread.take() {
         thread.join().unwrap();

@@ -1,14 +1,14 @@
-//! What a fault of the machine is called.
+//! Faults of the robot as the command line reports them.
 
 use super::server::{Server, finish, said};
 
 #[test]
 fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     let server = Server::ready();
-    let armed = server.start_command(&["arm"]);
-    server.wait_for("armed");
+    let enabled = server.start_command(&["enable"]);
+    server.wait_for("enabled");
     server.make_trouble("encoder finger2_curl 9000");
-    let (code, text) = said(&finish(armed));
+    let (code, text) = said(&finish(enabled));
     assert_eq!(code, 5, "{text}");
     assert!(text.contains("finger2_curl: the encoder jumped") && text.contains("limit 0.12"), "{text}");
     let faults = server.json(&["faults"]);
@@ -16,7 +16,7 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
-    server.fails(&["arm"], 7, &["emergency stop"]);
+    server.fails(&["enable"], 7, &["emergency stop"]);
     server.make_trouble("estop off");
     server.make_trouble("supply 15");
     server.fails(&["doctor"], 1, &["supply 15.0 V, outside 20 to 28 V"]);

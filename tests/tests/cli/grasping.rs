@@ -1,4 +1,4 @@
-//! A hand that grasps a box, puts it down, or finds none.
+//! A hand that grasps a box, puts it down, or finds no object.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     let file = box_grasp();
     server.fails(&["grasp", "run", &file], 7, &["finger1_tip was not tared", "tesaki tare"]);
     server.succeeds(&["tare"]);
-    server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "no number"]);
+    server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "not a number"]);
     server.fails(&["grasp", "run", &file, "turn=0,1"], 2, &["turn", "three numbers"]);
     server.fails(&["grasp", "run", &file, "juggle"], 2, &["juggle", "lift=M"]);
     server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
@@ -32,11 +32,11 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     let held = held.expect("never held");
     assert!(held["failure"].is_null() && held["friction"].as_f64().unwrap() > 0.3, "{held}");
     let words = server.succeeds(&["grasp", "status"]);
-    assert!(words.contains("finger 3") && words.contains("N wanted"), "{words}");
+    assert!(words.contains("finger 3") && words.contains("target"), "{words}");
     let (code, text) = said(&finish(run));
     assert_eq!(code, 0, "{text}");
     for word in
-        ["approaches", "feels for", "takes hold", "moves", "lowers", "lets go", "disarmed", "done: held for"]
+        ["approaches", "feels for", "takes hold", "moves", "lowers", "lets go", "disabled", "done: held for"]
     {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
@@ -45,7 +45,7 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     server.fails(
         &["grasp", "run", &file, "lift=0.2"],
         7,
-        &["lowers an object", "is ready", "does not reach so far", "disarmed"],
+        &["lowers an object", "is ready", "does not reach so far", "disabled", "troubleshooting.md"],
     );
 }
 
@@ -65,14 +65,14 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     signal(&run, nix::sys::signal::Signal::SIGINT);
     let (code, text) = said(&finish(run));
     assert_eq!(code, 0, "{text}");
-    assert!(text.contains("lowers an object") && text.contains("interrupted: disarmed"), "{text}");
+    assert!(text.contains("lowers an object") && text.contains("interrupted: disabled"), "{text}");
 
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();
     server.make_trouble("estop on");
     let (code, text) = said(&finish(run));
     assert_eq!(code, 5, "{text}");
-    assert!(text.contains("emergency stop") && text.contains("`tesaki disarm` lets go"), "{text}");
+    assert!(text.contains("emergency stop") && text.contains("`tesaki disable` releases"), "{text}");
     for line in text.lines() {
         assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
     }
@@ -87,7 +87,7 @@ fn a_hand_that_finds_nothing_says_so_and_opens() {
     server.fails(
         &["grasp", "run", &file, "lift=0.01"],
         8,
-        &["felt nothing within 0.02 m: the hand opened", "[object] in", "clearance", "is ready", "disarmed"],
+        &["felt nothing within 0.02 m: the hand opened", "[object] in", "clearance", "is ready", "disabled"],
     );
     server.fails(&["grasp", "run", "/nowhere"], 1, &["/nowhere"]);
     let status = server.json(&["grasp", "status"]);

@@ -1,4 +1,4 @@
-//! Joints and fingertips that are led to a place.
+//! Joints and fingertips moved to a target.
 
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -10,7 +10,7 @@ use super::server::{Server, finish, hand3, said, signal};
 fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     let server = Server::start();
     server.fails(&["move", "finger1_swing=0.3"], 7, &["no robot model", "tesaki model push"]);
-    server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 to mend"]);
+    server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 problem found"]);
     let pushed = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
     assert!(pushed.contains("9 joints"), "{pushed}");
     server.fails(
@@ -20,11 +20,11 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     );
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
     server.home();
-    let well = server.succeeds(&["doctor"]);
-    assert!(well.contains("everything is well"), "{well}");
+    let healthy = server.succeeds(&["doctor"]);
+    assert!(healthy.contains("no problems found"), "{healthy}");
     server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
     let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
-    assert!(other.contains("is not the one in") && other.contains("tesaki model push"), "{other}");
+    assert!(other.contains("differs from the one in") && other.contains("tesaki model push"), "{other}");
     server.fails(&["move", "thumb=0.3"], 2, &["no joint \"thumb\"", "finger3_curl"]);
     server.fails(
         &["move", "finger1_swing=9"],
@@ -37,7 +37,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
     std::thread::sleep(Duration::from_millis(300));
     let moved = server.succeeds(&["move", "finger1_swing=20", "finger2_bend=30", "--degrees"]);
-    assert!(moved.contains("arrived") && moved.contains("disarmed"), "{moved}");
+    assert!(moved.contains("arrived") && moved.contains("disabled"), "{moved}");
     signal(&recorder, nix::sys::signal::Signal::SIGINT);
     assert!(recorder.wait().unwrap().success());
     let state = server.json(&["read"]);
@@ -63,7 +63,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
 }
 
 #[test]
-fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_moves() {
+fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anything_moves() {
     let server = Server::ready();
     // All fingers bent, away from the straight ones.
     server.succeeds(&[
@@ -74,7 +74,7 @@ fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_m
         "finger3_curl=1.3",
     ]);
     let arrived = server.succeeds(&["reach", "--relative", "finger1_tip=0.01,-0.005,0.008"]);
-    assert!(arrived.contains("arrived") && arrived.contains("disarmed"), "{arrived}");
+    assert!(arrived.contains("arrived") && arrived.contains("disabled"), "{arrived}");
     // Back by the same way to the angles from which it came.
     server.succeeds(&["reach", "--relative", "finger1_tip=-0.01,0.005,-0.008", "finger2_tip=0,0.005,0"]);
     let state = server.json(&["read"]);
@@ -83,11 +83,11 @@ fn a_fingertip_is_led_to_a_place_and_what_it_cannot_do_is_said_before_anything_m
         assert!((position - angle).abs() < 0.03, "joint {joint} at {position}");
     }
     server.fails(&["reach", "thumb=0,0,0"], 2, &["no tip \"thumb\"", "finger3_tip"]);
-    server.fails(&["reach", "finger1_tip=0,0"], 2, &["no place"]);
+    server.fails(&["reach", "finger1_tip=0,0"], 2, &["is not a position"]);
     server.fails(
         &["reach", "finger1_tip=0.5,0.04,0.1"],
         2,
-        &["finger1_tip", "does not reach", "mm on its way"],
+        &["finger1_tip", "out of reach", "mm along the path"],
     );
     server.fails(
         &["reach", "--relative", "finger1_tip=-0.045,0.05,0"],

@@ -1,11 +1,11 @@
-//! Recordings: their bytes, and what interrupts them.
+//! Recordings and their interruptions.
 
 use std::time::Duration;
 
 use super::server::{Server, hand3, signal};
 
 #[test]
-fn a_recording_goes_on_when_the_board_was_reset() {
+fn a_recording_continues_after_a_reset_of_the_board() {
     let server = Server::ready();
     let name = server.folder.path().join("run");
     let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
@@ -24,7 +24,7 @@ fn a_recording_goes_on_when_the_board_was_reset() {
         .iter()
         .filter(|record| matches!(record, tesaki::protocol::LogRecord::Actuators(frame) if frame.enabled));
     let enabled = enabled.count();
-    assert!(enabled > 50, "the move is missing: {enabled} armed ticks");
+    assert!(enabled > 50, "the move is missing: {enabled} enabled ticks");
     let replayed = server.json(&["replay", log.to_str().unwrap()]);
     assert!(replayed["identical_ticks"].as_u64().unwrap() > 150, "{replayed}");
     assert_eq!(replayed["gaps"], 1, "{replayed}");

@@ -5,18 +5,27 @@ use std::collections::BTreeSet;
 
 use tesaki::fault::FaultCause;
 use tesaki::kinematics::PosePoint;
+use tesaki::node::{MAX_STATE, Node};
 use tesaki::protocol::{Item, Mode, Reply, Request};
-use tesaki::task::{TaskConfig, TaskKind};
+use tesaki::task::impedance::ImpedanceTelemetry;
+use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_tests::robot;
 
 use super::fuzz;
 use super::random::Random;
-use super::requests::{REST, any_pose, any_request, any_settings};
+use super::requests::{REST, any_pose, any_request, any_settings, configure};
 use super::rig::Rig;
+
+/// The arm, once impedance control was enabled.
+fn tool(node: &Node) -> Option<ImpedanceTelemetry> {
+    match node.task_report()?.telemetry {
+        TaskTelemetry::Impedance(tool) => Some(tool),
+        _ => None,
+    }
+}
 
 #[test]
 fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
-    const LONGEST_STATE: u32 = 5120;
     let model = robot("arm7").model;
     let seen = RefCell::new(BTreeSet::new());
     let runs = RefCell::new(0);
@@ -53,36 +62,37 @@ fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
                 let settings = any_settings(&mut random);
                 let possible = settings.validate(7).is_ok();
                 assert_eq!(rig.ask(Request::Tare), Reply::Done, "seed {seed}");
-                let reply = rig.ask(Request::Impedance(settings));
-                assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
-                let reply = rig.ask(Request::Enable(TaskConfig::Impedance));
+                let reply = rig.ask(Request::Enable(TaskConfig::Impedance(settings)));
                 assert_eq!(reply == Reply::Done, possible, "seed {seed}: {reply:?}");
             }
+            let tool = tool(&rig.node);
             if rig.node.mode() == Mode::Enabled(TaskKind::Impedance) {
-                seen.borrow_mut()
-                    .insert(if rig.node.tool().unwrap().contact { "contact" } else { "free" }.to_owned());
+                seen.borrow_mut().insert(if tool.unwrap().contact { "contact" } else { "free" }.to_owned());
             }
             if let Some(fault) = rig.node.faults().faults.last() {
                 seen.borrow_mut().insert(format!("{:?}", fault.cause));
                 // What is accepted, an arm can follow without losing count.
                 assert!(fault.cause != FaultCause::NotFinite, "seed {seed}: {fault}");
             }
-            let tool = rig.node.tool().unwrap();
-            let place = PosePoint { position: tool.position, rotation: tool.rotation, ..REST };
+            let place = tool.map_or(REST, |tool| PosePoint {
+                position: tool.position,
+                rotation: tool.rotation,
+                ..REST
+            });
             if tick < 2 {
                 continue;
             }
             let request = match random.below(400) {
                 0 => any_request(&mut random, &model, &[]),
-                1..6 => Request::Impedance(any_settings(&mut random)),
+                1..6 => configure(any_settings(&mut random)),
                 6 => Request::Export(Item::State),
-                7 => Request::Enable(TaskConfig::Impedance),
+                7 => Request::Enable(TaskConfig::Impedance(any_settings(&mut random))),
                 8..80 => any_pose(&mut random, &place),
                 80..200 => Request::Keep,
                 _ => continue,
             };
             if let Reply::Exported { length, .. } = rig.ask(request) {
-                assert!(length <= LONGEST_STATE, "seed {seed}: {length} bytes");
+                assert!(length <= MAX_STATE as u32, "seed {seed}: {length} bytes");
             }
         }
         rig.replay();

@@ -9,8 +9,9 @@ use tesaki::model::RobotModel;
 use tesaki::node::Node;
 use tesaki::protocol::{JointTelemetry, Mode, Refusal, Reply, Request, SensorFrame};
 use tesaki::task::grasping::{GraspCommand, GraspPlan, Phase};
+use tesaki::task::grasping::{GraspState, GraspTelemetry};
 use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 use super::random::Random;
 use super::requests::{any_command, any_plan, any_request};
@@ -53,7 +54,8 @@ fn feel(
         };
         angles.push(joint.reference);
     }
-    let grasp = node.grasp();
+    let tick = sensors.sequence;
+    let grasp = grasp(node);
     let faint = random.one_in(100);
     for (finger, (counts, chain)) in sensors.forces.iter_mut().zip(&model.chains).enumerate() {
         let range = 3 * finger..3 * finger + 3;
@@ -61,7 +63,7 @@ fn feel(
         let push = match grasp.phase {
             Phase::Ready | Phase::Approach => [0.0; 3],
             Phase::Touch if random.one_in(20) => plan.contacts[finger].normal.map(|axis| 3.0 * axis),
-            Phase::Touch if grasp.tick % 100 > 50 => plan.contacts[finger].normal,
+            Phase::Touch if tick % 100 > 50 => plan.contacts[finger].normal,
             Phase::Touch => [0.0; 3],
             _ if faint => [0.0; 3],
             _ => grasp.wanted[finger].map(|force| force * (1.0 + 0.05 * (random.below(3) as f32 - 1.0))),
@@ -74,6 +76,14 @@ fn feel(
         if random.one_in(500) {
             counts[random.below(6)] = random.next() as i32;
         }
+    }
+}
+
+/// The grasp; of another task, or of none, one that has not begun.
+fn grasp(node: &Node) -> GraspTelemetry {
+    match node.task_report().map(|report| report.telemetry) {
+        Some(TaskTelemetry::Grasping(grasp)) => grasp,
+        _ => GraspState::NONE.telemetry(),
     }
 }
 
@@ -113,11 +123,14 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
                     Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))),
                 ] {
                     let reply = rig.ask(request);
-                    let begun = matches!(reply, Reply::Done | Reply::Refused(Refusal::GraspRefusal(_)));
+                    let begun = matches!(
+                        reply,
+                        Reply::Done | Reply::Refused(Refusal::Task(TaskRefusal::Grasping(_)))
+                    );
                     assert!(begun || guided, "seed {seed}: {reply:?}");
                 }
             }
-            let grasp = rig.node.grasp();
+            let grasp = grasp(&rig.node);
             let numbers = [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.wanted.as_flattened()];
             assert!(numbers.concat().iter().all(|number| number.is_finite()), "seed {seed}: {grasp:?}");
             phases.borrow_mut().insert(format!("{:?}", grasp.phase));

@@ -33,7 +33,7 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         6 | 7 => {
             let task = match random.below(5) {
                 0 | 1 => TaskConfig::Grasping(()),
-                2 => TaskConfig::Impedance,
+                2 => TaskConfig::Impedance(any_settings(random)),
                 3 => TaskConfig::JointServo(ServoMode::Pid),
                 _ => TaskConfig::JointServo(ServoMode::Observer),
             };
@@ -68,7 +68,7 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         }
         23 if random.one_in(4) => Request::ReadTask,
         24 if random.one_in(4) => Request::ReadTask,
-        24 => Request::Impedance(any_settings(random)),
+        24 => configure(any_settings(random)),
         25 => any_pose(random, &REST),
         23 => Request::Task(TaskCommand::Grasping(any_command(random))),
         15 => Request::ReadStatus,
@@ -83,6 +83,11 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         _ if random.one_in(3) => Request::ReleaseCommand,
         _ => Request::ReadExport { offset: random.below(5000) as u32 },
     }
+}
+
+/// Other settings for an arm under impedance control.
+pub fn configure(settings: ImpedanceSettings) -> Request {
+    Request::Task(TaskCommand::Impedance(ImpedanceCommand::Configure(settings)))
 }
 
 pub fn points(random: &mut Random, count: usize) -> heapless::Vec<JointPoint, 16> {

@@ -6,6 +6,7 @@ mod golden;
 mod message;
 mod messages;
 mod page;
+mod refusals;
 mod replies;
 mod requests;
 mod session;

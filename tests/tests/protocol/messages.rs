@@ -40,6 +40,8 @@ pub fn messages() -> BTreeMap<String, Message> {
     messages.requests();
     messages.refusals();
     messages.board();
+    messages.streams();
+    messages.records();
     messages.plant_link();
     messages.session();
     for (name, reaction) in [("off", Reaction::Off), ("damp", Reaction::Damp), ("hold", Reaction::Hold)] {

@@ -2,17 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::control::ImpedanceTerm;
+use tesaki::control::{ImpedanceTerm, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::Reaction;
 use tesaki::node::Node;
-use tesaki::protocol::{FromBoard, Refusal, Reply, Request, SCHEMA_KEY};
-use tesaki::task::TaskCommand;
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
+use tesaki::robot::LimitRefusal;
+use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
     Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, ObjectControl, Phase, PlanField,
 };
-use tesaki::task::impedance::{ArmError, InvalidSettings, Law, Redundancy};
-use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::impedance::{
+    ForceSource, ImpedanceCommand, ImpedanceRefusal, InvalidSettings, Law, Redundancy, SetpointError,
+};
+use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
 
 use super::golden::{golden, hex, parse};
 use super::message::Message;
@@ -50,11 +53,18 @@ fn the_page_quotes_the_golden_bytes() {
 
 /// What the numbers of the example client stand for; `xtask test` runs it against a board.
 #[test]
-fn the_example_client_knows_every_fault_and_every_refusal() {
+fn the_example_client_knows_every_fault_and_every_refusal_of_the_joint_servo() {
     let client = include_str!("../../../docs/examples/client.py");
     let between = |from: &str, to: &str| client.split_once(from).unwrap().1.split_once(to).unwrap().0;
     assert_eq!(between("CAUSES = \"\"\"", "\"\"\"").split(';').count(), FaultCause::VARIANTS.len());
-    assert_eq!(between("REFUSALS = [", "\n]").matches("\n    (").count(), Refusal::VARIANTS.len());
+    for (list, variants) in [
+        ("REFUSALS", Refusal::VARIANTS),
+        ("LIMITS", LimitRefusal::VARIANTS),
+        ("JOINT_SERVO_REFUSALS", JointServoRefusal::VARIANTS),
+    ] {
+        let entries = between(&format!("\n{list} = ["), "\n]").matches("\n    (").count();
+        assert_eq!(entries, variants.len(), "{list} of docs/examples/client.py");
+    }
 }
 
 #[test]
@@ -67,10 +77,16 @@ fn the_page_is_about_this_version_of_the_messages() {
     );
     for variants in [
         Request::VARIANTS,
-        Request::Task(TaskCommand::JointServo(JointCommand::VARIANTS)),
         Reply::VARIANTS,
+        Stream::VARIANTS,
+        Mode::VARIANTS,
+        TaskKind::VARIANTS,
         Refusal::VARIANTS,
+        LimitRefusal::VARIANTS,
         FaultCause::VARIANTS,
+        ServoMode::VARIANTS,
+        JointCommand::VARIANTS,
+        JointServoRefusal::VARIANTS,
         GraspCommand::VARIANTS,
         InternalForce::VARIANTS,
         ObjectControl::VARIANTS,
@@ -79,11 +95,14 @@ fn the_page_is_about_this_version_of_the_messages() {
         GraspRefusal::VARIANTS,
         InvalidPlan::VARIANTS,
         PlanField::VARIANTS,
+        ImpedanceCommand::VARIANTS,
         Law::VARIANTS,
         Redundancy::VARIANTS,
+        ForceSource::VARIANTS,
+        ImpedanceRefusal::VARIANTS,
         InvalidSettings::VARIANTS,
         ImpedanceTerm::VARIANTS,
-        ArmError::VARIANTS,
+        SetpointError::VARIANTS,
     ] {
         for (number, variant) in variants.iter().enumerate() {
             let row = format!("| {number} | `{}` |", variant.rsplit(':').next().unwrap());

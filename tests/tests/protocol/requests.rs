@@ -13,9 +13,13 @@ use super::values::{BOX, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, YIELDING, list}
 
 impl Messages {
     pub fn requests(&mut self) {
-        let point = |position, velocity, acceleration| JointPoint { position, velocity, acceleration };
         self.request("hello", Request::Hello { schema: SCHEMA });
         self.request("hello-0", Request::Hello { schema: 0 });
+        self.request("disable", Request::Disable);
+        self.request("stop", Request::Stop);
+        self.request("take-command", Request::TakeCommand { by_force: false });
+        self.request("take-command-by-force", Request::TakeCommand { by_force: true });
+        self.request("release-command", Request::ReleaseCommand);
         self.request("model-begin", Request::ModelBegin { length: 4096, checksum: 0xdead_beef });
         let chunk = |offset, data: &[u8]| Request::ModelChunk { offset, data: list(data.iter().copied()) };
         self.request("model-chunk", chunk(192, &[0, 1, 254, 255]));
@@ -24,49 +28,12 @@ impl Messages {
         self.request("model-commit", Request::ModelCommit);
         self.request("home", Request::Home { positions: list([0.25, -1.5]) });
         self.request("home-none", Request::Home { positions: list([]) });
-        self.request("arm-pid", Request::Enable(PID));
-        self.request("arm-observer", Request::Enable(OBSERVER));
-        self.request("arm-grasp", Request::Enable(TaskConfig::Grasping(())));
-        self.request("arm-impedance", Request::Enable(TaskConfig::Impedance));
-        self.request("disarm", Request::Disable);
-        let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
-            positions: list([0.5, -0.25, 0.125]),
-        }));
-        self.request("set-point-goal", goal);
-        let stream = Request::Task(TaskCommand::JointServo(JointCommand::Stream {
-            points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]),
-        }));
-        self.request("set-point-stream", stream);
-        let stream = Request::Task(TaskCommand::JointServo(JointCommand::Stream {
-            points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]),
-        }));
-        self.request("set-point-stream-16", stream);
-        let moving = TipPoint {
-            position: [0.1, -0.04, 0.0625],
-            velocity: [0.5, -0.25, 0.125],
-            acceleration: [2.0, -1.0, 0.0],
-        };
-        let reach = Request::Task(TaskCommand::JointServo(JointCommand::Reach {
-            tips: list([moving, TipPoint::default()]),
-        }));
-        self.request("set-point-reach", reach);
-        let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
-        let reach = Request::Task(TaskCommand::JointServo(JointCommand::Reach {
-            tips: list([TipPoint { position, velocity, acceleration }; 6]),
-        }));
-        self.request("set-point-reach-6", reach);
-        self.request("set-point-keep", Request::Keep);
-        let guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
-            points: list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]),
-            torques: list([0.125, -0.0625]),
-        }));
-        self.request("set-point-guide", guide);
-        let guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
-            points: list([point(f32::MIN, f32::MIN, f32::MIN); 16]),
-            torques: list([f32::MIN; 16]),
-        }));
-        self.request("set-point-guide-16", guide);
-        self.request("stop", Request::Stop);
+        self.request("tare", Request::Tare);
+        self.joint_servo();
+        self.grasping();
+        self.impedance();
+        self.request("keep", Request::Keep);
+        self.request("read-task", Request::ReadTask);
         self.request("read-status", Request::ReadStatus);
         self.request("read-faults", Request::ReadFaults);
         self.request("clear-faults", Request::ClearFaults { total: 300 });
@@ -74,14 +41,7 @@ impl Messages {
         self.request("set-rate-status", Request::SetRate { stream: Stream::Status, every: 100 });
         self.request("set-rate-log", Request::SetRate { stream: Stream::Log, every: 65535 });
         self.request("set-rate-tips", Request::SetRate { stream: Stream::Tips, every: 2 });
-        self.request("set-rate-grasp", Request::SetRate { stream: Stream::Grasp, every: 5 });
-        self.request("set-rate-arm", Request::SetRate { stream: Stream::Arm, every: 5 });
-        self.request("tare", Request::Tare);
-        self.grasps();
-        self.impedances();
-        self.request("take-command", Request::TakeCommand { by_force: false });
-        self.request("take-command-by-force", Request::TakeCommand { by_force: true });
-        self.request("release-command", Request::ReleaseCommand);
+        self.request("set-rate-task", Request::SetRate { stream: Stream::Task, every: 5 });
         self.request("export-model", Request::Export(Item::Model));
         self.request("export-state", Request::Export(Item::State));
         self.request("read-export", Request::ReadExport { offset: 192 });
@@ -89,7 +49,38 @@ impl Messages {
         self.request_by("last-number", u32::MAX, u16::MAX, Request::ReadStatus);
     }
 
-    fn grasps(&mut self) {
+    fn joint_servo(&mut self) {
+        self.request("enable-pid", Request::Enable(TaskConfig::JointServo(PID)));
+        self.request("enable-observer", Request::Enable(TaskConfig::JointServo(OBSERVER)));
+        let mut joints = |name: &str, command| {
+            self.request(&format!("joints-{name}"), Request::Task(TaskCommand::JointServo(command)));
+        };
+        joints("goal", JointCommand::Goal { positions: list([0.5, -0.25, 0.125]) });
+
+        let point = |position, velocity, acceleration| JointPoint { position, velocity, acceleration };
+        let points = list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]);
+        joints("stream", JointCommand::Stream { points });
+        let points = list([point(f32::MIN, f32::MIN, f32::MIN); 16]);
+        joints("stream-16", JointCommand::Stream { points });
+
+        let moving = TipPoint {
+            position: [0.1, -0.04, 0.0625],
+            velocity: [0.5, -0.25, 0.125],
+            acceleration: [2.0, -1.0, 0.0],
+        };
+        joints("reach", JointCommand::Reach { tips: list([moving, TipPoint::default()]) });
+        let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
+        let tips = list([TipPoint { position, velocity, acceleration }; 6]);
+        joints("reach-6", JointCommand::Reach { tips });
+
+        let points = list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]);
+        joints("guide", JointCommand::Guide { points, torques: list([0.125, -0.0625]) });
+        let points = list([point(f32::MIN, f32::MIN, f32::MIN); 16]);
+        joints("guide-16", JointCommand::Guide { points, torques: list([f32::MIN; 16]) });
+    }
+
+    fn grasping(&mut self) {
+        self.request("enable-grasping", Request::Enable(TaskConfig::Grasping(())));
         let mut grasp =
             |name: &str, command| self.request(name, Request::Task(TaskCommand::Grasping(command)));
         grasp("grasp", GraspCommand::Grasp(BOX));
@@ -122,20 +113,9 @@ impl Messages {
         grasp("grasp-move", GraspCommand::Move { translation, rotation, duration: 1.5 });
         grasp("grasp-put-down", GraspCommand::PutDown);
         grasp("grasp-open", GraspCommand::Open);
-        self.request("read-grasp", Request::ReadTask);
     }
 
-    fn impedances(&mut self) {
-        let mut impedance = |name: &str, settings| self.request(name, Request::Impedance(settings));
-        impedance("impedance", YIELDING);
-        impedance(
-            "impedance-driven",
-            ImpedanceSettings { redundancy: Redundancy::DrivenJoint { joint: 2 }, ..YIELDING },
-        );
-        let (law, redundancy) = (Law::Direct, Redundancy::None);
-        let force = ForceSource::Observer { bandwidth: 30.0 };
-        impedance("impedance-observed", ImpedanceSettings { force, ..YIELDING });
-        impedance("impedance-printed", ImpedanceSettings { law, redundancy, ..YIELDING });
+    fn impedance(&mut self) {
         let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
         let longest = ImpedanceSettings {
             impedance: Impedance { mass, damping, stiffness },
@@ -146,12 +126,24 @@ impl Messages {
             contact_force: f32::MIN,
             reach: [f32::MIN; 2],
         };
-        impedance("impedance-longest", longest);
-        let mut pose = |name: &str, point, elbow| {
-            self.request(
-                name,
-                Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow })),
-            );
+        let (law, redundancy) = (Law::Direct, Redundancy::None);
+        let driven = Redundancy::DrivenJoint { joint: 2 };
+        let force = ForceSource::Observer { bandwidth: 30.0 };
+        for (name, settings) in [
+            ("", YIELDING),
+            ("-direct", ImpedanceSettings { law, redundancy, ..YIELDING }),
+            ("-driven", ImpedanceSettings { redundancy: driven, ..YIELDING }),
+            ("-observed", ImpedanceSettings { force, ..YIELDING }),
+            ("-longest", longest),
+        ] {
+            let name = |what| format!("{what}{name}");
+            self.request(&name("enable-impedance"), Request::Enable(TaskConfig::Impedance(settings)));
+            let configure = TaskCommand::Impedance(ImpedanceCommand::Configure(settings));
+            self.request(&name("impedance-configure"), Request::Task(configure));
+        }
+        let mut target = |name: &str, point, elbow| {
+            let target = ImpedanceCommand::SetTarget { point, elbow };
+            self.request(&format!("impedance-{name}"), Request::Task(TaskCommand::Impedance(target)));
         };
         let point = PosePoint {
             position: PUSHED.position,
@@ -159,11 +151,10 @@ impl Messages {
             velocity: [0.125, 0.0, 0.0, 0.0, 0.0, 0.5],
             acceleration: [0.0; 6],
         };
-        pose("set-point-pose", point, ElbowSetpoint { angle: 0.25, ..ElbowSetpoint::default() });
+        target("target", point, ElbowSetpoint { angle: 0.25, ..ElbowSetpoint::default() });
         let [velocity, acceleration] = [[f32::MIN; 6]; 2];
         let point = PosePoint { position: [f32::MIN; 3], rotation: [f32::MIN; 4], velocity, acceleration };
         let elbow = ElbowSetpoint { angle: f32::MIN, velocity: f32::MIN, acceleration: f32::MIN };
-        pose("set-point-pose-longest", point, elbow);
-        self.request("read-arm", Request::ReadTask);
+        target("target-longest", point, elbow);
     }
 }

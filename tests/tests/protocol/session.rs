@@ -5,8 +5,9 @@ use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{
     ActuatorFrame, Mode, NodeStatus, Refusal, Reply, Request, SensorFrame, Status, Stream,
 };
-use tesaki::task::TaskCommand;
-use tesaki::task::joint_servo::JointCommand;
+use tesaki::robot::LimitRefusal;
+use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
+use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal};
 
 use super::message::Message;
 use super::messages::Messages;
@@ -64,13 +65,14 @@ impl Messages {
         step("model-commit", Request::ModelCommit, Reply::Done, 1);
         step("home", Request::Home { positions: list([0.0]) }, Reply::Done, 2);
         step("set-rate", Request::SetRate { stream: Stream::Telemetry, every: 1 }, Reply::Done, 2);
-        step("arm", Request::Enable(OBSERVER), Reply::Done, 2);
+        step("enable", Request::Enable(TaskConfig::JointServo(OBSERVER)), Reply::Done, 2);
         let goal =
             |angle| Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions: list([angle]) }));
         step("goal", goal(0.5), Reply::Done, 3);
-        let outside = Refusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 };
+        let outside = LimitRefusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 };
+        let outside = Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(outside)));
         step("goal-outside", goal(2.0), Reply::Refused(outside), 3);
-        step("disarm", Request::Disable, Reply::Done, 3);
+        step("disable", Request::Disable, Reply::Done, 3);
         let node = NodeStatus {
             mode: Mode::Disabled,
             model: "finger".try_into().unwrap(),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::control::{BadImpedance, Impedance, ImpedanceTerm, ServoMode};
+use tesaki::control::{Impedance, ImpedanceTerm, InvalidImpedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{
     ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains,
@@ -13,18 +13,22 @@ use tesaki::protocol::{
     ActuatorFrame, BoardStatus, ClockSource, Identity, LinkStatistics, LogRecord, LogStart, Mode, NodeStatus,
     Request, RequestFrame, ResetCause, SensorFlags, SensorFrame, Status,
 };
-use tesaki::task::TaskConfig;
+use tesaki::robot::LimitRefusal;
+use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
     Failure, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, PlannedContact,
     WrenchGains,
 };
 use tesaki::task::impedance::{
-    ArmError, ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy,
+    ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy, SetpointError,
 };
 
 use super::variants::Variants;
 
 pub const SCHEMA: u64 = 0x0123_4567_89ab_cdef;
+
+/// The key of a state.
+pub const STATE: u64 = 0xfedc_ba98_7654_3210;
 
 pub const CLIENT: u32 = 0x00c0_ffee;
 
@@ -35,9 +39,15 @@ pub const IDENTITY: Identity = Identity {
     capabilities: 29,
 };
 
-pub const PID: Task = TaskConfig::JointServo(ServoMode::Pid);
+pub const PID: ServoMode = ServoMode::Pid;
 
-pub const OBSERVER: Task = TaskConfig::JointServo(ServoMode::Observer);
+pub const OBSERVER: ServoMode = ServoMode::Observer;
+
+pub const TASKS: [(TaskKind, &str); TaskKind::VARIANTS.len()] = [
+    (TaskKind::JointServo, "joint-servo"),
+    (TaskKind::Grasping, "grasping"),
+    (TaskKind::Impedance, "impedance"),
+];
 
 /// Collects into the lists of messages, which have a capacity.
 pub fn list<T, L: FromIterator<T>>(items: impl IntoIterator<Item = T>) -> L {
@@ -130,7 +140,6 @@ pub const LONGEST: GraspPlan = GraspPlan {
 };
 
 pub const HOLDING: GraspTelemetry = GraspTelemetry {
-    tick: 1234,
     phase: Phase::Hold,
     failure: None,
     position: [0.09, 0.0, 0.0625],
@@ -143,7 +152,6 @@ pub const HOLDING: GraspTelemetry = GraspTelemetry {
 };
 
 pub const NO_GRASP: GraspTelemetry = GraspTelemetry {
-    tick: 1234,
     phase: Phase::Ready,
     failure: None,
     position: [0.0; 3],
@@ -160,7 +168,7 @@ pub const PHASES: [(Phase, &str); Phase::VARIANTS.len()] = [
     (Phase::Approach, "approach"),
     (Phase::Touch, "touch"),
     (Phase::Squeeze, "squeeze"),
-    (Phase::ProbeFriction, "feel"),
+    (Phase::ProbeFriction, "probe-friction"),
     (Phase::Hold, "hold"),
     (Phase::Move, "move"),
     (Phase::Lower, "lower"),
@@ -201,20 +209,19 @@ pub const YIELDING: ImpedanceSettings = ImpedanceSettings {
 };
 
 pub const PUSHED: ImpedanceTelemetry = ImpedanceTelemetry {
-    tick: 1234,
     position: [0.5, 0.0, -0.25],
     rotation: [0.0, 0.0, 0.0, 1.0],
     error: [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
     wrench: [18.75, 0.0, 0.0, 0.0, 0.0, -1.0],
     contact: true,
-    weakest: 0.15625,
+    sigma_min: 0.15625,
     elbow: 0.25,
 };
 
-pub const BAD_SETTINGS: [(InvalidSettings, &str); 10] = [
-    (bad_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
-    (bad_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
-    (bad_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
+pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [
+    (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
+    (invalid_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
+    (invalid_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
     (InvalidSettings::Joint { joint: 7, joints: 7 }, "joint"),
     (InvalidSettings::NoArmAngle, "no-arm-angle"),
     (InvalidSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
@@ -224,17 +231,26 @@ pub const BAD_SETTINGS: [(InvalidSettings, &str); 10] = [
     (InvalidSettings::NoFreeJoint, "no-free-joint"),
 ];
 
-const fn bad_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {
-    InvalidSettings::Impedance(BadImpedance { term, axis, value, limit })
+const fn invalid_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {
+    InvalidSettings::Impedance(InvalidImpedance { term, axis, value, limit })
 }
 
-pub const ARM_ERRORS: [(ArmError, &str); ArmError::VARIANTS.len()] = [
-    (ArmError::Distance { value: 1.0, limit: 0.25 }, "distance"),
-    (ArmError::Turn { value: 3.125, limit: 1.5 }, "turn"),
-    (ArmError::NotFinite, "not-finite"),
-    (ArmError::NotAUnit { norm: 0.5 }, "not-a-unit"),
-    (ArmError::NoSettings, "no-settings"),
-    (ArmError::Elbow { value: 2.0, limit: 1.5 }, "elbow"),
+pub const SETPOINT_ERRORS: [(SetpointError, &str); SetpointError::VARIANTS.len()] = [
+    (SetpointError::Distance { value: 1.0, limit: 0.25 }, "distance"),
+    (SetpointError::Rotation { value: 3.125, limit: 1.5 }, "rotation"),
+    (SetpointError::NotFinite, "not-finite"),
+    (SetpointError::NotUnit { norm: 0.5 }, "not-unit"),
+    (SetpointError::Elbow { value: 2.0, limit: 1.5 }, "elbow"),
+];
+
+pub const LIMITS: [(LimitRefusal, &str); LimitRefusal::VARIANTS.len()] = [
+    (LimitRefusal::JointCount { got: 2, expected: 9 }, "joint-count"),
+    (LimitRefusal::NotFinite { joint: 15 }, "not-finite"),
+    (LimitRefusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 }, "outside-limits"),
+    (LimitRefusal::TooFast { joint: 1, value: 9.0, limit: 8.0 }, "too-fast"),
+    (LimitRefusal::Jump { joint: 2, value: 0.5, limit: 0.25 }, "jump"),
+    (LimitRefusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 }, "too-much-acceleration"),
+    (LimitRefusal::TooMuchTorque { joint: 3, value: 0.75, limit: 0.6 }, "too-much-torque"),
 ];
 
 pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
@@ -398,7 +414,7 @@ pub fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {
             LogRecord::Start(LogStart { schema: SCHEMA, identity: IDENTITY, unix_time: 1_795_000_000 }),
         ),
         ("state", LogRecord::State { offset: 192, data: list([0, 1, 254, 255]) }),
-        ("restore", LogRecord::Restore { length: 196, checksum: 0xdead_beef }),
+        ("restore", LogRecord::Restore { length: 196, checksum: 0xdead_beef, key: STATE }),
         ("gap", LogRecord::Gap { missing: 300 }),
     ]
 }

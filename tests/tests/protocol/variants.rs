@@ -3,19 +3,23 @@
 use std::collections::BTreeSet;
 
 use serde::Serialize;
-use tesaki::control::{BadImpedance, ImpedanceTerm, ServoMode};
+use tesaki::control::{ImpedanceTerm, InvalidImpedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{Field, Problem, Reaction};
 use tesaki::protocol::{
     ClockSource, FromBoard, Item, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, RequestFrame,
     ResetCause, Status, Stream,
 };
+use tesaki::robot::LimitRefusal;
 use tesaki::task::grasping::{
-    Failure, GraspCommand, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, ObjectControl, Phase,
-    PlanField,
+    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, ObjectControl, Phase, PlanField,
 };
-use tesaki::task::impedance::{ArmError, InvalidSettings, Law, Redundancy};
-use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki::task::impedance::{
+    ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy,
+    SetpointError,
+};
+use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 use super::message::Message;
 
@@ -44,35 +48,44 @@ macro_rules! variants {
 
 variants! {
     Request {
-        Hello, ModelBegin, ModelChunk, ModelCommit, Home, Arm, Disarm, SetPoint, Stop, ReadStatus, ReadFaults,
-        ClearFaults, SetRate, TakeCommand, ReleaseCommand, Export, ReadExport, Tare, Grasp, ReadGrasp,
-        Impedance, ReadArm,
+        Hello, Disable, Stop, TakeCommand, ReleaseCommand, ModelBegin, ModelChunk, ModelCommit, Home, Tare, Enable,
+        Task, Keep, ReadTask, ReadStatus, ReadFaults, ClearFaults, SetRate, Export, ReadExport,
     }
-    Stream { Telemetry, Status, Log, Tips, Grasp, Arm }
+    Stream { Telemetry, Status, Log, Tips, Task }
     Item { Model, State }
-    Task { JointServo, Grasp, Impedance }
+    TaskKind { JointServo, Grasping, Impedance }
+    TaskConfig { JointServo, Grasping, Impedance }
+    TaskCommand { JointServo, Grasping, Impedance }
+    TaskTelemetry { JointServo, Grasping, Impedance }
+    TaskRefusal { JointServo, Grasping, Impedance }
     ServoMode { Pid, Observer }
-    SetPoint { Goal, Stream, Reach, Keep, Guide, Pose }
-    Law { Printed, Following }
-    Redundancy { None, Driven, ArmAngle }
-    InvalidSettings { Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint }
-    ImpedanceTerm { Mass, Damping, Stiffness }
-    ArmError { Distance, Turn, NotFinite, NotAUnit, NoSettings, Elbow }
+    JointCommand { Goal, Stream, Reach, Guide }
+    JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
+    LimitRefusal { JointCount, NotFinite, OutsideLimits, TooFast, Jump, TooMuchAcceleration, TooMuchTorque }
     GraspCommand { Grasp, Move, PutDown, Open }
     InternalForce { Least, Normal, Pairwise }
     ObjectControl { Differential, Wrench }
-    Phase { Ready, Approach, Touch, Squeeze, Feel, Hold, Move, Lower, Open }
+    Phase { Ready, Approach, Touch, Squeeze, ProbeFriction, Hold, Move, Lower, Open }
     Failure { Obstructed, NothingThere, NoGrip, NothingBelow, OutOfReach }
-    GraspRefusal { Busy, Plan, OutOfReach, NotFinite, TooFast }
+    GraspRefusal { NotAHand, NotTared, Busy, Plan, OutOfReach, NotFinite, TooFast }
     InvalidPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
     PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
-    FromBoard { Reply, Telemetry, Status, Log, Tips, Grasp, Arm }
-    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Grasp, Arm }
+    ImpedanceCommand { SetTarget, Configure }
+    Law { Direct, ModelFollowing }
+    Redundancy { None, DrivenJoint, ArmAngle }
+    ForceSource { Sensor, Observer }
+    ImpedanceRefusal { NotAnArm, NotTared, NoForceSensor, ForceSourceInUse, Settings, Setpoint }
+    InvalidSettings {
+        Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint,
+    }
+    ImpedanceTerm { Mass, Damping, Stiffness }
+    SetpointError { Distance, Rotation, NotFinite, NotUnit, Elbow }
+    FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
+    Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }
     Refusal {
-        SchemaMismatch, NoModel, Model, ModelTransfer, ModelChecksum, ModelUnreadable, WrongMode, NotHomed,
-        FaultsUnread, JointCount, NotFinite, OutsideLimits, TooFast, Jump, NoSensors, Unsafe, Commanded,
-        NotCommander, Stale, NotExported, TipCount, NotAFinger, OutOfReach, Singular, TooMuchAcceleration, TipNotFinite, NoForceSensor,
-        NotAHand, NotTared, GraspRefusal, TooMuchTorque, NotAnArm, Settings, Arm,
+        SchemaMismatch, WrongMode, Commanded, NotCommander, Stale, FaultsUnread, NoModel, Model, ModelTransfer,
+        ModelChecksum, ModelUnreadable, NoSensors, Unsafe, NotHomed, NoForceSensor, NotExported, Limit, NoTask,
+        OtherTask, Task,
     }
     Field {
         Joints, Chains, Gravity, Name, OriginTranslation, OriginRotation, Axis, Mass, CenterOfMass, Inertia,
@@ -84,7 +97,7 @@ variants! {
         TipMass, TipCenterOfMass, TipRadius,
     }
     Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique }
-    Mode { Disarmed, Armed, Fault }
+    Mode { Disabled, Enabled, Fault }
     FaultCause {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
@@ -110,60 +123,66 @@ impl Seen {
         self.0.insert(name);
     }
 
-    pub fn task(&mut self, task: Task) {
-        self.variant(&task);
-        if let TaskConfig::JointServo(mode) = task {
-            self.variant(&mode);
-        }
-    }
-
     pub fn mode(&mut self, mode: Mode) {
         self.variant(&mode);
         if let Mode::Enabled(task) = mode {
-            self.task(task);
+            self.variant(&task);
         }
     }
 
     pub fn request(&mut self, frame: &RequestFrame) {
         self.variant(&frame.request);
         match &frame.request {
-            Request::Enable(task) => self.task(*task),
-            set_point => self.variant(set_point),
+            Request::Enable(config) => self.config(config),
+            Request::Task(command) => self.command(command),
             Request::SetRate { stream, .. } => self.variant(stream),
             Request::Export(item) => self.variant(item),
-            Request::Task(TaskCommand::Grasping(command)) => {
+            _ => {}
+        }
+    }
+
+    pub fn config(&mut self, config: &TaskConfig) {
+        self.variant(config);
+        match config {
+            TaskConfig::JointServo(mode) => self.variant(mode),
+            TaskConfig::Grasping(()) => {}
+            TaskConfig::Impedance(settings) => self.settings(settings),
+        }
+    }
+
+    pub fn command(&mut self, command: &TaskCommand) {
+        self.variant(command);
+        match command {
+            TaskCommand::JointServo(command) => self.variant(command),
+            TaskCommand::Grasping(command) => {
                 self.variant(command);
                 if let GraspCommand::Grasp(plan) = command {
                     self.variant(&plan.internal);
                     self.variant(&plan.control);
                 }
             }
-            Request::Impedance(settings) => {
-                self.variant(&settings.law);
-                self.variant(&settings.redundancy);
-            }
-            _ => {}
-        }
-    }
-
-    pub fn unable(&mut self, unable: &GraspRefusal) {
-        self.variant(unable);
-        match unable {
-            GraspRefusal::Busy(phase) => self.variant(phase),
-            GraspRefusal::Plan(plan) => {
-                self.variant(plan);
-                if let InvalidPlan::Value { field, .. } = plan {
-                    self.variant(field);
+            TaskCommand::Impedance(command) => {
+                self.variant(command);
+                if let ImpedanceCommand::Configure(settings) = command {
+                    self.settings(settings);
                 }
             }
-            _ => {}
         }
     }
 
-    pub fn grasp(&mut self, grasp: &GraspTelemetry) {
-        self.variant(&grasp.phase);
-        if let Some(failure) = &grasp.failure {
-            self.variant(failure);
+    pub fn settings(&mut self, settings: &ImpedanceSettings) {
+        self.variant(&settings.law);
+        self.variant(&settings.redundancy);
+        self.variant(&settings.force);
+    }
+
+    pub fn telemetry(&mut self, telemetry: &TaskTelemetry) {
+        self.variant(telemetry);
+        if let TaskTelemetry::Grasping(grasp) = telemetry {
+            self.variant(&grasp.phase);
+            if let Some(failure) = &grasp.failure {
+                self.variant(failure);
+            }
         }
     }
 
@@ -176,14 +195,51 @@ impl Seen {
             }
             Refusal::WrongMode(mode) => self.mode(*mode),
             Refusal::Unsafe(fault) => self.variant(&fault.cause),
-            Refusal::GraspRefusal(unable) => self.unable(unable),
-            Refusal::Settings(bad) => {
-                self.variant(bad);
-                if let InvalidSettings::Impedance(BadImpedance { term, .. }) = bad {
+            Refusal::Limit(limit) => self.variant(limit),
+            Refusal::OtherTask(task) => self.variant(task),
+            Refusal::Task(refusal) => self.task_refusal(refusal),
+            _ => {}
+        }
+    }
+
+    pub fn task_refusal(&mut self, refusal: &TaskRefusal) {
+        self.variant(refusal);
+        match refusal {
+            TaskRefusal::JointServo(refusal) => {
+                self.variant(refusal);
+                if let JointServoRefusal::Limit(limit) = refusal {
+                    self.variant(limit);
+                }
+            }
+            TaskRefusal::Grasping(refusal) => self.grasp_refusal(refusal),
+            TaskRefusal::Impedance(refusal) => self.impedance_refusal(refusal),
+        }
+    }
+
+    pub fn grasp_refusal(&mut self, refusal: &GraspRefusal) {
+        self.variant(refusal);
+        match refusal {
+            GraspRefusal::Busy(phase) => self.variant(phase),
+            GraspRefusal::Plan(plan) => {
+                self.variant(plan);
+                if let InvalidPlan::Value { field, .. } = plan {
+                    self.variant(field);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    pub fn impedance_refusal(&mut self, refusal: &ImpedanceRefusal) {
+        self.variant(refusal);
+        match refusal {
+            ImpedanceRefusal::Settings(invalid) => {
+                self.variant(invalid);
+                if let InvalidSettings::Impedance(InvalidImpedance { term, .. }) = invalid {
                     self.variant(term);
                 }
             }
-            Refusal::Arm(error) => self.variant(error),
+            ImpedanceRefusal::Setpoint(error) => self.variant(error),
             _ => {}
         }
     }
@@ -210,15 +266,15 @@ impl Seen {
                     Reply::Refused(refusal) => self.refusal(refusal),
                     Reply::Status(status) => self.status(status),
                     Reply::Faults(log) => log.faults.iter().for_each(|fault| self.variant(&fault.cause)),
-                    Reply::Grasp(grasp) => self.grasp(grasp),
+                    Reply::Task(report) => self.telemetry(&report.telemetry),
                     _ => {}
                 }
             }
             FromBoard::Telemetry(telemetry) => self.mode(telemetry.mode),
             FromBoard::Status(status) => self.status(status),
             FromBoard::Log(entry) => self.record(&entry.record),
-            FromBoard::Tips(_) | FromBoard::Arm(_) => {}
-            FromBoard::Grasp(grasp) => self.grasp(grasp),
+            FromBoard::Tips(_) => {}
+            FromBoard::Task(report) => self.telemetry(&report.telemetry),
         }
     }
 

@@ -6,15 +6,32 @@ use nalgebra::Vector3;
 use super::bench::{Bench, COUNTS_PER_RADIAN, refusal};
 use super::grasp::KEEP;
 use crate::TICK;
-use crate::kinematics::Chain;
+use crate::fault::{Fault, FaultCause};
+use crate::kinematics::{Chain, ElbowSetpoint, PosePoint};
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
-use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
+use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::task::impedance::InvalidSettings;
 use crate::task::impedance::tests::{SOFT, arm7};
 use crate::task::impedance::{
-    ArmError, ElbowSetpoint, ForceSource, ImpedanceSettings, ImpedanceTelemetry, PosePoint, Redundancy,
+    ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, ImpedanceTelemetry, Redundancy,
+    SetpointError,
 };
+use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
-pub(super) const ARM: Request = Request::Enable(TaskConfig::Impedance);
+/// Enables impedance control with these settings.
+pub(super) fn enable(settings: ImpedanceSettings) -> Request {
+    Request::Enable(TaskConfig::Impedance(settings))
+}
+
+pub(super) fn configure(settings: ImpedanceSettings) -> Request {
+    Request::Task(TaskCommand::Impedance(ImpedanceCommand::Configure(settings)))
+}
+
+fn refused(refusal: ImpedanceRefusal) -> Refusal {
+    Refusal::Task(TaskRefusal::Impedance(refusal))
+}
+
 /// Elbow bent by 90°, the rest a little.
 pub(super) const ANGLES: [f32; MAX_CHAIN_JOINTS] = [0.3, 0.2, -0.1, 1.57, 0.1, 0.2, -0.1];
 
@@ -49,8 +66,7 @@ pub(super) fn bench(model: &RobotModel) -> Bench {
 fn armed() -> Bench {
     let mut bench = bench(&feeling());
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
-    assert_eq!(bench.ask(Request::Impedance(SOFT)), Reply::Done);
-    assert_eq!(bench.ask(ARM), Reply::Done);
+    assert_eq!(bench.ask(enable(SOFT)), Reply::Done);
     bench
 }
 
@@ -73,9 +89,10 @@ impl Machine {
 
     /// A tick later, while the world pushes the tool; whether the node is still armed.
     fn tick(&mut self, wrench: [f32; 6]) -> bool {
-        let joints = self.angles.iter_mut().zip(&mut self.velocities).zip(&self.bench.node.state.joints);
-        for ((angle, velocity), joint) in joints {
-            let acceleration = joint.reference.acceleration;
+        let references = &self.bench.node.state.references;
+        let joints = self.angles.iter_mut().zip(&mut self.velocities).zip(references);
+        for ((angle, velocity), reference) in joints {
+            let acceleration = reference.acceleration;
             *angle += TICK * (*velocity + 0.5 * TICK * acceleration);
             *velocity += TICK * acceleration;
         }
@@ -96,8 +113,9 @@ impl Machine {
 }
 
 pub(super) fn seen(bench: &mut Bench) -> ImpedanceTelemetry {
-    let Reply::Arm(arm) = bench.ask(Request::ReadTask) else { panic!() };
-    assert_eq!(Some(arm), bench.node.tool());
+    let Reply::Task(report) = bench.ask(Request::ReadTask) else { panic!() };
+    assert_eq!(Some(&report), bench.node.task_report().as_ref());
+    let TaskTelemetry::Impedance(arm) = report.telemetry else { panic!() };
     arm
 }
 
@@ -117,95 +135,85 @@ fn here(bench: &mut Bench) -> (PosePoint, ElbowSetpoint) {
 }
 
 #[test]
-fn arming_for_impedance_needs_an_arm_with_settings_and_a_tared_sensor() {
+fn impedance_control_needs_an_arm_valid_settings_and_a_tared_sensor() {
     let mut short = feeling();
     short.joints.truncate(5);
     short.chains[0].joints = 5;
     let mut bench = Bench::new();
     bench.command();
-    assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::NotAnArm);
-    assert_eq!(refusal(bench.ask(Request::ReadTask)), Refusal::NotAnArm);
+    assert_eq!(refusal(bench.ask(enable(SOFT))), Refusal::NoModel);
+    assert_eq!(refusal(bench.ask(Request::ReadTask)), Refusal::NoTask);
     assert_eq!(bench.push(&short), Reply::Done);
     bench.sensors.encoders = [0; 5].into_iter().collect();
     bench.sensors.currents = [0; 5].into_iter().collect();
     bench.sensors.forces = [[0; 6]].into_iter().collect();
     bench.tick();
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::NotAnArm);
+    assert_eq!(refusal(bench.ask(enable(SOFT))), refused(ImpedanceRefusal::NotAnArm));
     assert_eq!(
-        Refusal::NotAnArm.to_string(),
+        refused(ImpedanceRefusal::NotAnArm).to_string(),
         "the robot is not an arm: a single chain of six or seven joints"
     );
 
     let mut bench = self::bench(&feeling());
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::NotTared { chain: 0 });
+    assert_eq!(refusal(bench.ask(enable(SOFT))), refused(ImpedanceRefusal::NotTared { chain: 0 }));
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
-    let bad = ImpedanceSettings { contact_force: 0.0, ..SOFT };
+    let invalid = ImpedanceSettings { contact_force: 0.0, ..SOFT };
     assert_eq!(
-        refusal(bench.ask(Request::Impedance(bad))).to_string(),
+        refusal(bench.ask(enable(invalid))).to_string(),
         "the contact force is 0 N; it must be positive and finite"
     );
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
-    assert_eq!(bench.ask(Request::Impedance(SOFT)), Reply::Done);
-    assert_eq!(bench.ask(ARM), Reply::Done);
+    assert_eq!(bench.node.mode(), Mode::Disabled);
+    assert_eq!(bench.ask(enable(SOFT)), Reply::Done);
     assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Impedance));
-    assert_eq!(bench.node.mode().to_string(), "armed (impedance)");
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance)));
-
-    // Settings outlast the arming, not the model.
-    bench.ask(Request::Disable);
-    assert_eq!(bench.ask(ARM), Reply::Done);
-    bench.ask(Request::Disable);
-    assert_eq!(bench.push(&arm7()), Reply::Done);
-    bench.sensors.forces.clear();
-    bench.tick();
-    assert_eq!(refusal(bench.ask(ARM)), Refusal::Arm(ArmError::NoSettings));
-    // Without a sensor there is nothing to tare, but the motors can be asked.
-    assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::NoForceSensor);
-    let deaf = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
+    assert_eq!(bench.node.mode().to_string(), "enabled (impedance control)");
+    assert_eq!(refusal(bench.ask(enable(SOFT))), Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance)));
     assert_eq!(
-        refusal(bench.ask(Request::Impedance(deaf))).to_string(),
+        refusal(bench.ask(configure(invalid))),
+        refused(ImpedanceRefusal::Settings(InvalidSettings::ContactForce { value: 0.0 }))
+    );
+    let source = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    assert_eq!(refusal(bench.ask(configure(source))), refused(ImpedanceRefusal::ForceSourceInUse));
+}
+
+#[test]
+fn without_a_force_sensor_the_motors_tell_the_force() {
+    let mut bench = bench(&arm7());
+    assert_eq!(refusal(bench.ask(enable(SOFT))), refused(ImpedanceRefusal::NoForceSensor));
+    let fast = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 60.0 }, ..SOFT };
+    assert_eq!(
+        refusal(bench.ask(enable(fast))).to_string(),
         "the bandwidth of the force observer is 60 rad/s; possible is 10 to 50 rad/s"
     );
-    let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
-    assert_eq!(bench.ask(Request::Impedance(observing)), Reply::Done);
     assert_eq!(refusal(bench.ask(Request::Tare)), Refusal::NoForceSensor);
-    assert_eq!(bench.ask(ARM), Reply::Done);
+    let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    assert_eq!(bench.ask(enable(observing)), Reply::Done);
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
 }
 
 #[test]
-fn the_joints_of_an_arm_that_yields_are_led_by_nobody_else() {
+fn the_joints_of_an_arm_under_impedance_control_take_commands_of_no_other_task() {
     let mut bench = armed();
-    let armed = Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance));
-    let goal = || {
-        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
-            positions: Vec::from_slice(&[0.0; 7]).unwrap(),
-        }))
-    };
-    assert_eq!(refusal(bench.ask(goal())), armed);
-    assert_eq!(
-        refusal(
-            bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: Vec::new() })))
-        ),
-        armed
-    );
-    assert_eq!(
-        refusal(bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips: Vec::new() })))),
-        armed
-    );
+    let other = Refusal::OtherTask(TaskKind::Impedance);
+    for command in [
+        JointCommand::Goal { positions: Vec::from_slice(&[0.0; 7]).unwrap() },
+        JointCommand::Stream { points: Vec::new() },
+        JointCommand::Reach { tips: Vec::new() },
+    ] {
+        assert_eq!(refusal(bench.ask(Request::Task(TaskCommand::JointServo(command)))), other);
+    }
+    assert_eq!(other.to_string(), "the board runs another task: impedance control");
     assert_eq!(bench.ask(KEEP), Reply::Done);
     let (point, elbow) = here(&mut bench);
     assert_eq!(bench.ask(pose(point, elbow)), Reply::Done);
-    // And a pose is for nobody else, settings neither.
+    // And its own commands are for no other task.
     bench.ask(Request::Disable);
     assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::WrongMode(Mode::Disabled));
+    assert_eq!(refusal(bench.ask(configure(SOFT))), Refusal::WrongMode(Mode::Disabled));
     bench.arm();
-    let servo = bench.node.mode();
-    assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::WrongMode(servo));
-    assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::WrongMode(servo));
+    assert_eq!(refusal(bench.ask(pose(point, elbow))), Refusal::OtherTask(TaskKind::JointServo));
+    assert_eq!(refusal(bench.ask(configure(SOFT))), Refusal::OtherTask(TaskKind::JointServo));
     bench.ask(Request::Stop);
-    assert_eq!(refusal(bench.ask(Request::Impedance(SOFT))), Refusal::WrongMode(Mode::Fault));
+    assert_eq!(refusal(bench.ask(configure(SOFT))), Refusal::WrongMode(Mode::Fault));
 }
 
 #[test]
@@ -216,7 +224,10 @@ fn a_pose_that_jumps_is_refused_by_name_and_the_arm_stays() {
     let [x, y, z] = point.position;
     let [i, j, k, w] = point.rotation;
     let far = PosePoint { position: [x, y, z + 1.0], ..point };
-    let Refusal::Arm(ArmError::Distance { value, limit: 0.1 }) = refusal(machine.bench.ask(pose(far, elbow)))
+    let Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::Distance {
+        value,
+        limit: 0.1,
+    }))) = refusal(machine.bench.ask(pose(far, elbow)))
     else {
         panic!()
     };
@@ -225,15 +236,26 @@ fn a_pose_that_jumps_is_refused_by_name_and_the_arm_stays() {
     let turned = PosePoint { rotation: [w, -k, j, -i], ..point };
     let text = refusal(machine.bench.ask(pose(turned, elbow))).to_string();
     assert!(
-        text.starts_with("the set-point is turned by 3.14") && text.ends_with("at most 1 rad is allowed"),
+        text.starts_with("the set-point is rotated by 3.14") && text.ends_with("at most 1 rad is allowed"),
         "{text}"
     );
     let other = ElbowSetpoint { angle: elbow.angle + 3.0, ..elbow };
-    assert!(matches!(refusal(machine.bench.ask(pose(point, other))), Refusal::Arm(ArmError::Elbow { .. })));
+    assert!(matches!(
+        refusal(machine.bench.ask(pose(point, other))),
+        Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::Elbow { .. })))
+    ));
     let spoilt = PosePoint { position: [x, f32::NAN, z], ..point };
-    assert_eq!(refusal(machine.bench.ask(pose(spoilt, elbow))), Refusal::Arm(ArmError::NotFinite));
+    assert_eq!(
+        refusal(machine.bench.ask(pose(spoilt, elbow))),
+        Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::NotFinite)))
+    );
     let long = PosePoint { rotation: [0.0, 0.0, 0.0, 2.0], ..point };
-    assert_eq!(refusal(machine.bench.ask(pose(long, elbow))), Refusal::Arm(ArmError::NotAUnit { norm: 2.0 }));
+    assert_eq!(
+        refusal(machine.bench.ask(pose(long, elbow))),
+        Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::NotUnit {
+            norm: 2.0
+        })))
+    );
     for _ in 0..9 {
         assert!(machine.tick([0.0; 6]));
     }
@@ -278,7 +300,7 @@ fn an_arm_follows_its_set_point_and_yields_to_a_push() {
 fn pulled_away(wrench: [f32; 6]) -> Machine {
     let mut machine = Machine::armed();
     let narrow = ImpedanceSettings { reach: [0.1, 0.3], ..SOFT };
-    assert_eq!(machine.bench.ask(Request::Impedance(narrow)), Reply::Done);
+    assert_eq!(machine.bench.ask(configure(narrow)), Reply::Done);
     assert!((0..500).any(|_| {
         machine.bench.ask(KEEP);
         !machine.tick(wrench)
@@ -333,7 +355,7 @@ fn a_tool_that_is_pulled_away_is_a_fault_and_the_arm_holds() {
         }
         let Reply::Faults(log) = machine.bench.ask(Request::ReadFaults) else { panic!() };
         assert_eq!(machine.bench.ask(Request::ClearFaults { total: log.total }), Reply::Done);
-        assert_eq!(machine.bench.ask(ARM), Reply::Done);
+        assert_eq!(machine.bench.ask(enable(SOFT)), Reply::Done);
         assert!(seen(&mut machine.bench).error.iter().all(|value| value.abs() < 1e-6));
     }
 }
@@ -342,7 +364,7 @@ fn a_tool_that_is_pulled_away_is_a_fault_and_the_arm_holds() {
 fn silence_ends_in_the_reaction() {
     let mut machine = Machine::armed();
     (0..10).for_each(|_| assert!(machine.tick([0.0; 6])));
-    assert_eq!(machine.bench.ask(Request::Impedance(SOFT)), Reply::Done);
+    assert_eq!(machine.bench.ask(configure(SOFT)), Reply::Done);
     (0..10).for_each(|_| assert!(machine.tick([0.0; 6])));
     assert!(!machine.tick([0.0; 6]));
     assert_eq!(fault(&machine.bench).cause, FaultCause::CommandTimeout);
@@ -350,17 +372,14 @@ fn silence_ends_in_the_reaction() {
 }
 
 #[test]
-fn a_disarmed_arm_shows_where_it_is() {
+fn a_disabled_arm_still_shows_where_it_is() {
     let mut bench = bench(&feeling());
-    let first = seen(&mut bench);
-    assert!((first.elbow, first.contact) == (0.0, false));
-    let redundancy = Redundancy::DrivenJoint { joint: 2 };
-    assert_eq!(bench.ask(Request::Impedance(ImpedanceSettings { redundancy, ..SOFT })), Reply::Done);
-    assert!((seen(&mut bench).elbow - ANGLES[2]).abs() < 1e-4);
+    assert_eq!(refusal(bench.ask(Request::ReadTask)), Refusal::NoTask);
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
-    assert_eq!(bench.ask(ARM), Reply::Done);
-    let armed = seen(&mut bench);
-    assert_eq!((armed.position, armed.rotation), (first.position, first.rotation));
+    let redundancy = Redundancy::DrivenJoint { joint: 2 };
+    assert_eq!(bench.ask(enable(ImpedanceSettings { redundancy, ..SOFT })), Reply::Done);
+    let first = seen(&mut bench);
+    assert!(!first.contact && (first.elbow - ANGLES[2]).abs() < 1e-4);
     bench.ask(Request::Disable);
     // Led by hand, and pushed.
     let mut moved = ANGLES;
@@ -371,4 +390,7 @@ fn a_disarmed_arm_shows_where_it_is() {
     let after = seen(&mut bench);
     assert!((after.position[2] - first.position[2]).abs() > 0.01, "{after:?}");
     assert!(after.wrench[..3].iter().map(|force| force * force).sum::<f32>() > 24.0, "{after:?}");
+    // With the model goes what was known of the task.
+    assert_eq!(bench.push(&feeling()), Reply::Done);
+    assert_eq!(refusal(bench.ask(Request::ReadTask)), Refusal::NoTask);
 }

@@ -3,12 +3,12 @@
 
 use nalgebra::{SVector, Vector3, Vector6};
 
-use super::arm::{ANGLES, ARM, bench, seen, stand};
+use super::arm::{ANGLES, bench, configure, enable, seen, stand};
 use super::bench::Bench;
 use crate::TICK;
 use crate::kinematics::Chain;
 use crate::model::RobotModel;
-use crate::protocol::{Mode, Reply, Request, SetPoint};
+use crate::protocol::{Mode, Reply, Request};
 use crate::task::impedance::tests::{SOFT, arm7};
 use crate::task::impedance::{ForceSource, ImpedanceSettings};
 
@@ -35,8 +35,7 @@ impl Machine {
             (joint.motor.delay, joint.motor.bandwidth) = (TICK / f32::from(STEPS), 1e4);
         }
         let mut bench = bench(&model);
-        assert_eq!(bench.ask(Request::Impedance(*settings)), Reply::Done);
-        assert_eq!(bench.ask(ARM), Reply::Done);
+        assert_eq!(bench.ask(enable(*settings)), Reply::Done);
         let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
         let chain = Chain::new(&model.joints, &model.chains[0].tip).with_rotor_inertia(rotors);
         let (angles, velocities, torques) = (Joints::from(ANGLES), Joints::zeros(), Joints::zeros());
@@ -95,7 +94,7 @@ fn an_arm_without_a_force_sensor_yields_to_what_its_motors_feel() {
 
     // Another source while armed would forget what is in the way.
     let sensing = ImpedanceSettings { force: ForceSource::Sensor, ..observing };
-    assert!(matches!(machine.bench.ask(Request::Impedance(sensing)), Reply::Refused(_)));
+    assert!(matches!(machine.bench.ask(configure(sensing)), Reply::Refused(_)));
     let slower = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 20.0 }, ..observing };
-    assert_eq!(machine.bench.ask(Request::Impedance(slower)), Reply::Done);
+    assert_eq!(machine.bench.ask(configure(slower)), Reply::Done);
 }

@@ -3,8 +3,9 @@
 use heapless::Vec;
 
 use super::bench::{Bench, model, refusal};
-use crate::control::ServoMode;
-use crate::protocol::{FaultCause, Mode, Refusal, Reply, Request, SCHEMA_KEY, Task};
+use crate::fault::FaultCause;
+use crate::protocol::{Mode, Refusal, Reply, Request, SCHEMA_KEY};
+use crate::task::TaskKind;
 
 #[test]
 fn arms_only_when_everything_is_ready() {

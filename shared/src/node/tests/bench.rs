@@ -3,12 +3,15 @@
 use heapless::Vec;
 
 use crate::control::ServoMode;
+use crate::fault::Fault;
 use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety, test_joint};
 use crate::node::Node;
 use crate::protocol::{
-    ActuatorFrame, BoardStatus, Fault, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame,
-    SCHEMA_KEY, SensorFlags, SensorFrame, SetPoint, Task, codec,
+    ActuatorFrame, BoardStatus, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
+    SensorFlags, SensorFrame, codec,
 };
+use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig};
 
 pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 
@@ -94,7 +97,9 @@ impl Bench {
 
     /// Reads an export to its end.
     pub fn export(&mut self, item: Item) -> (std::vec::Vec<u8>, u32) {
-        let Reply::Exported { length, checksum, index } = self.ask(Request::Export(item)) else { panic!() };
+        let Reply::Exported { length, checksum, index, .. } = self.ask(Request::Export(item)) else {
+            panic!()
+        };
         let mut bytes = std::vec::Vec::new();
         while bytes.len() < length as usize {
             let offset = bytes.len() as u32;

@@ -1,13 +1,14 @@
 //! Exports of the model and of the state.
 
-use postcard_schema::Schema;
-use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType};
-
 use super::bench::{Bench, model, refusal};
-use crate::control::JointPoint;
-use crate::model::{MAX_JOINTS, Reaction};
-use crate::node::{JointState, MAX_STATE, Node, State};
-use crate::protocol::{Fault, FaultCause, Item, Refusal, Reply, Request, Task};
+use super::force_sensors::SENSOR;
+use crate::fault::{Fault, FaultCause};
+use crate::model::{MAX_CHAINS, MAX_JOINTS};
+use crate::node::export::Export;
+use crate::node::force_sensor::ForceSensorState;
+use crate::node::joint::JointState;
+use crate::node::{MAX_MODEL, MAX_STATE, STATE_KEY};
+use crate::protocol::{Item, Refusal, Reply, Request, SCHEMA_KEY};
 
 #[test]
 fn exports_are_whole_and_end_where_they_end() {
@@ -25,60 +26,57 @@ fn exports_are_whole_and_end_where_they_end() {
     assert_eq!(refusal(empty.ask(Request::Export(Item::Model))), Refusal::NoModel);
 }
 
+/// More than any run reaches: every list full, every number at its longest.
 #[test]
-fn the_largest_state_can_be_exported() {
-    let mut node = Node::new();
-    let extreme = JointState::extreme();
-    node.state.joints = [extreme; MAX_JOINTS];
+fn the_largest_state_and_the_largest_model_can_be_exported() {
+    let mut bench = Bench::ready(&model());
+    let node = &mut bench.node;
+    node.state.joints = [JointState::extreme(); MAX_JOINTS];
+    node.state.force_sensors = [ForceSensorState::extreme(); MAX_CHAINS];
     for _ in 0..20 {
         let (joint, value) = (Some(15), f32::MIN);
         node.record_fault(Fault { cause: FaultCause::Stop, joint, value, limit: value, tick: u32::MAX });
     }
     let length = postcard::to_stdvec(&node.state).unwrap().len();
-    let longest = longest(State::SCHEMA);
-    assert!(length < longest && longest <= MAX_STATE, "{length} {longest}");
-    // Nothing is missing in what the types say.
-    assert_eq!(longest_after(&Some(Reaction::Hold)), 2);
-    assert_eq!(longest_after(&[JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 }; 2]), 24);
-    assert_eq!(longest_after(&TaskConfig::Grasping(())), 2);
-    assert_eq!(longest_after(&crate::task::impedance::tests::SOFT), 18 * 4 + 1 + 2 + 5 + 4 * 4);
-    assert_eq!(longest_after(&(u32::MAX, u16::MAX, i32::MIN, true)), 5 + 3 + 5 + 1);
-}
+    assert!(length > 2500 && length <= MAX_STATE, "{length} of {MAX_STATE}");
+    let (bytes, _) = bench.export(Item::State);
+    assert_eq!(bytes.len(), postcard::to_stdvec(&bench.node.state).unwrap().len());
 
-/// The longest encoding of the value's type, which is no shorter than the value's.
-fn longest_after<T: Schema + serde::Serialize>(value: &T) -> usize {
-    let longest = longest(T::SCHEMA);
-    assert!(postcard::to_stdvec(value).unwrap().len() <= longest);
-    longest
-}
-
-/// Most bytes that a value of a type takes; no list of a state has more than sixteen elements.
-fn longest(of: &NamedType) -> usize {
-    let fields = |fields: &[&postcard_schema::schema::NamedValue]| -> usize {
-        fields.iter().map(|field| longest(field.ty)).sum()
-    };
-    let all = |types: &[&NamedType]| -> usize { types.iter().map(|of| longest(of)).sum() };
-    match of.ty {
-        DataModelType::Bool | DataModelType::U8 | DataModelType::I8 => 1,
-        DataModelType::U16 | DataModelType::I16 => 3,
-        DataModelType::U32 | DataModelType::I32 => 5,
-        DataModelType::U64 | DataModelType::I64 => 10,
-        DataModelType::F32 => 4,
-        DataModelType::Unit | DataModelType::UnitStruct => 0,
-        DataModelType::Option(of) => 1 + longest(of),
-        DataModelType::NewtypeStruct(of) => longest(of),
-        DataModelType::Seq(of) => 1 + 16 * longest(of),
-        DataModelType::Tuple(types) | DataModelType::TupleStruct(types) => all(types),
-        DataModelType::Struct(values) => fields(values),
-        DataModelType::Enum(variants) => {
-            let longest = |variant: &&postcard_schema::schema::NamedVariant| match variant.ty {
-                DataModelVariant::UnitVariant => 0,
-                DataModelVariant::NewtypeVariant(of) => longest(of),
-                DataModelVariant::TupleVariant(types) => all(types),
-                DataModelVariant::StructVariant(values) => fields(values),
-            };
-            1 + variants.iter().map(longest).max().unwrap_or(0)
-        }
-        other => panic!("a state has no {other:?}"),
+    let mut largest = model();
+    largest.chains.clear();
+    for chain in 0..MAX_CHAINS {
+        let mut copy = model().chains[0].clone();
+        copy.name = format!("chain-{chain:-<26}").as_str().try_into().unwrap();
+        copy.force_sensor = Some(SENSOR);
+        largest.chains.push(copy).unwrap();
     }
+    let joint = largest.joints[0].clone();
+    largest.joints.clear();
+    for index in 0..MAX_JOINTS {
+        let mut copy = joint.clone();
+        copy.name = format!("joint-{index:-<26}").as_str().try_into().unwrap();
+        copy.encoder.zero = i32::MIN;
+        largest.joints.push(copy).unwrap();
+    }
+    let length = postcard::to_stdvec(&largest).unwrap().len();
+    assert!(length > 2000 && length <= MAX_MODEL, "{length} of {MAX_MODEL}");
+}
+
+/// A longer export than the buffer is refused, not answered with something shorter.
+#[test]
+fn what_does_not_fit_is_refused() {
+    let mut export = Export::new();
+    let long = std::vec![1_u8; MAX_STATE.max(MAX_MODEL) + 1];
+    assert_eq!(export.begin(&long, 0, 0), Err(Refusal::NotExported { length: 0 }));
+    assert_eq!(export.chunk(0), Err(Refusal::NotExported { length: 0 }));
+}
+
+#[test]
+fn an_export_of_the_state_tells_its_key() {
+    let mut bench = Bench::ready(&model());
+    let Reply::Exported { key, .. } = bench.ask(Request::Export(Item::State)) else { panic!() };
+    assert_eq!(key, STATE_KEY);
+    assert_ne!(STATE_KEY, SCHEMA_KEY);
+    let Reply::Exported { key, .. } = bench.ask(Request::Export(Item::Model)) else { panic!() };
+    assert_eq!(key, SCHEMA_KEY);
 }

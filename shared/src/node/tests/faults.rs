@@ -1,9 +1,10 @@
 //! What faults, and what the outputs do then.
 
 use super::bench::{Bench, model, refusal};
+use crate::fault::FaultCause;
 use crate::model::Reaction;
 use crate::node::Node;
-use crate::protocol::{FaultCause, Mode, Refusal, Reply, Request, SensorFlags, SensorFrame};
+use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags, SensorFrame};
 
 #[test]
 fn a_jumping_encoder_switches_off() {

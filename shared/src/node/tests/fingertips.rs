@@ -6,7 +6,10 @@ use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
 use crate::control::JointPoint;
 use crate::kinematics::TipPoint;
 use crate::model::{ChainModel, RobotModel};
-use crate::protocol::{Refusal, Reply, Request, SetPoint};
+use crate::protocol::{Refusal, Reply, Request};
+use crate::robot::LimitRefusal;
+use crate::task::joint_servo::{JointCommand, JointServoRefusal};
+use crate::task::{TaskCommand, TaskRefusal};
 
 /// Two fingers of Hand3, side by side.
 pub fn fingers() -> RobotModel {
@@ -42,7 +45,7 @@ fn reach(tips: &[TipPoint]) -> Request {
 }
 
 pub fn references(bench: &Bench) -> std::vec::Vec<JointPoint> {
-    bench.node.state.joints[..6].iter().map(|joint| joint.reference).collect()
+    bench.node.state.references[..6].iter().copied().collect()
 }
 
 /// Tip of the first finger at (0.1, 0.5, 0.8): r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm,
@@ -81,38 +84,76 @@ fn fingertips_are_refused_by_name_what_they_cannot_do() {
     let still = rest(TIPS[0]);
     let mut refused = |second: TipPoint| refusal(bench.ask(reach(&[still, second])));
     // Straight out from the second finger's second joint it reaches 97.78 mm.
-    let Refusal::OutOfReach { chain: 1, nearest: [x, y, z] } = refused(rest([0.3, 0.1, 0.039])) else {
+    let Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::OutOfReach {
+        chain: 1,
+        nearest: [x, y, z],
+    })) = refused(rest([0.3, 0.1, 0.039]))
+    else {
         panic!()
     };
     assert!((x - 0.097_78).abs() < 1e-6 && (y - 0.1).abs() < 1e-6 && (z - 0.039).abs() < 1e-6, "{x} {y} {z}");
-    assert_eq!(refused(rest([f32::NAN, 0.1, 0.1])), Refusal::TipNotFinite { chain: 1 });
+    assert_eq!(
+        refused(rest([f32::NAN, 0.1, 0.1])),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::TipNotFinite { chain: 1 }))
+    );
     let [x, y, z] = TIPS[1];
     let moving = |velocity, acceleration| TipPoint { position: [x, y, z], velocity, acceleration };
-    assert_eq!(refused(moving([f32::NAN, 0.0, 0.0], [0.0; 3])), Refusal::NotFinite { joint: 3 });
-    assert!(matches!(refused(moving([0.0, 2.0, 0.0], [0.0; 3])), Refusal::TooFast { joint: 3, .. }));
+    assert_eq!(
+        refused(moving([f32::NAN, 0.0, 0.0], [0.0; 3])),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
+            joint: 3
+        })))
+    );
+    assert!(matches!(
+        refused(moving([0.0, 2.0, 0.0], [0.0; 3])),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooFast {
+            joint: 3,
+            ..
+        })))
+    ));
     // 0.6 N·m on 2.1e-4 kg·m².
-    let Refusal::TooMuchAcceleration { joint: 3, limit, .. } = refused(moving([0.0; 3], [0.0, 900.0, 0.0]))
+    let Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchAcceleration {
+        joint: 3,
+        limit,
+        ..
+    }))) = refused(moving([0.0; 3], [0.0, 900.0, 0.0]))
     else {
         panic!()
     };
     assert!((limit - 2857.14).abs() < 0.1, "{limit}");
     // Its first joint at 1.54 rad, or bent over its axis at −1.60 rad: both beyond ±1.5.
-    let Refusal::OutsideLimits { joint: 3, value, lower: -1.5, upper: 1.5 } =
-        refused(rest([0.002_215, 0.171_912, z]))
+    let Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::OutsideLimits {
+        joint: 3,
+        value,
+        lower: -1.5,
+        upper: 1.5,
+    }))) = refused(rest([0.002_215, 0.171_912, z]))
     else {
         panic!()
     };
     assert!((value + 1.6).abs() < 0.01 || (value - 1.54).abs() < 0.01, "{value}");
     // Over its axis: within the limits, but far from how it is bent.
-    assert!(matches!(refused(rest([-x, 0.2 - y, z])), Refusal::Jump { joint: 4, .. }));
+    assert!(matches!(
+        refused(rest([-x, 0.2 - y, z])),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::Jump { joint: 4, .. })))
+    ));
     // Nearly straight: the tip hardly moves outwards.
     let straight = rest([0.097_779_9 * 0.841_471, 0.1, 0.039 + 0.097_779_9 * 0.540_302]);
     let straight = TipPoint { velocity: [0.001, 0.0, 0.0], ..straight };
-    assert_eq!(refused(straight), Refusal::Singular { chain: 1 });
-    assert_eq!(refusal(bench.ask(reach(&[still]))), Refusal::TipCount { got: 1, expected: 2 });
+    assert_eq!(
+        refused(straight),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Singular { chain: 1 }))
+    );
+    assert_eq!(
+        refusal(bench.ask(reach(&[still]))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::TipCount { got: 1, expected: 2 }))
+    );
     bench.tick();
     assert_eq!(references(&bench), before);
     // Another robot has no closed form.
     let mut other = Bench::armed(&model());
-    assert_eq!(refusal(other.ask(reach(&[still]))), Refusal::NotAFinger { chain: 0 });
+    assert_eq!(
+        refusal(other.ask(reach(&[still]))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::NotAFinger { chain: 0 }))
+    );
 }

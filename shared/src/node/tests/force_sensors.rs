@@ -4,8 +4,11 @@ use heapless::Vec;
 
 use super::bench::{Bench, COUNTS_PER_RADIAN, model, near, refusal};
 use super::fingertips::{ANGLES, TIPS, fingers};
+use crate::fault::FaultCause;
 use crate::model::ForceSensor;
-use crate::protocol::{FaultCause, Mode, Refusal, Reply, Request, SetPoint};
+use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::task::TaskCommand;
+use crate::task::joint_servo::JointCommand;
 
 pub const SENSOR: ForceSensor = ForceSensor {
     force_resolution: 1e-3,
@@ -75,7 +78,7 @@ fn force_sensors_that_are_dead_saturated_or_overloaded_are_faults_by_name() {
             if bench.node.mode() == Mode::Fault {
                 return *bench.node.faults().faults.last().unwrap();
             }
-            let now = [0, 1, 2, 3, 4, 5].map(|joint| bench.node.state.joints[joint].position);
+            let now = [0, 1, 2, 3, 4, 5].map(|joint| bench.node.state.measured.positions[joint]);
             let hold = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
                 positions: Vec::from_slice(&now).unwrap(),
             }));

@@ -6,13 +6,18 @@ use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
 use super::fingertips::{fingers, references};
 use super::force_sensors::{SENSOR, feeling_fingers};
 use crate::control::{JointPoint, ServoMode};
+use crate::fault::{Fault, FaultCause};
 use crate::kinematics::TipPoint;
 use crate::model::{ChainModel, MAX_JOINTS, RobotModel};
-use crate::protocol::{Fault, FaultCause, Mode, Refusal, Reply, Request, SetPoint, Task};
+use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::robot::Concerns;
+use crate::robot::LimitRefusal;
 use crate::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan,
     ObjectControl, Phase, PlanField, PlannedContact,
 };
+use crate::task::joint_servo::{JointCommand, JointServoRefusal};
+use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 /// Three such fingers; the third stands opposite the middle between the others.
 fn hand() -> RobotModel {
@@ -76,15 +81,22 @@ pub fn in_front() -> GraspPlan {
 }
 
 fn seen(bench: &mut Bench) -> GraspTelemetry {
-    let Reply::Grasp(grasp) = bench.ask(Request::ReadTask) else { panic!() };
-    assert_eq!(grasp, bench.node.grasp());
+    let Reply::Task(report) = bench.ask(Request::ReadTask) else { panic!() };
+    assert_eq!(Some(&report), bench.node.task_report().as_ref());
+    let TaskTelemetry::Grasping(grasp) = report.telemetry else { panic!() };
     grasp
 }
 
 #[test]
 fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
-    assert_eq!(refusal(Bench::ready(&model()).ask(GRASP)), Refusal::NotAHand);
-    assert_eq!(refusal(feeling_fingers([[0; 6]; 2]).ask(GRASP)), Refusal::NotAHand);
+    assert_eq!(
+        refusal(Bench::ready(&model()).ask(GRASP)),
+        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
+    );
+    assert_eq!(
+        refusal(feeling_fingers([[0; 6]; 2]).ask(GRASP)),
+        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
+    );
     let mut bench = untared_hand();
     let mut numb = hand();
     numb.chains[1].force_sensor = None;
@@ -92,21 +104,27 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
     bench.sensors.forces.truncate(2);
     bench.tick();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
-    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotAHand);
+    assert_eq!(refusal(bench.ask(GRASP)), Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)));
 
     let mut bench = untared_hand();
-    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+    assert_eq!(
+        refusal(bench.ask(GRASP)),
+        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 0 }))
+    );
     assert_eq!(bench.node.mode(), Mode::Disabled);
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
     assert_eq!(bench.ask(GRASP), Reply::Done);
     assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping));
     assert_eq!(refusal(bench.ask(GRASP)), Refusal::WrongMode(Mode::Enabled(TaskKind::Grasping)));
-    assert_eq!(bench.node.mode().to_string(), "armed (grasp)");
+    assert_eq!(bench.node.mode().to_string(), "enabled (grasping)");
     // Another model may have other sensors.
     bench.ask(Request::Disable);
     assert_eq!(bench.push(&hand()), Reply::Done);
     bench.tick();
-    assert_eq!(refusal(bench.ask(GRASP)), Refusal::NotTared { chain: 0 });
+    assert_eq!(
+        refusal(bench.ask(GRASP)),
+        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 0 }))
+    );
 }
 
 #[test]
@@ -136,14 +154,13 @@ fn keep_keeps_an_armed_node_alive_whatever_its_task() {
 }
 
 #[test]
-fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
+fn the_joints_of_a_hand_that_grasps_take_commands_of_no_other_task() {
     let mut bench = tared_hand();
     let command = || Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())));
     assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disabled));
     assert_eq!(bench.arm(), Reply::Done);
-    let mode = bench.node.mode();
     for command in [command(), Request::Task(TaskCommand::Grasping(GraspCommand::Open))] {
-        assert_eq!(refusal(bench.ask(command)), Refusal::WrongMode(mode));
+        assert_eq!(refusal(bench.ask(command)), Refusal::OtherTask(TaskKind::JointServo));
     }
     bench.ask(Request::Disable);
     assert_eq!(bench.ask(GRASP), Reply::Done);
@@ -167,7 +184,7 @@ fn the_joints_of_a_hand_that_grasps_are_led_by_nobody_else() {
         })),
     ] {
         let refused = refusal(bench.ask(set_point));
-        assert_eq!(refused, Refusal::WrongMode(Mode::Enabled(TaskKind::Grasping)));
+        assert_eq!(refused, Refusal::OtherTask(TaskKind::Grasping));
     }
     assert_eq!(bench.node.telemetry(), before);
 }
@@ -182,19 +199,23 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
         GraspCommand::Open,
         GraspCommand::Move { translation: [0.0; 3], rotation: [0.0; 3], duration: 1.0 },
     ] {
-        let busy = Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Ready));
+        let busy = Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Ready)));
         assert_eq!(refusal(bench.ask(Request::Task(TaskCommand::Grasping(command)))), busy);
     }
     let grasp = |plan| Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan)));
     let deep = GraspPlan { clearance: 0.5, ..in_front() };
-    let Refusal::GraspRefusal(GraspRefusal::Plan(bad)) = refusal(bench.ask(grasp(deep))) else { panic!() };
+    let Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(bad))) = refusal(bench.ask(grasp(deep)))
+    else {
+        panic!()
+    };
     assert_eq!(
         bad,
         InvalidPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 }
     );
     let mut far = in_front();
     far.contacts[2].position[0] = 0.15;
-    let Refusal::GraspRefusal(GraspRefusal::OutOfReach { finger: 2, .. }) = refusal(bench.ask(grasp(far)))
+    let Refusal::Task(TaskRefusal::Grasping(GraspRefusal::OutOfReach { finger: 2, .. })) =
+        refusal(bench.ask(grasp(far)))
     else {
         panic!()
     };
@@ -204,7 +225,7 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
     bench.tick();
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Approach);
-    let busy = Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Approach));
+    let busy = Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Approach)));
     assert_eq!(refusal(bench.ask(grasp(in_front()))), busy);
     for _ in 0..10 {
         bench.tick();
@@ -219,7 +240,10 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
     assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
     assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping), "that does no harm");
     let open = Request::Task(TaskCommand::Grasping(GraspCommand::Open));
-    assert_eq!(refusal(bench.ask(open.clone())), Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Ready)));
+    assert_eq!(
+        refusal(bench.ask(open.clone())),
+        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Ready)))
+    );
     assert_eq!(seen(&mut bench).failure, after.failure);
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).failure, None);
@@ -237,31 +261,43 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
 fn what_is_refused_to_a_hand_says_why() {
     let texts = [
         (
-            Refusal::NotAHand,
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
             "the robot is not a hand of three fingers, each with three joints and a force sensor",
         ),
         (
-            Refusal::NotTared { chain: 1 },
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
             "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing touches the tips",
         ),
         (
-            Refusal::GraspRefusal(GraspRefusal::Busy(Phase::Move)),
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),
             "not possible while the hand moves an object",
         ),
         (
-            Refusal::GraspRefusal(GraspRefusal::Plan(InvalidPlan::NoTriangle)),
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(InvalidPlan::NoTriangle))),
             "the contacts are at the same place or in line",
         ),
         (
-            Refusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
+            Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
+                joint: 2,
+                value: -0.75,
+                limit: 0.5,
+            }))),
             "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
         ),
     ];
     for (refusal, text) in texts {
         assert_eq!(refusal.to_string(), text);
     }
-    assert_eq!(Refusal::TooMuchTorque { joint: 2, value: 1.0, limit: 0.5 }.joint(), Some(2));
-    assert_eq!(Refusal::NotTared { chain: 1 }.chain(), Some(1));
+    assert_eq!(
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
+            joint: 2,
+            value: 1.0,
+            limit: 0.5
+        })))
+        .joint(),
+        Some(2)
+    );
+    assert_eq!(Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })).chain(), Some(1));
     let fault = |cause, joint, value, limit| {
         Fault { cause, joint, value, limit, tick: 12 }.named(&hand()).to_string()
     };

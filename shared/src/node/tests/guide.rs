@@ -2,7 +2,11 @@
 
 use super::bench::{Bench, model, near, refusal};
 use crate::control::{JointPoint, ServoMode};
-use crate::protocol::{FaultCause, Refusal, Reply, Request, SetPoint, Task};
+use crate::fault::FaultCause;
+use crate::protocol::{Refusal, Reply, Request};
+use crate::robot::LimitRefusal;
+use crate::task::joint_servo::{JointCommand, JointServoRefusal};
+use crate::task::{TaskCommand, TaskConfig, TaskRefusal};
 
 pub fn guide(positions: [f32; 3], torques: &[f32]) -> Request {
     let points = positions.map(|position| JointPoint { position, ..JointPoint::default() });
@@ -63,13 +67,30 @@ fn a_guide_that_is_refused_changes_neither_points_nor_torques() {
     let mut bench = Bench::armed(&model());
     assert_eq!(bench.ask(guide([0.0; 3], &[0.125; 3])), Reply::Done);
     bench.tick();
-    let too_much = Refusal::TooMuchTorque { joint: 1, value: -0.7, limit: 0.6 };
+    let too_much =
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
+            joint: 1,
+            value: -0.7,
+            limit: 0.6,
+        })));
     let before = format!("{:?}", bench.node.state.joints);
     assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0, -0.7, 0.0]))), too_much);
-    assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0, 0.0, f32::NAN]))), Refusal::NotFinite { joint: 2 });
-    let jump = Refusal::Jump { joint: 0, value: 0.5, limit: 0.2 };
+    assert_eq!(
+        refusal(bench.ask(guide([0.01; 3], &[0.0, 0.0, f32::NAN]))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
+            joint: 2
+        })))
+    );
+    let jump = Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::Jump {
+        joint: 0,
+        value: 0.5,
+        limit: 0.2,
+    })));
     assert_eq!(refusal(bench.ask(guide([0.5; 3], &[0.0; 3]))), jump);
-    let count = Refusal::JointCount { got: 2, expected: 3 };
+    let count = Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::JointCount {
+        got: 2,
+        expected: 3,
+    })));
     assert_eq!(refusal(bench.ask(guide([0.01; 3], &[0.0; 2]))), count);
     let points = [JointPoint::default(); 2].into_iter().collect();
     let torques = [0.0; 3].into_iter().collect();

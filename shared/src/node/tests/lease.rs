@@ -4,7 +4,9 @@ use heapless::Vec;
 
 use super::bench::{Bench, model, refusal};
 use crate::control::ServoMode;
-use crate::protocol::{Mode, Refusal, Reply, Request, SCHEMA_KEY, SetPoint, Stream, Task};
+use crate::protocol::{Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
+use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig};
 
 #[test]
 fn a_new_model_does_not_cost_the_commander_its_lease() {

@@ -8,8 +8,10 @@ use super::grasp::{KEEP, in_front};
 use super::guide::guide;
 use crate::control::{JointPoint, ServoMode};
 use crate::model::MAX_JOINTS;
-use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, SetPoint, Stream, Task};
+use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, Stream};
 use crate::task::grasping::GraspCommand;
+use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig};
 
 fn any_request() -> impl Strategy<Value = Request> {
     let value = prop_oneof![

@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::bench::{Bench, model};
+use crate::node::STATE_KEY;
 use crate::node::{Difference, Node, Replay, ReplayError};
 use crate::protocol::{
     EXPORT_CHUNK, Item, LogRecord, LogStart, Mode, Request, RequestFrame, SCHEMA_KEY, codec,
@@ -23,7 +24,8 @@ fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
         records.push(LogRecord::State { offset, data: Vec::from_slice(data).unwrap() });
     }
-    records.push(LogRecord::Restore { length: state.len() as u32, checksum: codec::checksum(&state) });
+    let (length, checksum) = (state.len() as u32, codec::checksum(&state));
+    records.push(LogRecord::Restore { length, checksum, key: STATE_KEY });
     for at in (0..state.len() as u32).step_by(EXPORT_CHUNK) {
         let sequence =
             bench.sequence - state.len().div_ceil(EXPORT_CHUNK) as u16 + 1 + at as u16 / EXPORT_CHUNK as u16;

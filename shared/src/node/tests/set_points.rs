@@ -4,30 +4,68 @@ use heapless::Vec;
 
 use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
 use crate::control::JointPoint;
-use crate::protocol::{Refusal, Reply, Request, SetPoint};
+use crate::protocol::{Refusal, Reply, Request};
+use crate::robot::LimitRefusal;
+use crate::task::joint_servo::{JointCommand, JointServoRefusal};
+use crate::task::{TaskCommand, TaskRefusal};
 
 #[test]
 fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
     let mut bench = Bench::armed(&model());
     let before = bench.tick();
-    assert_eq!(refusal(bench.goal([0.0, f32::NAN, 0.0])), Refusal::NotFinite { joint: 1 });
+    assert_eq!(
+        refusal(bench.goal([0.0, f32::NAN, 0.0])),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
+            joint: 1
+        })))
+    );
     assert_eq!(
         refusal(bench.goal([0.0, 0.0, 1.6])),
-        Refusal::OutsideLimits { joint: 2, value: 1.6, lower: -1.5, upper: 1.5 }
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::OutsideLimits {
+            joint: 2,
+            value: 1.6,
+            lower: -1.5,
+            upper: 1.5
+        })))
     );
     let short = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
         positions: Vec::from_slice(&[0.0; 2]).unwrap(),
     }));
-    assert_eq!(refusal(bench.ask(short)), Refusal::JointCount { got: 2, expected: 3 });
+    assert_eq!(
+        refusal(bench.ask(short)),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::JointCount {
+            got: 2,
+            expected: 3
+        })))
+    );
     let stream = |position, velocity| {
         let rest = JointPoint::default();
         let points =
             Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
         Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
     };
-    assert_eq!(refusal(bench.ask(stream(0.5, 0.0))), Refusal::Jump { joint: 2, value: 0.5, limit: 0.2 });
-    assert_eq!(refusal(bench.ask(stream(0.0, 9.0))), Refusal::TooFast { joint: 2, value: 9.0, limit: 8.0 });
-    assert_eq!(refusal(bench.ask(stream(f32::INFINITY, 0.0))), Refusal::NotFinite { joint: 2 });
+    assert_eq!(
+        refusal(bench.ask(stream(0.5, 0.0))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::Jump {
+            joint: 2,
+            value: 0.5,
+            limit: 0.2
+        })))
+    );
+    assert_eq!(
+        refusal(bench.ask(stream(0.0, 9.0))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooFast {
+            joint: 2,
+            value: 9.0,
+            limit: 8.0
+        })))
+    );
+    assert_eq!(
+        refusal(bench.ask(stream(f32::INFINITY, 0.0))),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
+            joint: 2
+        })))
+    );
     let after = bench.tick();
     assert_eq!(before.torques, after.torques);
     assert!(bench.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));

@@ -61,7 +61,7 @@ impl<'a> FingerSense<'a> {
     /// What the fingers of a hand on one board sense; `None` before the first tick.
     pub fn of_all(measured: &Measured, postures: &'a Postures) -> Option<PerFinger<Self>> {
         let sense = |finger: usize| {
-            let angles = measured.angles(3 * finger..3 * finger + 3).as_array()?;
+            let angles = measured.angles(3 * finger..3 * finger + 3).first_chunk()?;
             // The tip feels what it touches; that feels the opposite.
             let force = (-measured.force(finger)).into();
             Some(Self { posture: postures.kept(finger)?, angles: *angles, force })

@@ -47,7 +47,7 @@ pub enum ForceSource {
     Sensor,
     /// 1: the motors' torques, less what the motion needs by the model: a momentum observer (De Luca and Mattone 2005).
     /// Friction and weight that the model does not know look like pushes; what of them there is once the arm has rested for
-    /// 0.4 s after arming is left out. Until then there is no force.
+    /// 0.4 s after it was enabled is left out. Until then there is no force.
     Observer {
         /// Of its filter: 10 to 50 rad/s.
         bandwidth: f32,

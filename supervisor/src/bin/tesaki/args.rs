@@ -1,4 +1,4 @@
-//! What can be said on the command line.
+//! The command line.
 
 mod eval;
 mod grasp;
@@ -21,20 +21,20 @@ pub use impedance::{Hold, Impedance};
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done
-  1  failed: a file, a robot folder, a recording that differs, a finding of the doctor
-  2  the command line makes no sense
-  3  no device, or it cannot be opened
-  4  board and program speak different versions of the protocol
+  1  failed: unreadable file, invalid robot folder, recording that differs, or a problem found by the doctor
+  2  invalid arguments
+  3  no device found, or it cannot be opened
+  4  the board and this program use different versions of the protocol
   5  the board is in fault
   6  no answer, or not in time
-  7  the board refused, and nothing changed
-  8  the hand did not take hold of the object, or could not go on with it
+  7  the board refused the request; nothing changed
+  8  the grasp failed
 
-Without a board: `cargo sim serve` offers a simulated one, which `--port auto` finds.";
+No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
 
-/// Commands a tesaki board from a PC
+/// Control a tesaki board from a PC
 #[derive(Parser)]
-#[command(version, about = "Commands a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
+#[command(version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
     #[command(flatten)]
     pub options: Options,
@@ -42,107 +42,107 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// What every command understands.
+/// Options of every command.
 #[derive(Args)]
 pub struct Options {
     /// Where the board is: auto, a serial port such as /dev/ttyUSB0, unix://PATH or tcp://HOST:PORT
     #[arg(long, short, global = true, env = "TESAKI_PORT", default_value = "auto")]
     pub port: Address,
-    /// How long to wait for an answer [s]
+    /// Time to wait for an answer [s]
     #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds)]
     pub timeout: Duration,
-    /// Print JSON: one object, or one a line while something is going on
+    /// Print JSON: a single object, or one per line while a command runs
     #[arg(long, global = true, env = "TESAKI_JSON")]
     pub json: bool,
-    /// Ask nothing, and do what the command line says; without a terminal nothing is asked anyway
+    /// Do not ask for confirmation (never asked for without a terminal)
     #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE")]
     pub non_interactive: bool,
-    /// Take command although another program has it; refused while the board is armed
+    /// Take command even if another program holds it; refused while the board is enabled
     #[arg(long, global = true, env = "TESAKI_TAKE_OVER")]
     pub take_over: bool,
-    /// Damage the line on purpose, such as seed=1,flip=1e-4,drop=1e-4 or all=1e-3
+    /// Inject faults into the link, for example seed=1,flip=1e-4,drop=1e-4 or all=1e-3
     #[arg(long, global = true, env = "TESAKI_LINK_FAULTS", value_name = "FAULTS")]
     pub link_faults: Option<LinkFaults>,
 }
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// List the ports at which a board may be
+    /// List the ports where a board may be connected
     List,
-    /// Say who the board is and how it is
+    /// Show identity and status of the board
     Info,
-    /// Find what is wrong between this PC and the board's joints, and say what to do
+    /// Diagnose everything from the port to the joints, with advice for each problem
     Doctor {
-        /// The robot's folder, to compare with the model on the board
+        /// Robot folder to compare with the model on the board
         #[arg(long, env = "TESAKI_ROBOT")]
         robot: Option<PathBuf>,
     },
-    /// Watch the joints live
+    /// Show the joints live
     Monitor,
-    /// Arm the board and hold the joints where they are, until Ctrl-C
-    Arm(Arm),
-    /// Switch the outputs off, whoever commands
-    Disarm,
-    /// Stop at once with the configured reaction, whoever commands
+    /// Enable the outputs and hold the joints where they are, until Ctrl-C
+    Enable(Enable),
+    /// Disable the outputs, even if another program commands
+    Disable,
+    /// Stop at once with the configured reaction, even if another program commands
     Stop,
-    /// Move joints to angles, then disarm
+    /// Move joints to angles, then disable the outputs
     Move(Move),
-    /// Lead fingertips to places in straight lines, then disarm
+    /// Move fingertips to positions along straight lines, then disable the outputs
     Reach(Reach),
     /// Grasp an object with three fingers, lift, turn and shift it, and put it down
     #[command(subcommand)]
     Grasp(Grasp),
-    /// Find out torque constants and friction of a hand's joints, from motions free and under load
+    /// Identify torque constants and friction of a hand's joints from free and loaded motion
     Identify(Identify),
-    /// Let an arm yield at its tool like a mass on a spring and a damper
+    /// Cartesian impedance control of an arm: the tool yields like a mass on a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),
-    /// Tell the board at which angles its joints stand
+    /// Set the current joint angles (homing of relative encoders)
     Home(Home),
-    /// Take what the force sensors of the tips read now for nothing: when nothing touches them
+    /// Zero the force sensors of the tips; nothing may touch them
     Tare,
-    /// Read the joints' state, or a parameter of the model such as safety.command_timeout or
+    /// Read the joint states, or a parameter of the model such as safety.command_timeout or
     /// joints.NAME.limits
     Read {
-        /// The parameter; `model` for all of them
+        /// Name of the parameter; `model` for all parameters
         path: Option<String>,
     },
     /// Change a parameter of the model on the board, until the next reset or push
     Set {
-        /// The parameter; `joints.*.…` means every joint
+        /// Name of the parameter; `joints.*.…` means every joint
         path: String,
         /// The value: a number, true, false, a word, or JSON
         #[arg(allow_hyphen_values = true)]
         value: String,
     },
-    /// The robot model: push, show, check
+    /// Push, show or check a robot model
     Model {
         #[command(subcommand)]
         command: ModelCommand,
     },
-    /// Compute kinematics of a robot's tips, or the least grip of contacts, for every row of a table, without
-    /// a board
+    /// Compute kinematics and dynamics of a robot, or the least grip of contacts, for every row of a table;
+    /// needs no board
     #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|grip")]
     Eval(Eval),
-    /// Read the faults since power-on
+    /// Show the faults since power-on
     Faults {
-        /// Clear them once read, which leads a board in fault back to disarmed
+        /// Clear them once read: a board in fault becomes disabled
         #[arg(long)]
         clear: bool,
     },
-    /// Record everything that goes into the control core and comes out of it, until Ctrl-C
+    /// Record all inputs and outputs of the control core, until Ctrl-C
     Record(Record),
-    /// Run the control core over a recording, and report the first bit that differs
+    /// Run the control core over a recording and report the first bit that differs
     Replay {
         /// The recording
         log: PathBuf,
     },
-    /// Share a board among several programs: one commands, the others watch
+    /// Share a board between several programs: one commands, the others watch
     Share {
-        /// Where the others find it: unix://PATH or tcp://HOST:PORT
+        /// Address for the other programs: unix://PATH or tcp://HOST:PORT
         listen: Address,
     },
-    /// Print the completions of a shell
+    /// Print shell completions
     Completions {
         /// The shell
         shell: clap_complete::Shell,
@@ -153,87 +153,87 @@ pub enum Command {
 pub enum ModelCommand {
     /// Send a robot's model to the board
     Push {
-        /// The robot's folder
+        /// Robot folder
         robot: PathBuf,
-        /// Only the chain with this tip, for a board that has one finger of a hand, such as finger1_tip
+        /// Push only the chain with this tip, for a board that drives one finger, for example finger1_tip
         #[arg(long, value_name = "TIP")]
         chain: Option<String>,
-        /// Values of this very machine, as `tesaki identify` writes them
+        /// Calibration of this machine, as written by `tesaki identify`
         #[arg(long, value_name = "FILE")]
         calibration: Option<PathBuf>,
     },
-    /// Print the model that the board uses
+    /// Print the model on the board
     Show,
-    /// Find what is wrong in a robot folder, by file and line, without a board
+    /// Report all problems of a robot folder by file and line; needs no board
     Check {
-        /// The robot's folder, or a URDF alone
+        /// Robot folder or URDF file
         robot: PathBuf,
     },
 }
 
 #[derive(Args)]
-pub struct Arm {
-    /// How the joints are controlled
+pub struct Enable {
+    /// Joint servo law
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
-    /// Disarm after so long [s]; without it, hold until Ctrl-C
+    /// Disable the outputs after this time [s]; without it, hold until Ctrl-C
     #[arg(long, value_parser = seconds)]
     pub duration: Option<Duration>,
 }
 
 #[derive(Args)]
 pub struct Move {
-    /// Where to: JOINT=ANGLE in rad; the other joints stay
+    /// Target angles, JOINT=ANGLE in rad; the other joints hold their angles
     #[arg(required = true, value_name = "JOINT=ANGLE", value_parser = joint_angle)]
     pub joints: Vec<(String, f32)>,
     /// The angles are in degrees
     #[arg(long)]
     pub degrees: bool,
-    /// The angles are counted from where the joints are
+    /// The angles are relative to the current ones
     #[arg(long)]
     pub relative: bool,
-    /// How the joints are controlled
+    /// Joint servo law
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
-    /// How near is there [rad]
+    /// Position tolerance [rad]
     #[arg(long, default_value_t = 0.005)]
     pub tolerance: f32,
-    /// Longest time to get there [s]
+    /// Fail if the targets are not reached within this time [s]
     #[arg(long, default_value = "20", value_parser = seconds)]
     pub within: Duration,
-    /// Once there, hold until Ctrl-C instead of disarming
+    /// After arrival, hold until Ctrl-C before disabling the outputs
     #[arg(long)]
     pub hold: bool,
 }
 
 #[derive(Args)]
 pub struct Reach {
-    /// Where to: TIP=X,Y,Z in m, in the robot's base frame; the other tips stay
-    #[arg(required = true, value_name = "TIP=X,Y,Z", value_parser = tip_place)]
+    /// Target positions, TIP=X,Y,Z in m in the robot's base frame; the other tips hold their positions
+    #[arg(required = true, value_name = "TIP=X,Y,Z", value_parser = tip_position)]
     pub tips: Vec<(String, [f32; 3])>,
-    /// The places are counted from where the tips are
+    /// The positions are relative to the current ones
     #[arg(long)]
     pub relative: bool,
-    /// Largest speed on the way [m/s]
+    /// Maximum speed along the path [m/s]
     #[arg(long, default_value_t = 0.05)]
     pub speed: f32,
-    /// How the joints are controlled
+    /// Joint servo law
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
-    /// How near is there [m]
+    /// Position tolerance [m]
     #[arg(long, default_value_t = 0.002)]
     pub tolerance: f32,
-    /// Once there, hold until Ctrl-C instead of disarming
+    /// After arrival, hold until Ctrl-C before disabling the outputs
     #[arg(long)]
     pub hold: bool,
 }
 
 #[derive(Args)]
 pub struct Home {
-    /// Where the joints stand: JOINT=ANGLE in rad
+    /// Current joint angles, JOINT=ANGLE in rad
     #[arg(value_name = "JOINT=ANGLE", value_parser = joint_angle)]
     pub joints: Vec<(String, f32)>,
-    /// The angle of the joints that are not named [rad]
+    /// Angle of all joints that are not named [rad]
     #[arg(long, allow_hyphen_values = true)]
     pub others: Option<f32>,
     /// The angles are in degrees
@@ -243,13 +243,13 @@ pub struct Home {
 
 #[derive(Args)]
 pub struct Record {
-    /// Where to: NAME.log for replays and NAME.mcap for viewers are made
+    /// Base name: writes NAME.log for replay and NAME.mcap for viewers
     #[arg(default_value = "recording")]
     pub name: PathBuf,
-    /// Stop after so long [s]; without it, at Ctrl-C
+    /// Stop after this time [s]; without it, at Ctrl-C
     #[arg(long, value_parser = seconds)]
     pub duration: Option<Duration>,
-    /// The robot's folder, whose URDF viewers need to draw it
+    /// Robot folder; viewers need its URDF to draw the robot
     #[arg(long, env = "TESAKI_ROBOT")]
     pub robot: Option<PathBuf>,
 }
@@ -257,9 +257,9 @@ pub struct Record {
 /// [`ServoMode`] on the command line.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Servo {
-    /// PID with pseudo-differentiator
+    /// PID controller with pseudo-differentiator
     Pid,
-    /// Observer of velocity and disturbance
+    /// State feedback with an observer of velocity and disturbance
     Observer,
 }
 
@@ -273,32 +273,33 @@ impl From<Servo> for ServoMode {
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| format!("{text:?} is no number of seconds"))?;
+    let seconds: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
     match Duration::try_from_secs_f64(seconds) {
         Ok(duration) if !duration.is_zero() => Ok(duration),
-        _ => Err(format!("{text} s is no time to wait")),
+        _ => Err(format!("{text} s: the time must be positive")),
     }
 }
 
 fn joint_angle(text: &str) -> Result<(String, f32), String> {
-    let (name, angle) =
-        text.split_once('=').ok_or_else(|| format!("{text:?} is not JOINT=ANGLE, such as f1_base=0.3"))?;
+    let (name, angle) = text
+        .split_once('=')
+        .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example f1_base=0.3"))?;
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
-        _ => Err(format!("{angle:?} is no angle")),
+        _ => Err(format!("{angle:?} is not an angle")),
     }
 }
 
-fn tip_place(text: &str) -> Result<(String, [f32; 3]), String> {
-    let (name, place) = text
+fn tip_position(text: &str) -> Result<(String, [f32; 3]), String> {
+    let (name, position) = text
         .split_once('=')
-        .ok_or_else(|| format!("{text:?} is not TIP=X,Y,Z, such as finger1_tip=0.09,0.04,0.1"))?;
-    let numbers: Vec<f32> = place.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+        .ok_or_else(|| format!("{text:?}: expected TIP=X,Y,Z, for example finger1_tip=0.09,0.04,0.1"))?;
+    let numbers: Vec<f32> = position.split(',').filter_map(|number| number.trim().parse().ok()).collect();
     match <[f32; 3]>::try_from(numbers) {
-        Ok(place) if place.iter().all(|value| value.is_finite()) && text.matches(',').count() == 2 => {
-            Ok((name.trim().to_owned(), place))
+        Ok(position) if position.iter().all(|value| value.is_finite()) && text.matches(',').count() == 2 => {
+            Ok((name.trim().to_owned(), position))
         }
-        _ => Err(format!("{place:?} is no place: three numbers with commas between, in m")),
+        _ => Err(format!("{position:?} is not a position: expected X,Y,Z in m")),
     }
 }
 

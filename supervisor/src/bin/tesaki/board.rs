@@ -1,4 +1,4 @@
-//! The short commands: list, info, disarm, stop, faults, share.
+//! The short commands: list, info, disable, stop, faults, share.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -12,7 +12,7 @@ use tesaki_supervisor::port::{self, Address, Reopening};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, hex, interrupted, version, words};
-use crate::failure::Failure;
+use crate::failure::{Failure, TROUBLESHOOTING};
 use crate::output;
 
 pub fn list(options: &Options) -> Result<(), Failure> {
@@ -25,7 +25,8 @@ pub fn list(options: &Options) -> Result<(), Failure> {
         .collect();
     output::result(options, &value, || {
         if found.is_empty() {
-            return "no ports: plug a board in, or start a simulated one with `cargo sim serve`".to_owned();
+            return "no ports found: connect a board, or start a simulated one with `cargo sim serve`"
+                .to_owned();
         }
         let mut text = String::new();
         for port in &found {
@@ -35,7 +36,7 @@ pub fn list(options: &Options) -> Result<(), Failure> {
     })
 }
 
-/// What the capabilities mean.
+/// The names of the capabilities.
 fn capabilities(bits: u32) -> String {
     let board = [(Identity::PLANT_LINK, "plant link"), (Identity::POWER_STAGES, "power stages")]
         .map(|(bit, name)| (bit, name.to_owned()));
@@ -49,7 +50,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let status = session.board.status()?;
     let value =
-        json!({ "port": session.place, "identity": session.identity, "status": output::exact(&status) });
+        json!({ "port": session.port, "identity": session.identity, "status": output::exact(&status) });
     output::result(options, &value, || {
         let Status { node, board } = &status;
         let Identity { firmware, image, board: number, capabilities: bits } = session.identity;
@@ -57,10 +58,10 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         let mut line = |name: &str, value: &str| {
             let _ = writeln!(text, "{name:<14} {value}");
         };
-        line("port", &session.place);
+        line("port", &session.port);
         line("firmware", &version(firmware));
-        line("image", &hex(&image, "none: the control core runs in a program"));
-        line("board", &hex(&number, "none: not a real microcontroller"));
+        line("image", &hex(&image, "none: the control core runs in a PC program"));
+        line("board", &hex(&number, "none: simulated"));
         line("capabilities", &capabilities(bits));
         let robot =
             if node.model.is_empty() { "none: push one with `tesaki model push`" } else { &node.model };
@@ -70,7 +71,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
             line("homed", &format!("{} joints", node.homed.count_ones()));
         }
         line("mode", &node.mode.to_string());
-        let read = if node.faults_read { "" } else { ", not all of them read" };
+        let read = if node.faults_read { "" } else { ", some unread" };
         line("faults", &format!("{}{read}", node.faults));
         let commander = match node.commander {
             None => "nobody".to_owned(),
@@ -86,7 +87,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
             line("last words", &board.last_words);
         }
         if board.stack_size > 0 {
-            line("stack", &format!("{} of {} bytes used at most", board.stack_used, board.stack_size));
+            line("stack", &format!("peak use {} of {} bytes", board.stack_used, board.stack_size));
         }
         let frames = board.supervisor_link.frames;
         let damaged = frames.overlong + frames.framing + frames.checksum + frames.malformed;
@@ -95,7 +96,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
     })
 }
 
-pub fn disarm(options: &Options) -> Result<(), Failure> {
+pub fn disable(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     session.board.disable()?;
     let mode = session.board.status()?.node.mode;
@@ -106,9 +107,11 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     session.board.ask("stop", Request::Stop)?;
     let mode = session.board.status()?.node.mode;
-    output::result(options, &json!({ "mode": mode }), || match mode {
-        Mode::Fault => "stopped, and in fault; `tesaki disarm` switches the outputs off".to_owned(),
-        mode => format!("there was nothing to stop: the board is {mode}"),
+    output::result(options, &json!({ "mode": mode }), || {
+        match mode {
+        Mode::Fault => "stopped; the board is in fault. `tesaki disable` switches the outputs off, `tesaki faults --clear` clears the fault".to_owned(),
+        mode => format!("nothing to stop: the board is {mode}"),
+    }
     })
 }
 
@@ -131,13 +134,16 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         for fault in &log.faults {
             let _ = writeln!(text, "{}", words(fault, model.as_ref()));
         }
-        let forgotten = log.total as usize - log.faults.len().min(log.total as usize);
-        if forgotten > 0 {
-            let _ = writeln!(text, "and {forgotten} older ones, no longer remembered");
+        let dropped = log.total as usize - log.faults.len().min(log.total as usize);
+        if dropped > 0 {
+            let _ = writeln!(text, "and {dropped} older faults, no longer stored");
         }
         let cleared = if clear { "; cleared" } else { "" };
         let faults = if log.total == 1 { "fault" } else { "faults" };
-        let _ = write!(text, "{} {faults} since power-on{cleared}. The board is {mode}", log.total);
+        let _ = write!(text, "{} {faults} since power-on{cleared}. The board is {mode}.", log.total);
+        if log.total > 0 {
+            let _ = write!(text, " See {TROUBLESHOOTING}");
+        }
         text
     })
 }
@@ -146,14 +152,14 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     let interrupted = interrupted()?;
     let mut board = Reopening::open(options.port.clone())?;
     let mut hub = Hub::listen(listen).map_err(Failure::file(listen.to_string()))?;
-    let place = board.port().map_or_else(String::new, |port| port.address().to_string());
+    let port = board.port().map_or_else(String::new, |port| port.address().to_string());
     output::notice(
         options,
-        &format!("{place} is shared at {}: use `--port {}`; Ctrl-C ends", hub.address(), hub.address()),
+        &format!("sharing {port} at {}: connect with `--port {0}`; Ctrl-C stops sharing", hub.address()),
     );
     while !interrupted.load(std::sync::atomic::Ordering::Relaxed) {
         hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
-            .map_err(Failure::file(place.clone()))?;
+            .map_err(Failure::file(port.clone()))?;
     }
     Ok(())
 }

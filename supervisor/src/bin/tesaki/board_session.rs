@@ -1,4 +1,4 @@
-//! A talk with a board.
+//! A connection to a board.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -17,31 +17,31 @@ use tesaki_supervisor::{Board, BoardError, LinkBoard};
 use crate::args::Options;
 use crate::failure::Failure;
 
-/// The line to the board: opened again when it goes away, and damaged on purpose where that is asked for.
+/// The link to the board: reopened when it is lost, with injected faults if requested.
 pub type Line = FaultyLink<Reopening>;
 
-/// [`tesaki::protocol::LEASE`] as time.
+/// [`tesaki::protocol::LEASE`] as a duration.
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
-/// A board that has said hello.
+/// A board that has answered the greeting.
 pub struct BoardSession {
     pub board: LinkBoard<Line>,
     pub identity: Identity,
-    /// Where it is.
-    pub place: String,
-    /// The latest of the task, when it was asked for without waiting.
+    /// The address of its port.
+    pub port: String,
+    /// The latest telemetry of the task that was requested without waiting.
     pub task: Option<TaskReport>,
-    /// Whether this program has the command.
+    /// Whether this program commands the board.
     commands: bool,
 }
 
-/// Whoever comes next need not wait until the board notices that we are gone.
+/// The next client need not wait for the lease to expire.
 impl Drop for BoardSession {
     fn drop(&mut self) {
         if self.commands {
             self.board.set_timeout(Duration::from_millis(300));
-            // An armed board refuses, rightly: its command timeout ends that.
-            let _ = self.board.ask("release the command", Request::ReleaseCommand);
+            // An enabled board refuses; its command timeout ends that.
+            let _ = self.board.ask("release command", Request::ReleaseCommand);
         }
     }
 }
@@ -51,14 +51,14 @@ impl BoardSession {
     pub fn open(options: &Options) -> Result<Self, Failure> {
         let mut board = dial(options)?;
         let identity = board.hello()?;
-        let place = place(&board);
-        Ok(Self { board, identity, place, task: None, commands: false })
+        let port = port_address(&board);
+        Ok(Self { board, identity, port, task: None, commands: false })
     }
 
-    /// The same, and takes command.
+    /// Opens the port, greets the board and takes command.
     pub fn command(options: &Options) -> Result<Self, Failure> {
         let mut session = Self::open(options)?;
-        // A commander that is gone is noticed after the lease; one that is not keeps the command.
+        // The lease of a commander that has gone expires; one that is active keeps command.
         let deadline = Instant::now() + LEASE + Duration::from_millis(200);
         loop {
             match session.board.take_command(options.take_over) {
@@ -82,8 +82,8 @@ impl BoardSession {
         })
     }
 
-    /// Sends a model, and waits a moment for the sensors to be read with it, so that the next command finds
-    /// them.
+    /// Sends a model, and waits until the sensors have been read with it, so that the next command finds
+    /// readings.
     pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
         self.board.push_model(model)?;
         let before = self.board.status()?.node.tick;
@@ -97,7 +97,7 @@ impl BoardSession {
         }
     }
 
-    /// The last fault in words; with the joint's name where the model is known.
+    /// Description of the last fault, with the joint's name if the model is known.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
         Ok(log.faults.last().map_or_else(|| "no fault is recorded".to_owned(), |fault| words(fault, model)))
@@ -108,8 +108,8 @@ impl BoardSession {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
     }
 
-    /// Asks a silent board for its streams again: it may have been reset or replaced, and know nothing of us.
-    /// Says whether it answered.
+    /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether it
+    /// answered.
     pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
         self.board.set_timeout(Duration::from_millis(200));
         let mut ask = || {
@@ -118,7 +118,7 @@ impl BoardSession {
         };
         match ask() {
             Ok(()) => Ok(true),
-            // It is asked again in a while.
+            // The caller tries again later.
             Err(BoardError::Timeout { .. }) => Ok(false),
             Err(error) => Err(error.into()),
         }
@@ -136,13 +136,13 @@ impl BoardSession {
             }
         }
         Err(Failure::Late(format!(
-            "no telemetry within {} s: the board has no sensor readings, or its control does not run (`tesaki doctor` \
-             looks closer)",
+            "no telemetry within {} s: the board has no sensor readings, or its control loop does not run (try \
+             `tesaki doctor`)",
             within.as_secs_f64()
         )))
     }
 
-    /// The tips, now; leaves a rate at which others can go on reading them.
+    /// The current tips; leaves the stream at a rate that other programs can use.
     pub fn tips(&mut self) -> Result<Tips, Failure> {
         self.board.set_rate(Stream::Tips, 10)?;
         let deadline = Instant::now() + Duration::from_secs(1);
@@ -152,18 +152,19 @@ impl BoardSession {
             }
         }
         Err(Failure::Late(
-            "the board told nothing of its tips within 1 s: no sensor readings? (`tesaki doctor` looks closer)".to_owned(),
+            "no telemetry of the tips within 1 s: does the board have sensor readings? (try `tesaki doctor`)"
+                .to_owned(),
         ))
     }
 
-    /// One telemetry, now; leaves the rate as a monitor would want it.
+    /// The current telemetry; leaves the stream at the rate of a monitor.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
         self.board.set_rate(Stream::Telemetry, 2)?;
         self.telemetry(Duration::from_secs(1))
     }
 }
 
-/// An error for a set-point that was refused; one that came late, or twice over a bad line, is none.
+/// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
         Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => Ok(()),
@@ -179,18 +180,18 @@ pub fn dial(options: &Options) -> Result<LinkBoard<Line>, Failure> {
     Ok(LinkBoard::new(link, options.timeout))
 }
 
-/// Where the board is.
-pub fn place(board: &LinkBoard<Line>) -> String {
+/// The address of the board's port.
+pub fn port_address(board: &LinkBoard<Line>) -> String {
     let port = board.link().get_ref().port();
     port.map_or_else(String::new, |port| port.address().to_string())
 }
 
-/// A fault in words.
+/// Description of a fault.
 pub fn words(fault: &Fault, model: Option<&RobotModel>) -> String {
     model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
-/// Set by Ctrl-C and by a polite end of the process.
+/// Set by Ctrl-C and by a request to terminate.
 pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     if let Some(flag) = FLAG.get() {
@@ -199,16 +200,16 @@ pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     let flag = Arc::new(AtomicBool::new(false));
     let signal = Arc::clone(&flag);
     ctrlc::set_handler(move || signal.store(true, Ordering::Relaxed))
-        .map_err(|error| Failure::Other(format!("Ctrl-C cannot be caught: {error}")))?;
+        .map_err(|error| Failure::Other(format!("cannot handle Ctrl-C: {error}")))?;
     Ok(Arc::clone(FLAG.get_or_init(|| flag)))
 }
 
-/// Version numbers as people write them.
+/// `major.minor.patch`.
 pub fn version([major, minor, patch]: [u8; 3]) -> String {
     format!("{major}.{minor}.{patch}")
 }
 
-/// Bytes as hexadecimal digits; `none` for those that are all zero.
+/// Bytes as hexadecimal digits; `none` if all are zero.
 pub fn hex(bytes: &[u8], none: &str) -> String {
     if bytes.iter().all(|&byte| byte == 0) {
         return none.to_owned();

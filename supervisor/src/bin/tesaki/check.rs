@@ -1,4 +1,4 @@
-//! `model check`: everything that is wrong in a robot folder, by file and line.
+//! `model check`: all problems of a robot folder, by file and line.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::args::Options;
 use crate::failure::Failure;
 use crate::output;
 
-/// What is right, and what is not.
+/// Results of a check.
 struct Checked {
     good: Vec<String>,
     findings: Vec<Finding>,
@@ -29,7 +29,7 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(wrong)))
 }
 
-/// A folder for a controller.
+/// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Result<Checked, Failure> {
     let (urdf, settings) = RobotFolder::read(path)?;
     let (folder, findings) = RobotFolder::check(path, &urdf, &settings);
@@ -57,12 +57,12 @@ fn summary(model: &RobotModel) -> Vec<String> {
     lines
 }
 
-/// A URDF without settings for a controller.
+/// Checks a URDF without settings for a controller.
 fn urdf(path: &Path) -> Result<Checked, Failure> {
     let file = Urdf::locate(path);
     let text = Urdf::read_text(&file)?;
     let (urdf, mut findings) = Urdf::check(&file, &text);
-    let why = if path.is_dir() { "no controller.toml there" } else { "a file alone" };
+    let why = if path.is_dir() { "the folder has no controller.toml" } else { "no robot folder was given" };
     let mut good = vec![format!("only the URDF is checked: {why}")];
     if let Some(urdf) = urdf {
         let mut missed = Vec::new();
@@ -73,7 +73,7 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
                 Err(other) => return Err(other.into()),
             }
         }
-        // When some tips are out of reach, as those of a gripper with slides, the others can be computed.
+        // If some tips cannot be computed, such as those of a gripper with prismatic joints, the others still can.
         if !urdf.reachable_tips(None).is_empty() {
             missed.iter_mut().for_each(|finding| finding.weight = Weight::Warning);
         }
@@ -110,7 +110,7 @@ fn text(checked: &Checked) -> String {
         let _ = writeln!(text, "ok    {good}");
     }
     for finding in &checked.findings {
-        let sign = if finding.is_error() { "BAD " } else { "look" };
+        let sign = if finding.is_error() { "BAD " } else { "warn" };
         let _ = writeln!(text, "{sign}  {}: {}", finding.place(), finding.message);
         if !finding.advice.is_empty() {
             let _ = writeln!(text, "      → {}", finding.advice);
@@ -118,8 +118,8 @@ fn text(checked: &Checked) -> String {
     }
     let errors = checked.findings.iter().filter(|finding| finding.is_error()).count();
     text + &match (errors, checked.findings.len() - errors) {
-        (0, 0) => "nothing is wrong".to_owned(),
-        (0, warnings) => format!("works; {warnings} to look at"),
-        (errors, _) => format!("{errors} to mend"),
+        (0, 0) => "no problems found".to_owned(),
+        (0, warnings) => format!("works; {}", output::counted(warnings, "warning")),
+        (errors, _) => format!("{} found", output::counted(errors, "problem")),
     }
 }

@@ -1,5 +1,4 @@
-//! `eval`: the control core's kinematics and dynamics of any robot, and its least grip, for every row of a
-//! table.
+//! `eval`: the control core's kinematics, dynamics and least grip for every row of a table.
 
 mod contacts;
 mod dynamics;
@@ -21,16 +20,16 @@ use crate::failure::Failure;
 use crate::output;
 use table::{Row, Table};
 
-/// Results: a header and as many values in every row, as text.
+/// A table of results as text.
 struct Results {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
-    /// What the user should know, for people and for programs.
+    /// Notes for the user.
     notes: Vec<String>,
     used: Vec<String>,
 }
 
-/// What is computed of a robot.
+/// A quantity of a robot.
 #[derive(Clone, Copy)]
 enum Quantity {
     Fk,
@@ -74,10 +73,10 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
     };
     results.notes.extend(unused(&table, &results.used));
     if others > 0 {
-        let place = urdf.path.display();
-        results
-            .notes
-            .push(format!("{others} findings that do not matter here: `tesaki model check {place}`"));
+        let path = urdf.path.display();
+        results.notes.push(format!(
+            "{others} findings that are irrelevant here; `tesaki model check {path}` lists them"
+        ));
     }
     let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
     let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
@@ -85,7 +84,7 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
     finish(options, &asked.output, &results, &text, &value)
 }
 
-/// What to compute: named tips, those with columns for the inverse, or all.
+/// The tips to compute: those named; else those with columns (inverse kinematics), or all.
 fn tips(urdf: &Urdf, asked: &Kinematics, what: Quantity, table: &Table) -> Result<Vec<String>, Failure> {
     if !asked.tip.is_empty() {
         return Ok(asked.tip.clone());
@@ -103,14 +102,14 @@ fn tips(urdf: &Urdf, asked: &Kinematics, what: Quantity, table: &Table) -> Resul
     match what {
         _ if !tips.is_empty() => Ok(tips),
         Quantity::Ik => {
-            let message = "no targets: name columns TIP.x, TIP.y, TIP.z [m], and TIP.qx, .qy, .qz, .qw for an \
+            let message = "no targets: add columns TIP.x, TIP.y, TIP.z [m], and TIP.qx, .qy, .qz, .qw for an \
                 orientation";
-            Err(table.error(1, &format!("{message}; tips are {}", all().join(", "))))
+            Err(table.error(1, &format!("{message}; the tips are {}", all().join(", "))))
         }
-        // The path to no place says what is wrong with the base.
+        // The path from the base to itself fails with the problem of the base.
         _ => {
             urdf.path(base, base.unwrap_or(urdf.base()))?;
-            Err(Failure::Other(format!("{}: no joint moves: nothing to compute", urdf.path.display())))
+            Err(Failure::Other(format!("{}: the robot has no moving joint", urdf.path.display())))
         }
     }
 }
@@ -126,7 +125,7 @@ fn drives(paths: &[SerialPath]) -> Vec<&Drive> {
     drives
 }
 
-/// Digits that mean this very number.
+/// The shortest digits that identify the number.
 fn exact(value: f32) -> String {
     format!("{value:?}")
 }
@@ -134,7 +133,7 @@ fn exact(value: f32) -> String {
 fn unused(table: &Table, used: &[String]) -> Option<String> {
     let unused: Vec<&str> =
         table.headers().iter().filter(|header| !used.contains(header)).map(String::as_str).collect();
-    (!unused.is_empty()).then(|| format!("columns that were not needed: {}", unused.join(", ")))
+    (!unused.is_empty()).then(|| format!("unused columns: {}", unused.join(", ")))
 }
 
 fn write(path: &Path, results: &Results) -> Result<(), Failure> {
@@ -153,7 +152,7 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
     }
 }
 
-/// Writes the results and tells what was done: on standard error when the results themselves go to standard
+/// Writes the results and prints a summary, which goes to standard error if the results go to standard
 /// output.
 fn finish(
     options: &Options,

@@ -1,4 +1,4 @@
-//! Why a command came to nothing, and the exit code that says so to scripts.
+//! The ways in which a command fails, with an exit code for scripts.
 
 use std::io;
 use std::path::PathBuf;
@@ -19,54 +19,57 @@ use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 use tesaki_supervisor::port::PortError;
 
-/// Why a command came to nothing.
+/// Documentation of faults and refusals.
+pub const TROUBLESHOOTING: &str = "docs/troubleshooting.md";
+
+/// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The command line makes no sense for this robot.
+    /// The arguments are invalid for this robot.
     #[error("{0}")]
     Usage(String),
-    /// There is no board, or its port cannot be opened.
+    /// No board was found, or its port cannot be opened.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// The board refused, does not answer, or is another one.
+    /// The board refused, does not answer, or uses another version of the protocol.
     #[error("{0}{hint}", hint = hint(.0))]
     Board(#[from] BoardError),
-    /// The board refused because of a joint that we know by name.
+    /// The board refused; joint and chain are given by name.
     #[error("{0}")]
     Refused(String),
     /// The board has no model yet.
-    #[error("the board has no robot model: send one with `tesaki model push robots/NAME`")]
+    #[error("the board has no robot model: push one with `tesaki model push robots/NAME`")]
     NoModel,
     /// The board is in fault.
     #[error(
-        "the board is in fault: {0}\nRead the faults and clear them with `tesaki faults --clear`, then try again"
+        "the board is in fault: {0}\nSee {TROUBLESHOOTING}. `tesaki faults --clear` shows and clears the faults"
     )]
     Fault(String),
-    /// Something took too long.
+    /// A timeout.
     #[error("{0}")]
     Late(String),
-    /// A robot folder.
+    /// An invalid robot folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
-    /// A file that says how to grasp.
+    /// An invalid grasp file.
     #[error(transparent)]
     GraspFile(#[from] GraspFileError),
-    /// A file that says how an arm is to yield.
+    /// An invalid impedance file.
     #[error(transparent)]
     ImpedanceFile(#[from] ImpedanceFileError),
-    /// A file with values of a machine.
+    /// An invalid calibration file.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// The hand could not be identified.
+    /// The identification failed.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
-    /// The hand did not take hold of the object, or could not go on with it.
-    #[error("{0}")]
+    /// The grasp failed.
+    #[error("{0}\nSee {TROUBLESHOOTING}")]
     Grasp(String),
-    /// A URDF.
+    /// An invalid URDF.
     #[error(transparent)]
     Urdf(#[from] UrdfError),
-    /// A file.
+    /// A file cannot be read or written.
     #[error("{path}: {source}", path = path.display())]
     File {
         /// Which.
@@ -77,36 +80,31 @@ pub enum Failure {
     /// Anything else.
     #[error("{0}")]
     Other(String),
-    /// The reader of our output has gone, which is its right.
-    #[error("nobody reads the output")]
+    /// The reader of the output has closed it, which is no error.
+    #[error("the output was closed")]
     Pipe,
 }
 
 /// What to do about a refusal, in terms of this program.
-fn hint(error: &BoardError) -> &'static str {
-    match error {
-        BoardError::Refused { refusal: Refusal::Commanded { .. }, .. } => " (with --take-over)",
-        BoardError::Refused { refusal: Refusal::NotHomed { .. }, .. } => {
-            " (`tesaki home JOINT=ANGLE … --others 0`)"
+fn hint(error: &BoardError) -> String {
+    let BoardError::Refused { refusal, .. } = error else { return String::new() };
+    let hint = match refusal {
+        Refusal::Commanded { .. } => " (with --take-over)",
+        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE … --others 0`)",
+        Refusal::Task(
+            TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
+            | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
+        ) => " (`tesaki tare`)",
+        Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault) => {
+            " (`tesaki faults --clear` does both)"
         }
-        BoardError::Refused {
-            refusal:
-                Refusal::Task(
-                    TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
-                    | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
-                ),
-            ..
-        } => " (`tesaki tare`)",
-        BoardError::Refused {
-            refusal: Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault),
-            ..
-        } => " (`tesaki faults --clear` does both)",
         _ => "",
-    }
+    };
+    format!("{hint}\nSee {TROUBLESHOOTING}")
 }
 
 impl Failure {
-    /// The number for scripts: see the help.
+    /// The exit code, see the help.
     pub const fn number(&self) -> u8 {
         match self {
             Self::Robot(_)
@@ -131,12 +129,12 @@ impl Failure {
         }
     }
 
-    /// [`Failure::number`] for the system.
+    /// [`Failure::number`] as an [`ExitCode`].
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.number())
     }
 
-    /// The same, with the joint's name instead of its number.
+    /// The same failure with names of joints and chains instead of their numbers.
     pub fn named(self, model: &RobotModel) -> Self {
         match &self {
             Self::Board(BoardError::Refused { refusal, .. }) => {
@@ -155,7 +153,7 @@ impl Failure {
         }
     }
 
-    /// For files.
+    /// A failure to read or write `path`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }

@@ -1,4 +1,4 @@
-//! `grasp`: an object in the hand.
+//! `grasp`: grasping and moving an object.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::protocol::{Request, TaskReport};
-use tesaki::task::grasping::{Failure as Trouble, GraspCommand, GraspTelemetry, Phase};
+use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskTelemetry};
 use tesaki_description::grasp;
 use tesaki_supervisor::Board;
@@ -19,36 +19,40 @@ use crate::failure::Failure;
 use crate::motion::{End, Motion};
 use crate::output;
 
-/// From one sign of life to the next: one for each tick of the board.
+/// Period of the keep-alive requests: one for each tick of the board.
 const PERIOD: Duration = Duration::from_millis(10);
 /// Shortest motion of an object [s].
-const SHORTEST: f32 = 1.0;
+const MIN_DURATION: f32 = 1.0;
 /// Longest motion of an object [s].
-const LONGEST: f32 = 600.0;
-/// A motion of minimum jerk is so many times as fast in its middle as on average.
+const MAX_DURATION: f32 = 600.0;
+/// Ratio of the peak to the mean speed of a minimum-jerk motion.
 const PEAK: f32 = 1.875;
 
 pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
     match command {
-        Grasp::Run(aim) => take(options, aim),
+        Grasp::Run(args) => grasp_object(options, args),
         Grasp::Status => status(options),
     }
 }
 
-fn take(options: &Options, aim: &Run) -> Result<(), Failure> {
-    let plan = grasp::load(&aim.file)?;
-    for (name, speed) in [("--speed", aim.speed), ("--turn-speed", aim.turn_speed)] {
+fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
+    let plan = grasp::load(&args.file)?;
+    for (name, speed) in [("--speed", args.speed), ("--turn-speed", args.turn_speed)] {
         if !(speed > 0.0 && speed.is_finite()) {
-            return Err(Failure::Usage(format!("{name} {speed}: a number above 0 is needed")));
+            return Err(Failure::Usage(format!("{name} {speed}: the speed must be above 0")));
         }
     }
     let mut motion = Motion::begin(options)?;
-    let ways = ways(aim, &Vector3::from(motion.model.gravity))?;
+    let steps = timed_steps(args, &Vector3::from(motion.model.gravity))?;
     output::confirm(
         options,
-        &format!("{} will grasp what is where {} says. Go on?", motion.model.name, aim.file.display()),
+        &format!(
+            "{} will grasp the object described in {}. Continue?",
+            motion.model.name,
+            args.file.display()
+        ),
     )?;
-    // From here on its telemetry comes, which tells of faults.
+    // Starts the telemetry, which reports faults.
     motion.positions()?;
     motion.enable(TaskConfig::Grasping(()))?;
     let begun = Instant::now();
@@ -61,70 +65,72 @@ fn take(options: &Options, aim: &Run) -> Result<(), Failure> {
     };
     let mut course =
         Course { options, motion, begun, tick, last, held_since: None, held_for: Duration::ZERO };
-    course.tell();
-    let result = course.go(&aim.file, &ways);
-    course.end(&aim.file, result)
+    course.report_phase();
+    let result = course.run(&args.file, &steps);
+    course.end(&args.file, result)
 }
 
-/// What to ask the hand for, and how long to wait then; `None`: until Ctrl-C.
-struct Way {
+/// A step of the grasp.
+struct TimedStep {
     command: Option<GraspCommand>,
+    /// How long to hold afterwards; `None`: until Ctrl-C.
     wait: Option<Duration>,
 }
 
-/// The steps as commands, each with a time that keeps the speeds.
-fn ways(aim: &Run, gravity: &Vector3<f32>) -> Result<Vec<Way>, Failure> {
+/// The steps as commands, each with a duration that respects the maximum speeds.
+fn timed_steps(args: &Run, gravity: &Vector3<f32>) -> Result<Vec<TimedStep>, Failure> {
     let up = if gravity.norm() > 0.0 { -gravity.normalize() } else { Vector3::z() };
     let (mut lift, mut shift, mut turn) = (0.0, Vector3::zeros(), Vector3::zeros());
-    let mut ways = Vec::new();
-    for step in &aim.steps {
-        let (place, turned) = (up * lift + shift, turn);
+    let mut steps = Vec::new();
+    for step in &args.steps {
+        let (last_position, last_turn) = (up * lift + shift, turn);
         match *step {
             Step::Lift(height) => lift = height,
             Step::Shift(to) => shift = Vector3::from(to),
             Step::Turn(to) => turn = Vector3::from(to),
             Step::Hold(wait) => {
-                ways.push(Way { command: None, wait });
+                steps.push(TimedStep { command: None, wait });
                 continue;
             }
         }
         let target = up * lift + shift;
-        // The angle between two turns is at most that between their vectors.
-        let needed =
-            ((target - place).norm() / aim.speed).max((turn - turned).norm() / aim.turn_speed) * PEAK;
-        let duration = needed.max(SHORTEST);
-        if duration > LONGEST {
+        // The angle between two rotations is at most the distance of their rotation vectors.
+        let needed = ((target - last_position).norm() / args.speed)
+            .max((turn - last_turn).norm() / args.turn_speed)
+            * PEAK;
+        let duration = needed.max(MIN_DURATION);
+        if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(
-                "a step would take {duration:.0} s, more than {LONGEST} s: a higher --speed or --turn-speed"
+                "a step would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"
             )));
         }
-        ways.push(Way {
+        steps.push(TimedStep {
             command: Some(GraspCommand::Move { translation: target.into(), rotation: turn.into(), duration }),
             wait: Some(Duration::ZERO),
         });
     }
-    if ways.is_empty() {
-        ways.push(Way { command: None, wait: None });
+    if steps.is_empty() {
+        steps.push(TimedStep { command: None, wait: None });
     }
-    Ok(ways)
+    Ok(steps)
 }
 
-/// A grasp that goes on.
+/// A grasp in progress.
 struct Course<'a> {
     options: &'a Options,
     motion: Motion<'a>,
     begun: Instant,
-    /// The last report on the hand, and its tick.
+    /// The latest telemetry of the hand, and its tick.
     tick: u32,
     last: GraspTelemetry,
-    /// When the hand held the object first, and for how long it has.
+    /// When the hand first held the object, and for how long.
     held_since: Option<Instant>,
     held_for: Duration,
 }
 
 impl Course<'_> {
-    /// Tells people what the hand does.
-    fn tell(&self) {
+    /// Prints the current phase.
+    fn report_phase(&self) {
         let seconds = self.begun.elapsed().as_secs_f32();
         output::notice(self.options, &format!("{seconds:6.2} s  the hand {}", self.last.phase));
     }
@@ -133,12 +139,12 @@ impl Course<'_> {
         let before = self.last.phase;
         (self.tick, self.last) = self.motion.grasp(command)?;
         if self.last.phase != before {
-            self.tell();
+            self.report_phase();
         }
         Ok(())
     }
 
-    /// Keeps the board going until `done`.
+    /// Sends keep-alive requests until `done`.
     fn follow(&mut self, mut done: impl FnMut(&GraspTelemetry, Instant) -> bool) -> Result<End, Failure> {
         let (options, begun) = (self.options, self.begun);
         let Self { motion, tick, last, held_since, held_for, .. } = self;
@@ -146,7 +152,7 @@ impl Course<'_> {
             PERIOD,
             |_| Request::Keep,
             |news, now| {
-                // What was on its way when the hand was told something still says otherwise.
+                // Telemetry sent before the last command may still arrive.
                 if let Some(TaskReport { tick: told, telemetry: TaskTelemetry::Grasping(grasp) }) = &news.task
                     && told.wrapping_sub(*tick) < 1 << 31
                 {
@@ -165,26 +171,26 @@ impl Course<'_> {
         )
     }
 
-    /// Until the hand does nothing but stand or hold.
-    fn settle(&mut self) -> Result<End, Failure> {
+    /// Waits until the hand is ready or holds the object.
+    fn wait_until_idle(&mut self) -> Result<End, Failure> {
         self.follow(|grasp, _| matches!(grasp.phase, Phase::Ready | Phase::Hold))
     }
 
-    /// The whole course, from the first touch to the last step.
-    fn go(&mut self, file: &Path, ways: &[Way]) -> Result<End, Failure> {
-        if self.settle()? == End::Interrupted {
+    /// Grasps the object and carries out all steps.
+    fn run(&mut self, file: &Path, steps: &[TimedStep]) -> Result<End, Failure> {
+        if self.wait_until_idle()? == End::Interrupted {
             return Ok(End::Interrupted);
         }
         self.check(file)?;
-        for way in ways {
-            if let Some(command) = way.command {
+        for step in steps {
+            if let Some(command) = step.command {
                 self.command(command)?;
-                if self.settle()? == End::Interrupted {
+                if self.wait_until_idle()? == End::Interrupted {
                     return Ok(End::Interrupted);
                 }
                 self.check(file)?;
             }
-            let until = way.wait.map(|wait| Instant::now() + wait);
+            let until = step.wait.map(|wait| Instant::now() + wait);
             if until.is_none() {
                 output::notice(self.options, "holding; Ctrl-C puts the object down");
             }
@@ -196,35 +202,35 @@ impl Course<'_> {
     }
 
     fn check(&self, file: &Path) -> Result<(), Failure> {
-        self.last.failure.map_or(Ok(()), |trouble| Err(Failure::Grasp(in_words(&trouble, file))))
+        self.last.failure.map_or(Ok(()), |failure| Err(Failure::Grasp(with_advice(&failure, file))))
     }
 
-    /// Puts down what is in the hand, and switches off.
+    /// Puts the object down and disables the board.
     fn end(mut self, file: &Path, result: Result<End, Failure>) -> Result<(), Failure> {
-        let gone = |failure: &Failure| {
+        let is_fatal = |failure: &Failure| {
             !matches!(
                 failure,
                 Failure::Grasp(_) | Failure::Board(tesaki_supervisor::BoardError::Refused { .. })
             )
         };
-        let interrupted_by = match result {
+        let was_interrupted = match result {
             Err(Failure::Fault(fault)) => return Err(self.fault(&fault)),
-            Err(failure) if gone(&failure) => return Err(failure),
+            Err(failure) if is_fatal(&failure) => return Err(failure),
             Ok(End::Interrupted) => true,
             _ => false,
         };
-        if interrupted_by {
+        if was_interrupted {
             interrupted()?.store(false, Ordering::Relaxed);
             if !matches!(self.last.phase, Phase::Ready | Phase::Approach | Phase::Touch) {
                 output::notice(
                     self.options,
-                    "\nCtrl-C: puts the object down; once more: disarms, and it falls",
+                    "\nCtrl-C: putting the object down; Ctrl-C again disables at once, and the object falls",
                 );
             }
         }
-        match self.put_away(file) {
+        match self.put_down(file) {
             Err(Failure::Fault(fault)) => return Err(self.fault(&fault)),
-            Err(failure) if gone(&failure) => return Err(failure),
+            Err(failure) if is_fatal(&failure) => return Err(failure),
             Err(failure) => {
                 self.motion.end(false)?;
                 return Err(result.err().unwrap_or(failure));
@@ -232,7 +238,7 @@ impl Course<'_> {
             Ok(()) => {}
         }
         let (last, held_for) = (self.last, self.held_for.as_secs_f32());
-        self.motion.end(interrupted_by)?;
+        self.motion.end(was_interrupted)?;
         result?;
         let value = json!({
             "held_seconds": output::exact(&held_for),
@@ -241,20 +247,20 @@ impl Course<'_> {
         });
         output::result(self.options, &value, || {
             format!(
-                "done: held for {held_for:.1} s, coefficient of friction {:.2}, a contact slid in {}",
+                "done: held for {held_for:.1} s, coefficient of friction {:.2}, contacts slipped in {}",
                 last.friction,
                 output::counted(last.slips.into(), "tick"),
             )
         })
     }
 
-    fn put_away(&mut self, file: &Path) -> Result<(), Failure> {
+    fn put_down(&mut self, file: &Path) -> Result<(), Failure> {
         match self.last.phase {
             Phase::Ready | Phase::Approach | Phase::Touch => return Ok(()),
             Phase::Squeeze | Phase::ProbeFriction => self.command(GraspCommand::Open)?,
             Phase::Hold => {}
             Phase::Move | Phase::Lower | Phase::Open => {
-                if self.settle()? == End::Interrupted {
+                if self.wait_until_idle()? == End::Interrupted {
                     return Ok(());
                 }
             }
@@ -262,54 +268,54 @@ impl Course<'_> {
         if self.last.phase == Phase::Hold {
             self.command(GraspCommand::PutDown)?;
         }
-        if self.settle()? == End::Interrupted || self.last.phase != Phase::Hold {
+        if self.wait_until_idle()? == End::Interrupted || self.last.phase != Phase::Hold {
             return Ok(());
         }
-        // Nothing below, or a finger at its end: only somebody who is there can say when to let go.
+        // Nothing supports the object, or a finger is at its limit: the operator decides when to release it.
         output::notice(
             self.options,
-            &self.last.failure.map_or_else(String::new, |trouble| in_words(&trouble, file)),
+            &self.last.failure.map_or_else(String::new, |failure| with_advice(&failure, file)),
         );
-        output::notice(self.options, "holding; Ctrl-C lets go");
+        output::notice(self.options, "holding; Ctrl-C releases the object");
         self.follow(|grasp, _| grasp.phase == Phase::Ready)?;
         interrupted()?.store(false, Ordering::Relaxed);
-        let trouble = self.check(file);
+        let outcome = self.check(file);
         self.command(GraspCommand::Open)?;
-        self.settle()?;
-        trouble
+        self.wait_until_idle()?;
+        outcome
     }
 
-    /// A fault, and what it means for what is in the hand.
+    /// A fault, with its consequence for the object.
     fn fault(&self, fault: &str) -> Failure {
         if self.held_since.is_none() {
             return Failure::Fault(fault.to_owned());
         }
         Failure::Fault(format!(
-            "{fault}\nWhat was in the hand has fallen, or the joints hold it with the model's reaction: `tesaki disarm` \
-             lets go"
+            "{fault}\nThe object has fallen, or is still held if the model's reaction is `hold`: `tesaki disable` \
+             releases it"
         ))
     }
 }
 
-/// What went wrong, and what to do.
-fn in_words(trouble: &Trouble, file: &Path) -> String {
+/// The failure with advice.
+fn with_advice(failure: &GraspFailure, file: &Path) -> String {
     let file = file.display();
-    let advice = match trouble {
-        Trouble::Obstructed { .. } => format!(
-            "Is something in its way? It goes straight to the place in front of its [[contact]] in {file}: start with \
-             the fingers open (`tesaki move`). With nothing in the way, tare again (`tesaki tare`)"
+    let advice = match failure {
+        GraspFailure::Obstructed { .. } => format!(
+            "Is there an obstacle? The finger moves in a straight line to a position in front of its [[contact]] in \
+             {file}: start with open fingers (`tesaki move`). If there is no obstacle, tare again (`tesaki tare`)"
         ),
-        Trouble::NothingThere { .. } => format!(
-            "Is the object where [object] in {file} says? A larger clearance there lets the fingers feel farther"
+        GraspFailure::NothingThere { .. } => format!(
+            "Is the object where [object] in {file} says? With a larger clearance there the fingers search farther"
         ),
-        Trouble::NoGrip { .. } => format!(
-            "Can the fingers press so hard? Compare force_limit and internal in {file} with the joints' torques, and see \
-             whether the object gives way"
+        GraspFailure::NoGrip { .. } => format!(
+            "Can the fingers exert this force? Compare force_limit and internal in {file} with the torque limits of the joints, \
+             and check that the object does not yield"
         ),
-        Trouble::NothingBelow { .. } => "Put something under it, or take it with your hand".to_owned(),
-        Trouble::OutOfReach { .. } => "Smaller steps, or grasp the object elsewhere".to_owned(),
+        GraspFailure::NothingBelow { .. } => "Put something under the object, or take it by hand".to_owned(),
+        GraspFailure::OutOfReach { .. } => "Take smaller steps, or grasp the object elsewhere".to_owned(),
     };
-    format!("{trouble}. {advice}")
+    format!("{failure}. {advice}")
 }
 
 fn status(options: &Options) -> Result<(), Failure> {
@@ -317,8 +323,8 @@ fn status(options: &Options) -> Result<(), Failure> {
     let grasp = session.board.read_grasp()?;
     output::result(options, &output::exact(&grasp), || {
         let mut text = format!("the hand {}\n", grasp.phase);
-        if let Some(trouble) = grasp.failure {
-            let _ = writeln!(text, "{:<14} {trouble}", "went wrong");
+        if let Some(failure) = grasp.failure {
+            let _ = writeln!(text, "{:<14} {failure}", "failure");
         }
         if matches!(grasp.phase, Phase::Ready | Phase::Approach | Phase::Touch) {
             return text;
@@ -334,12 +340,12 @@ fn status(options: &Options) -> Result<(), Failure> {
         line("load", format!("{} N; {} N·m", list(&grasp.load[..3], 2), list(&grasp.load[3..], 3)));
         for (finger, force) in (1..).zip(&grasp.wanted) {
             let size = Vector3::from(*force).norm();
-            line(&format!("finger {finger}"), format!("{size:.2} N wanted ({})", list(force, 2)));
+            line(&format!("finger {finger}"), format!("target {size:.2} N ({})", list(force, 2)));
         }
         line("friction", format!("{:.2}", grasp.friction));
         line("slips", output::counted(grasp.slips.into(), "tick"));
         if grasp.overloaded {
-            line("overloaded", "no forces within the limits hold the load".to_owned());
+            line("overloaded", "no contact forces within the limits hold the load".to_owned());
         }
         text
     })

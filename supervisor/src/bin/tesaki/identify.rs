@@ -23,51 +23,55 @@ use crate::board_session::{BoardSession, hex, interrupted, refused};
 use crate::failure::Failure;
 use crate::output;
 
-/// A set-point whose telemetry does not come is sent again after this time: well inside the command timeout.
-const PATIENCE: Duration = Duration::from_millis(30);
-/// A board that is silent for longer has gone.
+/// A set-point without telemetry in reply is sent again after this time, well below the command timeout.
+const RETRY: Duration = Duration::from_millis(30);
+/// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(5);
 
-pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
-    let plan = grasp::load(&aim.file)?;
-    let different = aim.grips.iter().skip(1).any(|&grip| (grip - aim.grips[0]).abs() > 0.0);
-    if !different || !aim.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
+pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
+    let plan = grasp::load(&args.file)?;
+    let different = args.grips.iter().skip(1).any(|&grip| (grip - args.grips[0]).abs() > 0.0);
+    if !different || !args.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
         return Err(Failure::Usage(format!(
-            "--grips: two or more different forces above 0 N and up to the {} N of force_limit in {} are needed",
+            "--grips: give at least two different forces above 0 N and at most {} N (force_limit in {})",
             plan.force_limit,
-            aim.file.display()
+            args.file.display()
         )));
     }
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
-    // Two minutes of work are not to end here.
-    let mut file = CalibrationFile::open(&aim.out)?;
-    let new = !aim.out.exists();
-    std::fs::OpenOptions::new().append(true).create(true).open(&aim.out).map_err(Failure::file(&aim.out))?;
+    // Checked before two minutes of measurements are at stake.
+    let mut file = CalibrationFile::open(&args.out)?;
+    let new = !args.out.exists();
+    std::fs::OpenOptions::new()
+        .append(true)
+        .create(true)
+        .open(&args.out)
+        .map_err(Failure::file(&args.out))?;
     if new {
-        let _ = std::fs::remove_file(&aim.out);
+        let _ = std::fs::remove_file(&args.out);
     }
     output::confirm(
         options,
         &format!(
-            "Every joint of {} will be swept by {} rad to either side, and then what is where {} says will be grasped and moved. \
-             Is there room?",
+            "Every joint of {} will be swept by ±{} rad; then the object described in {} will be grasped and moved. \
+             Is the workspace clear?",
             model.name,
-            aim.amplitude,
-            aim.file.display()
+            args.amplitude,
+            args.file.display()
         ),
     )?;
     let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
     rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
-    let settings = Settings { amplitude: aim.amplitude, strengths: aim.grips.clone() };
+    let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
     let mut line = Line {
         session,
         options,
         model: &model,
         interrupted: interrupted()?,
-        seen_armed: false,
+        seen_enabled: false,
         telemetry: None,
     };
     let found = identify(&mut line, &model, &plan, &settings);
@@ -75,7 +79,7 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     if found.is_err() {
         let _ = session.board.disable();
     }
-    // As a monitor wants them.
+    // The rates of `tesaki monitor`.
     let _ = session.board.set_rate(Stream::Telemetry, 2);
     let _ = session.board.set_rate(Stream::Tips, 10);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
@@ -83,17 +87,17 @@ pub fn run(options: &Options, aim: &Identify) -> Result<(), Failure> {
     let board = hex(&session.identity.board, "without a number");
     update(&mut file, &calibration, &model, &fits);
     let text = with_head(&file.to_string(), &model.name, &board);
-    let kept = std::fs::write(&aim.out, &text).map_err(Failure::file(&aim.out));
-    let out = kept.is_ok().then_some(aim.out.as_path());
+    let kept = std::fs::write(&args.out, &text).map_err(Failure::file(&args.out));
+    let out = kept.is_ok().then_some(args.out.as_path());
     output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;
     if kept.is_err() {
-        // It can be copied from here.
+        // The results are not lost: they can be copied from the terminal.
         output::notice(options, &text);
     }
     kept
 }
 
-/// The results as JSON: `null` where nothing was identified, and why.
+/// The results as JSON: `null` where nothing was identified, with the reason.
 fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&Path>) -> serde_json::Value {
     let number = |estimate: Estimate, scale: f64| json!({ "value": estimate.value * scale, "deviation": estimate.deviation * scale });
     let joints: serde_json::Map<String, serde_json::Value> = model
@@ -153,35 +157,35 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
         );
         let doubts = [("torque constant", fit.gain.err()), ("friction", fit.friction.err())];
         for (what, doubt) in doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?))) {
-            let _ = writeln!(notes, "{}: {what} not identified, because {doubt}", joint.name);
+            let _ = writeln!(notes, "{}: {what} not identified: {doubt}", joint.name);
         }
     }
     text.push_str(&notes);
     for grip in failed {
-        let _ = writeln!(text, "{grip}; the other grips were enough");
+        let _ = writeln!(text, "{grip}; the other grips were sufficient");
     }
     match out {
         Some(out) => {
             let _ = write!(
                 text,
-                "kept in {}; use it with `tesaki model push ROBOT --calibration {0}`",
+                "saved to {}; use it with `tesaki model push ROBOT --calibration {0}`",
                 out.display()
             );
         }
-        None => text.push_str("not kept in a file"),
+        None => text.push_str("not saved to a file"),
     }
     text
 }
 
-/// A board on the line.
+/// A connected board.
 struct Line<'a> {
     session: BoardSession,
     options: &'a Options,
     model: &'a RobotModel,
     interrupted: Arc<AtomicBool>,
-    /// What was on its way while the board was being armed still says otherwise.
-    seen_armed: bool,
-    /// Whose tips have not come yet.
+    /// Whether telemetry of the enabled board has come: older telemetry may still arrive.
+    seen_enabled: bool,
+    /// Telemetry whose tips have not come yet.
     telemetry: Option<Telemetry>,
 }
 
@@ -190,7 +194,7 @@ impl Machine for Line<'_> {
 
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Failure> {
         if matches!(request, Request::Enable(_)) {
-            self.seen_armed = false;
+            self.seen_enabled = false;
         }
         Ok(self.session.board.ask(action, request)?)
     }
@@ -203,18 +207,18 @@ impl Machine for Line<'_> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Other("interrupted: disarmed, and nothing was identified".to_owned()));
+                return Err(Failure::Other("interrupted: disabled; nothing was identified".to_owned()));
             }
             self.session.board.post(request.clone())?;
-            let deadline = Instant::now() + PATIENCE;
+            let deadline = Instant::now() + RETRY;
             while let Some(event) = self.session.board.next_event(deadline)? {
                 match event {
                     FromBoard::Telemetry(telemetry) => {
                         if telemetry.mode == Mode::Fault {
                             return Err(Failure::Fault(self.session.fault(Some(self.model))?));
                         }
-                        self.seen_armed |= matches!(telemetry.mode, Mode::Enabled(_));
-                        self.telemetry = self.seen_armed.then_some(telemetry);
+                        self.seen_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
+                        self.telemetry = self.seen_enabled.then_some(telemetry);
                     }
                     FromBoard::Tips(tips) => {
                         if let Some(telemetry) =
@@ -229,7 +233,7 @@ impl Machine for Line<'_> {
             }
         }
         Err(Failure::Late(format!(
-            "nothing came from the board for {} s: its own command timeout has stopped it",
+            "no data from the board for {} s; its command timeout has stopped it by now",
             GONE.as_secs()
         )))
     }

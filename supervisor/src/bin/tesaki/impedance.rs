@@ -1,4 +1,4 @@
-//! `impedance`: an arm that yields at its tool.
+//! `impedance`: Cartesian impedance control of an arm.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -17,44 +17,44 @@ use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion};
 use crate::output;
 
-/// Below this the Jacobian is nearly singular.
+/// Smallest singular value below which the Jacobian counts as nearly singular.
 const SINGULAR: f32 = 0.06;
 
 pub fn run(options: &Options, command: &Impedance) -> Result<(), Failure> {
     match command {
-        Impedance::Hold(aim) => hold(options, aim),
+        Impedance::Hold(args) => hold(options, args),
         Impedance::Status => status(options),
     }
 }
 
-fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
+fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let settings = impedance::load(&aim.file, &motion.model)?;
+    let settings = impedance::load(&args.file, &motion.model)?;
     output::confirm(
         options,
         &format!(
-            "{} will be powered and yield as {} says; at the end it is disarmed, and falls unless something holds it. \
-             Go on?",
+            "{} will be powered and yield as specified in {}. At the end it is disabled and falls unless it is supported. \
+             Continue?",
             motion.model.name,
-            aim.file.display()
+            args.file.display()
         ),
     )?;
-    // From here on its telemetry comes, which tells of faults.
+    // Starts the telemetry, which reports faults.
     motion.positions()?;
     motion.enable(TaskConfig::Impedance(settings))?;
-    output::notice(options, "armed: push the tool; Ctrl-C disarms");
+    output::notice(options, "enabled: push the tool; Ctrl-C disables");
     let begun = Instant::now();
-    let until = aim.duration.map(|duration| begun + duration);
+    let until = args.duration.map(|duration| begun + duration);
     let mut live = output::Live::new(options);
     let (mut force, mut distance) = (0.0_f32, 0.0_f32);
     let end = motion.drive(
         KEEP_ALIVE,
         |_| Request::Keep,
         |news, now| {
-            if let Some(TaskReport { telemetry: TaskTelemetry::Impedance(arm), .. }) = &news.task {
-                force = force.max(size(&arm.wrench));
-                distance = distance.max(size(&arm.error));
-                live.show(&in_a_line(arm));
+            if let Some(TaskReport { telemetry: TaskTelemetry::Impedance(tool), .. }) = &news.task {
+                force = force.max(norm(&tool.wrench));
+                distance = distance.max(norm(&tool.error));
+                live.show(&one_line(tool));
             }
             until.is_some_and(|until| now >= until)
         },
@@ -69,7 +69,7 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
     });
     output::result(options, &value, || {
         format!(
-            "done: yielded for {:.1} s, pushed by {force:.1} N at most and {:.1} mm away",
+            "done: compliant for {:.1} s, maximum force {force:.1} N, maximum deviation {:.1} mm",
             held.as_secs_f64(),
             1000.0 * distance
         )
@@ -78,12 +78,12 @@ fn hold(options: &Options, aim: &Hold) -> Result<(), Failure> {
 
 fn status(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
-    let arm = session.board.read_impedance()?;
-    output::result(options, &output::exact(&arm), || in_words(&arm))
+    let tool = session.board.read_impedance()?;
+    output::result(options, &output::exact(&tool), || table(&tool))
 }
 
-/// Length of the first three [m or N].
-fn size(six: &[f32; 6]) -> f32 {
+/// Norm of the linear part [m or N].
+fn norm(six: &[f32; 6]) -> f32 {
     Vector3::from_column_slice(&six[..3]).norm()
 }
 
@@ -91,30 +91,30 @@ fn list(values: &[f32], digits: usize) -> String {
     values.iter().map(|value| format!("{value:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
-fn in_a_line(arm: &ImpedanceTelemetry) -> String {
-    let contact = if arm.contact { "contact" } else { "free" };
-    let singular = if arm.sigma_min < SINGULAR { "  nearly singular" } else { "" };
+fn one_line(tool: &ImpedanceTelemetry) -> String {
+    let contact = if tool.contact { "contact" } else { "free" };
+    let singular = if tool.sigma_min < SINGULAR { "  nearly singular" } else { "" };
     format!(
-        "tool {} m, {:.1} mm off  {:.1} N, {contact}  elbow {:.3} rad{singular}",
-        list(&arm.position, 4),
-        1000.0 * size(&arm.error),
-        size(&arm.wrench),
-        arm.elbow,
+        "tool {} m, deviation {:.1} mm, force {:.1} N, {contact}  elbow {:.3} rad{singular}",
+        list(&tool.position, 4),
+        1000.0 * norm(&tool.error),
+        norm(&tool.wrench),
+        tool.elbow,
     )
 }
 
-fn in_words(arm: &ImpedanceTelemetry) -> String {
+fn table(tool: &ImpedanceTelemetry) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<14} {value}");
     };
-    line("position", format!("{} m", list(&arm.position, 4)));
-    line("orientation", format!("{} (x, y, z, w)", list(&arm.rotation, 4)));
-    line("off its place", format!("{} m; {} rad", list(&arm.error[..3], 4), list(&arm.error[3..], 4)));
-    line("pushed by", format!("{} N; {} N·m", list(&arm.wrench[..3], 2), list(&arm.wrench[3..], 3)));
-    line("contact", if arm.contact { "yes" } else { "no" }.to_owned());
-    line("elbow", format!("{:.4} rad", arm.elbow));
-    let singular = if arm.sigma_min < SINGULAR { ", nearly singular" } else { "" };
-    line("sigma_min", format!("{:.3}{singular}", arm.sigma_min));
+    line("position", format!("{} m", list(&tool.position, 4)));
+    line("orientation", format!("{} (x, y, z, w)", list(&tool.rotation, 4)));
+    line("deviation", format!("{} m; {} rad", list(&tool.error[..3], 4), list(&tool.error[3..], 4)));
+    line("wrench", format!("{} N; {} N·m", list(&tool.wrench[..3], 2), list(&tool.wrench[3..], 3)));
+    line("contact", if tool.contact { "yes" } else { "no" }.to_owned());
+    line("elbow", format!("{:.4} rad", tool.elbow));
+    let singular = if tool.sigma_min < SINGULAR { ", nearly singular" } else { "" };
+    line("sigma_min", format!("{:.3}{singular}", tool.sigma_min));
     text
 }

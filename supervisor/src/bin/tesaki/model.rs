@@ -35,7 +35,7 @@ pub fn push(
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
         return Err(Failure::Other(format!(
-            "the board has model {:08x} now, sent was {checksum:08x}: push it again",
+            "the board has model {:08x} instead of {checksum:08x}: push it again",
             node.model_checksum
         )));
     }
@@ -43,14 +43,14 @@ pub fn push(
         json!({ "robot": model.name, "joints": model.joints.len(), "checksum": format!("{checksum:08x}") });
     output::result(options, &value, || {
         format!(
-            "{}: {} joints, model {checksum:08x} is in use until the next reset",
+            "{}: {} joints; model {checksum:08x} is in use until the next reset",
             model.name,
             model.joints.len()
         )
     })
 }
 
-/// The checksum by which board and PC know a model.
+/// The checksum that identifies a model.
 pub fn checksum(model: &RobotModel) -> Result<u32, Failure> {
     let bytes = postcard::to_stdvec(model).map_err(BoardError::Encoding)?;
     Ok(tesaki::protocol::codec::checksum(&bytes))

@@ -1,4 +1,4 @@
-//! The commands that move joints: arm, move, home; what they share with `reach`.
+//! The commands `enable`, `move`, `home` and `tare`, and the control loop of all commands that move.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -12,105 +12,121 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
-use crate::args::{Arm, Home, Move, Options};
+use crate::args::{Enable, Home, Move, Options};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
 
-/// From one set-point to the next: well inside the command timeout, so that a few may be lost.
+/// Period of the set-points: well below the command timeout, so that a few may be lost.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// From one question after the object in the hand, or the arm, to the next.
+/// Period of the requests for the task's telemetry.
 const ASK: Duration = Duration::from_millis(50);
-/// From one line of JSON to the next.
+/// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
-/// A board that is silent for longer has gone.
+/// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(5);
-/// Telemetries in a row within the tolerance that count as arrived.
+/// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
-pub fn arm(options: &Options, arm: &Arm) -> Result<(), Failure> {
+pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
     let goal = motion.positions()?;
     output::confirm(
         options,
-        &format!("The joints of {} will be powered and hold. Go on?", motion.model.name),
+        &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
     )?;
-    motion.enable(TaskConfig::JointServo(arm.servo.into()))?;
-    output::notice(options, "armed: the joints hold; Ctrl-C disarms");
-    let until = arm.duration.map(|duration| Instant::now() + duration);
+    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    output::notice(options, "enabled: the joints hold; Ctrl-C disables");
+    let until = args.duration.map(|duration| Instant::now() + duration);
     let hold = goal_request(&goal)?;
     let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
     motion.end(end == End::Interrupted)
 }
 
-pub fn go(options: &Options, aim: &Move) -> Result<(), Failure> {
-    let mut motion = Motion::begin(options)?;
-    let unit = if aim.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    let mut goal = motion.positions()?;
-    for (name, angle) in &aim.joints {
-        let (index, joint) = find(&motion.model, name)?;
-        let base = if aim.relative { goal[index] } else { 0.0 };
-        goal[index] = base + angle * unit;
-        check(joint, goal[index])?;
-    }
-    let goal = goal;
-    let named = &aim.joints;
-    output::confirm(
-        options,
-        &format!("{} of {} will move. Go on?", output::counted(named.len(), "joint"), motion.model.name),
-    )?;
-    motion.enable(TaskConfig::JointServo(aim.servo.into()))?;
-    let deadline = Instant::now() + aim.within;
-    let (mut near, mut farthest) = (0, (0, 0.0_f32));
-    let set_point = goal_request(&goal)?;
-    let end =
-        motion.drive(
-            KEEP_ALIVE,
-            |_| set_point.clone(),
-            |news, now| {
-                if let Some(telemetry) = &news.telemetry {
-                    let errors =
-                        telemetry.joints.iter().zip(&goal).map(|(joint, goal)| abs(goal - joint.position));
-                    farthest = errors.enumerate().fold((0, 0.0), |worst, (index, error)| {
-                        if error > worst.1 { (index, error) } else { worst }
-                    });
-                    near = if farthest.1 <= aim.tolerance { near + 1 } else { 0 };
-                }
-                near >= ARRIVED || now >= deadline
+/// How near the joints are to their goals.
+#[derive(Default)]
+struct Progress {
+    /// Telemetries in a row within the tolerance.
+    within_tolerance: u32,
+    /// The joint with the largest error [rad].
+    worst: (usize, f32),
+}
+
+impl Progress {
+    fn update(&mut self, telemetry: &Telemetry, goal: &[f32], tolerance: f32) {
+        let errors = telemetry.joints.iter().zip(goal).map(|(joint, goal)| abs(goal - joint.position));
+        self.worst = errors.enumerate().fold(
+            (0, 0.0),
+            |worst, (index, error)| {
+                if error > worst.1 { (index, error) } else { worst }
             },
-        )?;
-    if end == End::Interrupted {
+        );
+        self.within_tolerance = if self.worst.1 <= tolerance { self.within_tolerance + 1 } else { 0 };
+    }
+
+    const fn arrived(&self) -> bool {
+        self.within_tolerance >= ARRIVED
+    }
+}
+
+pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
+    let mut motion = Motion::begin(options)?;
+    let mut goal = motion.positions()?;
+    set_goals(&mut goal, &motion.model, args)?;
+    let count = output::counted(args.joints.len(), "joint");
+    output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
+    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    let deadline = Instant::now() + args.within;
+    let mut progress = Progress::default();
+    let set_point = goal_request(&goal)?;
+    let done = |news: &News, now| {
+        if let Some(telemetry) = &news.telemetry {
+            progress.update(telemetry, &goal, args.tolerance);
+        }
+        progress.arrived() || now >= deadline
+    };
+    if motion.drive(KEEP_ALIVE, |_| set_point.clone(), done)? == End::Interrupted {
         return motion.end(true);
     }
-    if near < ARRIVED {
-        let joint = motion.model.joint_name(farthest.0).to_owned();
+    let (joint, error) = progress.worst;
+    if !progress.arrived() {
+        let joint = motion.model.joint_name(joint).to_owned();
         motion.end(false)?;
         return Err(Failure::Late(format!(
-            "{joint} is still {:.4} rad from its goal after {} s (tolerance {} rad): the board is disarmed. Is the joint \
-             blocked, or --within too short?",
-            farthest.1,
-            aim.within.as_secs_f64(),
-            aim.tolerance
+            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad); the board is disabled. Is the \
+             joint blocked, or --within too short?",
+            args.within.as_secs_f64(),
+            args.tolerance
         )));
     }
-    output::result(
-        options,
-        &json!({ "arrived": true, "largest_error": output::exact(&farthest.1) }),
-        || format!("arrived: the largest error is {:.4} rad", farthest.1),
-    )?;
-    if aim.hold {
-        output::notice(options, "holding; Ctrl-C disarms");
+    output::result(options, &json!({ "arrived": true, "largest_error": output::exact(&error) }), || {
+        format!("arrived: the largest error is {error:.4} rad")
+    })?;
+    if args.hold {
+        output::notice(options, "holding; Ctrl-C disables");
         motion.drive(KEEP_ALIVE, |_| set_point.clone(), |_, _| false)?;
     }
     motion.end(false)
 }
 
-pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
+/// Replaces the angles of the joints that are named.
+fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Failure> {
+    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    for (name, angle) in &args.joints {
+        let (index, joint) = find(model, name)?;
+        let base = if args.relative { goal[index] } else { 0.0 };
+        goal[index] = base + angle * unit;
+        check(joint, goal[index])?;
+    }
+    Ok(())
+}
+
+pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
-    let unit = if home.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    let mut angles: Vec<Option<f32>> = vec![home.others.map(|angle| angle * unit); model.joints.len()];
-    for (name, angle) in &home.joints {
+    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    let mut angles: Vec<Option<f32>> = vec![args.others.map(|angle| angle * unit); model.joints.len()];
+    for (name, angle) in &args.joints {
         let (index, _) = find(&model, name)?;
         angles[index] = Some(angle * unit);
     }
@@ -118,14 +134,14 @@ pub fn home(options: &Options, home: &Home) -> Result<(), Failure> {
     for (joint, angle) in model.joints.iter().zip(angles) {
         let angle = angle.ok_or_else(|| {
             Failure::Usage(format!(
-                "{} has no angle: name every joint, or give the rest with --others",
+                "{} has no angle: name every joint, or give the others with --others",
                 joint.name
             ))
         })?;
         check(joint, angle)?;
         positions.push(angle);
     }
-    output::confirm(options, "The joints will be taken to stand at these angles. Is that so?")?;
+    output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
     session.board.home(&positions)?;
     output::result(options, &json!({ "homed": output::exact(&positions) }), || {
         format!("{} homed", output::counted(positions.len(), "joint"))
@@ -139,7 +155,7 @@ fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
 
 pub fn tare(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
-    output::confirm(options, "What the tips feel now will be taken for nothing. Does nothing touch them?")?;
+    output::confirm(options, "The force sensors will be set to zero. Is nothing touching the tips?")?;
     session.board.tare()?;
     output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
 }
@@ -152,7 +168,7 @@ fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel)
     })
 }
 
-/// The board checks this, too, but knows no names.
+/// The board checks this too, but cannot name the joint.
 fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
     let limits = joint.limits;
     if angle >= limits.lower && angle <= limits.upper {
@@ -164,30 +180,30 @@ fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
     )))
 }
 
-/// Why a motion ended without a failure.
+/// How a motion ended without a failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// What was asked for is done.
+    /// It is complete.
     Done,
     /// Ctrl-C.
     Interrupted,
 }
 
-/// What came from the board since the last set-point.
+/// Data received since the last set-point.
 #[derive(Default)]
 pub struct News {
     pub telemetry: Option<Telemetry>,
-    /// What the running task says of itself.
+    /// Telemetry of the running task.
     pub task: Option<TaskReport>,
 }
 
-/// A board that this program commands and may have armed.
+/// A board that this program commands and may have enabled.
 pub struct Motion<'a> {
     session: BoardSession,
     options: &'a Options,
     pub model: RobotModel,
-    armed: bool,
-    /// Whether to ask for the task's own telemetry.
+    enabled: bool,
+    /// Whether to request the task's own telemetry.
     asks: bool,
 }
 
@@ -197,30 +213,30 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, armed: false, asks: false })
+        Ok(Self { session, options, model, enabled: false, asks: false })
     }
 
-    /// Where the joints are, within their limits.
+    /// The joint angles, clamped to their limits [rad].
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
         let telemetry = self.session.telemetry_now()?;
         let joints = telemetry.joints.iter().zip(&self.model.joints);
-        // A joint may rest against its stop, a hair outside.
+        // A joint at its stop may measure slightly outside.
         Ok(joints
             .map(|(state, joint)| state.position.clamp(joint.limits.lower, joint.limits.upper))
             .collect())
     }
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
-        // Caught from here on: Ctrl-C switches the outputs off.
+        // From here on Ctrl-C must not end the process before the outputs are off.
         interrupted()?;
-        // What joints do, telemetry tells.
+        // The joint servo has no telemetry beyond that of the joints.
         self.asks = !matches!(task, TaskConfig::JointServo(_));
         self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
-        self.armed = true;
+        self.enabled = true;
         Ok(())
     }
 
-    /// Tells the hand what to do next; returns the tick and what it does then.
+    /// Sends a grasp command; returns the tick and the hand's telemetry after it.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
         self.session.board.grasp(command)?;
         let report = self.session.board.read_task()?;
@@ -230,55 +246,38 @@ impl<'a> Motion<'a> {
         }
     }
 
-    /// Sends what `aim` says for each moment, one set-point `every` so long, until `done` says so.
+    /// Sends a set-point in each period `every`, until `done`.
     pub fn drive(
         &mut self,
         every: Duration,
-        mut aim: impl FnMut(Instant) -> Request,
+        mut set_point: impl FnMut(Instant) -> Request,
         mut done: impl FnMut(&News, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
         let (mut heard, mut reported, mut asked) = (Instant::now(), None::<Instant>, None::<Instant>);
-        // What was on its way while the board was being armed still says otherwise.
-        let mut seen_armed = false;
+        // Telemetry sent before the board was enabled may still arrive.
+        let mut seen_enabled = false;
         let mut next = Instant::now();
         loop {
             if interrupted.load(Ordering::Relaxed) {
                 return Ok(End::Interrupted);
             }
-            // Counted from the one before, so that being late does not add up.
+            // Relative to the last deadline, so that delays do not add up.
             let now = Instant::now();
             next = if now > next + every { now + every } else { next + every };
-            self.session.board.post(aim(now))?;
+            self.session.board.post(set_point(now))?;
             if self.asks && asked.is_none_or(|last| now - last >= ASK) {
                 asked = Some(now);
                 self.session.board.post(Request::ReadTask)?;
             }
-            let mut news = News::default();
-            while Instant::now() < next {
-                match self.session.telemetry(next.saturating_duration_since(Instant::now())) {
-                    Ok(telemetry) => news.telemetry = Some(telemetry),
-                    Err(Failure::Late(_)) => {}
-                    Err(failure) => return Err(self.abandon(failure.named(&self.model))),
-                }
-            }
+            let news = self.listen(next)?;
             let now = Instant::now();
-            news.task = self.session.task.take();
             if let Some(telemetry) = &news.telemetry {
                 heard = now;
-                if telemetry.mode == Mode::Fault {
-                    self.armed = false;
-                    let fault = self.session.fault(Some(&self.model))?;
-                    return Err(Failure::Fault(fault));
-                }
-                seen_armed |= matches!(telemetry.mode, Mode::Enabled(_));
-                if telemetry.mode == Mode::Disabled && seen_armed {
-                    self.armed = false;
-                    return Err(Failure::Other("another program disarmed the board".to_owned()));
-                }
+                self.check_mode(telemetry.mode, &mut seen_enabled)?;
             } else if now - heard > GONE {
                 return Err(self.abandon(Failure::Late(format!(
-                    "nothing came from the board for {} s: its own command timeout has stopped it",
+                    "no data from the board for {} s; its command timeout has stopped it by now",
                     GONE.as_secs()
                 ))));
             }
@@ -295,7 +294,40 @@ impl<'a> Motion<'a> {
         }
     }
 
-    /// What is new of the task, as JSON.
+    /// Receives until `deadline`.
+    fn listen(&mut self, deadline: Instant) -> Result<News, Failure> {
+        let mut news = News::default();
+        while Instant::now() < deadline {
+            match self.session.telemetry(deadline.saturating_duration_since(Instant::now())) {
+                Ok(telemetry) => news.telemetry = Some(telemetry),
+                Err(Failure::Late(_)) => {}
+                Err(failure) => return Err(self.abandon(failure.named(&self.model))),
+            }
+        }
+        news.task = self.session.task.take();
+        Ok(news)
+    }
+
+    /// Fails when the board is in fault, or was disabled by another program.
+    fn check_mode(&mut self, mode: Mode, seen_enabled: &mut bool) -> Result<(), Failure> {
+        match mode {
+            Mode::Fault => {
+                self.enabled = false;
+                Err(Failure::Fault(self.session.fault(Some(&self.model))?))
+            }
+            Mode::Disabled if *seen_enabled => {
+                self.enabled = false;
+                Err(Failure::Other("another program disabled the board".to_owned()))
+            }
+            Mode::Disabled => Ok(()),
+            Mode::Enabled(_) => {
+                *seen_enabled = true;
+                Ok(())
+            }
+        }
+    }
+
+    /// The latest telemetry as JSON.
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
             (false, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry).ok(),
@@ -304,19 +336,19 @@ impl<'a> Motion<'a> {
         }
     }
 
-    /// Switches off on the way out of a failure, if that is still possible.
+    /// Disables the board after a failure, if that is still possible.
     fn abandon(&mut self, failure: Failure) -> Failure {
-        if self.armed {
+        if self.enabled {
             let _ = self.session.board.disable();
         }
         failure
     }
 
-    /// Switches off and hands the command back.
+    /// Disables the board and releases command.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
         self.session.board.disable()?;
-        self.armed = false;
-        output::notice(self.options, if interrupted { "\ninterrupted: disarmed" } else { "disarmed" });
+        self.enabled = false;
+        output::notice(self.options, if interrupted { "\ninterrupted: disabled" } else { "disabled" });
         Ok(())
     }
 }

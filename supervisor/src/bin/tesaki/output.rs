@@ -1,4 +1,4 @@
-//! Printing, for people and for programs.
+//! Output as text and as JSON.
 
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -9,7 +9,7 @@ use tesaki::protocol::TaskReport;
 use crate::args::Options;
 use crate::failure::Failure;
 
-/// Prints `value` as JSON, or else what `text` makes.
+/// Prints `value` as JSON, or `text`.
 pub fn result<T: Serialize>(
     options: &Options,
     value: &T,
@@ -22,8 +22,8 @@ pub fn result<T: Serialize>(
     }
 }
 
-/// The value for JSON, with the shortest digits that mean its numbers. (`json!` alone would print those of
-/// their double precision.)
+/// The value for JSON, with the shortest digits that identify its single-precision numbers. (`json!` alone
+/// would print them in double precision.)
 pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
     serde_json::to_string(value).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
 }
@@ -32,7 +32,7 @@ pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
 pub fn task(report: &TaskReport) -> serde_json::Value {
     let mut value = serde_json::Map::new();
     value.insert("tick".to_owned(), report.tick.into());
-    // An enumeration is an object with the name of the variant for its only key.
+    // An enumeration is an object whose only key is the name of the variant.
     if let serde_json::Value::Object(of_task) = exact(&report.telemetry)
         && let Some((_, serde_json::Value::Object(fields))) = of_task.into_iter().next()
     {
@@ -49,15 +49,15 @@ pub fn line(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Tells people what is going on; silent for programs.
+/// Prints progress; silent with `--json`.
 pub fn notice(options: &Options, text: &str) {
     if !options.json {
         eprintln!("{text}");
     }
 }
 
-/// A line that is written anew again and again on a terminal, and now and then elsewhere; silent for
-/// programs.
+/// A status line, overwritten in place on a terminal and printed once a second elsewhere; silent with
+/// `--json`.
 pub struct Live {
     every: Option<Duration>,
     overwrites: bool,
@@ -71,7 +71,7 @@ impl Live {
         Self { every: (!options.json).then_some(every), overwrites, shown: None }
     }
 
-    /// Shows `text`, unless the last one was just shown.
+    /// Shows `text`, unless the line was updated just before.
     pub fn show(&mut self, text: &str) {
         let Some(every) = self.every else { return };
         if self.shown.is_some_and(|shown| shown.elapsed() < every) {
@@ -79,14 +79,14 @@ impl Live {
         }
         self.shown = Some(Instant::now());
         if self.overwrites {
-            // Back to the start, and away with what a longer one left.
+            // Return to the start, and erase the rest of a longer line.
             eprint!("\r{text}\x1b[K");
         } else {
             eprintln!("{text}");
         }
     }
 
-    /// Leaves the last one standing.
+    /// Ends the line; the last text stays visible.
     pub fn end(&self) {
         if self.overwrites && self.shown.is_some() {
             eprintln!();
@@ -94,7 +94,7 @@ impl Live {
     }
 }
 
-/// Says why the command came to nothing.
+/// Prints why the command failed.
 pub fn failure(options: &Options, failure: &Failure) {
     if matches!(failure, Failure::Pipe) {
         return;
@@ -107,7 +107,7 @@ pub fn failure(options: &Options, failure: &Failure) {
     }
 }
 
-/// Asks for consent where there is somebody to ask.
+/// Asks for confirmation on a terminal.
 pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     if options.non_interactive || options.json || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         return Ok(());
@@ -118,11 +118,11 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     if matches!(answer.trim(), "y" | "Y" | "yes") {
         Ok(())
     } else {
-        Err(Failure::Usage("not confirmed: nothing was done".to_owned()))
+        Err(Failure::Usage("not confirmed; nothing was done".to_owned()))
     }
 }
 
-/// A number of things, in words.
+/// A count with its noun in singular or plural.
 pub fn counted(count: usize, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }

@@ -1,4 +1,4 @@
-//! `read` and `set`: the joints' state, and the parameters of the model on the board.
+//! `read` and `set`: joint states, and parameters of the model on the board.
 
 use std::fmt::Write as _;
 
@@ -83,13 +83,13 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         let old = at_mut(&mut tree, name)?;
         if old.is_object() || (old.is_array() && !value.trim_start().starts_with('[')) {
             return Err(Failure::Usage(format!(
-                "{name} is a group: `tesaki read {name}` lists what is in it"
+                "{name} is a group of parameters: `tesaki read {name}` lists them"
             )));
         }
         *old = parse(old, value);
     }
     let changed: RobotModel = from_tree(tree).map_err(|problem| {
-        Failure::Usage(format!("{path} = {value}: {problem}; `tesaki read {path}` shows what stands there"))
+        Failure::Usage(format!("{path} = {value}: {problem}; `tesaki read {path}` shows the current value"))
     })?;
     changed.validate().map_err(|error| {
         let joint = error
@@ -103,7 +103,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     })
 }
 
-/// A word stays a word, and finds the spelling that the model has for it.
+/// A value from the command line; names of variants are capitalised as in the model.
 fn parse(old: &Value, text: &str) -> Value {
     match serde_json::from_str(text) {
         Ok(value) => value,
@@ -117,7 +117,7 @@ fn parse(old: &Value, text: &str) -> Value {
     }
 }
 
-/// The model as a tree, its joints by name.
+/// The model as a tree, with joints by name.
 fn tree(model: &RobotModel) -> Value {
     let mut tree = output::exact(model);
     if let Some(joints) = tree.get_mut("joints")
@@ -132,7 +132,7 @@ fn tree(model: &RobotModel) -> Value {
     tree
 }
 
-/// The reverse.
+/// The inverse of [`tree`].
 fn from_tree(mut tree: Value) -> Result<RobotModel, serde_json::Error> {
     if let Some(joints) = tree.get_mut("joints")
         && let Value::Object(named) = joints.take()
@@ -142,7 +142,7 @@ fn from_tree(mut tree: Value) -> Result<RobotModel, serde_json::Error> {
     serde_json::from_value(tree)
 }
 
-/// The paths that `path` means: `*` stands for every joint.
+/// The paths that match `path`: `*` stands for every joint.
 fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
     let Some((before, after)) = path.split_once('*') else {
         at(tree, path)?;
@@ -174,7 +174,7 @@ fn unknown(value: &Value, step: &str, path: &str) -> Failure {
         Value::Object(group) => group.keys().map(String::as_str).collect::<Vec<_>>().join(", "),
         _ => "nothing".to_owned(),
     };
-    Failure::Usage(format!("there is no {step:?} in {path:?}; there is: {known}"))
+    Failure::Usage(format!("there is no parameter {step:?} in {path:?}; known: {known}"))
 }
 
 fn leaves(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {

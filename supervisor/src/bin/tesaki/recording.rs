@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -26,118 +26,151 @@ use crate::output;
 
 /// A control period [ns].
 const TICK: u64 = 10_000_000;
-/// From one line of JSON to the next.
+/// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
-/// A board that is silent for longer has gone.
+/// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(30);
-/// An entry that is farther behind the last one comes from a board that was reset.
-const DELAYED: i32 = 100;
-/// So many entries may be on the way when the state is read.
-const BACKLOG: i32 = 10_000;
+/// An entry that is farther behind the last one comes from a board that was reset [entries].
+const MAX_DELAY: i32 = 100;
+/// Maximum number of entries in transit when the state is read.
+const MAX_BACKLOG: i32 = 10_000;
 
-pub fn record(options: &Options, record: &Record) -> Result<(), Failure> {
+pub fn record(options: &Options, args: &Record) -> Result<(), Failure> {
     let interrupted = interrupted()?;
     let mut session = BoardSession::open(options)?;
-    let model = session.model()?;
-    let robot = record.robot.as_deref().map(RobotFolder::load).transpose()?;
-    let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
-    let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
-    let log_path = record.name.with_extension("log");
-    let mcap_path = record.name.with_extension("mcap");
-
-    let about = BTreeMap::from([
-        ("robot".to_owned(), model.name.to_string()),
-        ("firmware".to_owned(), version(session.identity.firmware)),
-        ("image".to_owned(), hex(&session.identity.image, "none")),
-        ("board".to_owned(), hex(&session.identity.board, "none")),
-    ]);
-    let mcap_failure = |error: McapError| Failure::Other(format!("{}: {error}", mcap_path.display()));
-    let mut recording = Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure)?;
-    recording.metadata("tesaki", about).map_err(mcap_failure)?;
-    let mut viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
-    let file = File::create(&log_path).map_err(Failure::file(&log_path))?;
-    let mut log =
-        Log { file: BufWriter::new(file), model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 };
-    log.begin(&mut session).map_err(log_failure(&log_path))?;
-    session.board.set_rate(Stream::Telemetry, 1)?;
-    output::notice(
-        options,
-        &format!(
-            "recording {} to {} and {}; Ctrl-C ends",
-            model.name,
-            log_path.display(),
-            mcap_path.display()
-        ),
-    );
-
+    let mut recorder = Recorder::create(options, args, &mut session)?;
     let start = Instant::now();
-    let (mut reported, mut heard, mut asked) = (start, start, start);
-    let mut last_tick = None;
     while !interrupted.load(Ordering::Relaxed)
-        && record.duration.is_none_or(|duration| start.elapsed() < duration)
+        && args.duration.is_none_or(|duration| start.elapsed() < duration)
     {
+        recorder.step(&mut session)?;
+    }
+    let _ = session.board.set_rate(Stream::Log, 0);
+    recorder.finish()
+}
+
+/// A recording in progress, in both files.
+struct Recorder<'a> {
+    options: &'a Options,
+    log_path: PathBuf,
+    mcap_path: PathBuf,
+    log: ReplayLog,
+    viewer: Viewer,
+    /// When a line of JSON was last printed.
+    reported: Instant,
+    /// When the board was last heard.
+    heard: Instant,
+    /// When the rate of telemetry was last requested.
+    requested: Instant,
+    last_tick: Option<u32>,
+}
+
+impl<'a> Recorder<'a> {
+    fn create(options: &'a Options, args: &Record, session: &mut BoardSession) -> Result<Self, Failure> {
+        let model = session.model()?;
+        let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
+        let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
+        let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
+        let log_path = args.name.with_extension("log");
+        let mcap_path = args.name.with_extension("mcap");
+
+        let metadata = BTreeMap::from([
+            ("robot".to_owned(), model.name.to_string()),
+            ("firmware".to_owned(), version(session.identity.firmware)),
+            ("image".to_owned(), hex(&session.identity.image, "none")),
+            ("board".to_owned(), hex(&session.identity.board, "none")),
+        ]);
+        let mut recording =
+            Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
+        recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
+        let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
+        let mut log = ReplayLog::new(File::create(&log_path).map_err(Failure::file(&log_path))?);
+        log.begin(session).map_err(log_failure(&log_path))?;
+        session.board.set_rate(Stream::Telemetry, 1)?;
+        let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
+        let notice = format!("recording {} to {log_file} and {mcap_file}; Ctrl-C stops", model.name);
+        output::notice(options, &notice);
+        let (reported, heard, requested) = (Instant::now(), Instant::now(), Instant::now());
+        Ok(Self { options, log_path, mcap_path, log, viewer, reported, heard, requested, last_tick: None })
+    }
+
+    /// Takes the next event, if one comes within 50 ms.
+    fn step(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         let event = session.board.next_event(Instant::now() + Duration::from_millis(50))?;
         let now = Instant::now();
         match event {
             Some(FromBoard::Log(entry)) => {
-                heard = now;
-                log.entry(&mut session, entry).map_err(log_failure(&log_path))?;
+                self.heard = now;
+                self.log.entry(session, entry).map_err(log_failure(&self.log_path))?;
             }
             Some(FromBoard::Telemetry(telemetry)) => {
-                heard = now;
-                if telemetry.faults != viewer.faults {
-                    viewer.faults = telemetry.faults;
-                    let fault = session.board.faults()?.faults.last().copied();
-                    let text = fault.map_or_else(String::new, |fault| words(&fault, log.robot()));
-                    viewer.fault(&telemetry, &text).map_err(mcap_failure)?;
-                    output::notice(options, &text);
-                }
-                viewer.telemetry(&telemetry, log.robot()).map_err(mcap_failure)?;
-                // Rates are the board's, not ours: another program may have lowered this one.
-                let step =
-                    last_tick.replace(telemetry.tick).map_or(1, |last| telemetry.tick.wrapping_sub(last));
-                if step > 1 && now - asked > REPORT {
-                    asked = now;
-                    session.board.set_rate(Stream::Telemetry, 1)?;
-                }
+                self.heard = now;
+                self.telemetry(session, &telemetry)?;
             }
             _ => {}
         }
-        if now - heard > GONE {
+        if now - self.heard > GONE {
             return Err(Failure::Late(format!(
-                "nothing came from the board for {} s; what came before is in {}",
+                "no data from the board for {} s; the recording up to then is in {}",
                 GONE.as_secs(),
-                log_path.display()
+                self.log_path.display()
             )));
         }
-        if now - heard > REPORT && session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
-            session.board.set_timeout(options.timeout);
-            log.gap(&mut session, 0).map_err(log_failure(&log_path))?;
+        if now - self.heard > REPORT && session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
+            session.board.set_timeout(self.options.timeout);
+            self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
-        if options.json && now - reported > REPORT {
-            reported = now;
-            output::line(&json!({ "ticks": log.ticks, "gaps": log.gaps, "lost": log.lost }).to_string())?;
+        if self.options.json && now - self.reported > REPORT {
+            self.reported = now;
+            let ReplayLog { ticks, gaps, lost, .. } = self.log;
+            output::line(&json!({ "ticks": ticks, "gaps": gaps, "lost": lost }).to_string())?;
         }
+        Ok(())
     }
-    let _ = session.board.set_rate(Stream::Log, 0);
-    log.file.flush().map_err(Failure::file(&log_path))?;
-    viewer.recording.finish().map_err(mcap_failure)?;
-    let value =
-        json!({ "log": log_path, "mcap": mcap_path, "ticks": log.ticks, "gaps": log.gaps, "lost": log.lost });
-    output::result(options, &value, || {
-        format!(
-            "{} ticks recorded, {} gaps, {} entries lost on the line\n{}: try `tesaki replay {}`\n{}: for Foxglove, PlotJuggler or Rerun",
-            log.ticks,
-            log.gaps,
-            log.lost,
-            log_path.display(),
-            log_path.display(),
-            mcap_path.display()
-        )
-    })
+
+    fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
+        let Self { log, viewer, mcap_path, .. } = self;
+        if telemetry.faults != viewer.faults {
+            viewer.faults = telemetry.faults;
+            let fault = session.board.faults()?.faults.last().copied();
+            let text = fault.map_or_else(String::new, |fault| words(&fault, log.robot()));
+            viewer.fault(telemetry, &text).map_err(mcap_failure(mcap_path))?;
+            output::notice(self.options, &text);
+        }
+        viewer.telemetry(telemetry, log.robot()).map_err(mcap_failure(mcap_path))?;
+        // All clients share the rate: another program may have lowered it.
+        let last = self.last_tick.replace(telemetry.tick);
+        let step = last.map_or(1, |last| telemetry.tick.wrapping_sub(last));
+        let now = Instant::now();
+        if step > 1 && now - self.requested > REPORT {
+            self.requested = now;
+            session.board.set_rate(Stream::Telemetry, 1)?;
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        self.log.file.flush().map_err(Failure::file(&self.log_path))?;
+        self.viewer.recording.finish().map_err(mcap_failure(&self.mcap_path))?;
+        let ReplayLog { ticks, gaps, lost, .. } = self.log;
+        let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
+        let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": ticks, "gaps": gaps, "lost": lost });
+        output::result(self.options, &value, || {
+            format!(
+                "{ticks} ticks recorded, {gaps} gaps, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
+                 Foxglove, PlotJuggler or Rerun",
+                log_path.display(),
+                mcap_path.display()
+            )
+        })
+    }
 }
 
-/// Tells trouble with the file from trouble with the board.
+fn mcap_failure(path: &Path) -> impl FnOnce(McapError) -> Failure + '_ {
+    move |error| Failure::Other(format!("{}: {error}", path.display()))
+}
+
+/// Distinguishes errors of the file from errors of the board.
 fn log_failure(path: &Path) -> impl FnOnce(LogError) -> Failure + '_ {
     move |error| match error {
         LogError::File(source) => Failure::file(path)(source),
@@ -153,8 +186,8 @@ enum LogError {
     Board(#[from] BoardError),
 }
 
-/// The file from which the run can be repeated.
-struct Log {
+/// The file for `tesaki replay`.
+struct ReplayLog {
     file: BufWriter<File>,
     /// The model in the file and its checksum.
     model: Option<(RobotModel, u32)>,
@@ -167,9 +200,14 @@ struct Log {
     lost: u64,
 }
 
-impl Log {
-    /// What made the recording, the model if there is one, the state: all that a node needs that is as after
-    /// power-on.
+impl ReplayLog {
+    fn new(file: File) -> Self {
+        let file = BufWriter::new(file);
+        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 }
+    }
+
+    /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording, the
+    /// model, if there is one, and the state.
     fn begin(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let (identity, unix_time) = (session.identity, since.as_secs());
@@ -184,10 +222,10 @@ impl Log {
         self.state(session)
     }
 
-    /// The model, in its encoding.
+    /// Writes the encoded model.
     fn push(&mut self, model: &[u8]) -> Result<(), LogError> {
         self.model = Some((postcard::from_bytes(model).map_err(BoardError::from)?, checksum(model)));
-        // As a client of its own would have sent it; the state that follows knows nothing of that client.
+        // As the requests of a separate client; the state that follows does not contain that client.
         let mut sequence = 0;
         let mut request = |request| {
             sequence += 1;
@@ -215,13 +253,13 @@ impl Log {
         self.model.as_ref().map(|(robot, _)| robot)
     }
 
-    /// Entries are missing, or the board was reset: what follows cannot be repeated without its state, and
-    /// its model when that is another.
+    /// Entries are missing, or the board was reset: to replay what follows, its state is needed, and its model
+    /// if that has changed.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
         self.lost += u64::from(missing);
         self.write(&LogRecord::Gap { missing })?;
-        let mut go_on = || {
+        let mut resume = || {
             let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
             if session.board.status()?.node.model_checksum == known {
                 self.state(session)
@@ -229,14 +267,14 @@ impl Log {
                 self.begin(session)
             }
         };
-        match go_on() {
-            // The next entry, when there is one, shows the gap again.
+        match resume() {
+            // The next entry, if one comes, reveals the gap again.
             Err(LogError::Board(BoardError::Timeout { .. })) => Ok(()),
             other => other,
         }
     }
 
-    /// The state of the node now. Entries from before it that are still to come will be left out.
+    /// Writes the current state of the node. Older entries that still arrive are skipped.
     fn state(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
         for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
@@ -251,8 +289,8 @@ impl Log {
 
     fn entry(&mut self, session: &mut BoardSession, entry: LogEntry) -> Result<(), LogError> {
         let step = entry.index.wrapping_sub(self.last).cast_signed();
-        // From before the state; or the line doubled or delayed it.
-        let old = step <= 0 && step > if self.in_step { -DELAYED } else { -BACKLOG };
+        // Older than the state, or duplicated or delayed by the line.
+        let old = step <= 0 && step > if self.in_step { -MAX_DELAY } else { -MAX_BACKLOG };
         if old {
             return Ok(());
         }
@@ -291,7 +329,7 @@ impl Viewer {
         let time = self.time(telemetry);
         let joints = robot.map_or(&[][..], |robot| &robot.joints);
         if joints.len() != telemetry.joints.len() {
-            return Ok(()); // the board has just got another model
+            return Ok(()); // the board's model has just changed
         }
         let names: Vec<String> = joints.iter().map(|joint| joint.name.to_string()).collect();
         let list = |value: fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
@@ -328,12 +366,12 @@ pub fn replay(options: &Options, path: &Path) -> Result<(), Failure> {
                 Ok(record) => record,
                 Err(_) => {
                     damaged += 1;
-                    // What was lost is unknown, so what follows cannot be compared.
+                    // It is unknown what was lost, so what follows cannot be compared.
                     LogRecord::Gap { missing: 0 }
                 }
             };
             match &record {
-                LogRecord::Start(made) => start = Some(*made),
+                LogRecord::Start(log_start) => start = Some(*log_start),
                 LogRecord::Gap { .. } => gaps += 1,
                 _ => {}
             }
@@ -345,18 +383,18 @@ pub fn replay(options: &Options, path: &Path) -> Result<(), Failure> {
     }
     if ticks == 0 {
         return Err(Failure::Other(format!(
-            "{}: no tick could be compared; is this a recording of `tesaki record` or a simulator's frames.log?",
+            "{}: no tick could be compared; is this a log of `tesaki record`, or a simulator's frames.log?",
             path.display()
         )));
     }
     let value = json!({ "identical_ticks": ticks, "gaps": gaps, "damaged_frames": damaged, "start": start });
     output::result(options, &value, || {
-        let made = start.map_or_else(String::new, |start| {
+        let origin = start.map_or_else(String::new, |start| {
             let image = hex(&start.identity.image, "none");
             format!(" (recorded with firmware {}, image {image})", version(start.identity.firmware))
         });
         let gaps =
             if gaps == 0 { String::new() } else { format!("; {gaps} gaps, {damaged} damaged entries") };
-        format!("{ticks} ticks identical, to the last bit{made}{gaps}")
+        format!("{ticks} ticks identical to the last bit{origin}{gaps}")
     })
 }

@@ -12,11 +12,11 @@ use crate::board_session::{BoardSession, version, words};
 use crate::failure::Failure;
 use crate::output;
 
-/// Ticks between two telemetries.
+/// Ticks from one telemetry to the next.
 const EVERY: u16 = 4;
-/// What the view needs.
+/// The streams that the view needs.
 const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, 100)];
-/// Without telemetry for longer, the board is asked again.
+/// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 
 pub fn run(options: &Options) -> Result<(), Failure> {
@@ -36,9 +36,9 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             None => {}
             Some(Key::Quit) if overlay.is_some() => overlay = None,
             Some(Key::Quit) => break,
-            // Anyone may stop the machine; the answer shows in the view.
+            // Always granted; the view shows the result.
             Some(Key::Stop) => drop(session.board.post(Request::Stop)?),
-            Some(Key::Disarm) => drop(session.board.post(Request::Disable)?),
+            Some(Key::Disable) => drop(session.board.post(Request::Disable)?),
             Some(Key::ReadFaults) => {
                 watch.read_faults(&mut session)?;
                 overlay = if overlay == Some(Overlay::Faults) { None } else { Some(Overlay::Faults) };
@@ -54,7 +54,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One object a line, until the reader has had enough.
+/// One JSON object per line, until the reader closes the output.
 fn stream(session: &mut BoardSession) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
     loop {
@@ -74,7 +74,7 @@ struct Watch {
     /// When the last telemetry came.
     heard: Instant,
     last_tick: Option<u32>,
-    /// Telemetries in the second that runs.
+    /// Telemetries in the current second.
     frames: u32,
     second: Instant,
     known_faults: Option<u32>,
@@ -90,7 +90,7 @@ impl Watch {
             ..JointView::default()
         });
         let title =
-            format!("{} on {}, firmware {}", model.name, session.place, version(session.identity.firmware));
+            format!("{} on {}, firmware {}", model.name, session.port, version(session.identity.firmware));
         let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
         let view = View { title, joints: joints.collect(), link, ..View::default() };
         let now = Instant::now();
@@ -103,7 +103,7 @@ impl Watch {
         Ok(watch)
     }
 
-    /// Takes what comes until `deadline`.
+    /// Receives until `deadline`.
     fn listen(&mut self, session: &mut BoardSession, deadline: Instant) -> Result<(), Failure> {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
@@ -129,9 +129,9 @@ impl Watch {
         if silence > SILENCE {
             self.view.state = State::Lost;
             self.view.hint = if link.open {
-                "nothing comes: is the control running? `tesaki doctor` looks closer".to_owned()
+                "no telemetry: is the control loop running? Try `tesaki doctor`".to_owned()
             } else {
-                "the port is gone: plug it in again, this view goes on by itself".to_owned()
+                "the port has disappeared: reconnect it, and this view resumes".to_owned()
             };
             session.revive(STREAMS)?;
         }
@@ -156,9 +156,12 @@ impl Watch {
         self.view.time = f64::from(telemetry.tick) * 0.01;
         self.view.mode = telemetry.mode.to_string();
         (self.view.state, self.view.hint) = match telemetry.mode {
-            Mode::Disabled => (State::Disarmed, String::new()),
-            Mode::Enabled(_) => (State::Armed, "space stops the machine".to_owned()),
-            Mode::Fault => (State::Fault, "`tesaki faults --clear` leads back to disarmed".to_owned()),
+            Mode::Disabled => (State::Disabled, String::new()),
+            Mode::Enabled(_) => (State::Enabled, "space stops the robot".to_owned()),
+            Mode::Fault => (
+                State::Fault,
+                "see docs/troubleshooting.md; `tesaki faults --clear` clears the fault".to_owned(),
+            ),
         };
         for (view, joint) in self.view.joints.iter_mut().zip(&telemetry.joints) {
             view.remember(joint.position);

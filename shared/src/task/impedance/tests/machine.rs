@@ -7,14 +7,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance};
-use crate::kinematics::{Chain, Jacobian};
+use crate::kinematics::{Chain, ElbowSetpoint, Jacobian, PosePoint};
 use crate::model::{
     ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety, test_joint,
 };
-use crate::task::impedance::resolve::Joints;
+use crate::task::impedance::redundancy::Joints;
 use crate::task::impedance::{
-    Arm, ArmCommand, ArmSense, ArmState, ElbowSetpoint, ForceSource, ImpedanceSettings, Law, PosePoint,
-    Redundancy,
+    Arm, ArmOutput, ArmSense, ForceSource, ImpedanceSettings, ImpedanceState, Law, Redundancy,
 };
 
 /// The shape of `robots/arm7`, in round numbers.
@@ -116,10 +115,10 @@ impl Machine {
         self.chain.posture(angles).jacobian()
     }
 
-    pub fn state(&self, settings: &ImpedanceSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ArmState {
-        let mut state = ArmState::NONE;
-        state.configure(&self.arm(), settings).unwrap();
-        state.begin(&self.arm(), angles).unwrap();
+    pub fn state(&self, settings: &ImpedanceSettings, angles: &[f32; MAX_CHAIN_JOINTS]) -> ImpedanceState {
+        let mut state = ImpedanceState::NONE;
+        settings.validate(7).unwrap();
+        state.begin(&self.arm(), settings, angles);
         state
     }
 
@@ -137,7 +136,7 @@ impl Machine {
 }
 
 /// One that feels nothing, its joints at the angles of `command`'s points a tick later.
-pub fn follow(command: &ArmCommand) -> ArmSense {
+pub fn follow(command: &ArmOutput) -> ArmSense {
     let mut sense = ArmSense::default();
     let all = sense.angles.iter_mut().zip(&mut sense.velocities).zip(&command.points);
     all.for_each(|((angle, velocity), point)| {
@@ -147,13 +146,13 @@ pub fn follow(command: &ArmCommand) -> ArmSense {
     sense
 }
 
-pub fn accelerations(command: &ArmCommand) -> Joints {
+pub fn accelerations(command: &ArmOutput) -> Joints {
     Joints::from(command.points.map(|point| point.acceleration))
 }
 
 /// The elbow where it is.
-pub fn elbow(machine: &Machine, state: &ArmState) -> ElbowSetpoint {
+pub fn elbow(machine: &Machine, state: &ImpedanceState) -> ElbowSetpoint {
     let sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
-    let angle = state.telemetry(&machine.arm(), &sense, 0).elbow;
+    let angle = state.telemetry(&machine.arm(), &sense, &machine.chain.posture(&sense.angles)).elbow;
     ElbowSetpoint { angle, ..ElbowSetpoint::default() }
 }

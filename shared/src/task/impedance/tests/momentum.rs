@@ -4,14 +4,14 @@ use super::machine::Machine;
 use crate::TICK;
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::momentum::MomentumObserver;
-use crate::task::impedance::resolve::Joints;
+use crate::task::impedance::redundancy::Joints;
 
 /// Of each tick: angles, torques held from then on, and the joint torques of a push behind a filter of 30
 /// rad/s, half a period ago (`tests/oracles/momentum.py`).
 type Moved = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS]);
 
 #[allow(clippy::excessive_precision, reason = "as the script has them")]
-const MOVED: &[Moved] = include!("../../../../tests/oracles/data/momentum.in");
+const MOVED: &[Moved] = include!("../../../../../tests/oracles/data/momentum.in");
 
 #[test]
 fn torques_of_the_world_are_found_in_those_of_the_motors() {

@@ -7,7 +7,7 @@ use nalgebra::{SVector, Vector6};
 use super::machine::{Machine, POSTURES};
 use crate::kinematics::Jacobian;
 use crate::model::MAX_CHAIN_JOINTS;
-use crate::task::impedance::resolve::Resolver;
+use crate::task::impedance::redundancy::Resolver;
 
 /// Solves for `tool` as often as it takes to know the weakest direction.
 fn resolver(jacobian: Jacobian, driven: Option<usize>) -> (Resolver, f32) {

@@ -3,7 +3,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::machine::{Machine, POSTURES, SOFT, elbow};
-use crate::task::impedance::{ArmSense, ArmState, ElbowSetpoint, ImpedanceSettings, PosePoint};
+use crate::kinematics::{ElbowSetpoint, PosePoint};
+use crate::task::impedance::{ArmSense, ImpedanceSettings};
 
 #[test]
 fn the_orientation_takes_the_shorter_way() {
@@ -18,10 +19,10 @@ fn the_orientation_takes_the_shorter_way() {
             let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle)
                 * UnitQuaternion::new_unchecked(nalgebra::Quaternion::from(point.rotation));
             point.rotation = (turn.coords * sign).into();
-            state.aim(&machine.arm(), &point, &elbow(&machine, &state)).unwrap();
+            state.set_target(&machine.arm(), &point, &elbow(&machine, &state)).unwrap();
             let sense = ArmSense { angles, ..ArmSense::default() };
             state.tick(&machine.arm(), &sense).unwrap();
-            let error = state.telemetry(&machine.arm(), &sense, 0).error;
+            let error = state.telemetry(&machine.arm(), &sense, &machine.chain.posture(&sense.angles)).error;
             assert!((error[4] + angle).abs() < 1e-4 && error[3].abs() < 1e-3, "{angle} {sign}: {error:?}");
         }
     }
@@ -60,7 +61,7 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
     let refused = |point: PosePoint, elbow: ElbowSetpoint, text: &str| {
         let mut state = state;
         let before = postcard::to_stdvec(&state).unwrap();
-        let error = state.aim(&machine.arm(), &point, &elbow).unwrap_err().to_string();
+        let error = state.set_target(&machine.arm(), &point, &elbow).unwrap_err().to_string();
         assert!(error.contains(text), "{error}");
         assert_eq!(postcard::to_stdvec(&state).unwrap(), before);
     };
@@ -71,7 +72,7 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
     );
     let [i, j, k, w] = here.rotation;
     let turned = PosePoint { rotation: [w, k, -j, -i], ..here };
-    refused(turned, elbow, "the set-point is turned by 3.14");
+    refused(turned, elbow, "the set-point is rotated by 3.14");
     refused(PosePoint { position: [f32::NAN, y, z], ..here }, elbow, "not finite");
     refused(PosePoint { rotation: [i, j, k, w + 0.5], ..here }, elbow, "it must be 1");
     let still = [0.0; 6];
@@ -80,14 +81,10 @@ fn what_an_arm_cannot_follow_is_refused_by_name_and_the_aim_stays() {
         refused(PosePoint { velocity: fast(most), ..here }, elbow, "m from the tool");
         refused(PosePoint { acceleration: fast(100.0 * most.min(1e30)), ..here }, elbow, "m from the tool");
         let velocity = [0.0, 0.0, 0.0, 0.0, 0.0, 20.0 * most.min(1e30)];
-        refused(PosePoint { velocity, ..here }, elbow, "turned by");
+        refused(PosePoint { velocity, ..here }, elbow, "rotated by");
         refused(here, ElbowSetpoint { angle: most, ..elbow }, "rad from the elbow; at most 1 rad is allowed");
         refused(here, ElbowSetpoint { velocity: 10.0 * most, ..elbow }, "");
     }
     let all = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
-    state.aim(&machine.arm(), &all, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
-    assert_eq!(
-        { ArmState::NONE }.aim(&machine.arm(), &here, &elbow).unwrap_err().to_string(),
-        "the arm has no impedance yet: send its settings first"
-    );
+    state.set_target(&machine.arm(), &all, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
 }

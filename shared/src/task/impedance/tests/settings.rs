@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use super::machine::{Machine, POSTURES, SOFT, accelerations, elbow, follow};
 use crate::model::MAX_CHAIN_JOINTS;
-use crate::task::impedance::resolve::Joints;
-use crate::task::impedance::{ArmCommand, ArmSense, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use crate::task::impedance::redundancy::Joints;
+use crate::task::impedance::{ArmOutput, ArmSense, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 
 #[test]
 fn settings_that_make_no_sense_are_refused_by_name() {
@@ -45,12 +45,12 @@ fn new_settings_do_not_step_the_torque() {
     let mut point = machine.point(&POSTURES[0]);
     point.position[0] += 0.05;
     let elbow = elbow(&machine, &state);
-    state.aim(&arm, &point, &elbow).unwrap();
+    state.set_target(&arm, &point, &elbow).unwrap();
     let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
     for _ in 0..10 {
         sense = follow(&state.tick(&arm, &sense).unwrap());
     }
-    let telemetry = state.telemetry(&arm, &sense, 0);
+    let telemetry = state.telemetry(&arm, &sense, &machine.chain.posture(&sense.angles));
     let speed = machine.jacobian(&sense.angles) * Joints::from(sense.velocities);
     let mut firm = SOFT;
     firm.impedance.mass = [1.0, 1.0, 1.0, 0.05, 0.05, 0.05];
@@ -75,7 +75,7 @@ fn new_settings_do_not_step_the_torque() {
     assert!(torque < 0.6, "{torque} N·m");
     // All at once would be twenty times as much.
     let mut at_once = machine.state(&firm, &POSTURES[0]);
-    at_once.aim(&arm, &point, &elbow).unwrap();
+    at_once.set_target(&arm, &point, &elbow).unwrap();
     let start = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
     let step = accelerations(&at_once.tick(&arm, &start).unwrap());
     assert!(step.norm() > 5.0 * change.norm(), "{step}");
@@ -90,14 +90,14 @@ fn another_law_forgets_what_the_observers_learnt() {
     // Joints that stand still although they are told to move.
     let mut point = machine.point(&angles);
     point.position[2] += 0.05;
-    state.aim(&arm, &point, &elbow(&machine, &state)).unwrap();
+    state.set_target(&arm, &point, &elbow(&machine, &state)).unwrap();
     let sense = ArmSense { angles, ..ArmSense::default() };
     for _ in 0..10 {
         state.tick(&arm, &sense).unwrap();
-        state.settle(&arm, &[0.0; MAX_CHAIN_JOINTS], &[0.0; MAX_CHAIN_JOINTS]);
+        state.applied(&arm, &[0.0; MAX_CHAIN_JOINTS], &[0.0; MAX_CHAIN_JOINTS]);
     }
     let most =
-        |command: &ArmCommand| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        |command: &ArmOutput| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
     let learnt = most(&state.tick(&arm, &sense).unwrap());
     state.configure(&arm, &ImpedanceSettings { law: Law::Direct, ..SOFT }).unwrap();
     assert_eq!(state.tick(&arm, &sense).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);

@@ -1,7 +1,7 @@
 //! What stops an arm.
 
 use super::machine::{Machine, POSTURES, SOFT, follow};
-use crate::task::impedance::{ArmError, ArmSense, ImpedanceSettings, Law};
+use crate::task::impedance::{ArmSense, ImpedanceSettings, Law, SetpointError};
 
 #[test]
 fn a_force_that_is_no_number_stops_the_arm() {
@@ -11,7 +11,7 @@ fn a_force_that_is_no_number_stops_the_arm() {
             let mut state = machine.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
             let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
             sense.wrench[4] = value;
-            assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), ArmError::NotFinite);
+            assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), SetpointError::NotFinite);
         }
     }
 }
@@ -36,8 +36,8 @@ fn a_tool_that_is_pulled_beyond_its_reach_stops_the_arm() {
     };
     // 20 N hold 67 mm of 300 N/m; 40 N would hold 133.
     assert_eq!(pulled(0, 20.0), None);
-    let Some(ArmError::Distance { value, limit: 0.1 }) = pulled(0, 40.0) else { panic!() };
+    let Some(SetpointError::Distance { value, limit: 0.1 }) = pulled(0, 40.0) else { panic!() };
     assert!((0.1..0.12).contains(&value), "{value}");
-    let Some(ArmError::Turn { value, limit: 1.0 }) = pulled(5, 12.0) else { panic!() };
+    let Some(SetpointError::Rotation { value, limit: 1.0 }) = pulled(5, 12.0) else { panic!() };
     assert!((1.0..1.2).contains(&value), "{value}");
 }

@@ -1,4 +1,4 @@
-//! `tesaki grasp …`.
+//! Arguments of `tesaki grasp`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,52 +6,52 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 
 const STEPS: &str = "\
-Steps, one after the other; places and turns are counted from where the object was grasped:
-  lift=M         so high [m], against gravity
-  shift=X,Y,Z    so far to the side [m], in the base frame, besides the height
-  turn=X,Y,Z     turned so far about each axis of the base frame [rad] (rotation vector)
-  hold=S         hold still for so long [s]
+Steps are carried out in order. Positions and rotations are relative to the pose at the grasp:
+  lift=M         height [m], against gravity
+  shift=X,Y,Z    translation [m] in the base frame, in addition to the height
+  turn=X,Y,Z     rotation vector [rad] in the base frame
+  hold=S         hold still for this time [s]
   hold           hold until Ctrl-C
 
-Without steps the object is held until Ctrl-C. At the end, and at Ctrl-C, it is lowered until
-something carries it, and the board is disarmed; Ctrl-C once more disarms at once: it falls.
+Without steps the object is held until Ctrl-C. At the end, and at Ctrl-C, the object is lowered until
+something supports it, and the outputs are disabled. A second Ctrl-C disables them at once: the object falls.
 
   tesaki grasp run robots/hand3/grasps/box.toml lift=0.01 turn=0,0.1,0 turn=0,0,0 hold=5";
 
 #[derive(Subcommand)]
 pub enum Grasp {
-    /// Grasp an object, take the steps, put it down, and disarm
+    /// Grasp an object, carry out the steps, put it down, and disable the outputs
     #[command(visible_alias = "take", after_help = STEPS)]
     Run(Run),
-    /// Say what the hand does and what it holds, whoever commands
+    /// Show what the hand does and holds
     Status,
 }
 
 #[derive(Args)]
 pub struct Run {
-    /// Where and how to grasp, such as robots/hand3/grasps/box.toml
+    /// Grasp file, for example robots/hand3/grasps/box.toml
     pub file: PathBuf,
-    /// What to do with the object: lift=M, shift=X,Y,Z, turn=X,Y,Z, hold=S, hold
+    /// Steps: lift=M, shift=X,Y,Z, turn=X,Y,Z, hold=S, hold
     #[arg(value_name = "STEP", value_parser = step)]
     pub steps: Vec<Step>,
-    /// Largest speed of the object [m/s]
+    /// Maximum speed of the object [m/s]
     #[arg(long, default_value_t = 0.02)]
     pub speed: f32,
-    /// Largest rate at which it turns [rad/s]
+    /// Maximum angular velocity of the object [rad/s]
     #[arg(long, default_value_t = 0.2)]
     pub turn_speed: f32,
 }
 
-/// What to do with an object in the hand.
+/// A step of a grasp, relative to the pose at the grasp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// So high above where it was grasped [m].
+    /// Height [m].
     Lift(f32),
-    /// So far to the side [m].
+    /// Translation [m].
     Shift([f32; 3]),
-    /// Turned by so much [rad].
+    /// Rotation vector [rad].
     Turn([f32; 3]),
-    /// For so long, or until Ctrl-C.
+    /// Hold for this time, or until Ctrl-C.
     Hold(Option<Duration>),
 }
 
@@ -59,11 +59,11 @@ fn step(text: &str) -> Result<Step, String> {
     let (name, value) = text.split_once('=').unwrap_or((text, ""));
     let number = |value: &str| match value.trim().parse::<f32>() {
         Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("{name}: {value:?} is no number")),
+        _ => Err(format!("{name}: {value:?} is not a number")),
     };
     let three = || match value.split(',').collect::<Vec<_>>()[..] {
         [x, y, z] => Ok([number(x)?, number(y)?, number(z)?]),
-        _ => Err(format!("{name}={value}: three numbers with commas between are needed")),
+        _ => Err(format!("{name}={value}: expected three numbers, X,Y,Z")),
     };
     match name {
         "lift" => Ok(Step::Lift(number(value)?)),
@@ -71,6 +71,6 @@ fn step(text: &str) -> Result<Step, String> {
         "turn" => Ok(Step::Turn(three()?)),
         "hold" if value.is_empty() => Ok(Step::Hold(None)),
         "hold" => Ok(Step::Hold(Some(super::seconds(value)?))),
-        _ => Err("there are lift=M, shift=X,Y,Z, turn=X,Y,Z, hold=S and hold".to_owned()),
+        _ => Err("unknown step: expected lift=M, shift=X,Y,Z, turn=X,Y,Z, hold=S or hold".to_owned()),
     }
 }

@@ -1,17 +1,17 @@
-//! `tesaki identify`.
+//! Arguments of `tesaki identify`.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
 const HELP: &str = "\
-Before: push the model, home, put the object where the file says, open the fingers around it with room
-for the sweeps, and tare. Each joint is swept to and fro by itself; then the object is grasped, lifted
-by 10 mm, shifted by 6 mm and turned by 0.06 rad to and fro, and put down, once with each grip. It
-takes some 2 minutes. Ctrl-C disarms, and what is held falls.
+Preparation: push the model, home, put the object where the file says, open the fingers around it with
+room for the sweeps, and tare. Each joint is swept back and forth alone; then the object is grasped,
+lifted by 10 mm, shifted by 6 mm and turned by 0.06 rad back and forth, and put down, once for each grip.
+This takes about 2 minutes. Ctrl-C disables the outputs: a held object falls.
 
-The force sensors are the reference: a gain error of theirs goes into every torque constant. A joint
-that moved or was loaded too little is named with the reason, and keeps the values that it has.
+The force sensors are the reference: their gain errors appear in every torque constant. A joint that
+moved or was loaded too little is listed with the reason and keeps its values.
 
   tesaki identify robots/hand3/grasps/box.toml --out calibration.toml
   tesaki model push robots/hand3 --calibration calibration.toml";
@@ -19,16 +19,16 @@ that moved or was loaded too little is named with the reason, and keeps the valu
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Identify {
-    /// Where and how to grasp, such as robots/hand3/grasps/box.toml
+    /// Grasp file, for example robots/hand3/grasps/box.toml
     pub file: PathBuf,
-    /// Where the values go, for `tesaki model push --calibration`
+    /// Calibration file to write, for `tesaki model push --calibration`
     #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
     pub out: PathBuf,
-    /// How far each joint is swept to either side [rad]
+    /// Amplitude of the sweep of each joint [rad]
     #[arg(long, default_value = "0.1", value_parser = amplitude)]
     pub amplitude: f64,
-    /// The grips: the largest of the normal forces of each [N], two or more different ones; one that
-    /// the hand cannot make is left out if two others are enough
+    /// Maximum normal force of each grip [N], at least two different values; a grip that fails is left out
+    /// if two others succeed
     #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = [2.0, 6.0, 4.0])]
     pub grips: Vec<f32>,
 }
@@ -36,6 +36,6 @@ pub struct Identify {
 fn amplitude(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.03..=0.5).contains(&value) => Ok(value),
-        _ => Err(format!("{text:?} is no amplitude from 0.03 to 0.5 rad")),
+        _ => Err(format!("{text:?}: expected an amplitude from 0.03 to 0.5 rad")),
     }
 }

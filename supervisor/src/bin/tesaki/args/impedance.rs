@@ -1,4 +1,4 @@
-//! `tesaki impedance …`.
+//! Arguments of `tesaki impedance`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -7,17 +7,17 @@ use clap::{Args, Subcommand};
 
 #[derive(Subcommand)]
 pub enum Impedance {
-    /// Hold the tool where it is and yield when something pushes it, until Ctrl-C; then disarm
+    /// Hold the tool compliantly where it is, until Ctrl-C; then disable the outputs
     Hold(Hold),
-    /// Say where the tool is and what pushes it, whoever commands
+    /// Show pose and external wrench of the tool
     Status,
 }
 
 #[derive(Args)]
 pub struct Hold {
-    /// How the arm is to yield, such as robots/arm7/impedances/soft.toml
+    /// Impedance file, for example robots/arm7/impedances/soft.toml
     pub file: PathBuf,
-    /// Disarm after so long [s]; without it, hold until Ctrl-C
+    /// Disable the outputs after this time [s]; without it, hold until Ctrl-C
     #[arg(long, value_parser = super::seconds)]
     pub duration: Option<Duration>,
 }
