@@ -1,4 +1,5 @@
 //! A node that moves one joint: push a model, enable the joint servo, send a goal, tick.
+//! [`run`] is the whole of it; [`model`] is what a robot folder would hold.
 //! Run it with `cargo run --release -p tesaki --example minimal_node`.
 
 use heapless::Vec;

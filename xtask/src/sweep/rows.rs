@@ -78,9 +78,7 @@ pub const TABLES: &[Table] = &[
 const README: &[Row] = &[
     row("hand3-servo", "observer_error_peak", "joints step by 0.3 rad, friction learnt: largest error"),
     row("hand3-reach", "observer_circle_rms", "fingertips on a circle of 10 mm radius at 1 Hz: rms distance"),
-    row("hand3-turn", "turn_error", "a held box is turned by ±0.1 rad: error at rest"),
     row("hand3-grasp", "box_dropped", "a box is grasped, lifted, turned, shifted, put down: dropped"),
-    row("hand3-force", "closed_error", "fingertip force closed on its sensor: error"),
     row("arm7-wall", "wall_10000_settled", "an arm meets a wall of 10 000 N/m: force settles"),
     row("arm7-follow", "ours_largest", "an arm follows a hand over a link of 20 ms: largest error"),
 ];
