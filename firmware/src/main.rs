@@ -225,7 +225,9 @@ mod app {
             (messages, node.records())
         });
         send_ticks(link, ticks, index);
-        messages.iter().for_each(|message| link.send(message));
+        for message in &messages {
+            link.send(message);
+        }
         rtic::pend(Interrupt::USART1);
     }
 
