@@ -9,8 +9,10 @@ use crate::model::MAX_NAME;
 use crate::task::TaskKind;
 
 /// What the node is doing.
+// With a tag of its own, so that `Disabled` is all zero, as a new node must be to lie in `.bss`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
 pub enum Mode {
     /// 0: outputs off.
     Disabled,
