@@ -35,7 +35,6 @@
 //! `examples/minimal_node.rs` is a node that moves one joint, in one file.
 //!
 #![doc = include_str!("papers.md")]
-
 #![cfg_attr(not(test), no_std)]
 
 pub mod control;

@@ -237,7 +237,7 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
 
 /// Exit code and complaint of `tesaki`.
 fn complaint(arguments: &[&str]) -> (i32, String) {
-    let output = tesaki_tests::tesaki().args(arguments).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 

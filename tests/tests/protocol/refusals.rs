@@ -10,9 +10,7 @@ use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki::task::joint_servo::JointServoRefusal;
 
 use super::messages::Messages;
-use super::values::{
-    FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, SCHEMA, SETPOINT_ERRORS, TASKS,
-};
+use super::values::{FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, SCHEMA, SETPOINT_ERRORS, TASKS};
 
 impl Messages {
     fn refused(&mut self, name: &str, refusal: Refusal) {

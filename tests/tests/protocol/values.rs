@@ -249,10 +249,7 @@ pub const LIMITS: [(LimitRefusal, &str); LimitRefusal::VARIANTS.len()] = [
     (LimitRefusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 }, "outside-limits"),
     (LimitRefusal::TooFast { joint: 1, value: 9.0, limit: 8.0 }, "too-fast"),
     (LimitRefusal::Jump { joint: 2, value: 0.5, limit: 0.25 }, "jump"),
-    (
-        LimitRefusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 },
-        "too-much-acceleration",
-    ),
+    (LimitRefusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 }, "too-much-acceleration"),
     (LimitRefusal::TooMuchTorque { joint: 3, value: 0.75, limit: 0.6 }, "too-much-torque"),
 ];
 
