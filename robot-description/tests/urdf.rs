@@ -146,7 +146,7 @@ const CASES: &[Case] = &[
     (
         ("name=\"slide\"", "slide", "thumb_base"),
         ("<joint name=\"thumb_base\" type=\"prismatic\"", "<joint"),
-        &["joint thumb_base exists twice, first in line 23", "name of its own"],
+        &["joint thumb_base exists twice, first in line 23", "names must be unique"],
     ),
     (
         ("<link name=\"thumb\"/>", "<link name=\"thumb\"/>", "<link name=\"thumb\"/><link name=\"palm\"/>"),
@@ -351,7 +351,7 @@ fn words_that_are_no_urdf_say_so() {
         ),
         ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
         ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
-        (&deep, "more than 64 deep"),
+        (&deep, "more than 64 levels deep"),
     ] {
         let (urdf, findings) = check(text);
         let said = findings.iter().map(ToString::to_string).collect::<String>();

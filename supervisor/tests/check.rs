@@ -138,7 +138,7 @@ fn a_mimic_joint_has_no_motor_but_can_be_evaluated() {
     assert_eq!(code, 0, "{text}");
     contains(
         &text,
-        &["only the URDF is checked: no controller.toml there", "finger1_curl (= 1 finger1_bend)"],
+        &["only the URDF is checked: the folder has no controller.toml", "finger1_curl (= 1 finger1_bend)"],
     );
 }
 
