@@ -28,7 +28,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
-    /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other supervisors
+    /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
+    /// supervisors
     #[cfg(unix)]
     #[command(after_help = format!("While it runs, a line on the standard input makes trouble:\n{}", tesaki_sim::serve::TROUBLE))]
     Serve(Serve),

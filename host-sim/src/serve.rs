@@ -197,8 +197,8 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as fast as it
-/// can. Lines of `trouble` are carried out, see [`TROUBLE`].
+/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as
+/// fast as it can. Lines of `trouble` are carried out, see [`TROUBLE`].
 ///
 /// # Errors
 /// When board, plant or the clients' side fail.

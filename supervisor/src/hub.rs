@@ -1,8 +1,9 @@
 //! One link shared by several programs.
 //!
 //! To its board a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends the
-//! board's frames to all clients. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link,
-//! [`Hub::pump`] carries the bytes. It has no threads: clients are served inside these calls.
+//! board's frames to all clients. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a
+//! board behind another link, [`Hub::pump`] carries the bytes. It has no threads: clients are served inside
+//! these calls.
 
 mod client;
 mod listener;
@@ -86,8 +87,8 @@ impl Hub {
         Ok(())
     }
 
-    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It lives as long as
-    /// the hub, however often it is opened and closed.
+    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It lives as long
+    /// as the hub, however often it is opened and closed.
     ///
     /// # Errors
     /// When the system has none left.

@@ -1,7 +1,7 @@
 //! Motions from rest to rest.
 
-/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at the given `fraction` of its duration: its value
-/// and its first and second derivative with respect to the fraction. At rest before 0 and after 1.
+/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at the given `fraction` of its duration: its
+/// value and its first and second derivative with respect to the fraction. At rest before 0 and after 1.
 pub fn minimum_jerk(fraction: f64) -> [f64; 3] {
     let s = fraction.clamp(0.0, 1.0);
     [

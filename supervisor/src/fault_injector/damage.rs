@@ -86,8 +86,8 @@ pub struct Damage {
     splice: Splice,
     /// Bytes in the frame that comes in.
     length: u32,
-    /// Length of the frame before, by which the positions of splices are chosen: the end of the present one is
-    /// not known, and waiting for it would delay the line.
+    /// Length of the frame before, by which the positions of splices are chosen: the end of the present one
+    /// is not known, and waiting for it would delay the line.
     usual: u32,
     /// What went out since the last zero that did.
     frame: Vec<u8>,

@@ -133,7 +133,8 @@ fn row(reading: &Reading) -> Row {
     row
 }
 
-/// The solution for 1 / gain, Coulomb and viscous friction and the fractions of the weights, all over the gain.
+/// The solution for 1 / gain, Coulomb and viscous friction and the fractions of the weights, all over the
+/// gain.
 struct LeastSquares {
     /// Columns of the regressor were multiplied by these: to the same size, so that units do not matter.
     scale: Row,

@@ -21,8 +21,8 @@ pub struct GraspSample {
     pub joints: Vec<f64>,
     /// Target force of each finger on the object, as last reported by the controller [N].
     pub target_forces: [Vector3<f64>; 3],
-    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not a number
-    /// where that is not known.
+    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not
+    /// a number where that is not known.
     pub target: [Vector3<f64>; 2],
 }
 
@@ -68,7 +68,8 @@ impl GraspLog {
         self.samples.len() as f64 * T
     }
 
-    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a tick before.
+    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a
+    /// tick before.
     pub fn at(&self, time: f64) -> Option<&GraspSample> {
         let index = (time / T).round() as usize;
         self.samples.get(index).or_else(|| (index == self.samples.len()).then(|| self.samples.last())?)

@@ -215,7 +215,8 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         }
     }
 
-    /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this begins [s].
+    /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this
+    /// begins [s].
     pub fn move_object(&mut self, shift: [f64; 3], turn: [f64; 3]) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
         self.way = ObjectPath { from: self.way.at(begin), to: [shift.into(), turn.into()], begin };
