@@ -6,8 +6,9 @@
 //! ```
 //! use tesaki_sim::motion::{Motion, Transform};
 //! # use tesaki_sim::plant::Truth;
-//! # let truth = Truth { positions: vec![0.5], velocities: vec![0.0], torques: vec![0.1], homing_errors:
-//! vec![0.0] }; let mut motion = Motion::new(["elbow"]);
+//! # let (positions, velocities, torques, homing_errors) = (vec![0.5], vec![0.0], vec![0.1], vec![0.0]);
+//! # let truth = Truth { positions, velocities, torques, homing_errors };
+//! let mut motion = Motion::new(["elbow"]);
 //! let sequence = motion.tick(&truth);
 //! motion.reference(vec![0.6]);
 //! motion.frame(Transform {
