@@ -48,8 +48,8 @@ pub fn join_actuators(robot: &RobotModel, sequence: u32, frames: &[ActuatorFrame
     joined
 }
 
-/// One control period of a machine whose chains are on these boards, in their order. `spoil` may falsify what a board
-/// reads.
+/// One control period of a machine whose chains are on these boards, in their order. `spoil` may falsify what
+/// a board reads.
 ///
 /// # Errors
 /// When a board or the plant fails.

@@ -14,7 +14,7 @@ use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
-/// Runs the control core against simulated robots. Without a command: a short demonstration.
+/// Runs the control core against simulated robots. Without a command, runs a short demonstration.
 #[derive(Parser)]
 #[command(version, about)]
 struct Cli {
@@ -26,9 +26,10 @@ struct Cli {
 enum Command {
     /// List the scenarios
     List,
-    /// Run a scenario: a table at the end; CSV, JSON and a page with figures in a folder
+    /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
-    /// Offer a simulated board, in real time, on a pseudo-terminal and a socket: for `tesaki` and other supervisors
+    /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
+    /// supervisors
     #[cfg(unix)]
     #[command(after_help = format!("While it runs, a line on the standard input makes trouble:\n{}", tesaki_sim::serve::TROUBLE))]
     Serve(Serve),
@@ -37,22 +38,22 @@ enum Command {
 #[cfg(unix)]
 #[derive(Args)]
 struct Serve {
-    /// Folder of the robot
+    /// Robot folder
     #[arg(long, default_value_os_t = workspace().join("robots/hand3"))]
     robot: PathBuf,
     /// Where the control core runs
     #[arg(long, value_enum, default_value_t = Where::Native)]
     controller: Where,
-    /// Where other programs find it: unix://PATH or tcp://HOST:PORT. Without it, a socket of its own
+    /// Address for clients: unix://PATH or tcp://HOST:PORT; default: a new Unix socket
     #[arg(long)]
     listen: Option<tesaki_supervisor::port::Address>,
-    /// Decides the machine's deviations and noise
+    /// Seed of the machine's deviations and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Begin with the fingers open around the place of this grasp, such as robots/hand3/grasps/box.toml
+    /// Start with the fingers open around the object of this grasp, for example robots/hand3/grasps/box.toml
     #[arg(long)]
     grasp: Option<PathBuf>,
-    /// Something to grasp, on a support where `--grasp` expects it, such as robots/hand3/objects/box.toml
+    /// Object on a support at the pose that `--grasp` expects, for example robots/hand3/objects/box.toml
     #[arg(long, requires = "grasp")]
     object: Option<PathBuf>,
     /// Firmware image for `--controller qemu`
@@ -67,19 +68,19 @@ struct Run {
     /// Where the control core runs
     #[arg(long, value_enum, default_value_t = Where::Native)]
     controller: Where,
-    /// Decides the machine's deviations and noise; a range such as 1-20 runs one after the other
+    /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds)]
     seed: RangeInclusive<u64>,
-    /// Simulated time [s]; the scenario knows how long it needs
+    /// Simulated time [s]; default: that of the scenario
     #[arg(long)]
     duration: Option<f64>,
     /// Folder for the results
     #[arg(long, default_value_os_t = PathBuf::from("out"))]
     out: PathBuf,
-    /// Print one JSON object a seed instead of the table
+    /// Print one JSON object per seed instead of the table
     #[arg(long)]
     json: bool,
-    /// Folder of the robot, instead of the scenario's own
+    /// Robot folder; default: that of the scenario
     #[arg(long)]
     robot: Option<PathBuf>,
     /// Firmware image for `--controller qemu`
@@ -251,14 +252,14 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {where_it_runs}"))?;
     println!(
         "{name}, {where_it_runs}, seed {}: a board without a model, as after power-on.\n\
-         \x20 socket           {} (`--port auto` finds it; several programs may share it)\n\
+         \x20 socket           {} (found by `--port auto`; can be shared by several programs)\n\
          \x20 pseudo-terminal  {} (like a serial port)\n\n\
          In another terminal, with `alias tesaki='cargo tesaki'`:\n\
          \x20 tesaki doctor\n\
          \x20 tesaki model push {}\n\
          \x20 {}\n\
          \x20 {then}\n\n\
-         Ctrl-C ends; `help` lists the trouble that can be made here.",
+         Ctrl-C stops; `help` lists the faults that can be injected here.",
         options.seed,
         hub.address(),
         terminal.display(),
@@ -269,7 +270,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The path as somebody in this folder would write it.
+/// The path relative to the current folder.
 #[cfg(unix)]
 fn shown(path: &Path) -> PathBuf {
     let Ok(path) = path.canonicalize() else { return path.to_owned() };

@@ -75,8 +75,8 @@ impl FingerBoard for Native {
     }
 }
 
-/// A controller watched by a second one, which gets the same requests and sensor frames: do both answer with the same
-/// bytes? Keeps the recording from which the run can be replayed.
+/// A controller watched by a second one, which gets the same requests and sensor frames: do both answer with
+/// the same bytes? Keeps the recording from which the run can be replayed.
 pub struct Watched<'a> {
     first: &'a mut dyn Controller,
     second: Option<Native>,

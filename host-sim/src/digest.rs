@@ -9,9 +9,10 @@ use tesaki::protocol::{ActuatorFrame, Reply};
 /// SHA-256 over all actuator frames and replies of a run, in order.
 ///
 /// Only *values* are hashed: numbers bit by bit (any NaN as one), flags, lengths of lists, positions of plain
-/// variants. Names, and the enum variants that values are wrapped in, are not. So a renamed field, or a reply that travels in another message,
-/// leaves the digest as it is, and a torque that differs in its last bit changes it. Left out is what says where the
-/// controller ran ([`Reply::Hello`], [`Reply::Status`], exports), and [`Reply::Done`]: what was done shows in the frames.
+/// variants. Names, and the enum variants that values are wrapped in, are not. So a renamed field, or a reply
+/// that travels in another message, leaves the digest as it is, and a torque that differs in its last bit
+/// changes it. Left out is what says where the controller ran ([`Reply::Hello`], [`Reply::Status`], exports),
+/// and [`Reply::Done`]: what was done shows in the frames.
 #[derive(Clone, Debug, Default)]
 pub struct FramesDigest(Sha256);
 
@@ -264,7 +265,8 @@ mod tests {
         assert_ne!(hello.hex(), digest(&one));
     }
 
-    /// Worked by hand: kind 0, sequence 7, enabled, one torque of 1.0; then kind 2 and the refused joint 3 with its numbers.
+    /// Worked by hand: kind 0, sequence 7, enabled, one torque of 1.0; then kind 2 and the refused joint 3
+    /// with its numbers.
     #[test]
     fn values_are_hashed_without_names_and_wrappers() {
         let mut digest = FramesDigest::default();

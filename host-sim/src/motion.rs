@@ -1,11 +1,13 @@
 //! What moved in a run, and its recording in MCAP.
 //!
-//! A scenario calls [`Motion::tick`] once a control period, and where it has them adds reference and further frames:
+//! A scenario calls [`Motion::tick`] once a control period, and where it has them adds reference and further
+//! frames:
 //!
 //! ```
 //! use tesaki_sim::motion::{Motion, Transform};
 //! # use tesaki_sim::plant::Truth;
-//! # let truth = Truth { positions: vec![0.5], velocities: vec![0.0], torques: vec![0.1], homing_errors: vec![0.0] };
+//! # let (positions, velocities, torques, homing_errors) = (vec![0.5], vec![0.0], vec![0.1], vec![0.0]);
+//! # let truth = Truth { positions, velocities, torques, homing_errors };
 //! let mut motion = Motion::new(["elbow"]);
 //! let sequence = motion.tick(&truth);
 //! motion.reference(vec![0.6]);
@@ -65,8 +67,8 @@ impl Motion {
         Self { names: names.into_iter().map(Into::into).collect(), samples: Vec::new() }
     }
 
-    /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor frames
-    /// carry it.
+    /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor
+    /// frames carry it.
     pub fn tick(&mut self, truth: &Truth) -> u32 {
         let truth = truth.clone();
         self.samples.push(Sample { truth, reference: Vec::new(), frames: Vec::new(), notes: Vec::new() });
@@ -99,8 +101,9 @@ impl Motion {
         u32::try_from(self.samples.len()).unwrap_or(u32::MAX)
     }
 
-    /// Writes all as MCAP for ROS 2: `/robot_description`, and each tick `/joint_states`, `/tesaki/reference` and `/tf`
-    /// with all links. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the same bytes.
+    /// Writes all as MCAP for ROS 2: `/robot_description`, and each tick `/joint_states`, `/tesaki/reference`
+    /// and `/tf` with all links. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the
+    /// same bytes.
     ///
     /// # Errors
     /// The text of the URDF is none, or the file cannot be written.

@@ -91,7 +91,7 @@ impl ServedBoard for Qemu {
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The clients' side.
-    #[error("the clients' side failed: {0}")]
+    #[error("the link to the clients failed: {0}")]
     Hub(#[from] io::Error),
     /// The board.
     #[error(transparent)]
@@ -101,15 +101,15 @@ pub enum ServeError {
     Plant(#[from] PlantError),
 }
 
-/// What can be done to the machine while it runs, a line each on the standard input.
+/// Commands on standard input that inject faults while the machine runs.
 pub const TROUBLE: &str = "\
   estop on|off           press or release the emergency stop
   supply VOLTS           change the supply voltage
-  encoder JOINT COUNTS   let an encoder jump by so many counts
-  freeze JOINT           let an encoder stand still; again: let it go on
+  encoder JOINT COUNTS   make an encoder jump by this many counts
+  freeze JOINT           freeze an encoder; again: release it
   reset                  press the board's reset button";
 
-/// Trouble from the standard input.
+/// A fault to inject.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     EmergencyStop(bool),
@@ -123,7 +123,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Trouble>, String> {
     let joint = |name: &str| {
         model.joints.iter().position(|joint| joint.name == name).ok_or_else(|| {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-            format!("there is no joint {name:?}; there are: {}", names.join(", "))
+            format!("there is no joint {name:?}; the joints are {}", names.join(", "))
         })
     };
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -133,15 +133,15 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Trouble>, String> {
         ["estop", "off"] => Trouble::EmergencyStop(false),
         ["supply", volts] => match volts.parse::<f32>() {
             Ok(volts) if (0.0..=65.0).contains(&volts) => Trouble::Supply((volts * 1000.0) as u16),
-            _ => return Err(format!("{volts:?} is no voltage from 0 to 65")),
+            _ => return Err(format!("{volts:?} is not a voltage from 0 to 65 V")),
         },
         ["encoder", name, counts] => {
-            let counts = counts.parse().map_err(|_| format!("{counts:?} is no number of counts"))?;
+            let counts = counts.parse().map_err(|_| format!("{counts:?} is not a number of counts"))?;
             Trouble::Jump(joint(name)?, counts)
         }
         ["freeze", name] => Trouble::Freeze(joint(name)?),
         ["reset"] => Trouble::Reset,
-        _ => return Err(format!("{line:?} is not understood. There are:\n{TROUBLE}")),
+        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{TROUBLE}")),
     }))
 }
 
@@ -197,8 +197,8 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as fast as it
-/// can. Lines of `trouble` are carried out, see [`TROUBLE`].
+/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as
+/// fast as it can. Lines of `trouble` are carried out, see [`TROUBLE`].
 ///
 /// # Errors
 /// When board, plant or the clients' side fail.

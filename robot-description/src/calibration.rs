@@ -1,4 +1,4 @@
-//! A machine's own values as a file, `calibration.toml`: what was identified of its joints.
+//! Calibration files: the identified values of one machine.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,16 +10,16 @@ use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::file::{self, FileError};
 
-/// What one machine has other than its kind: over the values of `robot.urdf` and `controller.toml`.
+/// Values of one machine, which override those of `robot.urdf` and `controller.toml`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// By the joints' names.
+    /// By joint name.
     #[serde(default)]
     pub joints: BTreeMap<String, JointCalibration>,
 }
 
-/// A joint's own values; those that are `None` stay.
+/// The values of a joint; those that are `None` are not overridden.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointCalibration {
@@ -37,8 +37,8 @@ pub enum CalibrationError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// It is of another robot.
-    #[error("[joints.{joint}] belongs to no joint of {robot}; its joints are {joints}")]
+    /// The calibration is of another robot.
+    #[error("[joints.{joint}]: {robot} has no such joint; its joints are {joints}")]
     Stranger {
         /// The name.
         joint: String,
@@ -47,7 +47,7 @@ pub enum CalibrationError {
         /// Their names.
         joints: String,
     },
-    /// A number makes no sense.
+    /// A value is invalid.
     #[error("the calibration: {0}")]
     Model(String),
 }
@@ -61,10 +61,10 @@ impl Calibration {
         Ok(file::read(path)?)
     }
 
-    /// Puts the values into a model.
+    /// Applies the values to a model.
     ///
     /// # Errors
-    /// A joint that the robot does not have, or a number that makes no sense; the model is as it was.
+    /// A joint that the robot does not have, or an invalid value; the model is unchanged then.
     pub fn apply(&self, model: &mut RobotModel) -> Result<(), CalibrationError> {
         let mut changed = model.clone();
         for (name, values) in &self.joints {
@@ -94,7 +94,7 @@ impl Calibration {
     }
 }
 
-/// A calibration file in which values change and everything else stays as it is, comments too.
+/// A calibration file that keeps comments and layout when values change.
 #[derive(Clone, Debug, Default)]
 pub struct CalibrationFile(DocumentMut);
 
@@ -102,7 +102,7 @@ impl CalibrationFile {
     /// The file at `path`; an empty one if there is none yet.
     ///
     /// # Errors
-    /// There is one, but it is no calibration.
+    /// The file exists, but is not a calibration.
     pub fn open(path: &Path) -> Result<Self, CalibrationError> {
         if !path.exists() {
             return Ok(Self::default());

@@ -1,4 +1,4 @@
-//! Files that people write: what is wrong with one is told with its path, and by line and column.
+//! Reading of TOML files, with errors by path, line and column.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 /// Why a TOML file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// It is not there, or not to be opened.
+    /// It does not exist, or cannot be opened.
     #[error("{}: {source}", path.display())]
     Read {
         /// The file.
@@ -15,17 +15,17 @@ pub enum FileError {
         /// Why.
         source: std::io::Error,
     },
-    /// It does not hold what it should.
+    /// Its content is invalid.
     #[error("{}: {message}", path.display())]
     Toml {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with line and column.
+        /// The problem, with line and column.
         message: String,
     },
 }
 
-/// What a TOML file holds.
+/// Reads a TOML file.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
     let place = || path.to_path_buf();
     let text = std::fs::read_to_string(path).map_err(|source| FileError::Read { path: place(), source })?;

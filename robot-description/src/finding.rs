@@ -1,40 +1,40 @@
-//! What is wrong in a file that people write, where, and what to do about it.
+//! Findings about a user's files: problem, location and advice.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// How a finding weighs.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
-    /// Works, but look at it.
+    /// Works, but deserves attention.
     Warning,
     /// Does not work.
     Error,
 }
 
-/// What a finding spoils.
+/// What a finding prevents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Matter {
-    /// Where things are: nothing can be computed.
+    /// Kinematics: nothing can be computed.
     Kinematics,
-    /// Where joints may go: the inverse cannot be computed.
+    /// Joint limits: the inverse kinematics cannot be computed.
     Limits,
-    /// Masses, limits of torque, settings: places can be computed all the same.
+    /// Masses, torque limits, settings: positions can still be computed.
     Dynamics,
 }
 
-/// One thing that is wrong.
+/// A problem of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// How it weighs.
+    /// Its severity.
     pub weight: Weight,
-    /// What it spoils.
+    /// What it prevents.
     pub matter: Matter,
-    /// The file, or the folder when it is none of its files alone.
+    /// The file, or the folder if it concerns several files.
     pub path: PathBuf,
-    /// The line, counted from 1, where one is to blame.
+    /// The line, counted from 1, if known.
     pub line: Option<usize>,
-    /// What is wrong, with the name and the value.
+    /// The problem, with name and value.
     pub message: String,
     /// What to do.
     pub advice: String,
@@ -74,22 +74,22 @@ impl Report {
         Self { path: path.to_owned(), findings: Vec::new() }
     }
 
-    /// A finding about where things are.
+    /// Adds a finding about the kinematics.
     pub fn kinematics(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Error, Matter::Kinematics, line, message.into(), advice.into());
     }
 
-    /// A finding about where joints may go.
+    /// Adds a finding about joint limits.
     pub fn limits(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Error, Matter::Limits, line, message.into(), advice.into());
     }
 
-    /// A finding about masses, torques or settings.
+    /// Adds a finding about masses, torques or settings.
     pub fn dynamics(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Error, Matter::Dynamics, line, message.into(), advice.into());
     }
 
-    /// Something that works, but is worth a look.
+    /// Adds a warning.
     pub fn warning(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Warning, Matter::Dynamics, line, message.into(), advice.into());
     }

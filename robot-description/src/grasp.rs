@@ -1,10 +1,10 @@
-//! Grasps as files: what a hand is to grasp, where, and how.
+//! Grasp files: the object, its contacts and the forces.
 //!
 //! ```toml
 //! clearance = 0.010                 # m, in front of the surfaces
 //! touch_force = 0.1                 # N
 //! force_limit = 9.0                 # N, of a fingertip
-//! # friction = 0.5                  # left out: the hand finds out by rubbing
+//! # friction = 0.5                  # if omitted, the hand probes the friction
 //! internal = { least = { margin = 0.2, least = 0.22, moving = 0.6 } }
 //!
 //! [object]                          # the frame of the contacts, in the base frame
@@ -34,15 +34,15 @@ pub enum GraspFileError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// It has another number of contacts than a hand has fingers.
+    /// The number of contacts differs from the number of fingers.
     #[error("{}: {got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]", path.display())]
     Contacts {
         /// The file.
         path: PathBuf,
-        /// As many.
+        /// The number of contacts.
         got: usize,
     },
-    /// A number makes no sense, or the contacts cannot grip.
+    /// A value is invalid, or the contacts cannot grip.
     #[error("{}: {problem}", path.display())]
     Plan {
         /// The file.
@@ -52,7 +52,7 @@ pub enum GraspFileError {
     },
 }
 
-/// A grasp as a file has it.
+/// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -117,14 +117,14 @@ impl Default for Internal {
     }
 }
 
-/// What a grasp file says.
+/// A grasp with the pose of its object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedGrasp {
     /// The plan, checked.
     pub plan: GraspPlan,
-    /// Where the object's frame is to be, in the base frame [m].
+    /// Position of the object's frame in the base frame [m].
     pub position: [f64; 3],
-    /// How it is turned there: a unit quaternion `[x, y, z, w]`.
+    /// Orientation of the object's frame: a unit quaternion `[x, y, z, w]`.
     pub orientation: [f64; 4],
 }
 
@@ -136,7 +136,7 @@ pub fn load(path: &Path) -> Result<GraspPlan, GraspFileError> {
     load_placed(path).map(|grasp| grasp.plan)
 }
 
-/// The plan in a grasp file, checked, and where it takes the object to be.
+/// The plan in a grasp file, checked, and the pose of its object.
 ///
 /// # Errors
 /// What is wrong with the file, and where.

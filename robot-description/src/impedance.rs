@@ -1,14 +1,14 @@
-//! Impedances as files: how an arm is to yield at its tool.
+//! Impedance files: the settings of an arm's Cartesian impedance control.
 //!
 //! ```toml
-//! law = "following"                     # or "printed"
+//! law = "model-following"               # or "direct"
 //! redundancy = "arm-angle"              # or "none", or { driven = "shoulder_yaw" }
 //! elbow_bandwidth = 12.0                # rad/s
-//! force = "sensor"                      # or { observer = 30.0 }: from the motors' torques, bandwidth in rad/s
+//! force = "sensor"                      # or { observer = 30.0 }: from motor torques, bandwidth in rad/s
 //! contact_force = 1.5                   # N
 //! reach = { translation = 0.3, rotation = 1.5 }                 # m, rad
 //!
-//! # Along and about x, y, z of the base: one number, or one for each axis.
+//! # Along and about x, y, z of the base frame: one number, or one for each axis.
 //! mass = { translation = 1.5, rotation = 0.008 }                # kg, kg·m²
 //! damping = { translation = [30.0, 30.0, 60.0], rotation = 0.5 } # N·s/m, N·m·s/rad
 //! stiffness = { translation = 300.0, rotation = 16.0 }          # N/m, N·m/rad
@@ -38,10 +38,10 @@ pub enum ImpedanceFileError {
         robot: String,
         /// The name in the file.
         joint: String,
-        /// Those that there are.
+        /// The robot's joints.
         names: String,
     },
-    /// A number makes no sense, or does not suit the robot.
+    /// A value is invalid, or does not suit the robot.
     #[error("{}: {problem}", path.display())]
     Settings {
         /// The file.
@@ -51,7 +51,7 @@ pub enum ImpedanceFileError {
     },
 }
 
-/// Settings as a file has them.
+/// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -128,7 +128,7 @@ impl Axes {
 /// # Errors
 /// What is wrong with the file, and where.
 pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, ImpedanceFileError> {
-    let place = || path.to_path_buf();
+    let file_path = || path.to_path_buf();
     let file: File = file::read(path)?;
     let redundancy = match file.redundancy {
         FileRedundancy::None => Redundancy::None,
@@ -138,7 +138,7 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, Impeda
             let (joint, _) = found.ok_or_else(|| {
                 let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
                 ImpedanceFileError::Joint {
-                    path: place(),
+                    path: file_path(),
                     robot: model.name.to_string(),
                     joint: name,
                     names: names.join(", "),
@@ -168,6 +168,6 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, Impeda
     };
     settings
         .validate(model.joints.len())
-        .map_err(|problem| ImpedanceFileError::Settings { path: place(), problem })?;
+        .map_err(|problem| ImpedanceFileError::Settings { path: file_path(), problem })?;
     Ok(settings)
 }

@@ -72,7 +72,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "controller.toml",
             "[joint.servo]",
             "[joints.thumb]\nx = 1\n[joint.servo]",
-            "[joints.thumb] belongs to no joint",
+            "[joints.thumb]: the URDF has no such joint",
         ),
         (
             "controller.toml",
@@ -134,7 +134,11 @@ fn what_a_controller_cannot_drive_is_told() {
     for (from, to, expected) in [
         ("</robot>", branch, "branches behind joint finger1_swing into finger1_bend and spread"),
         ("type=\"revolute\"", "type=\"continuous\"", "finger1_swing is of type Continuous"),
-        ("name=\"hand3\"", "name=\"a_robot_with_a_name_that_is_too_long\"", "36 bytes, at most 32 fit"),
+        (
+            "name=\"hand3\"",
+            "name=\"a_robot_with_a_name_that_is_too_long\"",
+            "36 bytes; at most 32 are supported",
+        ),
         ("name=\"hand3\"", "name=\"\"", "the robot has no name"),
     ] {
         let said = error("robot.urdf", from, to);

@@ -127,7 +127,7 @@ const CASES: &[Case] = &[
     (
         ("name=\"slide\"", "link=\"ejector\"", "link=\"index\""),
         ("<joint name=\"slide\"", "<joint"),
-        &["\"index\" hangs on two joints, index_base (line 35) and slide", "loop", "mimic"],
+        &["\"index\" is the child of two joints, index_base (line 35) and slide", "loop", "mimic"],
     ),
     (
         ("shoulder", "<parent link=\"base\"/>", "<parent link=\"thumb_tip\"/>"),
@@ -146,7 +146,7 @@ const CASES: &[Case] = &[
     (
         ("name=\"slide\"", "slide", "thumb_base"),
         ("<joint name=\"thumb_base\" type=\"prismatic\"", "<joint"),
-        &["joint thumb_base exists twice, first in line 23", "name of its own"],
+        &["joint thumb_base exists twice, first in line 23", "names must be unique"],
     ),
     (
         ("<link name=\"thumb\"/>", "<link name=\"thumb\"/>", "<link name=\"thumb\"/><link name=\"palm\"/>"),
@@ -156,23 +156,23 @@ const CASES: &[Case] = &[
     (
         ("wrist", "continuous", "revolut"),
         ("<joint name=\"wrist\"", "<joint"),
-        &["joint wrist", "no joint of type \"revolut\"", "revolute, continuous"],
+        &["joint wrist", "unknown joint type \"revolut\"", "revolute, continuous"],
     ),
     // Numbers
     (
         ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 0 0,1\""),
         ("shoulder", "<origin"),
-        &["joint shoulder", "\"0,1\" is no finite number", "with a point"],
+        &["joint shoulder", "\"0,1\" is not a finite number", "with a point"],
     ),
     (
         ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 nan 0.1\""),
         ("shoulder", "<origin"),
-        &["joint shoulder", "\"nan\" is no finite number"],
+        &["joint shoulder", "\"nan\" is not a finite number"],
     ),
     (
         ("shoulder", "upper=\"1.5\"", "upper=\"inf\""),
         ("shoulder", "<limit"),
-        &["joint shoulder", "\"inf\" is no finite number"],
+        &["joint shoulder", "\"inf\" is not a finite number"],
     ),
     (
         ("shoulder", "xyz=\"0 0 0.1\"", "xyz=\"0 0.1\""),
@@ -184,7 +184,7 @@ const CASES: &[Case] = &[
         ("shoulder", "<limit"),
         &["joint shoulder", "xacro expression"],
     ),
-    (("<mass", "0.5", "0.5 kg"), ("<mass", "<mass"), &["link upper", "\"kg\" is no finite number"]),
+    (("<mass", "0.5", "0.5 kg"), ("<mass", "<mass"), &["link upper", "\"kg\" is not a finite number"]),
     (("shoulder", "velocity=\"2\"", ""), ("shoulder", "<limit"), &["joint shoulder", "no velocity", "rad/s"]),
     (("<inertia ", "iyy=\"2e-3\"", ""), ("<inertia ", "<inertia"), &["link upper", "no iyy"]),
     (
@@ -205,7 +205,7 @@ const CASES: &[Case] = &[
     (
         ("shoulder", "xyz=\"0 0 2\"", "xyz=\"0 0 0\""),
         ("shoulder", "<axis"),
-        &["joint shoulder", "no direction", "0 0 1"],
+        &["joint shoulder", "not a direction", "0 0 1"],
     ),
     (
         ("shoulder", "<limit lower=\"-1\" upper=\"1.5\" effort=\"5\" velocity=\"2\"/>", ""),
@@ -316,8 +316,8 @@ fn mimic_joints_in_a_circle_are_found_from_each_of_them() {
     let (_, findings) = check(&text);
     assert_eq!(findings.len(), 2, "{findings:#?}");
     let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
-    assert!(said[0].contains("robot.urdf:39: joint index_base mimics itself in the end"), "{said:?}");
-    assert!(said[1].contains("robot.urdf:47: joint index_curl mimics itself in the end"), "{said:?}");
+    assert!(said[0].contains("robot.urdf:39: joint index_base mimics itself indirectly"), "{said:?}");
+    assert!(said[1].contains("robot.urdf:47: joint index_curl mimics itself indirectly"), "{said:?}");
 }
 
 #[test]
@@ -341,8 +341,8 @@ fn many_mistakes_are_told_together_and_a_missing_axis_is_a_warning() {
 fn words_that_are_no_urdf_say_so() {
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(5000), "</a>".repeat(5000));
     for (text, expected) in [
-        ("", "no well-formed XML"),
-        ("<robt/>", "<robt> is no robot"),
+        ("", "malformed XML"),
+        ("<robt/>", "<robt> is not a robot"),
         ("<robot name=\"x\"/>", "no links"),
         ("<robot name=\"x\"><link/></robot>", "a link without a name"),
         (
@@ -351,7 +351,7 @@ fn words_that_are_no_urdf_say_so() {
         ),
         ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
         ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
-        (&deep, "more than 64 deep"),
+        (&deep, "more than 64 levels deep"),
     ] {
         let (urdf, findings) = check(text);
         let said = findings.iter().map(ToString::to_string).collect::<String>();
@@ -407,7 +407,7 @@ fn paths_that_cannot_be_computed_say_why_and_which_can() {
         (None, "ejector", &["robot.urdf:50", "joint slide", "prismatic", "thumb_tip, index_tip, palm"][..]),
         (None, "nail", &["no link \"nail\"", "thumb_tip"]),
         (Some("thumb"), "index_tip", &["\"thumb\" is not between", "--base"]),
-        (Some("thumb"), "thumb_tip", &["no joint moves between thumb and thumb_tip"]),
+        (Some("thumb"), "thumb_tip", &["there is no moving joint between thumb and thumb_tip"]),
     ] {
         let said = refused(base, tip);
         for word in words {
@@ -431,7 +431,7 @@ fn more_than_seven_joints_are_too_many_unless_a_base_further_out_is_named() {
     }
     let urdf = check(&(text + "</robot>")).0.unwrap();
     let said = urdf.path(None, "l9").map(|_| ()).unwrap_err().to_string();
-    assert!(said.contains("9 moving joints from l0 to l9, at most 7 work"), "{said}");
+    assert!(said.contains("9 moving joints from l0 to l9; at most 7 are supported"), "{said}");
     assert!(said.contains("--base l2") && said.contains("from l0: l7"), "{said}");
     assert_eq!(urdf.path(Some("l2"), "l9").unwrap().joints.len(), 7);
     assert_eq!(urdf.path(None, "l7").unwrap().joints.len(), 7);

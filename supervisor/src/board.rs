@@ -9,28 +9,28 @@ use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTele
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 
-/// Why a request to a board came to nothing.
+/// Why a request to a board failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
-    /// The board said no, and nothing changed.
+    /// The board refused the request; nothing changed.
     #[error("the board refused to {action}: {refusal}")]
     Refused {
-        /// What it was asked to do.
+        /// The requested action.
         action: &'static str,
-        /// Its reason.
+        /// The reason.
         refusal: Refusal,
     },
-    /// The board's answer is of another kind than the request.
-    #[error("the board answered with something else when asked to {action}: {reply}")]
+    /// The reply does not belong to the request.
+    #[error("unexpected reply to the request to {action}: {reply}")]
     WrongReply {
-        /// What it was asked to do.
+        /// The requested action.
         action: &'static str,
-        /// The answer.
+        /// The reply.
         reply: String,
     },
-    /// Board and client have different protocols.
+    /// Board and client use different versions of the protocol.
     #[error(
-        "the board's firmware {}.{}.{} speaks another version of the protocol (schema {board:016x}) than this program \
+        "the board's firmware {}.{}.{} uses another version of the protocol (schema {board:016x}) than this program \
          {} (schema {here:016x}): flash the firmware that belongs to this program, or use the program that belongs to \
          the firmware",
         firmware[0], firmware[1], firmware[2], env!("CARGO_PKG_VERSION")
@@ -46,38 +46,38 @@ pub enum BoardError {
     /// No answer in time.
     #[error("no answer from the board within {seconds} s: check cable, port and power")]
     Timeout {
-        /// How long was waited [s].
+        /// The time waited [s].
         seconds: f64,
     },
-    /// The board runs another task than the one that was asked about.
+    /// The board runs another task.
     #[error("the board's task is not {expected}: {reply}")]
     OtherTask {
-        /// The task that was expected.
+        /// The expected task.
         expected: &'static str,
-        /// What it reported instead.
+        /// The reported task.
         reply: String,
     },
     /// The link itself failed.
     #[error("the link to the board failed: {0}")]
     Link(#[from] std::io::Error),
-    /// What was read in pieces did not fit together.
-    #[error("the board's export was disturbed by another client: try again")]
+    /// The pieces of an export do not match.
+    #[error("another client disturbed the export of the board: try again")]
     ExportDisturbed,
     /// More joints than a board can have.
-    #[error("{0} joints given, a board has at most {MAX_JOINTS}")]
+    #[error("{0} joints given; a board has at most {MAX_JOINTS}")]
     TooManyJoints(usize),
     /// More tips than a board can have.
-    #[error("{0} tips given, a board has at most {MAX_CHAINS}")]
+    #[error("{0} tips given; a board has at most {MAX_CHAINS}")]
     TooManyTips(usize),
-    /// The model is too large to send, or what came is none.
+    /// The model is too large, or the received data are not a model.
     #[error("the robot model cannot be encoded or decoded: {0}")]
     Encoding(#[from] postcard::Error),
 }
 
-/// A copy of what a board has.
+/// Data exported by a board.
 #[derive(Clone, Debug)]
 pub struct Exported {
-    /// The copy.
+    /// The data.
     pub bytes: Vec<u8>,
     /// Index of the last log entry before it was made.
     pub index: u32,
@@ -85,15 +85,15 @@ pub struct Exported {
     pub key: u64,
 }
 
-/// A controller board, near or far: whatever answers [`Request`]s.
+/// A controller board, local or remote: anything that answers [`Request`]s.
 pub trait Board {
-    /// Asks once and waits for the answer.
+    /// Sends a request once and waits for the reply.
     ///
     /// # Errors
-    /// When the link fails or nothing comes in time. A refusal is a [`Reply`].
+    /// When the link fails or no reply comes in time. A refusal is a [`Reply`].
     fn request(&mut self, request: Request) -> Result<Reply, BoardError>;
 
-    /// Asks for something that is answered by [`Reply::Done`].
+    /// Sends a request that is answered by [`Reply::Done`].
     ///
     /// # Errors
     /// Also when the board refuses.
@@ -128,7 +128,7 @@ pub trait Board {
         self.ask("be commanded", Request::TakeCommand { by_force })
     }
 
-    /// Has the board send `stream` every so many ticks; 0 stops it.
+    /// Sets the period of `stream` in ticks; 0 stops it.
     ///
     /// # Errors
     /// When the board refuses.
@@ -136,10 +136,10 @@ pub trait Board {
         self.ask("send a stream", Request::SetRate { stream, every })
     }
 
-    /// Reads a copy of what the board has.
+    /// Exports data of the board and reads them.
     ///
     /// # Errors
-    /// When the board refuses, or another client exports something at the same time, three times in a row.
+    /// When the board refuses, or another client disturbs the export three times in a row.
     fn export(&mut self, item: Item) -> Result<Exported, BoardError> {
         const ACTION: &str = "export";
         for _ in 0..3 {
@@ -165,18 +165,18 @@ pub trait Board {
         Err(BoardError::ExportDisturbed)
     }
 
-    /// The robot model that the board uses.
+    /// The robot model on the board.
     ///
     /// # Errors
-    /// When it has none.
+    /// When the board has no model.
     fn model(&mut self) -> Result<RobotModel, BoardError> {
         Ok(postcard::from_bytes(&self.export(Item::Model)?.bytes)?)
     }
 
-    /// Sends a robot model, piece by piece, and has it taken into use.
+    /// Sends a robot model in chunks and commits it.
     ///
     /// # Errors
-    /// When the board refuses the transfer or the model; it then keeps the model that it had.
+    /// When the board refuses the transfer or the model; it then keeps its previous model.
     fn push_model(&mut self, model: &RobotModel) -> Result<(), BoardError> {
         let bytes = postcard::to_stdvec(model)?;
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
@@ -189,7 +189,7 @@ pub trait Board {
         self.ask("use the model", Request::ModelCommit)
     }
 
-    /// Tells the board at which angles [rad] its joints stand.
+    /// Sets the current joint angles [rad] (homing).
     ///
     /// # Errors
     /// When the board refuses.
@@ -197,7 +197,7 @@ pub trait Board {
         self.ask("home", Request::Home { positions: joints(positions)? })
     }
 
-    /// Nothing touches the tips: what their force sensors read now is taken off from now on.
+    /// Zeroes the force sensors; nothing may touch the tips.
     ///
     /// # Errors
     /// When the board refuses.
@@ -205,7 +205,7 @@ pub trait Board {
         self.ask("tare its force sensors", Request::Tare)
     }
 
-    /// Starts a task: switches the outputs on.
+    /// Starts a task and switches the outputs on.
     ///
     /// # Errors
     /// When the board refuses.
@@ -213,7 +213,7 @@ pub trait Board {
         self.ask("enable its outputs", Request::Enable(task))
     }
 
-    /// Ends the task: switches the outputs off.
+    /// Ends the task and switches the outputs off.
     ///
     /// # Errors
     /// When the link fails.
@@ -232,7 +232,7 @@ pub trait Board {
         )
     }
 
-    /// Sends the next point of a trajectory for the tip of each finger: one a tick.
+    /// Sends the next point of the trajectory of each fingertip, one per tick.
     ///
     /// # Errors
     /// When the board refuses.
@@ -241,7 +241,7 @@ pub trait Board {
         self.ask("move its tips", Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips })))
     }
 
-    /// Tells a hand what to do next.
+    /// Sends a grasp command.
     ///
     /// # Errors
     /// When the board refuses.
@@ -249,7 +249,7 @@ pub trait Board {
         self.ask("grasp", Request::Task(TaskCommand::Grasping(command)))
     }
 
-    /// The running task, or the one that ran last.
+    /// Telemetry of the running task, or of the last one.
     ///
     /// # Errors
     /// When no task was enabled yet.
@@ -262,7 +262,7 @@ pub trait Board {
         }
     }
 
-    /// The object in the hand.
+    /// Telemetry of grasping.
     ///
     /// # Errors
     /// When the board's task is not grasping.
@@ -273,7 +273,7 @@ pub trait Board {
         }
     }
 
-    /// The arm and its tool.
+    /// Telemetry of impedance control.
     ///
     /// # Errors
     /// When the board's task is not impedance control.
@@ -286,7 +286,7 @@ pub trait Board {
         }
     }
 
-    /// Gives an arm under impedance control other settings.
+    /// Changes the settings of impedance control.
     ///
     /// # Errors
     /// When the board refuses.
@@ -295,7 +295,7 @@ pub trait Board {
         self.ask("change its impedance", Request::Task(TaskCommand::Impedance(command)))
     }
 
-    /// Tells an arm under impedance control where its tool and its elbow should be.
+    /// Sets the target of tool and elbow under impedance control.
     ///
     /// # Errors
     /// When the board refuses.
@@ -304,15 +304,15 @@ pub trait Board {
         self.ask("move its tool", Request::Task(TaskCommand::Impedance(command)))
     }
 
-    /// Tells the board that the supervisor lives; nothing else changes.
+    /// Keeps the task running: resets the command timeout only.
     ///
     /// # Errors
     /// When the board refuses.
     fn keep(&mut self) -> Result<(), BoardError> {
-        self.ask("go on", Request::Keep)
+        self.ask("keep the task running", Request::Keep)
     }
 
-    /// What the node and the board say of themselves.
+    /// Status of node and board.
     ///
     /// # Errors
     /// When the board refuses.

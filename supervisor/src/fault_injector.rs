@@ -1,8 +1,8 @@
-//! A bad line on purpose: loses, flips, repeats and delays bytes, the same ones for the same seed.
+//! Fault injection for a link: loses, flips, repeats and delays bytes, reproducibly for a seed.
 //!
 //! [`LinkFaults`] says how bad, [`Damage`] does it to bytes alone, and [`FaultyLink`] does it to both
-//! directions of a [`ByteLink`](crate::ByteLink), and delays them too. A frame here is whatever ends with a
-//! zero byte.
+//! directions of a [`ByteLink`](crate::ByteLink), and delays them too. A frame here is anything that ends
+//! with a zero byte.
 
 mod damage;
 mod faults;

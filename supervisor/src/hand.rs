@@ -2,8 +2,9 @@
 //!
 //! Each board controls the three joints of its finger
 //! ([`chain_model`](tesaki_description::robot::chain_model)) and reads its fingertip's force sensor. In each
-//! tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board joint set-points and
-//! feedforward torques ([`JointCommand::Guide`]), which take effect one tick later than on a single board.
+//! tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board joint set-points
+//! and feedforward torques ([`JointCommand::Guide`]), which take effect one tick later than on a single
+//! board.
 //!
 //! When a board is in fault, disabled or silent, the others are stopped at once and no more set-points are
 //! sent: within the command timeout all three boards are in their model's reaction.
@@ -32,7 +33,8 @@ pub use model::HandModel;
 
 use crate::BoardError;
 
-/// Steps without new data of a board after which its data are stale: so many telemetries may be lost in a row.
+/// Steps without new data of a board after which its data are stale: so many telemetries may be lost in a
+/// row.
 pub const MAX_AGE: u32 = 3;
 /// Maximum wait for the first telemetry of a board.
 const FIRST_TELEMETRY_TIMEOUT: Duration = Duration::from_millis(300);
@@ -200,8 +202,8 @@ impl<B: FingerBoard> MultiBoardHand<B> {
     /// One control period: reads the measurements of all fingers, and sends each board its set-points.
     ///
     /// # Errors
-    /// A board is in fault, disabled or silent, or refuses; or the object was lost. All boards have been stopped
-    /// then.
+    /// A board is in fault, disabled or silent, or refuses; or the object was lost. All boards have been
+    /// stopped then.
     pub fn step(&mut self) -> Result<GraspTelemetry, HandError> {
         if !self.enabled {
             return Err(HandError::NotEnabled);

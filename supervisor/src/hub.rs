@@ -1,8 +1,9 @@
-//! One link for several programs.
+//! One link shared by several programs.
 //!
-//! To its board a [`Hub`] looks like one link: whole frames come in from any client, what goes out goes to
-//! all. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link,
-//! [`Hub::pump`] carries the bytes. It has no threads: clients are served inside these calls.
+//! To its board a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends the
+//! board's frames to all clients. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a
+//! board behind another link, [`Hub::pump`] carries the bytes. It has no threads: clients are served inside
+//! these calls.
 
 mod client;
 mod listener;
@@ -24,10 +25,10 @@ use listener::Listener;
 /// The longest frame that passes, its zero included. Longer ones are dropped whole.
 pub const LONGEST_FRAME: usize = 512;
 
-/// Clients are not read while so many bytes wait for the board: they feel that it is slow, and none is lost.
+/// While this many bytes wait for the board, clients are not read: back-pressure instead of losses.
 const WAITING: usize = 64 * 1024;
 
-/// Collects a client's bytes into whole frames, so that those of several clients do not mix.
+/// Collects a client's bytes into whole frames, so that frames of different clients do not mix.
 #[derive(Debug, Default)]
 struct Whole {
     partial: Vec<u8>,
@@ -53,7 +54,7 @@ impl Whole {
     }
 }
 
-/// Shares one board among several clients. A client that does not read loses bytes, and never holds up the
+/// Shares one board between several clients. A client that does not read loses bytes and never blocks the
 /// others.
 #[derive(Debug)]
 pub struct Hub {
@@ -69,7 +70,7 @@ impl Hub {
     /// A hub that listens at a Unix socket or a TCP address.
     ///
     /// # Errors
-    /// When it cannot, because of the address or because another program does.
+    /// When the address is invalid or in use by another program.
     pub fn listen(address: &Address) -> io::Result<Self> {
         let mut hub =
             Self { listeners: Vec::new(), clients: Vec::new(), waiting: VecDeque::new(), dropped: 0 };
@@ -86,8 +87,8 @@ impl Hub {
         Ok(())
     }
 
-    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It stays while
-    /// the hub does, whoever opens and closes it.
+    /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It lives as long
+    /// as the hub, however often it is opened and closed.
     ///
     /// # Errors
     /// When the system has none left.
@@ -124,7 +125,7 @@ impl Hub {
 
     /// Sends to every client what it takes, without waiting.
     pub fn broadcast(&mut self, bytes: &[u8]) {
-        // Who connected meanwhile hears it too.
+        // Includes clients that have connected since the last call.
         self.accept();
         self.clients.iter_mut().for_each(|client| client.write(bytes));
     }
@@ -188,14 +189,14 @@ impl Hub {
 
     fn accept(&mut self) {
         for (listener, _) in &self.listeners {
-            // An error is that of one client that gave up, or that nobody is there.
+            // An error means that one client has gone, or that there is none.
             while let Ok(file) = listener.accept() {
                 self.clients.push(Client::new(file, None));
             }
         }
     }
 
-    /// Does something for every client and forgets those that are gone.
+    /// Applies an action to every client and removes those that have gone.
     fn keep(&mut self, mut action: impl FnMut(&mut Client) -> io::Result<()>) {
         let dropped = &mut self.dropped;
         self.clients.retain_mut(|client| {

@@ -1,11 +1,11 @@
-//! Identification of a hand's joints, from what its board tells: torque constants and friction.
+//! Identification of torque constants and friction of a hand's joints from its telemetry.
 //!
-//! A joint's torque is `gain · told = weight + load + coulomb · sign(velocity) + viscous · velocity`: `told`
-//! is what its drive was told to make (`JointTelemetry::torque`), `load` what the tip's force sensor says by
-//! way of the Jacobian, `weight` that of the links by the URDF, with an unknown share for each link. The
-//! readings of a joint in motion, free and under load, forth and back, give gain and friction by least
-//! squares ([`fit`]); [`identify`] makes the motions. The reference is the force sensor: a gain error of its
-//! own is in every torque constant.
+//! A joint's torque is `gain · commanded = weight + load + coulomb · sign(velocity) + viscous · velocity`:
+//! `commanded` is the torque sent to the drive (`JointTelemetry::torque`), `load` the measured tip wrench
+//! mapped through the Jacobian, `weight` that of the links by the URDF, with an unknown fraction for each
+//! link. Gain and friction follow by least squares from readings of the joint in motion, free and under load,
+//! in both directions ([`fit`]); [`identify`] makes the motions. The reference is the force sensor: its gain
+//! error appears in every torque constant.
 //!
 //! The result is a [`Calibration`](tesaki_description::calibration::Calibration), a file of the machine, and
 //! with it a model for the board. A drive makes a current of torque over `motor.torque_constant` of that

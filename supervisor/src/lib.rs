@@ -1,6 +1,5 @@
-//! The client side of a tesaki board's serial line: [`Board`] and its requests, serial ports, a hub that
-//! shares a board among programs, a fault injector for the line, a hand of several boards, and identification
-//! of joints.
+//! The PC side of a tesaki board: [`Board`] and its requests, serial ports, a hub that shares a board between
+//! programs, a fault injector for the link, a hand of several boards, and identification of joints.
 
 mod board;
 pub mod fault_injector;

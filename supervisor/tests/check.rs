@@ -71,8 +71,8 @@ fn every_mistake_of_both_files_is_told_in_one_go() {
             "robot.urdf:75: joint finger1_curl: 46 m",
             "controller.toml:10: ",
             "supply_minimum",
-            "controller.toml:39: [joints.thumb] belongs to no joint of the URDF",
-            "controller.toml:43: joint finger2_bend: there is no motor.torqe",
+            "controller.toml:39: [joints.thumb]: the URDF has no such joint",
+            "controller.toml:43: joint finger2_bend: unknown key motor.torqe",
             "controller.toml:36: joints finger1_swing, finger1_bend",
             "invalid type: string \"fast\", expected f32",
             "7 problems found",
@@ -115,7 +115,7 @@ fn joints_without_settings_are_named() {
         &text,
         &[
             "joints finger1_swing, finger1_bend",
-            "finger3_curl: nothing is said",
+            "finger3_curl: no settings given",
             "[joint…]",
             "1 problem found",
         ],
@@ -138,7 +138,7 @@ fn a_mimic_joint_has_no_motor_but_can_be_evaluated() {
     assert_eq!(code, 0, "{text}");
     contains(
         &text,
-        &["only the URDF is checked: no controller.toml there", "finger1_curl (= 1 finger1_bend)"],
+        &["only the URDF is checked: the folder has no controller.toml", "finger1_curl (= 1 finger1_bend)"],
     );
 }
 
@@ -168,7 +168,7 @@ fn published_robots_have_nothing_wrong_with_their_kinematics() {
             assert_eq!(code, expected, "{}: {text}", path.display());
             assert_eq!(
                 text.matches("BAD").count(),
-                text.matches("no body has this inertia").count(),
+                text.matches("physically impossible inertia").count(),
                 "{text}"
             );
             contains(&text, &["tip "]);

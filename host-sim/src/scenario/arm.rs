@@ -1,4 +1,4 @@
-//! What scenarios share in which an arm yields at its tool: the session with the controller, and what is recorded of it.
+//! Common parts of the impedance-control scenarios: rig, trial and log.
 
 use std::ops::Range;
 
@@ -50,7 +50,7 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
     }
 }
 
-/// A way to lead the elbow.
+/// A redundancy resolution under test.
 pub struct ElbowTrial {
     pub name: &'static str,
     pub label: &'static str,
@@ -113,16 +113,16 @@ impl ArmRig {
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]
 pub struct ArmSample {
-    /// Since the controller was armed [s].
+    /// Time since the controller was enabled [s].
     pub time: f64,
     pub tool: TipTruth,
     /// Joint angles [rad].
     pub joints: Vec<f64>,
     /// Motor torques [N·m].
     pub torques: Vec<f64>,
-    /// Where the tool should be [m].
+    /// Target position of the tool [m].
     pub target: Vector3<f64>,
-    /// Where the elbow should be [rad].
+    /// Target angle of the elbow [rad].
     pub elbow: f64,
 }
 
@@ -196,7 +196,7 @@ pub struct ArmTrial<'a, 'b> {
 }
 
 impl<'a, 'b> ArmTrial<'a, 'b> {
-    /// Tares and arms; the tool is to be where it is.
+    /// Tares and enables; the target is the current pose.
     pub fn begin(
         setting: &'a mut Setting<'_, 'b>,
         rig: &'a mut ArmRig,
@@ -278,7 +278,7 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Lets time pass [s].
+    /// Simulates for a time [s].
     pub fn wait(&mut self, time: f64) -> Result<(), ScenarioError> {
         for _ in 0..(time / T).round() as usize {
             self.tick()?;

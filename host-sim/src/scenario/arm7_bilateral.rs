@@ -1,4 +1,5 @@
-//! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the link make energy?
+//! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the
+//! link make energy?
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
@@ -47,8 +48,8 @@ const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
 const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
 /// Of the wall [N·s/m].
 const DAMPING: f64 = 20.0;
-/// Most energy that the wall may get before the operator put it in: both reserves, that of the arm's own motion, and what a
-/// first contact owes [mJ].
+/// Most energy that the wall may get before the operator put it in: both reserves, that of the arm's own
+/// motion, and what a first contact owes [mJ].
 const MAX_ENERGY_MADE: f64 = 100.0;
 /// The handle has settled within this [m].
 const BAND: f64 = 0.002;
@@ -89,7 +90,8 @@ impl Run {
         self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
     }
 
-    /// Most that the wall has got beyond what the operator had put in until then, by the true forces and ways [J].
+    /// Most that the wall has got beyond what the operator had put in until then, by the true forces and ways
+    /// [J].
     fn recorded(&self) -> f64 {
         let handle = self.ticks.windows(2).map(|pair| -pair[0].force * (pair[1].handle - pair[0].handle));
         let wall = self.samples.windows(2).map(|pair| {

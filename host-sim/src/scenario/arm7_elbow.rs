@@ -1,5 +1,5 @@
-//! The elbow swings while the hand stays where it is (Arm7, section 2.2): by the shoulder's yaw with the other six joints
-//! holding the hand, and by the arm angle with all seven.
+//! The elbow swings while the hand stays where it is (Arm7, section 2.2): by the shoulder's yaw with the
+//! other six joints holding the hand, and by the arm angle with all seven.
 
 use rapier3d::na::Vector3;
 use tesaki::kinematics::ElbowSetpoint;

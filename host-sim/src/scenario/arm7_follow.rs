@@ -55,14 +55,15 @@ const END: f64 = 11.5;
 const REST: f64 = 2.0;
 const AMPLITUDE: f64 = 0.1;
 const FREQUENCY: f64 = 0.5;
-/// Root mean square of a person's tremor along each axis [m]: Riviere, Rader and Khosla (1997) found 0.05 mm in people who hold
-/// an instrument still, Growdon et al. (2000) twice to three times that with the arm stretched out.
+/// Root mean square of a person's tremor along each axis [m]: Riviere, Rader and Khosla (1997) found 0.05 mm
+/// in people who hold an instrument still, Growdon et al. (2000) twice to three times that with the arm
+/// stretched out.
 const TREMOR: f64 = 5e-5;
-/// Of the impedance, with M 1.5 kg and K 300 N/m of the paper's section 3.1, whose larger damping it is: it acts on the error, so
-/// it costs nothing, and the tool swings less when it is pushed.
+/// Of the impedance, with M 1.5 kg and K 300 N/m of the paper's section 3.1, whose larger damping it is: it
+/// acts on the error, so it costs nothing, and the tool swings less when it is pushed.
 const DAMPING: f32 = 30.0;
-/// The paper does not say with which impedance its arm followed. Between its two dampings, 7.5 and 30 N·s/m, this one comes
-/// nearest to its 7 mm at the reversals: the more damping, the farther the tool is behind.
+/// The paper does not say with which impedance its arm followed. Between its two dampings, 7.5 and 30 N·s/m,
+/// this one comes nearest to its 7 mm at the reversals: the more damping, the farther the tool is behind.
 const PAPER_DAMPING: f32 = 15.0;
 const GOOD_LINK: LinkValues = LinkValues { delay: 0.02, jitter: 0.003, loss: 0.02, burst: 0.0 };
 const BAD_LINK: LinkValues = LinkValues { delay: 0.02, jitter: 0.02, loss: 0.2, burst: 6.0 };

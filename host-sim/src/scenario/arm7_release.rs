@@ -1,4 +1,5 @@
-//! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance says?
+//! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance
+//! says?
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::{ImpedanceSettings, Law};
@@ -31,7 +32,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// The tool is let go before a reading of the force sensor by this many times its window: the reading shows it.
+/// The tool is let go before a reading of the force sensor by this many times its window: the reading shows
+/// it.
 const LEAD: f64 = 1.05;
 /// How far the tool is led [m].
 const OFF: f64 = 0.03;
@@ -95,7 +97,8 @@ struct Release {
     axis: usize,
     damping: f64,
     log: ArmLog,
-    /// The first reading of the force sensor without the hand, and by how much before it the tool was let go [s].
+    /// The first reading of the force sensor without the hand, and by how much before it the tool was let go
+    /// [s].
     time: f64,
     before: f64,
 }

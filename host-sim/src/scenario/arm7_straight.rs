@@ -1,4 +1,5 @@
-//! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes the tool farther.
+//! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes
+//! the tool farther.
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;

@@ -1,4 +1,5 @@
-//! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance says?
+//! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance
+//! says?
 
 use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
@@ -45,8 +46,8 @@ const DAMPING: f64 = 20.0;
 /// A force this near to the last one counts as settled [N].
 const BAND: f64 = 1.0;
 
-/// The walls that are met without a force sensor [N/m], the bandwidth of the observer [rad/s] and what counts as a contact
-/// then [N]: friction that the model does not know and weight that has moved must not.
+/// The walls that are met without a force sensor [N/m], the bandwidth of the observer [rad/s] and what counts
+/// as a contact then [N]: friction that the model does not know and weight that has moved must not.
 const UNFELT: [f64; 2] = [2000.0, 10_000.0];
 const BANDWIDTH: f32 = 30.0;
 const DOUBT: f32 = 6.0;
@@ -88,7 +89,8 @@ impl Contact {
         -sample.tool.wall_force[0]
     }
 
-    /// What the springs in series say [N]. The place of the tool's end is known as well as the joints' angles are.
+    /// What the springs in series say [N]. The place of the tool's end is known as well as the joints' angles
+    /// are.
     fn expected(&self) -> f64 {
         (WAY - CLEARANCE) * STIFFNESS * self.stiffness / (STIFFNESS + self.stiffness)
     }

@@ -1,4 +1,4 @@
-//! What scenarios share.
+//! Common parts of all scenarios.
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
@@ -10,7 +10,7 @@ use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
 
-/// Brings the controller from unknown to armed; returns the joint angles that it holds [rad].
+/// Sets up and enables the controller; returns the joint angles that it holds [rad].
 pub fn prepare(
     controller: &mut Watched<'_>,
     plant: &mut Plant,

@@ -1,5 +1,4 @@
-//! What scenarios share in which three fingers hold an object: where it stands, the session with the controller, what is
-//! recorded of it, and how firm a grip is against the least that would do.
+//! Common parts of the grasping scenarios: rig, trial, log, and the ratio of a grip to the least grip.
 
 mod calibration;
 mod figures;

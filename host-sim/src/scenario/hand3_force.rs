@@ -1,5 +1,5 @@
-//! Commanded fingertip forces on a box that is held (Hand3, section 5.3 and figure 11), under the paper's law and closed
-//! on the force sensors.
+//! Commanded fingertip forces on a box that is held (Hand3, section 5.3 and figure 11), under the paper's law
+//! and closed on the force sensors.
 
 use std::ops::Range;
 

@@ -1,4 +1,5 @@
-//! From the open hand to the open hand: an object is found, grasped, lifted, moved and put down (Hand3, sections 5 to 7).
+//! From the open hand to the open hand: an object is found, grasped, lifted, moved and put down (Hand3,
+//! sections 5 to 7).
 
 use std::ops::Range;
 

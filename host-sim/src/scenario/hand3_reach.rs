@@ -1,5 +1,5 @@
-//! Fingertips in space: three fingertips draw circles and squares at once (Hand3, sections 2 and 4), on a machine that
-//! differs from the controller's model.
+//! Fingertips in space: three fingertips draw circles and squares at once (Hand3, sections 2 and 4), on a
+//! machine that differs from the controller's model.
 
 use std::f64::consts::TAU;
 
@@ -44,7 +44,8 @@ const T: f64 = 0.01;
 const TRIAL: f64 = 13.5;
 /// Angles of each finger at the middle of its figures [rad].
 const MIDDLE: [f32; 3] = [0.0, 0.1, 1.3];
-/// From the start to the first point of the figures: the joints go to the middle, through their trajectory filters [s].
+/// From the start to the first point of the figures: the joints go to the middle, through their trajectory
+/// filters [s].
 const SETTLE: f64 = 2.0;
 const RADIUS: f64 = 0.010;
 /// Half the side of the square [m].
@@ -101,8 +102,8 @@ impl Recording {
             .unzip()
     }
 
-    /// Root mean square of the distance from the path of the worst tip, with and without its mean; and the largest
-    /// distance of any tip [mm].
+    /// Root mean square of the distance from the path of the worst tip, with and without its mean; and the
+    /// largest distance of any tip [mm].
     fn worst(&self, window: Window) -> (f64, f64, f64) {
         let (mut all, mut shifted, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
         for tip in 0..self.tips.len() {
@@ -239,8 +240,8 @@ fn line(from: [f64; 2], to: [f64; 2], time: f64, duration: f64) -> PathPoint {
     }
 }
 
-/// The circle, `time` after its start: the speed rises from 0 to one turn a second and falls again, both like a minimum-jerk
-/// motion.
+/// The circle, `time` after its start: the speed rises from 0 to one turn a second and falls again, both like
+/// a minimum-jerk motion.
 fn circle(time: f64) -> PathPoint {
     let (start, ramp, end) = CIRCLE;
     let duration = end - start;

@@ -1,5 +1,5 @@
-//! The joint servo of the three-finger hand (Hand3, section 4): steps of ±0.3 rad of all nine joints at once through
-//! the trajectory filter, on a machine that differs from the controller's model.
+//! The joint servo of the three-finger hand (Hand3, section 4): steps of ±0.3 rad of all nine joints at once
+//! through the trajectory filter, on a machine that differs from the controller's model.
 
 use std::ops::Range;
 
@@ -103,8 +103,8 @@ struct Recording {
 }
 
 impl Recording {
-    /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which the
-    /// servo cannot observe.
+    /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which
+    /// the servo cannot observe.
     fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         let homing = self.homing_errors[joint];
         let pairs = self.position[joint].iter().zip(&self.reference[joint]);
@@ -117,8 +117,8 @@ impl Recording {
         self.position[joint].iter().map(|angle| angle + self.homing_errors[joint] - start).collect()
     }
 
-    /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than [`SETTLING_TIME`]
-    /// after each step.
+    /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than
+    /// [`SETTLING_TIME`] after each step.
     fn worst(&self, steps: Range<usize>) -> (f64, f64) {
         let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
         for joint in 0..self.position.len() {
@@ -266,8 +266,8 @@ impl<'a, 'b> TrialRun<'a, 'b> {
     }
 }
 
-/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one term per
-/// step. A goal received with a tick acts from the tick before it.
+/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one
+/// term per step. A goal received with a tick acts from the tick before it.
 fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
     let mut moved = 0.0;
     for (index, &step) in steps.iter().enumerate() {
@@ -304,7 +304,8 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     summary.insert(format!("{name}_torque_peak"), torque);
 }
 
-/// All joints' angles and torques, and the errors chain by chain; the colour is the joint's position in its chain.
+/// All joints' angles and torques, and the errors chain by chain; the colour is the joint's position in its
+/// chain.
 fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     let mut angles = Panel::new("Joint angles from the start", "angle", "rad");
     let mut errors = Vec::new();

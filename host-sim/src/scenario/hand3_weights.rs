@@ -1,5 +1,5 @@
-//! Weights are put on a held box and taken off, one at a time and one on the other, and it is pushed (Hand3, section 6 and
-//! figures 12 and 13).
+//! Weights are put on a held box and taken off, one at a time and one on the other, and it is pushed (Hand3,
+//! section 6 and figures 12 and 13).
 
 use std::ops::Range;
 

@@ -96,7 +96,7 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
         Field::Joints | Field::Chains => "a controller needs chains of 1 to 7 revolute joints",
         Field::Name | Field::ChainName => "give it a name of its own",
         Field::OriginTranslation | Field::OriginRotation | Field::TipTranslation | Field::TipRotation => {
-            "mend the <origin> of the joint"
+            "correct the <origin> of the joint"
         }
         Field::Axis => "mend its <axis>",
         Field::TipRadius => "mend the <sphere> of the tip",

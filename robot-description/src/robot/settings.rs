@@ -135,7 +135,7 @@ impl Settings {
             report.dynamics(
                 line,
                 error.message(),
-                "docs/bring-your-own-hand.md shows a whole controller.toml",
+                "docs/bring-your-own-hand.md has a complete controller.toml",
             );
         });
         // The joints can be looked at all the same.
@@ -172,8 +172,8 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
     let table = |key: &str| file.get(key).and_then(Value::as_table).cloned().unwrap_or_default();
     let (common, own) = (table("joint"), table("joints"));
     for stranger in own.keys().filter(|name| !names.contains(&name.as_str())) {
-        let message = format!("[joints.{stranger}] belongs to no joint of the URDF");
-        let advice = format!("correct or remove it; the joints that move are {}", names.join(", "));
+        let message = format!("[joints.{stranger}]: the URDF has no such joint");
+        let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
         report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);
     }
     let mut wrong: Vec<(Wrong, Vec<&str>)> = Vec::new();
@@ -199,7 +199,8 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
         };
         let line = line.or_else(|| line_of(text, &format!("joint.{key}"))).or_else(|| line_of(text, &key));
         let (plural, list) = (if names.len() > 1 { "s" } else { "" }, names.join(", "));
-        let advice = "mend it in [joint…], which holds for every joint, or in [joints.NAME…] for one";
+        let advice =
+            "correct it in [joint…], which applies to all joints, or in [joints.NAME…] for a single joint";
         report.dynamics(line, format!("joint{plural} {list}: {message}"), advice);
     }
     joints
@@ -221,7 +222,7 @@ impl JointSettings {
             errors.push(Wrong { key: key.clone(), message });
         }
         if table.is_empty() {
-            errors.push(Wrong { key: "joint".to_owned(), message: "nothing is said about it".to_owned() });
+            errors.push(Wrong { key: "joint".to_owned(), message: "no settings given".to_owned() });
             return None;
         }
         let (motor, encoder) = (section(table, "motor", errors), section(table, "encoder", errors));
@@ -243,7 +244,7 @@ where
             // Not every part of the model refuses keys that it does not know.
             let known = Value::try_from(&section).unwrap_or(Value::Boolean(false));
             let Some(key) = stranger(value, &known, name) else { return Some(section) };
-            errors.push(Wrong { message: format!("there is no {key}"), key });
+            errors.push(Wrong { message: format!("unknown key {key}"), key });
             None
         }
         Err(error) => {

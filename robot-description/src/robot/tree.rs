@@ -52,10 +52,10 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
         let body = RigidBody::new(&urdf.robot, &joint.child.link);
         if let [(one, _), (other, _), ..] = &*body.joints {
             let message = format!(
-                "the chain branches behind joint {} into {} and {}: a controller's chains branch at the base only",
+                "the chain branches behind joint {} into {} and {}: chains on a board may branch only at the base",
                 joint.name, one.name, other.name
             );
-            let advice = "drive one of them by its own robot folder; `tesaki eval` computes each tip";
+            let advice = "put one of them into its own robot folder; `tesaki eval` computes each tip";
             report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
         driven(urdf, joint, report);
@@ -65,7 +65,7 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
     }
     if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
         let message = format!("joint {} moves no mass", joint.name);
-        let advice = "give the links behind it <inertial>: gravity and inertia are fed forward from it";
+        let advice = "give the links behind it <inertial>: they are needed for the feed-forward of gravity and inertia";
         report.warning(urdf.line_of_joint(&joint.name), message, advice);
     }
     // In a tree the last body has a link at its end.
@@ -104,7 +104,7 @@ fn driven(urdf: &Urdf, joint: &Joint, report: &mut Report) {
         report.dynamics(
             line,
             message,
-            "a controller drives revolute joints (with limits); others may be fixed",
+            "a controller drives revolute joints (with limits); make the others fixed",
         );
     }
 }
@@ -136,8 +136,9 @@ fn serial_joint(joint: &Joint, offset: &Isometry3<f64>, body: &RigidBody<'_>) ->
 fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let mut most = |line, what: &str, count: usize, limit: usize| {
         if count > limit {
-            let advice = "a board drives so many; split the robot into several folders, one a board";
-            report.dynamics(line, format!("{count} {what}, at most {limit} fit"), advice);
+            let advice =
+                "this is the maximum of a board; split the robot into several folders, one for each board";
+            report.dynamics(line, format!("{count} {what}; at most {limit} are supported"), advice);
         }
     };
     let all: usize = chains.iter().map(|chain| chain.joints.len()).sum();
@@ -154,7 +155,8 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let tips = chains.iter().map(|chain| chain.tip.as_str());
     for name in std::iter::once(urdf.robot.name.as_str()).chain(joints).chain(tips) {
         if name.len() > MAX_NAME {
-            let message = format!("the name {name:?} has {} bytes, at most {MAX_NAME} fit", name.len());
+            let message =
+                format!("the name {name:?} has {} bytes; at most {MAX_NAME} are supported", name.len());
             report.dynamics(
                 urdf.line_of_joint(name).or_else(|| urdf.line_of_link(name)),
                 message,

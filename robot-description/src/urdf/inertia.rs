@@ -65,11 +65,11 @@ fn tensor_of(link: &Part<'_>, part: &Part<'_>, tensor: &Matrix3<f64>, mass: f64,
     // The same margin as the board's: digits are cut when files are exported.
     let tolerance = 1e-3 * tensor.trace().abs() + 1e-12;
     if small < -tolerance {
-        let message = format!("{}: no body has this inertia: {listed}, one is negative", link.title());
+        let message = format!("{}: physically impossible inertia: {listed}, one is negative", link.title());
         report.dynamics(line, message, "check its diagonal, and the signs of ixy, ixz, iyz");
     } else if (tensor.trace() / 2.0 - large) < -tolerance {
         let message = format!(
-            "{}: no body has this inertia: {listed}, one exceeds the sum of the others",
+            "{}: physically impossible inertia: {listed}, one exceeds the sum of the others",
             link.title()
         );
         report.dynamics(

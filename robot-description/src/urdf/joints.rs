@@ -60,15 +60,15 @@ fn distance(joint: &Part<'_>) -> f64 {
 
 fn axis(joint: &Part<'_>, report: &mut Report) {
     let Some(axis) = joint.child("axis") else {
-        let message = format!("{} has no <axis>: x is taken", joint.title());
+        let message = format!("{} has no <axis>: the default is x", joint.title());
         report.warning(Some(joint.line()), message, "say so: <axis xyz=\"1 0 0\"/>");
         return;
     };
     if let Some(xyz) = axis.vector("xyz")
         && xyz.iter().all(|value| value.abs() < 1e-6)
     {
-        let message = format!("{}: its axis {xyz:?} is no direction", joint.title());
-        report.kinematics(Some(axis.line()), message, "give one, such as <axis xyz=\"0 0 1\"/>");
+        let message = format!("{}: its axis {xyz:?} is not a direction", joint.title());
+        report.kinematics(Some(axis.line()), message, "use for example <axis xyz=\"0 0 1\"/>");
     }
 }
 
@@ -88,10 +88,10 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
         report.limits(line, message, advice);
     } else if lower >= upper {
         let message = format!("{}: lower = {lower} is not below upper = {upper}", joint.title());
-        report.limits(line, message, "swap or mend them");
+        report.limits(line, message, "swap or correct them");
     } else if let Some(value) = [lower, upper].into_iter().find(|value| value.abs() > LARGEST_ANGLE) {
         let message = format!("{}: limits {lower} to {upper} rad, beyond ±4π: degrees?", joint.title());
-        let advice = format!("{}; a joint that turns without end is of type continuous", degrees(value));
+        let advice = format!("{}; a joint without limits is of type continuous", degrees(value));
         report.limits(line, message, advice);
     }
 }
@@ -104,7 +104,7 @@ fn mimic(joint: &Part<'_>, source: &Source<'_>, report: &mut Report) {
         let Some(mimic) = here.child("mimic") else { return };
         let Some(next) = mimic.attribute("joint") else { return };
         if next == joint.name() {
-            let way = if here.name() == next { "itself" } else { "itself in the end" };
+            let way = if here.name() == next { "itself" } else { "itself indirectly" };
             let message = format!("{} mimics {way}", joint.title());
             report.kinematics(line, message, "name the joint that has the motor");
             return;

@@ -84,7 +84,11 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
         let limit = joint.child("limit").filter(|_| source.root.attribute("version").is_none());
         if let Some(limit) = limit.filter(|limit| limit.attribute("velocity").is_none()) {
             let message = format!("{}: <limit> has no velocity", joint.title());
-            report.kinematics(Some(limit.line()), message, "add velocity=\"…\" in rad/s (m/s for a slide)");
+            report.kinematics(
+                Some(limit.line()),
+                message,
+                "add velocity=\"…\" in rad/s (m/s for a prismatic joint)",
+            );
         }
     }
 }
@@ -97,7 +101,7 @@ fn number(owner: &Part<'_>, part: &Part<'_>, name: &str, value: &str, report: &m
     let words: Vec<&str> = value.split_whitespace().collect();
     let stranger = words.iter().find(|word| !word.parse().is_ok_and(f64::is_finite));
     let message = match stranger {
-        Some(word) => format!("{word:?} is no finite number"),
+        Some(word) => format!("{word:?} is not a finite number"),
         None if words.len() != count => format!("{} numbers, {count} expected", words.len()),
         None => return,
     };

@@ -185,23 +185,24 @@ impl Urdf {
             return Err(Refused::new(
                 self.line_of_joint(&joint.name),
                 format!(
-                    "joint {} on the way to {tip} is {kind}: revolute, continuous, mimic and fixed joints work",
+                    "joint {} on the path to {tip} is {kind}: only revolute, continuous, mimic and fixed joints are supported",
                     joint.name
                 ),
             ));
         }
         match moving.len() {
-            0 => {
-                Err(Refused::new(self.line_of_link(tip), format!("no joint moves between {base} and {tip}")))
-            }
+            0 => Err(Refused::new(
+                self.line_of_link(tip),
+                format!("there is no moving joint between {base} and {tip}"),
+            )),
             1..=MAX_CHAIN_JOINTS => Ok(()),
             many => Err(Refused {
                 line: self.line_of_link(tip),
                 message: format!(
-                    "{many} moving joints from {base} to {tip}, at most {MAX_CHAIN_JOINTS} work"
+                    "{many} moving joints from {base} to {tip}; at most {MAX_CHAIN_JOINTS} are supported"
                 ),
                 advice: Some(format!(
-                    "start or end further on the way, such as --base {}; tips that work from {base}: {}",
+                    "choose a later base, for example --base {}; tips that can be reached from {base}: {}",
                     moving[many - MAX_CHAIN_JOINTS].parent.link,
                     moving[MAX_CHAIN_JOINTS].parent.link
                 )),
@@ -218,7 +219,7 @@ impl Urdf {
         let axis = axis(joint).ok_or_else(|| {
             Refused::new(
                 self.line_of_joint(&joint.name),
-                format!("joint {}: its axis is no direction", joint.name),
+                format!("joint {}: its axis is not a direction", joint.name),
             )
         })?;
         let (leader, multiplier, offset) = self.leader(joint)?;

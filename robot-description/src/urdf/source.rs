@@ -9,7 +9,7 @@ use crate::finding::Report;
 /// Deepest nesting of elements: vendors put things of their own into a URDF.
 const DEEPEST: usize = 64;
 
-const XACRO: &str = "a robot folder holds plain URDF: `xacro FILE.xacro > robot.urdf` makes it";
+const XACRO: &str = "a robot folder needs plain URDF: generate it with `xacro FILE.xacro > robot.urdf`";
 
 /// Reads the XML.
 pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
@@ -27,9 +27,9 @@ pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
                         "remove what starts with {prefix}:, or declare it: <robot xmlns:{prefix}=\"{prefix}\""
                     )
                 }
-                _ => "every <tag> needs its </tag> or />, every attribute its quotes".to_owned(),
+                _ => "every <tag> needs a </tag> or />, every attribute value needs quotes".to_owned(),
             };
-            report.kinematics(Some(line), format!("no well-formed XML: {error}"), advice);
+            report.kinematics(Some(line), format!("malformed XML: {error}"), advice);
             None
         }
     }
@@ -121,8 +121,8 @@ impl<'a> Source<'a> {
     pub fn new(document: &'a Document<'a>, starts: &'a [usize], report: &mut Report) -> Option<Self> {
         let root = Part { node: document.root_element(), starts };
         if let Some(line) = too_deep(&root) {
-            let message = format!("elements within elements, more than {DEEPEST} deep");
-            report.kinematics(Some(line), message, "a URDF is at most 6 deep: is a </tag> missing?");
+            let message = format!("elements nested more than {DEEPEST} levels deep");
+            report.kinematics(Some(line), message, "a URDF is at most 6 levels deep: is a </tag> missing?");
             return None;
         }
         if let Some(part) = root.descendants().find(is_xacro) {
@@ -131,7 +131,7 @@ impl<'a> Source<'a> {
         }
         if root.tag() != "robot" {
             let advice = "a URDF is one <robot name=\"…\"> with links and joints";
-            report.kinematics(Some(root.line()), format!("<{}> is no robot", root.tag()), advice);
+            report.kinematics(Some(root.line()), format!("<{}> is not a robot", root.tag()), advice);
             return None;
         }
         Some(Self { root, links: root.children("link").collect(), joints: root.children("joint").collect() })

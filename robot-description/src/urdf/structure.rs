@@ -33,7 +33,7 @@ fn unique(parts: &[Part<'_>], report: &mut Report) {
             report.kinematics(Some(part.line()), message, "add name=\"…\"");
         } else if let Some(first) = seen.insert(part.name(), part.line()) {
             let message = format!("{} exists twice, first in line {first}", part.title());
-            report.kinematics(Some(part.line()), message, "give each a name of its own");
+            report.kinematics(Some(part.line()), message, "names must be unique");
         }
     }
 }
@@ -41,7 +41,7 @@ fn unique(parts: &[Part<'_>], report: &mut Report) {
 fn kind(joint: &Part<'_>, report: &mut Report) {
     let kind = joint.attribute("type").unwrap_or_default();
     if !TYPES.contains(&kind) {
-        let message = format!("{}: there is no joint of type {kind:?}", joint.title());
+        let message = format!("{}: unknown joint type {kind:?}", joint.title());
         report.kinematics(Some(joint.line()), message, format!("types are {}", TYPES.join(", ")));
     }
 }
@@ -71,12 +71,13 @@ fn parents(joints: &[Part<'_>], report: &mut Report) {
         let Some(child) = joint.link("child") else { continue };
         if let Some(first) = seen.insert(child, joint) {
             let message = format!(
-                "the link {child:?} hangs on two joints, {} (line {}) and {}: a loop",
+                "the link {child:?} is the child of two joints, {} (line {}) and {}: a loop",
                 first.name(),
                 first.line(),
                 joint.name()
             );
-            let advice = "only trees work: remove the joint that closes the loop, or use a mimic joint";
+            let advice =
+                "only trees are supported: remove the joint that closes the loop, or use a mimic joint";
             report.kinematics(Some(joint.line()), message, advice);
         }
     }
@@ -91,7 +92,7 @@ fn base(source: &Source<'_>, report: &mut Report) -> Option<String> {
     if let [first, others @ ..] = &*roots {
         for other in others {
             let message = format!(
-                "two bases: neither {:?} (line {}) nor {:?} hangs on a joint",
+                "two bases: neither {:?} (line {}) nor {:?} is the child of a joint",
                 first.name(),
                 first.line(),
                 other.name()
@@ -122,7 +123,7 @@ fn loops(links: &[Part<'_>], parent: &BTreeMap<&str, &Part<'_>>, report: &mut Re
             let joints: Vec<&str> = way.iter().skip(start).map(|(_, joint)| joint.name()).collect();
             let line = way.get(start).map(|(_, joint)| joint.line());
             let message = format!("the joints form a loop: {}", joints.join(", "));
-            report.kinematics(line, message, "one of them must hang on the base instead");
+            report.kinematics(line, message, "one of them must be attached to the base instead");
             found = true;
         }
     }

@@ -86,8 +86,8 @@ pub struct Damage {
     splice: Splice,
     /// Bytes in the frame that comes in.
     length: u32,
-    /// Length of the frame before, by which the places of splices are chosen: the end of the present one is
-    /// not known, and waiting for it would delay the line.
+    /// Length of the frame before, by which the positions of splices are chosen: the end of the present one
+    /// is not known, and waiting for it would delay the line.
     usual: u32,
     /// What went out since the last zero that did.
     frame: Vec<u8>,
@@ -136,8 +136,8 @@ impl Damage {
 
     /// Decides at the start of a frame whether it will lose its end.
     fn plan_splice(&mut self) {
-        let (will, place) = (self.rng.chance(self.faults.splice), self.rng.below(self.usual));
-        self.splice = if will { Splice::Before(place) } else { Splice::None };
+        let (will, position) = (self.rng.chance(self.faults.splice), self.rng.below(self.usual));
+        self.splice = if will { Splice::Before(position) } else { Splice::None };
     }
 
     /// Whether the splices let this byte pass.

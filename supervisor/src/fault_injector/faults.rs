@@ -71,7 +71,7 @@ impl LinkFaults {
     }
 }
 
-/// Why a text is no [`LinkFaults`].
+/// Why a text is not a [`LinkFaults`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultsError {
     /// Not of the form `name=value`.
@@ -91,7 +91,7 @@ pub enum FaultsError {
         value: String,
     },
     /// Not a duration.
-    #[error("{name}={value}: the duration must be whole milliseconds up to {LONGEST}, like 20ms")]
+    #[error("{name}={value}: the duration must be whole milliseconds up to {MAX_DURATION}, like 20ms")]
     Duration {
         /// Of which fault.
         name: String,
@@ -105,8 +105,8 @@ pub enum FaultsError {
 
 const EXAMPLE: &str =
     "seed=3,flip=1e-3,drop=1e-3,splice=1e-3,duplicate=1e-3,delay=20ms@1e-2,stall=200ms@1e-3";
-/// More than anybody waits for a robot [ms].
-const LONGEST: u64 = 60_000;
+/// Maximum duration [ms].
+const MAX_DURATION: u64 = 60_000;
 
 fn probability(name: &str, value: &str) -> Result<f64, FaultsError> {
     let number: Option<f64> = value.trim().parse().ok();
@@ -123,7 +123,7 @@ fn pause(name: &str, value: &str, usual: Pause) -> Result<Pause, FaultsError> {
     };
     let milliseconds: Option<u64> = duration.trim().strip_suffix("ms").and_then(|text| text.parse().ok());
     let milliseconds = milliseconds
-        .filter(|&milliseconds| milliseconds <= LONGEST)
+        .filter(|&milliseconds| milliseconds <= MAX_DURATION)
         .ok_or_else(|| FaultsError::Duration { name: name.to_owned(), value: value.to_owned() })?;
     let duration = Duration::from_millis(milliseconds);
     Ok(Pause { duration, probability: probability(name, rate)? })

@@ -35,11 +35,11 @@ impl Direction {
     fn push(&mut self, bytes: &[u8], faults: &LinkFaults) {
         let mut due = Instant::now();
         // All numbers are drawn always, so that the third chunk's fate does not depend on the first's.
-        let (delayed, share) = (self.rng.chance(faults.delay.probability), self.rng.uniform());
+        let (delayed, fraction) = (self.rng.chance(faults.delay.probability), self.rng.uniform());
         let stalled = self.rng.chance(faults.stall.probability);
         if delayed {
             self.delayed += 1;
-            due += faults.delay.duration.mul_f64(share);
+            due += faults.delay.duration.mul_f64(fraction);
         }
         if stalled {
             self.stalled += 1;
@@ -136,8 +136,8 @@ impl<L: ByteLink> ByteLink for FaultyLink<L> {
             self.flush()?;
             if let Some(bytes) = self.inward.ready() {
                 let length = bytes.len().min(buffer.len());
-                for (place, byte) in buffer.iter_mut().zip(bytes.drain(..length)) {
-                    *place = byte;
+                for (slot, byte) in buffer.iter_mut().zip(bytes.drain(..length)) {
+                    *slot = byte;
                 }
                 if bytes.is_empty() {
                     self.inward.chunks.pop_front();
@@ -179,8 +179,8 @@ mod tests {
             if length == 0 {
                 thread::sleep(deadline.saturating_duration_since(Instant::now()));
             }
-            for (place, byte) in buffer.iter_mut().zip(self.0.drain(..length)) {
-                *place = byte;
+            for (slot, byte) in buffer.iter_mut().zip(self.0.drain(..length)) {
+                *slot = byte;
             }
             Ok(length)
         }

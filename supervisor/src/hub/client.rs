@@ -8,7 +8,7 @@ use nix::poll::PollFlags;
 use super::Whole;
 use crate::port::stream;
 
-/// So many bytes a client may be behind: a second of telemetry. More would be old news.
+/// Maximum backlog of a client in bytes: a second of telemetry. Older data would be useless.
 const BACKLOG: usize = 64 * 1024;
 
 /// One program at the board's link.
@@ -56,8 +56,8 @@ impl Client {
         self.flush();
         let written = if self.backlog.is_empty() { write_to(&self.file, &mut self.deaf, bytes) } else { 0 };
         let rest = bytes.get(written..).unwrap_or_default();
-        // Most of the time nobody has a pseudo-terminal open, and who opens it wants news: the kernel's few
-        // kB are backlog enough. The frame that is cut there fails its checksum.
+        // A pseudo-terminal is closed most of the time, and a program that opens it needs current data: the
+        // kernel's few kB are enough backlog. A frame truncated there fails its checksum.
         let room = if self.slave.is_some() { 0 } else { BACKLOG - self.backlog.len().min(BACKLOG) };
         if rest.len() <= room {
             self.backlog.extend(rest);
@@ -78,7 +78,7 @@ impl Client {
     }
 }
 
-/// Writes what the client takes. What a deaf one is told counts as taken.
+/// Writes what the client accepts. Data for a client that does not listen count as accepted.
 fn write_to(file: &File, deaf: &mut bool, bytes: &[u8]) -> usize {
     if !*deaf {
         match stream::write(file, bytes) {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::port::Address;
 
-/// Where clients come in.
+/// A socket that accepts clients.
 #[derive(Debug)]
 pub(super) enum Listener {
     /// With its file, which goes with it.
@@ -32,7 +32,7 @@ impl Listener {
             Address::Auto | Address::Path(_) => Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
                 format!(
-                    "cannot listen at {address}: give a socket, like unix:///run/hand.sock or tcp://localhost:7400"
+                    "cannot listen at {address}: use a socket such as unix:///run/hand.sock or tcp://localhost:7400"
                 ),
             )),
         }
@@ -45,7 +45,7 @@ impl Listener {
         }
     }
 
-    /// The next client, as a file that does not block.
+    /// The next client, as a non-blocking file.
     pub(super) fn accept(&self) -> io::Result<File> {
         match self {
             Self::Unix(listener, _) => {
@@ -71,7 +71,7 @@ impl Drop for Listener {
     }
 }
 
-/// Listens at a socket file, and takes the place of one that a crashed program left.
+/// Listens at a socket file, replacing one left behind by a crashed program.
 fn listen_unix(path: &Path) -> io::Result<UnixListener> {
     let fail = |error: io::Error| {
         io::Error::new(error.kind(), format!("cannot listen at unix://{}: {error}", path.display()))

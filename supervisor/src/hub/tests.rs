@@ -150,7 +150,7 @@ fn a_left_over_socket_is_replaced_and_a_used_one_is_not() {
     drop(UnixListener::bind(folder.join("hub.sock")).unwrap()); // leaves its file
     Hub::listen(&address).unwrap();
     let error = Hub::listen(&Address::Auto).unwrap_err();
-    assert!(error.to_string().contains("give a socket"), "{error}");
+    assert!(error.to_string().contains("use a socket"), "{error}");
     fs::write(folder.join("file"), "precious").unwrap();
     Hub::listen(&Address::Unix(folder.join("file"))).unwrap_err();
     assert_eq!(fs::read(folder.join("file")).unwrap(), b"precious");

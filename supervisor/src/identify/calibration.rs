@@ -5,7 +5,7 @@ use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibra
 
 use super::regression::Fit;
 
-/// The values that were identified, of the joints of `model`, whose torque constants the drives had.
+/// The identified values of the joints of `model`, whose torque constants the drives used.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     let joint = |(joint, fit): (&tesaki::model::JointModel, &Fit)| {
@@ -42,7 +42,7 @@ pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &Rob
     }
 }
 
-/// The text of a file with a line at its head that says whose values these are, in place of an earlier one.
+/// The text of a file with a first line that names the machine, replacing an earlier one.
 pub fn with_head(text: &str, robot: &str, board: &str) -> String {
     let start = format!("# {robot}, board ");
     let head = format!("{start}{board}: what `tesaki identify` found of its joints, ± standard deviations.");

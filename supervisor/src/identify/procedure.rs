@@ -27,7 +27,7 @@ const CLEAR: f64 = 0.02;
 /// Ticks from one question after the object in the hand to the next.
 const ASK: usize = 5;
 /// Most time from the command to grasp, or to put down, to its end [s].
-const PATIENCE: f64 = 20.0;
+const PHASE_TIMEOUT: f64 = 20.0;
 /// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned
 /// [rad].
 const LIFT: f64 = 0.010;
@@ -156,7 +156,7 @@ pub enum IdentifyError {
         /// How many different ones did not.
         made: usize,
     },
-    /// The board is not armed any more.
+    /// The board is no longer enabled.
     #[error("the board is {0}: nothing was identified")]
     Stopped(Mode),
 }
@@ -197,7 +197,7 @@ struct Course<'a, M> {
 /// different strengths.
 ///
 /// # Errors
-/// The machine's, or what hinders the identification; the board may be armed then.
+/// The machine's error, or what prevents the identification; the board may still be enabled then.
 pub fn identify<M: Machine>(
     machine: &mut M,
     model: &RobotModel,
@@ -394,7 +394,7 @@ impl<M: Machine> Course<'_, M> {
         self.enable(TaskConfig::Grasping(()))?;
         self.motion += 1;
         self.machine.ask("grasp", Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))))?;
-        let (phase, failure) = self.settle(Phase::Hold)?;
+        let (phase, failure) = self.wait_for(Phase::Hold)?;
         match failure {
             None if phase == Phase::Hold => {}
             // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
@@ -444,24 +444,24 @@ impl<M: Machine> Course<'_, M> {
         self.until(Phase::Hold, strength)
     }
 
-    /// Lets time pass until the hand is in `wanted`.
-    fn until(&mut self, wanted: Phase, strength: f32) -> Result<(), M::Error> {
-        let (phase, failure) = self.settle(wanted)?;
-        if phase == wanted && failure.is_none() {
+    /// Waits until the hand is in phase `expected`.
+    fn until(&mut self, expected: Phase, strength: f32) -> Result<(), M::Error> {
+        let (phase, failure) = self.wait_for(expected)?;
+        if phase == expected && failure.is_none() {
             return Ok(());
         }
         Err(IdentifyError::Grasp { strength, phase, failure }.into())
     }
 
-    /// Lets time pass until the hand is in `wanted`, or ready, or too much of it has passed.
-    fn settle(&mut self, wanted: Phase) -> Result<(Phase, Option<Failure>), M::Error> {
+    /// Waits until the hand is in phase `expected`, or ready, or the timeout has passed.
+    fn wait_for(&mut self, expected: Phase) -> Result<(Phase, Option<Failure>), M::Error> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
-        let most = (PATIENCE / TICK) as usize;
+        let limit = (PHASE_TIMEOUT / TICK) as usize;
         for tick in 1.. {
             self.tick(Request::Keep)?;
-            if tick % ASK == 0 || tick >= most {
+            if tick % ASK == 0 || tick >= limit {
                 let GraspTelemetry { phase, failure, .. } = self.machine.read_grasp()?;
-                if tick >= most || phase == wanted || phase == Phase::Ready {
+                if tick >= limit || phase == expected || phase == Phase::Ready {
                     return Ok((phase, failure));
                 }
             }

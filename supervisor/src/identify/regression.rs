@@ -1,11 +1,11 @@
-//! What a joint's torques say of its torque constant and friction: linear least squares.
+//! Torque constant and friction of a joint from its torques: linear least squares.
 
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 use tesaki::model::MAX_CHAIN_JOINTS;
 
 /// Torque constant, Coulomb and viscous friction, and the weights of the links behind the joint.
 const COLUMNS: usize = 3 + MAX_CHAIN_JOINTS;
-/// Directions of the scaled problem with less than this share of the largest eigenvalue are left out.
+/// Directions of the scaled problem with less than this fraction of the largest eigenvalue are left out.
 const RANK: f64 = 1e-8;
 /// Slower than this, the direction of a joint's motion is noise [rad/s].
 const MOVING: f64 = 0.03;
@@ -93,7 +93,7 @@ pub enum Doubt {
     },
 }
 
-/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ share · weight) /
+/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ fraction · weight) /
 /// gain`, from the readings in which the joint moves: friction changes its sign with the direction, a load
 /// does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion
 /// a cluster: neighbouring readings err together.
@@ -133,7 +133,8 @@ fn row(reading: &Reading) -> Row {
     row
 }
 
-/// The solution for 1 / gain, Coulomb and viscous friction and the shares of the weights, all over the gain.
+/// The solution for 1 / gain, Coulomb and viscous friction and the fractions of the weights, all over the
+/// gain.
 struct LeastSquares {
     /// Columns of the regressor were multiplied by these: to the same size, so that units do not matter.
     scale: Row,
@@ -157,8 +158,8 @@ impl LeastSquares {
             right += row * r.torque;
         }
         let eigen = SymmetricEigen::new(gram);
-        let least = RANK * eigen.eigenvalues.max();
-        let inverse = eigen.eigenvalues.map(|value| if value > least { 1.0 / value } else { 0.0 });
+        let cutoff = RANK * eigen.eigenvalues.max();
+        let inverse = eigen.eigenvalues.map(|value| if value > cutoff { 1.0 / value } else { 0.0 });
         let bread = eigen.eigenvectors * Square::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
         let solution = bread * right;
         let (mut meat, mut score, mut squares) = (Square::zeros(), Row::zeros(), 0.0);
@@ -255,17 +256,17 @@ mod tests {
 
     #[test]
     fn agrees_with_numpy() {
-        let (_, wanted, residual, count) = ORACLE;
+        let (_, expected, residual, count) = ORACLE;
         let fit = fit(&readings());
         let [coulomb, viscous] = fit.friction.unwrap();
-        for (found, (value, deviation)) in [fit.gain.unwrap(), coulomb, viscous].iter().zip(wanted) {
+        for (found, (value, deviation)) in [fit.gain.unwrap(), coulomb, viscous].iter().zip(expected) {
             assert!((found.value / value - 1.0).abs() < 1e-7, "{found:?} {value}");
             assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
         }
         assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
         // The readings were made with these.
         let made = [1.13, 0.0217, 0.0016];
-        for ((value, deviation), made) in wanted.iter().zip(made) {
+        for ((value, deviation), made) in expected.iter().zip(made) {
             assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
         }
     }

@@ -24,14 +24,14 @@ pub enum Address {
     Tcp(String),
 }
 
-/// Why a text is no [`Address`].
+/// Why a text is not an [`Address`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
     /// Nothing given.
-    #[error("no port given: name one like {EXAMPLES}")]
+    #[error("no port given: use one such as {EXAMPLES}")]
     Empty,
     /// Neither a path nor a known scheme.
-    #[error("\"{0}\" is no port{hint}: name one like {EXAMPLES}", hint = guess(.0))]
+    #[error("\"{0}\" is not a port{hint}: use one such as {EXAMPLES}", hint = guess(.0))]
     Unknown(String),
     /// `unix:` without a path.
     #[error("\"{0}\" names no socket file: write it like unix:///run/hand.sock")]
@@ -96,7 +96,7 @@ impl FromStr for Address {
                 .then(|| Self::Tcp(host.to_owned()))
                 .ok_or_else(|| AddressError::NotHostAndPort(text.to_owned()));
         }
-        // A bare word is more often a slip than a file in the current directory, which can be written
+        // A bare word is more often a mistake than a file in the current directory, which can be written
         // `./word`.
         if (text.contains(['/', '\\']) && !text.contains("://")) || is_com_port(text) {
             return Ok(Self::Path(text.into()));

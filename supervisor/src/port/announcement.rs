@@ -53,7 +53,7 @@ impl Announcement {
 
 impl Drop for Announcement {
     fn drop(&mut self) {
-        // Whoever lists next removes what cannot be removed now.
+        // The next listing removes what cannot be removed now.
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -98,7 +98,7 @@ fn read(path: &Path) -> Option<Found> {
     match File::open(path).ok()?.try_lock() {
         Err(TryLockError::WouldBlock) => {}
         _ => {
-            // Nobody holds it: its writer is gone.
+            // The lock is free: its writer has gone.
             let _ = fs::remove_file(path);
             return None;
         }

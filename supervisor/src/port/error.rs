@@ -4,20 +4,20 @@ use std::path::PathBuf;
 
 use super::{Address, Found};
 
-/// Why a port could not be opened, in words for whoever has to plug something in.
+/// Why a port could not be opened, with advice.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// There is no such port.
     #[error("{address} does not exist; {}", what_exists(.found))]
     DoesNotExist {
-        /// What was asked for.
+        /// The requested address.
         address: Address,
         /// What there is instead.
         found: Vec<Found>,
     },
     /// The port belongs to others.
     #[error(
-        "no permission to open {}: it needs membership in the group `{group}`. \
+        "no permission to open {}: this requires membership in the group `{group}`. \
          Run `sudo usermod -aG {group} $USER`, then log out and in again",
         path.display()
     )]
@@ -33,7 +33,7 @@ pub enum PortError {
     Busy {
         /// The port.
         path: PathBuf,
-        /// Who has it, if that could be found out.
+        /// The process that has it open, if known.
         pid: Option<u32>,
         /// That program's name.
         program: Option<String>,
@@ -47,18 +47,18 @@ pub enum PortError {
         hint: String,
     },
     /// Nobody listens there.
-    #[error("nobody answers at {address}: is `host-sim serve` running?")]
+    #[error("nobody answers at {address}: is `cargo sim serve` running?")]
     Refused {
-        /// What was asked for.
+        /// The requested address.
         address: Address,
     },
-    /// `auto`, and nothing is there.
+    /// `auto`, and there is no board.
     #[error(
         "no board found: plug one in (its USB serial port then shows as /dev/ttyUSB… or /dev/ttyACM…), \
          start a simulated one with `cargo sim serve`, or name a port with --port{}", also(.others)
     )]
     NoDevice {
-        /// Ports that exist, but that `auto` does not dare to write to.
+        /// Ports that exist, but that `auto` does not try.
         others: Vec<Found>,
     },
     /// `auto`, and there is more than one.
@@ -71,9 +71,9 @@ pub enum PortError {
     /// Anything else.
     #[error("cannot open {address}: {source}")]
     Other {
-        /// What was asked for.
+        /// The requested address.
         address: Address,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }

@@ -20,7 +20,7 @@ fn what_three_boards_cannot_do_is_said() {
     rig.wait(3);
     rig.hand().boards_mut()[1].request(Request::Disable).unwrap();
     let gone = rig.tick().unwrap_err();
-    assert_eq!(gone.to_string(), "finger2_tip was disarmed by somebody else, or reset");
+    assert_eq!(gone.to_string(), "finger2_tip was disabled by another program, or reset");
     assert!(!rig.hand().is_enabled());
     assert_eq!(rig.hand().boards()[2].board.node().mode(), Mode::Fault);
 

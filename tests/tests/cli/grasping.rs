@@ -20,14 +20,13 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     server.fails(&["grasp", "run", &file, "juggle"], 2, &["juggle", "lift=M"]);
     server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
     server.fails(&["grasp", "run", &file, "--speed", "1e-9", "lift=0.01"], 2, &["--speed", "600 s"]);
-    assert!(server.succeeds(&["grasp", "status"]).contains("is ready"));
+    server.fails(&["grasp", "status"], 7, &["no task was enabled", "troubleshooting.md"]);
 
     let run =
         server.start_command(&["grasp", "run", &file, "lift=0.01", "turn=0,0.1,0", "hold=2", "turn=0,0,0"]);
     let held = (0..400).find_map(|_| {
         std::thread::sleep(Duration::from_millis(50));
-        let status = server.json(&["grasp", "status"]);
-        (status["phase"] == "Hold").then_some(status)
+        server.status("grasp").filter(|status| status["phase"] == "Hold")
     });
     let held = held.expect("never held");
     assert!(held["failure"].is_null() && held["friction"].as_f64().unwrap() > 0.3, "{held}");
@@ -55,7 +54,7 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     server.succeeds(&["tare"]);
     let file = box_grasp();
     let wait_until_held = || {
-        while server.json(&["grasp", "status"])["phase"] != "Hold" {
+        while server.status("grasp").is_none_or(|status| status["phase"] != "Hold") {
             std::thread::sleep(Duration::from_millis(50));
         }
         std::thread::sleep(Duration::from_millis(200));

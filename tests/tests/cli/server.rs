@@ -154,6 +154,13 @@ impl Server {
         serde_json::from_str(&self.succeeds(&all)).unwrap()
     }
 
+    /// The same, if the command succeeds: before a task was enabled there is no status.
+    pub fn status(&self, task: &str) -> Option<serde_json::Value> {
+        let (code, text) = self.run(&["--json", task, "status"]);
+        assert!(code == 0 || (code == 7 && text.contains("no task was enabled")), "{text}");
+        if code == 0 { Some(serde_json::from_str(&text).unwrap()) } else { None }
+    }
+
     /// Waits until the board is in this mode.
     pub fn wait_for(&self, mode: &str) {
         for _ in 0..200 {

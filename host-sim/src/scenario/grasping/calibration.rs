@@ -61,8 +61,8 @@ impl Machine for Simulated<'_, '_> {
     }
 }
 
-/// Identifies the joints of the machine that `held` is in front of, and has the bench's controller use what was found from now
-/// on. Returns it.
+/// Identifies the joints of the machine that `held` is in front of, and has the bench's controller use what
+/// was found from now on. Returns it.
 pub fn calibrate(
     setting: &mut Setting<'_, '_>,
     rig: &mut GraspRig,

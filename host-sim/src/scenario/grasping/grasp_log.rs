@@ -1,4 +1,4 @@
-//! What is recorded of an object in the hand.
+//! Log of a grasp trial.
 
 use std::ops::Range;
 
@@ -12,17 +12,17 @@ use tesaki::task::grasping::Phase;
 /// The state at the start of a control period, as the physics has it where nothing else is said.
 #[derive(Clone, Debug)]
 pub struct GraspSample {
-    /// Since the controller was armed [s].
+    /// Time since the controller was enabled [s].
     pub time: f64,
     pub object: ObjectTruth,
     /// A finger each.
     pub contacts: Vec<ContactTruth>,
     /// Joint angles [rad].
     pub joints: Vec<f64>,
-    /// The controller's wanted force of each finger on the object, when it was last asked [N].
+    /// Target force of each finger on the object, as last reported by the controller [N].
     pub target_forces: [Vector3<f64>; 3],
-    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not a number
-    /// where that is not known.
+    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not
+    /// a number where that is not known.
     pub target: [Vector3<f64>; 2],
 }
 
@@ -48,7 +48,7 @@ impl GraspSample {
     }
 }
 
-/// A sample a tick, and how it ended.
+/// One sample per tick, and the outcome.
 #[derive(Clone, Debug, Default)]
 pub struct GraspLog {
     pub samples: Vec<GraspSample>,
@@ -68,7 +68,8 @@ impl GraspLog {
         self.samples.len() as f64 * T
     }
 
-    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a tick before.
+    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a
+    /// tick before.
     pub fn at(&self, time: f64) -> Option<&GraspSample> {
         let index = (time / T).round() as usize;
         self.samples.get(index).or_else(|| (index == self.samples.len()).then(|| self.samples.last())?)

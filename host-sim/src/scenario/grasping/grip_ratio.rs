@@ -19,8 +19,8 @@ pub struct GripRatio {
     pub possible: bool,
 }
 
-/// The grip of a sample for the load that it has and `added` [N; N·m about the base frame's origin], with at most `limit`
-/// of normal force at a contact [N]. `None` unless all fingers touch the object.
+/// The grip of a sample for the load that it has and `added` [N; N·m about the base frame's origin], with at
+/// most `limit` of normal force at a contact [N]. `None` unless all fingers touch the object.
 pub fn grip_ratio(
     model: &RobotModel,
     sample: &GraspSample,

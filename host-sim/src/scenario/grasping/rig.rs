@@ -11,7 +11,8 @@ use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
 
-/// The object stands off the place where it is thought to be by at most this much along each axis of its support [m].
+/// The object stands off the place where it is thought to be by at most this much along each axis of its
+/// support [m].
 const OFFSET: f64 = 0.005;
 
 /// The paper's law. The paper gives no gains; these bring its errors near those that it reports.
@@ -28,7 +29,8 @@ pub struct GraspedObject<'a> {
     pub object: &'a str,
     /// Changes what the grasp file says.
     pub change: &'a dyn Fn(&mut PlacedGrasp),
-    /// Whether the joints have the friction that the paper's losses imply, and the object is held under the paper's law.
+    /// Whether the joints have the friction that the paper's losses imply, and the object is held under the
+    /// paper's law.
     pub paper: bool,
 }
 

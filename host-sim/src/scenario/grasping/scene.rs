@@ -1,4 +1,4 @@
-//! What a grasp begins with: the fingers open around the object, and the object on a support.
+//! Initial scene of a grasp: fingers open around the object, object on a support.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::{Chain, Finger};
@@ -13,11 +13,11 @@ const OPEN: f32 = 0.02;
 /// Thickness of the support [m].
 const THICKNESS: f64 = 0.02;
 
-/// Why fingers cannot stand around an object.
+/// Why the open posture cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// Not three of them, or not of three joints.
-    #[error("{0} is no hand that grasps: that has three fingers of three joints each")]
+    #[error("{0} is not a hand for grasping: three fingers of three joints each are needed")]
     NotAHand(String),
     /// One does not reach.
     #[error("{finger} cannot stand {} mm in front of its contact: {why}", 1e3 * OPEN)]
@@ -32,7 +32,7 @@ pub enum SceneError {
 /// Joint angles with each fingertip in front of its contact [rad].
 ///
 /// # Errors
-/// A finger does not reach its place.
+/// A finger does not reach its initial position.
 pub fn open_posture(model: &RobotModel, plan: &GraspPlan) -> Result<Vec<f64>, SceneError> {
     let not_a_hand = || SceneError::NotAHand(model.name.to_string());
     if model.chains.len() != plan.contacts.len() {

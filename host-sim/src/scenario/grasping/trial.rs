@@ -1,4 +1,4 @@
-//! A hand that is told what to do with an object, tick by tick, and is watched.
+//! A grasp trial: commands to the hand and the log of what happens.
 
 use rapier3d::na::Vector3;
 use tesaki::protocol::{Mode, Refusal, Request};
@@ -24,7 +24,7 @@ const GRASP_TIME: f64 = 20.0;
 /// Time of each motion of an object [s].
 pub const MOVE: f64 = 1.0;
 
-/// A motion of the object that was asked for.
+/// A commanded motion of the object.
 #[derive(Clone, Copy)]
 struct ObjectPath {
     from: [Vector3<f64>; 2],
@@ -150,7 +150,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         });
     }
 
-    /// Asks the controller how it goes.
+    /// Reads the controller's telemetry.
     fn read_telemetry(&mut self) -> Result<(), ScenarioError> {
         let grasp = self.controller.read_grasp()?;
         self.target_forces = grasp.wanted.map(|force| Vector3::from(force).map(f64::from));
@@ -164,7 +164,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(())
     }
 
-    /// The controller gave up.
+    /// Records the fault with which the controller stopped.
     fn record_loss(&mut self) -> Result<(), ScenarioError> {
         let faults = self.controller.faults()?;
         let model = &self.rig.robot.model;
@@ -175,7 +175,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Lets time pass [s].
+    /// Simulates for a time [s].
     pub fn wait(&mut self, time: f64) -> Result<(), ScenarioError> {
         for _ in 0..(time / T).round() as usize {
             self.tick()?;
@@ -199,7 +199,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Tells the hand what to do.
+    /// Sends a grasp command.
     pub fn send(&mut self, note: &str, command: GraspCommand) -> Result<(), ScenarioError> {
         if self.log.lost.is_some() {
             return Ok(());
@@ -215,7 +215,8 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         }
     }
 
-    /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this begins [s].
+    /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this
+    /// begins [s].
     pub fn move_object(&mut self, shift: [f64; 3], turn: [f64; 3]) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
         self.way = ObjectPath { from: self.way.at(begin), to: [shift.into(), turn.into()], begin };

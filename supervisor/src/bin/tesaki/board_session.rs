@@ -108,8 +108,8 @@ impl BoardSession {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
     }
 
-    /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether it
-    /// answered.
+    /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether
+    /// it answered.
     pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
         self.board.set_timeout(Duration::from_millis(200));
         let mut ask = || {

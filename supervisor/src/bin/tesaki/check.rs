@@ -73,7 +73,8 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
                 Err(other) => return Err(other.into()),
             }
         }
-        // If some tips cannot be computed, such as those of a gripper with prismatic joints, the others still can.
+        // If some tips cannot be computed, such as those of a gripper with prismatic joints, the others still
+        // can.
         if !urdf.reachable_tips(None).is_empty() {
             missed.iter_mut().for_each(|finding| finding.weight = Weight::Warning);
         }

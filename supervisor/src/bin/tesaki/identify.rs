@@ -30,14 +30,7 @@ const GONE: Duration = Duration::from_secs(5);
 
 pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let plan = grasp::load(&args.file)?;
-    let different = args.grips.iter().skip(1).any(|&grip| (grip - args.grips[0]).abs() > 0.0);
-    if !different || !args.grips.iter().all(|&grip| grip > 0.0 && grip <= plan.force_limit) {
-        return Err(Failure::Usage(format!(
-            "--grips: give at least two different forces above 0 N and at most {} N (force_limit in {})",
-            plan.force_limit,
-            args.file.display()
-        )));
-    }
+    check_grips(args, plan.force_limit)?;
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
@@ -95,6 +88,18 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         output::notice(options, &text);
     }
     kept
+}
+
+fn check_grips(args: &Identify, force_limit: f32) -> Result<(), Failure> {
+    let different = args.grips.iter().skip(1).any(|&grip| (grip - args.grips[0]).abs() > 0.0);
+    if !different || !args.grips.iter().all(|&grip| grip > 0.0 && grip <= force_limit) {
+        return Err(Failure::Usage(format!(
+            "--grips: give at least two different forces above 0 N and at most {} N (force_limit in {})",
+            force_limit,
+            args.file.display()
+        )));
+    }
+    Ok(())
 }
 
 /// The results as JSON: `null` where nothing was identified, with the reason.

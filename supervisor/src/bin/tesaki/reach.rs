@@ -45,15 +45,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
     let start = motion.positions()?;
     let paths = paths(&motion.model, &start, args)?;
-    let longest = paths.iter().map(|path| (path.to - path.from).norm()).fold(0.0, f32::max);
-    // The peak speed of a minimum-jerk motion is 15/8 of its mean speed.
-    let duration = (1.875 * longest / args.speed).max(MIN_DURATION);
-    if duration > MAX_DURATION {
-        return Err(Failure::Usage(format!(
-            "--speed {}: the path would take {duration:.0} s, more than {MAX_DURATION} s",
-            args.speed
-        )));
-    }
+    let duration = duration(&paths, args.speed)?;
     check(&motion.model, &paths, &start, duration)?;
     output::confirm(
         options,
@@ -100,6 +92,20 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         motion.drive(PERIOD, set_point, |_, _| false)?;
     }
     motion.end(false)
+}
+
+/// Duration of the longest path at the maximum speed [s].
+fn duration(paths: &[TipPath], speed: f32) -> Result<f32, Failure> {
+    let longest = paths.iter().map(|path| (path.to - path.from).norm()).fold(0.0, f32::max);
+    // The peak speed of a minimum-jerk motion is 15/8 of its mean speed.
+    let duration = (1.875 * longest / speed).max(MIN_DURATION);
+    if duration > MAX_DURATION {
+        return Err(Failure::Usage(format!(
+            "--speed {}: the path would take {duration:.0} s, more than {MAX_DURATION} s",
+            speed
+        )));
+    }
+    Ok(duration)
 }
 
 /// A path for each chain; tips that are not named hold their positions.

@@ -206,8 +206,8 @@ impl ReplayLog {
         Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 }
     }
 
-    /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording, the
-    /// model, if there is one, and the state.
+    /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording,
+    /// the model, if there is one, and the state.
     fn begin(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let (identity, unix_time) = (session.identity, since.as_secs());
@@ -253,8 +253,8 @@ impl ReplayLog {
         self.model.as_ref().map(|(robot, _)| robot)
     }
 
-    /// Entries are missing, or the board was reset: to replay what follows, its state is needed, and its model
-    /// if that has changed.
+    /// Entries are missing, or the board was reset: to replay what follows, its state is needed, and its
+    /// model if that has changed.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
         self.lost += u64::from(missing);

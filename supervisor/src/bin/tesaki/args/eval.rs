@@ -65,7 +65,8 @@ pub enum Eval {
     Jacobian(Kinematics),
     /// Inverse kinematics: joint angles for a position or a pose of each tip
     Ik(Kinematics),
-    /// Inverse dynamics (recursive Newton-Euler): joint torques for a motion under gravity and an external wrench on the tip
+    /// Inverse dynamics (recursive Newton-Euler): joint torques for a motion under gravity and an external
+    /// wrench on the tip
     #[command(after_help = RNEA_COLUMNS)]
     Rnea(Kinematics),
     /// Mass matrix of the chain to each tip
@@ -74,7 +75,8 @@ pub enum Eval {
     /// Bias acceleration of each tip: time derivative of the Jacobian times joint velocities
     #[command(after_help = BIAS_COLUMNS)]
     Bias(Kinematics),
-    /// Least grip: the minimum-norm contact forces that hold a load, or a proof that none exist; needs no robot
+    /// Least grip: the minimum-norm contact forces that hold a load, or a proof that none exist; needs no
+    /// robot
     Grip(Grip),
 }
 

@@ -49,7 +49,7 @@ mod tests {
         let map = GraspMap::try_new(&[finger(-1.0), finger(1.0)], Vector3::new(0.5, 0.0, 0.0)).unwrap();
         let proves = |twist: [f32; 6], weight: f32, margin: f32| {
             let asked =
-                Grip { input: "-".into(), output: "-".into(), margin, least: 0.0, friction: None, max: None };
+                Grip { input: "-".into(), output: "-".into(), margin, min: 0.0, friction: None, max: None };
             // The weight hangs between the fingers, half a metre from the origin.
             let load = Vector6::new(0.0, 0.0, weight, 0.0, 0.5 * weight, 0.0);
             let grasp = Grasp { map: map.clone(), load, numbers: vec![1, 2] };
