@@ -212,7 +212,8 @@ impl Joint<'_> {
     /// Takes the target of this tick for the reference, by way of the trajectory filter where it is a goal.
     #[inline]
     pub fn advance(&mut self) {
-        if core::mem::replace(&mut self.target.restart, false) {
+        if self.target.restart {
+            self.target.restart = false;
             self.state.servo.restart(*self.position);
         }
         *self.reference = match self.target.setpoint {

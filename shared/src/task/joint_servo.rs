@@ -129,8 +129,10 @@ impl fmt::Display for JointServoRefusal {
 /// The task. Its set-points are the targets.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct JointServoTask {
-    /// Whether the points of the targets came since the last tick.
+    /// Whether points came since the last tick.
     fresh: bool,
+    /// Whether the points of the targets may have a velocity.
+    moving: bool,
 }
 
 impl Task for JointServoTask {
@@ -138,7 +140,7 @@ impl Task for JointServoTask {
     type Command = JointCommand;
     type Telemetry = ();
     type Refusal = JointServoRefusal;
-    const IDLE: Self = Self { fresh: false };
+    const IDLE: Self = Self { fresh: false, moving: false };
 
     fn check(_: &Robot, _: &Measured, _: &ServoMode) -> Result<(), JointServoRefusal> {
         Ok(())
@@ -177,7 +179,10 @@ impl Task for JointServoTask {
 
     #[inline]
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
-        if !core::mem::replace(&mut self.fresh, false) {
+        if self.fresh {
+            (self.fresh, self.moving) = (false, true);
+        } else if self.moving {
+            self.moving = false;
             // A point that no other follows is one to stand at.
             for target in io.targets.joints.iter_mut().take(io.robot.joints().len()) {
                 if let JointSetpoint::Point(point) = &mut target.setpoint {
