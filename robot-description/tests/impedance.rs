@@ -85,7 +85,7 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
 
 #[test]
 fn other_mistakes_are_told_with_line_and_key() {
-    let said = complaint("contact_force", "contact_froce");
+    let said = complaint("contact_force =", "contact_froce =");
     assert!(said.contains("contact_froce") && said.contains("line 6"), "{said}");
     let said = complaint("\"arm-angle\"", "\"elbow\"");
     assert!(said.contains("elbow") && said.contains("arm-angle") && said.contains("line 3"), "{said}");

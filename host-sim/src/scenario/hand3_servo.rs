@@ -246,7 +246,7 @@ impl<'a, 'b> TrialRun<'a, 'b> {
         if steps_now {
             self.recording.steps.push(tick as usize);
         }
-        if !steps_now && tick % COMMAND_EVERY != 0 {
+        if !steps_now && !tick.is_multiple_of(COMMAND_EVERY) {
             return Ok(());
         }
         let raised = self.recording.steps.len() % 2 == 1;

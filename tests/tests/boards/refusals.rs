@@ -26,6 +26,6 @@ fn what_three_boards_cannot_do_is_said() {
 
     let finger = chain_model(&rig.robot.model, 0).unwrap();
     let none = MultiBoardHand::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
-    assert!(none.to_string().starts_with("hand3.finger1_tip is no hand that grasps"), "{none}");
+    assert!(none.to_string().starts_with("hand3.finger1_tip is not a hand for grasping"), "{none}");
     assert!(chain_model(&finger, 1).is_none());
 }

@@ -45,7 +45,7 @@ fn reach(tips: &[TipPoint]) -> Request {
 }
 
 pub fn references(bench: &Bench) -> std::vec::Vec<JointPoint> {
-    bench.node.state.references[..6].iter().copied().collect()
+    bench.node.state.references[..6].to_vec()
 }
 
 /// Tip of the first finger at (0.1, 0.5, 0.8): r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm,
