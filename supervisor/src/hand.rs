@@ -1,7 +1,7 @@
 //! A hand with one board per finger: grasp control ([`GraspState`]) runs on the PC.
 //!
 //! Each board controls the three joints of its finger
-//! ([`chain_model`](tesaki_description::robot::chain_model)) and reads its fingertip's force sensor. In each
+//! ([`chain_model`]) and reads its fingertip's force sensor. In each
 //! tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board joint set-points
 //! and feedforward torques ([`JointCommand::Guide`]), which take effect one tick later than on a single
 //! board.
