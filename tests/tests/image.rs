@@ -22,7 +22,7 @@ use tesaki_tests::{robot, robot_folder};
 
 /// Most instructions of a tick with an object in the hand, of one with an arm under impedance control, and of
 /// one in which that finds its force in the motors' torques.
-const GRASP_TICK: u32 = 40_000;
+const GRASP_TICK: u32 = 36_000;
 const ARM_TICK: u32 = 15_000;
 const OBSERVED_TICK: u32 = 17_500;
 

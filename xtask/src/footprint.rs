@@ -10,8 +10,6 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionIndex};
 const FLASH_LIMIT: u64 = 256 * 1024;
 /// Most bytes of initialised data, which take flash and RAM.
 const DATA_LIMIT: u64 = 1024;
-/// Whether an image beyond the limits is an error, or only told.
-const LIMITS_ENFORCED: bool = false;
 
 /// Rows of the table of modules, and of that of symbols.
 const ROWS: usize = 20;
@@ -136,14 +134,11 @@ impl Footprint {
     /// Tells what is beyond its limit.
     ///
     /// # Errors
-    /// When something is, and limits are enforced.
+    /// When something is.
     pub fn check(&self) -> Result<()> {
         let excess = self.excess().join("; ");
-        if LIMITS_ENFORCED && !excess.is_empty() {
-            bail!("the image takes too much: {excess}");
-        }
         if !excess.is_empty() {
-            println!("beyond the limits, which are not enforced yet: {excess}");
+            bail!("the image takes too much: {excess}");
         }
         Ok(())
     }

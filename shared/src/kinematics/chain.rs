@@ -105,24 +105,43 @@ impl Chain {
     /// Forward kinematics at angles `q` [rad]. Missing angles count as 0.
     pub fn posture(&self, q: &[f32]) -> Posture {
         let mut joints = Vec::new();
+        // Cannot fail: there are no more links than places.
+        let (reach, tip) = self.forward(q, |joint| joints.push(joint).is_ok());
+        Posture { joints, reach, tip }
+    }
+
+    /// [`Chain::posture`] in place: writes over a posture of this chain and does not move 230 bytes.
+    pub fn update_posture(&self, q: &[f32], posture: &mut Posture) {
+        let mut joints = posture.joints.iter_mut();
+        let write = |value| joints.next().map(|joint| *joint = value).is_some();
+        (posture.reach, posture.tip) = self.forward(q, write);
+    }
+
+    /// Gives axis and origin of each joint to `write`, base to tip, and returns position relative to the first joint and
+    /// frame of the tip.
+    #[inline(always)]
+    fn forward(
+        &self,
+        q: &[f32],
+        mut write: impl FnMut((Vector3<f32>, Vector3<f32>)) -> bool,
+    ) -> (Vector3<f32>, IsometryMatrix3<f32>) {
         let (mut rotation, mut origin, mut first) = (Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
         let mut links = self.links.iter().enumerate();
         let angle = |index: usize| q.get(index).copied().unwrap_or(0.0);
         if let Some((index, link)) = links.next() {
             (rotation, first) = (link.rotation, link.translation);
             turn_about_z(&mut rotation, angle(index));
-            let _ = joints.push((rotation.column(2).into_owned(), origin));
+            write((rotation.column(2).into_owned(), origin));
         }
         for (index, link) in links {
             origin += rotation * link.translation;
             link.turn(&mut rotation, angle(index));
-            // Cannot fail: there are no more links than places.
-            let _ = joints.push((rotation.column(2).into_owned(), origin));
+            write((rotation.column(2).into_owned(), origin));
         }
         let reach = origin + rotation * self.tip.translation.vector;
         let translation = Translation3::from(first + reach);
         let rotation = Rotation3::from_matrix_unchecked(rotation * self.tip.rotation.matrix());
-        Posture { joints, reach, tip: IsometryMatrix3::from_parts(translation, rotation) }
+        (reach, IsometryMatrix3::from_parts(translation, rotation))
     }
 
     /// Number of joints.

@@ -172,8 +172,7 @@ fn read_forces(
         let Some(counts) = forces.next() else { break };
         let joints = config.joints();
         let last = count(joints.end) - 1;
-        let posture = config.chain.posture(measured.angles(joints));
-        let Some(posture) = postures.keep(index, posture) else { break };
+        let Some(posture) = postures.update(index, &config.chain, measured.angles(joints)) else { break };
         let (wrench, wrong) = state.read(sensor, counts, posture, gravity, measured.is_tared(index));
         if let Some(place) = measured.wrenches.get_mut(index) {
             *place = wrench;

@@ -5,7 +5,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::Robot;
-use crate::kinematics::Posture;
+use crate::kinematics::{Chain, Posture};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 
 /// What the sensors say in this tick, in SI units: the only place of joint angles, velocities and tip wrenches.
@@ -70,10 +70,12 @@ impl Postures {
     /// None.
     pub const NONE: Self = Self([const { None }; MAX_CHAINS]);
 
-    /// Keeps the posture of a chain, and lends it.
-    pub(crate) fn keep(&mut self, chain: usize, posture: Posture) -> Option<&Posture> {
-        let place = self.0.get_mut(chain)?;
-        Some(place.insert(posture))
+    /// Computes the posture of `chain`, the robot's chain number `index`, at `angles` [rad], and keeps it.
+    pub(crate) fn update(&mut self, index: usize, chain: &Chain, angles: &[f32]) -> Option<&Posture> {
+        let place = self.0.get_mut(index)?;
+        let Some(posture) = place else { return Some(place.insert(chain.posture(angles))) };
+        chain.update_posture(angles, posture);
+        Some(posture)
     }
 
     /// Forgets all postures: the angles are others now.
