@@ -3,8 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::Contact;
 use crate::math;
 
-/// Feasible forces of a contact in units of the load: a friction cone truncated at normal forces of `min_force`
-/// and `limit`.
+/// Feasible forces of a contact in units of the load: a friction cone truncated at normal forces of
+/// `min_force` and `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cone {
     normal: Vector3<f32>,

@@ -8,10 +8,10 @@ use crate::kinematics::Jacobian;
 /// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
 const MIN_DETERMINANT: f32 = 1e-4;
 
-/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at
-/// `lever` [m] from a frame's origin, of the frame's twist `[v; ω]`. `D_Fi` with the lever from the
-/// fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand; (Hand3 eq. 13) without
-/// the rows for rotation, which a point contact does not pass on.
+/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `lever` [m] from a frame's origin, of the frame's
+/// twist `[v; ω]`. `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both
+/// in the axes of the hand; (Hand3 eq. 13) without the rows for rotation, which a point contact does not pass
+/// on.
 pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     let mut map = SMatrix::<f32, 3, 6>::zeros();
     map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();

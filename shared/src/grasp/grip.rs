@@ -143,10 +143,10 @@ impl LeastGrip {
         self.advance(map, load, state, u32::MAX)
     }
 
-    /// Like [`Self::solve`] with a budget: returns before the Newton step that might exceed `max_instructions`
-    /// instructions of a Cortex-M4F, counted by a cost model that is identical on all machines. Takes at
-    /// least one step: up to 17 000 instructions with three contacts, 24 000 with six. The next call
-    /// continues with its own contacts and load. All calls together take at most 39 steps.
+    /// Like [`Self::solve`] with a budget: returns before the Newton step that might exceed
+    /// `max_instructions` instructions of a Cortex-M4F, counted by a cost model that is identical on all
+    /// machines. Takes at least one step: up to 17 000 instructions with three contacts, 24 000 with six. The
+    /// next call continues with its own contacts and load. All calls together take at most 39 steps.
     ///
     /// # Errors
     /// As above, or [`GripError::Unfinished`].

@@ -116,8 +116,8 @@ impl GraspMap {
         matrix
     }
 
-    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, (Hand3 eq. 17). Missing forces
-    /// count as 0.
+    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, (Hand3 eq. 17). Missing
+    /// forces count as 0.
     pub fn wrench(&self, forces: &[Vector3<f32>]) -> Vector6<f32> {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for (contact, contact_force) in self.contacts.iter().zip(forces) {

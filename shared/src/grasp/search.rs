@@ -151,8 +151,8 @@ impl SearchState {
 }
 
 impl Search<'_> {
-    /// Continues Newton's method until it ends or a further step might exceed `max_instructions` instructions; takes at
-    /// least one step. `proves` checks a twist as certificate of infeasibility.
+    /// Continues Newton's method until it ends or a further step might exceed `max_instructions`
+    /// instructions; takes at least one step. `proves` checks a twist as certificate of infeasibility.
     pub fn run(
         &self,
         begun: &mut SearchState,
