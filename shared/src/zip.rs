@@ -1,4 +1,6 @@
-/// Three or more iterators that advance together.
+//! Loops over three and more lists without nested pairs.
+
+/// A tuple of three or more iterators that advance together.
 pub(crate) trait Zip {
     /// A tuple with an item of each iterator.
     type Item;
@@ -7,8 +9,8 @@ pub(crate) trait Zip {
     fn zip(self) -> impl Iterator<Item = Self::Item>;
 }
 
-/// Iterates over the values of each finger: `for (force, normal, radius) in zip((&forces, &normals,
-/// &radii))`.
+/// Iterates over several lists at once, up to the end of the shortest:
+/// `for (force, normal, radius) in zip((&forces, &normals, &radii))`.
 pub(crate) fn zip<T: Zip>(values: T) -> impl Iterator<Item = T::Item> {
     values.zip()
 }

@@ -49,7 +49,7 @@ fn untared_hand() -> Bench {
     bench
 }
 
-/// The hand, ready to arm for a grasp.
+/// The hand, ready to be enabled for a grasp.
 fn tared_hand() -> Bench {
     let mut bench = untared_hand();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
@@ -88,7 +88,7 @@ fn seen(bench: &mut Bench) -> GraspTelemetry {
 }
 
 #[test]
-fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
+fn enabling_a_grasp_needs_a_hand_with_tared_sensors() {
     assert_eq!(
         refusal(Bench::ready(&model()).ask(GRASP)),
         Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
@@ -98,9 +98,9 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
         Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
     );
     let mut bench = untared_hand();
-    let mut numb = hand();
-    numb.chains[1].force_sensor = None;
-    assert_eq!(bench.push(&numb), Reply::Done);
+    let mut without_sensor = hand();
+    without_sensor.chains[1].force_sensor = None;
+    assert_eq!(bench.push(&without_sensor), Reply::Done);
     bench.sensors.forces.truncate(2);
     bench.tick();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
@@ -128,12 +128,12 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
 }
 
 #[test]
-fn keep_keeps_an_armed_node_alive_whatever_its_task() {
+fn keep_keeps_an_enabled_node_alive_whatever_its_task() {
     let servo = |mode| Request::Enable(TaskConfig::JointServo(mode));
-    for arm in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
+    for enable in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
         let mut bench = tared_hand();
         assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disabled));
-        assert_eq!(bench.ask(arm), Reply::Done);
+        assert_eq!(bench.ask(enable), Reply::Done);
         let before = references(&bench);
         let tick = |bench: &mut Bench| {
             // Noise keeps the force sensors alive.

@@ -2,8 +2,8 @@
 //! down (Hand3 sections 5 to 7).
 //!
 //! ```text
-//!            ┌──────────────────── failure: opens ──────────────────┐
-//!            │                                                      ▼
+//!                         ┌───────┬────── failure: opens ─────────────────────┐
+//!                         │       │                                           ▼
 //!  Ready ─► Approach ─► Touch ─► Squeeze ─► ProbeFriction ─► Hold ─► Lower ─► Open ─► Ready
 //!                                                            ▲ │
 //!                                                            └─┘ Move

@@ -81,7 +81,7 @@ impl GraspPlan {
                     };
                     InvalidPlan::Value { field, value, lower: 0.0, upper: f32::INFINITY }
                 })?;
-            let _ = contacts.push(contact); // cannot fail: three contacts in three places
+            let _ = contacts.push(contact); // cannot fail: capacity for three
         }
         GraspMap::try_new(&contacts, Vector3::zeros()).map_err(|error| match error {
             GraspMapError::Coincident { .. } | GraspMapError::Contacts(_) | GraspMapError::Origin => {

@@ -20,9 +20,9 @@ impl Forces {
         internal: PerFinger<Vector3<f32>>,
         load_torques: &PerFinger<Vector3<f32>>,
     ) -> PerFinger<Vector3<f32>> {
-        let rests =
+        let in_dead_band =
             matches!(inputs.internal, InternalForce::LeastGrip { .. }) && self.is_in_dead_band(inputs);
-        if inputs.feedback && !rests {
+        if inputs.feedback && !in_dead_band {
             let error = self.internal_force_error(inputs, inverse);
             let axes = self.correction.iter_mut().flatten().zip(error.iter().flat_map(|force| force.iter()));
             for (correction, error) in axes {
