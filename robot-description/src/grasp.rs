@@ -5,7 +5,7 @@
 //! touch_force = 0.1                 # N
 //! force_limit = 9.0                 # N, of a fingertip
 //! # friction = 0.5                  # if omitted, the hand probes the friction
-//! internal = { least = { margin = 0.2, least = 0.22, moving = 0.6 } }
+//! internal = { least_grip = { margin = 0.2, capacity_at_rest = 0.22, capacity_in_motion = 0.6 } }
 //!
 //! [object]                          # the frame of the contacts, in the base frame
 //! position = [0.090, 0.0, 0.085]    # m
@@ -71,9 +71,9 @@ struct File {
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 enum Internal {
-    Least { margin: f32, least: f32, moving: f32 },
+    LeastGrip { margin: f32, capacity_at_rest: f32, capacity_in_motion: f32 },
     Normal { strength: f32 },
     Pairwise { strengths: [f32; 3] },
 }
@@ -113,7 +113,7 @@ const fn yes() -> bool {
 
 impl Default for Internal {
     fn default() -> Self {
-        Self::Least { margin: 0.2, least: 0.22, moving: 0.6 }
+        Self::LeastGrip { margin: 0.2, capacity_at_rest: 0.22, capacity_in_motion: 0.6 }
     }
 }
 
@@ -163,7 +163,9 @@ pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
         touch_force: file.touch_force,
         friction: file.friction,
         internal: match file.internal {
-            Internal::Least { margin, least, moving } => InternalForce::Least { margin, least, moving },
+            Internal::LeastGrip { margin, capacity_at_rest, capacity_in_motion } => {
+                InternalForce::LeastGrip { margin, capacity_at_rest, capacity_in_motion }
+            }
             Internal::Normal { strength } => InternalForce::Normal { strength },
             Internal::Pairwise { strengths } => InternalForce::Pairwise { strengths },
         },

@@ -35,7 +35,7 @@ fn the_shipped_grasp_is_read_with_its_place() {
     assert!((grasp.orientation[1] - (0.5 * 0.769_f64).sin()).abs() < 1e-12, "{:?}", grasp.orientation);
     assert_eq!(grasp.plan.friction, None);
     assert_eq!(grasp.plan.control, ObjectControl::Differential(ServoMode::Observer));
-    assert!(matches!(grasp.plan.internal, InternalForce::Least { .. }));
+    assert!(matches!(grasp.plan.internal, InternalForce::LeastGrip { .. }));
     // 49 mm from the middle, along the turned x.
     let [x, _, z] = grasp.plan.contacts[2].position;
     assert!((x - 0.1252).abs() < 1e-4 && (z - 0.0509).abs() < 1e-4, "{x} {z}");
@@ -55,11 +55,11 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
 fn contacts_that_cannot_grip_are_told_from_a_wrong_number_of_them() {
     // All three push the same way.
     let said = complaint("normal = [-1.0, 0.0, 0.0]", "normal = [1.0, 0.0, 0.0]");
-    assert!(said.contains("no forces of the fingers balance each other"), "{said}");
+    assert!(said.contains("no contact forces inside the friction cones balance each other"), "{said}");
     let said = complaint("normal = [-1.0, 0.0, 0.0]", "normal = [0.0, 0.0, 0.0]");
-    assert!(said.contains("finger 3") && said.contains("no length"), "{said}");
+    assert!(said.contains("finger 3") && said.contains("its normal is 0"), "{said}");
     let said = complaint("[-0.049, -0.04, 0.0]", "[-0.049, 0.04, 0.0]");
-    assert!(said.contains("same place"), "{said}");
+    assert!(said.contains("coincide"), "{said}");
     let two = BOX.rsplit_once("[[contact]]").unwrap().0;
     let said = complaint_about(two);
     assert!(said.contains("2 contacts") && said.contains("3 fingers"), "{said}");
@@ -71,8 +71,8 @@ fn unknown_and_missing_keys_are_named_with_their_line() {
     assert!(said.contains("clearence") && said.contains("line 2"), "{said}");
     let said = complaint("touch_force = 0.1", "");
     assert!(said.contains("touch_force"), "{said}");
-    let said = complaint("least = {", "most = {");
-    assert!(said.contains("most") && said.contains("pairwise"), "{said}");
+    let said = complaint("least_grip = {", "most_grip = {");
+    assert!(said.contains("most_grip") && said.contains("pairwise"), "{said}");
     let said = load(Path::new("/nowhere/box.toml")).unwrap_err().to_string();
     assert!(said.starts_with("/nowhere/box.toml: "), "{said}");
 }

@@ -50,6 +50,7 @@ pub mod robot;
 pub mod signal;
 pub mod task;
 pub mod teleop;
+mod zip;
 
 /// The control period `T` [s].
 pub const TICK: f32 = 0.01;

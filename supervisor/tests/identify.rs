@@ -215,7 +215,7 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
     let [grip] = found.failed[..] else { panic!("{:?}", found.failed) };
     assert!((grip.strength - 6.0).abs() < 1e-6 && grip.failure == slack && found.fits.len() == 9);
     let said = grip.to_string();
-    assert!(said.starts_with("a grip of 6 N was not made: the grip was not as wanted within 3 s"), "{said}");
+    assert!(said.starts_with("a grip of 6 N was not made: the grip did not converge within 3 s"), "{said}");
     let at = line.said.iter().position(|text| *text == said).unwrap();
     assert_eq!(line.said[at + 1], "a grip of 4 N");
     // The same twice is one.
@@ -226,11 +226,11 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
         assert!(said.starts_with("a grip of 6 N was not made") && said.ends_with(wanted), "{said}");
     }
     // Whatever else goes wrong ends it.
-    let nothing = Failure::NothingThere { finger: 1, distance: 0.02 };
+    let nothing = Failure::NoObject { finger: 1, distance: 0.02 };
     let (line, found) = stub(u32::MAX, Some((6.0, nothing)), &[2.0, 6.0, 4.0]);
     let said = found.unwrap_err().to_string();
     assert!(
-        said.starts_with("with a grip of 6 N the hand is ready, and not as asked: finger 2 felt"),
+        said.starts_with("with a grip of 6 N the hand is ready, and not as asked: finger 2 found no surface"),
         "{said}"
     );
     assert_eq!(line.said.last().unwrap(), "a grip of 6 N");

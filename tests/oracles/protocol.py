@@ -123,14 +123,14 @@ def joint_servo():
 
 def grasping():
     command = TASK + GRASPING
-    least, normal = uint(0) + reals([0.2, 0.3, 1.0]), uint(1) + real(2.0)
+    least_grip, normal = uint(0) + reals([0.2, 0.3, 1.0]), uint(1) + real(2.0)
     pairwise = uint(2) + reals([0.5, 1.0, 1.5])
     by_gains = by_wrench([150.0, 300.0], [0.5, 1.0], 0.03125, False)
     lowest = ([LOWEST] * 3, [LOWEST] * 3)
     longest = by_wrench([LOWEST] * 2, [LOWEST] * 2, LOWEST, True)
     return {
         "enable-grasping": ENABLE + GRASPING,
-        "grasp": command + uint(0) + plan(BOX, 0.01, 0.1, None, least, 9.0, True, differential(1)),
+        "grasp": command + uint(0) + plan(BOX, 0.01, 0.1, None, least_grip, 9.0, True, differential(1)),
         "grasp-normal": command + uint(0) + plan(BOX, 0.005, 0.125, 0.5, normal, 4.0, False, differential(0)),
         "grasp-pairwise": command + uint(0) + plan(BOX, 0.01, 0.1, 0.75, pairwise, 9.0, True, by_gains),
         "grasp-longest": command + uint(0)
@@ -281,8 +281,8 @@ def streams():
     holding = [[0.09, 0.0, 0.0625, 0.0, 0.375, 0.0, 0.927], [0.5, 0.0, 1.75, 0.0, -0.015625, 0.0],
                [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]], 0.4375]
     golden("board-task-grasping", uint(5) + task(1234, grasp(5, None, *holding, 300, False)))
-    wanted = [[LOWEST] * 3] * 3
-    longest = grasp(8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, wanted, LOWEST, 65535, True)
+    forces = [[LOWEST] * 3] * 3
+    longest = grasp(8, FAILURES["no-grip"], [LOWEST] * 7, [LOWEST] * 6, forces, LOWEST, 65535, True)
     golden("board-task-grasping-longest", uint(5) + task(4294967295, longest))
     golden("board-read-task-grasping", reply(9, 1234, uint(7) + task(1234, grasp(0, None, *NO_GRASP))))
     for number, name in enumerate(PHASES):

@@ -124,22 +124,22 @@ def by_wrench(position, orientation, damping, compensated):
 
 
 PHASES = "ready approach touch squeeze probe-friction hold move lower open".split()
-PLAN_FIELDS = "clearance touch-force friction force-limit margin least strength gain".split()
+PLAN_FIELDS = "clearance touch-force friction force-limit margin capacity strength gain".split()
 BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
        ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
 FAILURES = {
     "obstructed": uint(0) + byte(2) + real(0.75),
-    "nothing-there": uint(1) + byte(0) + real(0.02),
+    "no-object": uint(1) + byte(0) + real(0.02),
     "no-grip": uint(2) + reals([0.25, 3.0]),
-    "nothing-below": uint(3) + real(0.05),
+    "no-support": uint(3) + real(0.05),
     "out-of-reach": uint(4) + byte(1),
 }
 
 
-def grasp(phase, failure, pose, load, wanted, friction, slips, overloaded):
+def grasp(phase, failure, pose, load, target_forces, friction, slips, overloaded):
     """What the supervisor sees of a grasp. `pose`: position and quaternion."""
     return (GRASPING + uint(phase) + option(failure) + reals(pose) + reals(load)
-            + b"".join(map(reals, wanted)) + real(friction) + uint(slips) + boolean(overloaded))
+            + b"".join(map(reals, target_forces)) + real(friction) + uint(slips) + boolean(overloaded))
 
 
 SENSOR = uint(0)

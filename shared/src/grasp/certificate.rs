@@ -5,29 +5,30 @@ use super::map::halves;
 use super::{GraspMap, LeastGrip};
 use crate::math;
 
-/// What rounding may do to the sums compared, over the sizes of their terms.
+/// Bound of the rounding errors of the sums, over the sum of their terms' norms.
 const ROUNDING: f32 = 4e-7;
-/// A load this near to what can be held, over its size, is not refused.
+/// Relative distance from the feasible set below which a load is not refused.
 const NEAR: f32 = 2e-5;
 
-/// Proof that no contact forces hold a load: a twist
-/// `y` against which the load has more power than any forces inside their cones and limits, `y·w > max y·(G
-/// f)`. If forces held the load, both would be the same.
+/// Proof that no contact forces hold a load: a twist `y` with which the load has more power than any forces
+/// inside cones and limits, `y·w > max y·(G f)`. If forces held the load, both would be equal. The twist is
+/// the normal of a hyperplane that separates the load from the feasible wrenches.
 ///
 /// The object accelerates along `−y`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
-    /// The twist, of any length, about the contacts' centroid, where rounding does min_force [m; 1].
+    /// The twist, of any length, about the contacts' centroid, where rounding errors are smallest
+    /// [m; 1].
     pub twist: Vector6<f32>,
 }
 
 impl Certificate {
-    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. It does not
-    /// count on how the certificate was found, and allows for the rounding of its own sums.
+    /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. The check is
+    /// independent of the search, and allows for the rounding errors of its own sums.
     pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
         let (linear, angular) = halves(&self.twist);
         let angular = angular * map.length;
-        let size = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
+        let norm = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
         let (force, moment) = map.scaled(load);
         let mut max_power = 0.0;
         let mut terms = 0.0;
@@ -39,6 +40,6 @@ impl Certificate {
         }
         linear.dot(&force) + angular.dot(&moment)
             > max_power
-                + size * (NEAR * math::sqrt(force.norm_squared() + moment.norm_squared()) + ROUNDING * terms)
+                + norm * (NEAR * math::sqrt(force.norm_squared() + moment.norm_squared()) + ROUNDING * terms)
     }
 }

@@ -3,8 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::Contact;
 use crate::math;
 
-/// Feasible forces of a contact in units of the load: a friction cone truncated at normal forces of `min_force`
-/// and `limit`.
+/// Feasible forces of a contact in units of the load: a friction cone truncated at normal forces of
+/// `min_force` and `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cone {
     normal: Vector3<f32>,
@@ -23,8 +23,8 @@ pub(super) struct Projection {
     pub support: f32,
     /// Unit vector across the normal, towards the given force; 0 for one along the normal.
     across: Vector3<f32>,
-    /// Elements of the derivative: normal–normal, normal–tangential, tangential–tangential, and at right
-    /// angles to both.
+    /// Elements of the derivative: normal–normal, normal–tangential, tangential–tangential, and orthogonal to
+    /// both.
     derivative: [f32; 4],
 }
 
@@ -62,9 +62,9 @@ impl Cone {
         let along = normal.dot(v);
         let mut across = v - normal * along;
         let square = across.norm_squared();
-        let side = math::sqrt(square);
-        let support = self.power(along, side);
-        if side <= friction * along && along >= min_force && along <= limit {
+        let tangential = math::sqrt(square);
+        let support = self.power(along, tangential);
+        if tangential <= friction * along && along >= min_force && along <= limit {
             return Projection {
                 force: *v,
                 support,
@@ -72,45 +72,47 @@ impl Cone {
                 derivative: [1.0, 0.0, 1.0, 1.0],
             };
         }
-        let inverse = if square > f32::MIN_POSITIVE { 1.0 / side } else { 0.0 };
+        let inverse = if square > f32::MIN_POSITIVE { 1.0 / tangential } else { 0.0 };
         across *= inverse;
-        // Projection onto the lateral surface; outside it this is the result unless an end face is nearer.
-        let foot = (along + friction * side) * flatness;
-        let surface = side > friction * along;
-        let push = if surface { foot } else { along };
+        // Projection onto the lateral surface: the result for points outside it, unless an end face is
+        // nearer.
+        let foot = (along + friction * tangential) * flatness;
+        let surface = tangential > friction * along;
+        let normal_force = if surface { foot } else { along };
         if surface && foot > min_force && foot < limit {
-            let hold = friction * foot;
-            let derivative = [flatness, friction * flatness, friction * friction * flatness, hold * inverse];
-            return Projection { force: normal * foot + across * hold, support, across, derivative };
+            let tangential = friction * foot;
+            let derivative =
+                [flatness, friction * flatness, friction * friction * flatness, tangential * inverse];
+            return Projection { force: normal * foot + across * tangential, support, across, derivative };
         }
-        let push = if push < limit { push } else { limit };
-        let push = if push > min_force { push } else { min_force };
-        let max_tangential = friction * push;
-        if side < max_tangential {
+        let normal_force = if normal_force < limit { normal_force } else { limit };
+        let normal_force = if normal_force > min_force { normal_force } else { min_force };
+        let max_tangential = friction * normal_force;
+        if tangential < max_tangential {
             Projection {
-                force: normal * push + across * side,
+                force: normal * normal_force + across * tangential,
                 support,
                 across,
                 derivative: [0.0, 0.0, 1.0, 1.0],
             }
         } else {
             let derivative = [0.0, 0.0, 0.0, max_tangential * inverse];
-            Projection { force: normal * push + across * max_tangential, support, across, derivative }
+            Projection { force: normal * normal_force + across * max_tangential, support, across, derivative }
         }
     }
 
     /// Jacobian of the projection, a symmetric matrix.
     #[inline]
     pub fn derivative(&self, nearest: &Projection) -> Matrix3<f32> {
-        let [along, mixed, across, rest] = nearest.derivative;
+        let [along, mixed, across, other] = nearest.derivative;
         let (n, t) = (&self.normal, &nearest.across);
-        // (along − rest) n nᵀ + mixed (n tᵀ + t nᵀ) + (across − rest) t tᵀ + rest
-        let a = n * (along - rest) + t * mixed;
-        let b = n * mixed + t * (across - rest);
+        // (along − other) n nᵀ + mixed (n tᵀ + t nᵀ) + (across − other) t tᵀ + other
+        let a = n * (along - other) + t * mixed;
+        let b = n * mixed + t * (across - other);
         let mut matrix = Matrix3::zeros();
         for row in 0..3 {
             for column in 0..=row {
-                let value = a[row] * n[column] + b[row] * t[column] + if row == column { rest } else { 0.0 };
+                let value = a[row] * n[column] + b[row] * t[column] + if row == column { other } else { 0.0 };
                 matrix[(row, column)] = value;
                 matrix[(column, row)] = value;
             }
@@ -173,7 +175,7 @@ mod tests {
                 let (before, after) = (cone.nearest(&(v - step * size)), cone.nearest(&(v + step * size)));
                 let slope = (after.force - before.force) / (2.0 * size);
                 let matrix = cone.derivative(&cone.nearest(&v));
-                // But for steps over an edge.
+                // Except for steps across an edge.
                 far += u32::from((matrix * step - slope).norm() > 5e-3);
             }
             assert!(far < 40, "{cone:?}: {far}");

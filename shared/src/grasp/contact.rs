@@ -11,8 +11,8 @@ pub const MAX_CONTACTS: usize = 6;
 /// The forces of a grasp's contacts on the object [N], in the order of the contacts.
 pub type ContactForces = Vec<Vector3<f32>, MAX_CONTACTS>;
 
-/// A normal shorter than this has no direction.
-const SHORTEST_NORMAL: f32 = 1e-6;
+/// Minimum length of a normal; a shorter one has no direction.
+const MIN_NORMAL_LENGTH: f32 = 1e-6;
 
 /// A point contact with Coulomb friction: a normal force that can only push, and tangential forces inside the
 /// friction cone. It transmits no moment.
@@ -29,11 +29,11 @@ pub struct Contact {
 pub enum InvalidContact {
     /// The position is not finite.
     Position,
-    /// The normal is not finite, or has no length.
+    /// The normal is not finite, or 0.
     Normal,
     /// The coefficient of friction is negative or not finite.
     Friction(f32),
-    /// The largest normal force is not a positive number.
+    /// The maximum normal force is not positive or not finite.
     Limit(f32),
 }
 
@@ -53,7 +53,7 @@ impl Contact {
             return Err(InvalidContact::Position);
         }
         let length = math::sqrt(normal.norm_squared());
-        if !(length > SHORTEST_NORMAL && length.is_finite()) {
+        if !(length > MIN_NORMAL_LENGTH && length.is_finite()) {
             return Err(InvalidContact::Normal);
         }
         if !(friction >= 0.0 && friction.is_finite()) {
@@ -65,7 +65,7 @@ impl Contact {
         Ok(Self { position, normal: normal / length, friction, limit })
     }
 
-    /// Where it is [m].
+    /// Its position [m].
     pub const fn position(&self) -> &Vector3<f32> {
         &self.position
     }
@@ -80,7 +80,7 @@ impl Contact {
         self.friction
     }
 
-    /// The largest normal force [N].
+    /// The maximum normal force [N].
     pub const fn limit(&self) -> f32 {
         self.limit
     }
@@ -90,9 +90,13 @@ impl fmt::Display for InvalidContact {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Position => write!(f, "the position is not finite"),
-            Self::Normal => write!(f, "the normal has no direction"),
-            Self::Friction(value) => write!(f, "the coefficient of friction is {value}"),
-            Self::Limit(value) => write!(f, "the largest normal force is {value} N"),
+            Self::Normal => write!(f, "the normal is not finite, or 0"),
+            Self::Friction(value) => {
+                write!(f, "the coefficient of friction is {value}; it must be finite and not negative")
+            }
+            Self::Limit(value) => {
+                write!(f, "the maximum normal force is {value} N; it must be finite and positive")
+            }
         }
     }
 }
@@ -105,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_values_are_refused_by_name() {
         let (here, up) = (Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.0, 2.0));
         assert_eq!(*Contact::try_new(here, up, 0.0, 1.0).unwrap().normal(), Vector3::z());
         let nan = Vector3::new(0.0, f32::NAN, 0.0);

@@ -4,14 +4,15 @@ use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 
 use super::map::halves;
 use crate::kinematics::Jacobian;
+use crate::zip::zip;
 
 /// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
 const MIN_DETERMINANT: f32 = 1e-4;
 
-/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at
-/// `lever` [m] from a frame's origin, of the frame's twist `[v; ω]`. `D_Fi` with the lever from the
-/// fingertip's frame, `D_oi` with that from the object's, both in the axes of the hand; (Hand3 eq. 13) without
-/// the rows for rotation, which a point contact does not pass on.
+/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `lever` [m] from a frame's origin, of the frame's
+/// twist `[v; ω]`. `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both
+/// in the axes of the hand; (Hand3 eq. 13) without the rows of the rotation, which a point contact does not
+/// constrain.
 pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     let mut map = SMatrix::<f32, 3, 6>::zeros();
     map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
@@ -28,7 +29,7 @@ pub fn object_map(levers: &[Vector3<f32>; 3]) -> SMatrix<f32, 9, 6> {
     map
 }
 
-/// Three fingers of three joints that hold an object: `D_F J_F`, 9 × 9, whose blocks off the diagonal are 0.
+/// Three fingers of three joints that hold an object: the block-diagonal matrix `D_F J_F`, 9 × 9.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThreeFingers {
     blocks: [Matrix3<f32>; 3],
@@ -42,12 +43,12 @@ pub struct SingularFinger {
 }
 
 impl ThreeFingers {
-    /// Of each finger: the Jacobian of its tip, of which the first three joints count, and where its contact
-    /// is from the tip [m], in the axes of the Jacobian.
+    /// `fingers`: Jacobian of the tip, of which the first three columns count, and lever from the tip to the
+    /// contact [m], in the axes of the Jacobian.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
         let block = |(jacobian, lever): &(Jacobian, Vector3<f32>)| {
             let mut block = Matrix3::zeros();
-            // `contact_map(lever) * jacobian`, without its zeros.
+            // `contact_map(lever) * jacobian`, without products with 0.
             for (mut column, joint) in block.column_iter_mut().zip(jacobian.column_iter()) {
                 let (linear, angular) = (joint.fixed_rows::<3>(0), joint.fixed_rows::<3>(3));
                 column.copy_from(&(linear + angular.cross(lever)));
@@ -89,7 +90,7 @@ impl ThreeFingers {
     ) -> Result<[Vector3<f32>; 3], SingularFinger> {
         let (linear, angular) = halves(twist);
         let mut joints = [Vector3::zeros(); 3];
-        for (finger, ((block, lever), joints)) in (0..).zip(self.blocks.iter().zip(levers).zip(&mut joints)) {
+        for (finger, block, lever, joints) in zip((0.., &self.blocks, levers, &mut joints)) {
             let velocity = linear + angular.cross(lever);
             *joints = solve(block, &velocity).ok_or(SingularFinger { finger })?;
         }
@@ -102,9 +103,9 @@ fn solve(matrix: &Matrix3<f32>, right: &Vector3<f32>) -> Option<Vector3<f32>> {
     let (a, b, c) = (matrix.column(0), matrix.column(1), matrix.column(2));
     let across = b.cross(&c);
     let determinant = a.dot(&across);
-    // Squares, to spare the roots.
-    let size = a.norm_squared() * b.norm_squared() * c.norm_squared();
-    let regular = determinant * determinant > MIN_DETERMINANT * MIN_DETERMINANT * size;
+    // Squares need no roots.
+    let product = a.norm_squared() * b.norm_squared() * c.norm_squared();
+    let regular = determinant * determinant > MIN_DETERMINANT * MIN_DETERMINANT * product;
     let inverse = 1.0 / determinant;
     regular.then(|| Vector3::new(across.dot(right), c.cross(&a).dot(right), a.cross(&b).dot(right)) * inverse)
 }

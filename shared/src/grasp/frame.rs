@@ -15,12 +15,12 @@ pub enum ObjectFrameError {
         /// The finger, 0 to 2.
         finger: u8,
     },
-    /// They stand in a line.
+    /// They are collinear.
     InLine {
         /// The triangle's area over half the product of its two sides at finger 3.
         sine: f32,
     },
-    /// Finger 3 is at the centroid: two of the tips, or all, are at the same place.
+    /// Finger 3 is at the centroid: tips coincide.
     NoDirection,
 }
 
@@ -61,10 +61,10 @@ impl fmt::Display for ObjectFrameError {
             Self::InLine { sine } => {
                 write!(
                     f,
-                    "the fingertips stand in a line: the sine at finger 3 is {sine}, at least {MIN_SINE}"
+                    "the fingertips are collinear: the sine at finger 3 is {sine}, the minimum {MIN_SINE}"
                 )
             }
-            Self::NoDirection => write!(f, "fingertips are at the same place"),
+            Self::NoDirection => write!(f, "fingertips coincide"),
         }
     }
 }
@@ -84,11 +84,11 @@ mod tests {
         let frame = object_frame(&tips).unwrap();
         assert!((frame.translation.vector - Vector3::new(0.03, 0.0, 1.0)).norm() < 1e-7);
         assert!((frame.rotation.matrix() - Matrix3::identity()).norm() < 1e-6, "{frame}");
-        // The other way round z is down, and y with it.
+        // With fingers 1 and 2 exchanged z is down, and y is reversed.
         let [one, two, three] = tips;
         let frame = object_frame(&[two, one, three]).unwrap();
-        let turned = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
-        assert!((frame.rotation.matrix() - turned).norm() < 1e-6, "{frame}");
+        let reversed = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        assert!((frame.rotation.matrix() - reversed).norm() < 1e-6, "{frame}");
     }
 
     #[test]

@@ -20,24 +20,24 @@ const MIN_LOAD: f32 = 0.01;
 /// - normal forces between `min_force` and the contact's limit,
 /// - friction cones with a margin, `|f_t| ≤ μ (1 − margin) f_n`.
 ///
-/// This is strictly convex, so there is exactly one answer and it moves steadily with contacts and load; and
-/// because the pseudo-inverse's part is at right angles to all internal forces (Hand3 eq. 18), it is also the
-/// answer with the smallest *internal* force.
+/// The problem is strictly convex: the solution is unique, and continuous in contacts and load. The forces of
+/// the pseudo-inverse are orthogonal to all internal forces (Hand3 eq. 18), so it is also the solution with
+/// the smallest *internal* force.
 ///
-/// # How
-/// The dual problem has six unknowns however many contacts there are, a twist `y`, and no constraints:
+/// # Algorithm
+/// The dual problem has six unknowns for any number of contacts, a twist `y`, and no constraints:
 /// maximise `y·w − Σ φᵢ(Gᵢᵀ y)`, where the gradient of `φᵢ` is the projection `pᵢ` on contact i's truncated
-/// cone, which has a closed form. Its gradient `w − Σ Gᵢ pᵢ` is what is missing to the load, and its Hessian
+/// cone, which has a closed form. Its gradient `w − Σ Gᵢ pᵢ` is the residual of the load, and its Hessian
 /// `Σ Gᵢ Pᵢ Gᵢᵀ` a 6 × 6 matrix: Newton's method (semismooth, damped, with a line search) takes a few steps
-/// from the last tick's twist. The forces `pᵢ` are inside their cones at every step; there is no
-/// linearisation of the cones and no interior to find first. Where nothing holds the load `y` grows along a
-/// twist that proves it: the [`Certificate`].
+/// from the last tick's twist. The forces `pᵢ` are inside their cones at every step: the cones are not
+/// linearised, and no interior point is needed. If the load is infeasible, `y` grows along a twist that
+/// proves it: the [`Certificate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeastGrip {
     pub(super) margin: f32,
     pub(super) min_force: f32,
     /// Accepted residual over the load.
-    pub(super) open: f32,
+    pub(super) tolerance: f32,
 }
 
 /// Warm start of the next search, and a search interrupted by its budget.
@@ -46,12 +46,12 @@ pub struct GripState {
     /// Twist about the centroid, the angular part times the length, over the load: invariant when the whole
     /// grasp moves.
     pub(super) twist: [f32; 6],
-    pub(super) begun: Option<SearchState>,
+    pub(super) search: Option<SearchState>,
 }
 
 impl GripState {
     /// No previous solution.
-    pub const START: Self = Self { twist: [0.0; 6], begun: None };
+    pub const START: Self = Self { twist: [0.0; 6], search: None };
 }
 
 /// Contact forces that balance the load.
@@ -60,8 +60,8 @@ pub struct Grip {
     /// The contacts' forces on the object [N].
     pub forces: ContactForces,
     /// Residual wrench over the load, with moments over [`GraspMap::length`]: at most 1e-4, or the tolerance
-    /// of [`LeastGrip::with_tolerance`]. Loads below a hundredth of the minimum normal force count as that
-    /// much.
+    /// of [`LeastGrip::with_tolerance`]. For loads below a hundredth of the minimum normal force, over that
+    /// hundredth.
     pub residual: f32,
     /// Number of Newton steps in all calls.
     pub steps: u8,
@@ -119,14 +119,14 @@ impl LeastGrip {
         if !(min_force >= 0.0 && min_force.is_finite()) {
             return Err(InvalidGripSettings::MinForce(min_force));
         }
-        Ok(Self { margin, min_force, open: 0.0 })
+        Ok(Self { margin, min_force, tolerance: 0.0 })
     }
 
     /// Accepts a residual of `fraction` of the load, and twice that as duality gap. For a measured load that
-    /// changes every tick, where a search for full accuracy with one step per tick would never finish.
+    /// changes in every tick: a search for full accuracy with one step per tick would never finish.
     #[must_use]
     pub const fn with_tolerance(self, fraction: f32) -> Self {
-        Self { open: fraction, ..self }
+        Self { tolerance: fraction, ..self }
     }
 
     /// Solves for the contact forces that apply the wrench `load` [N; N·m] to the object: the opposite of
@@ -143,10 +143,10 @@ impl LeastGrip {
         self.advance(map, load, state, u32::MAX)
     }
 
-    /// Like [`Self::solve`] with a budget: returns before the Newton step that might exceed `max_instructions`
-    /// instructions of a Cortex-M4F, counted by a cost model that is identical on all machines. Takes at
-    /// least one step: up to 17 000 instructions with three contacts, 24 000 with six. The next call
-    /// continues with its own contacts and load. All calls together take at most 39 steps.
+    /// Like [`Self::solve`] with a budget: returns before the Newton step that might exceed
+    /// `max_instructions` instructions of a Cortex-M4F, counted by a cost model that is identical on all
+    /// machines. Takes at least one step: up to 17 000 instructions with three contacts, 24 000 with six. The
+    /// next call continues with its own contacts and load. All calls together take at most 39 steps.
     ///
     /// # Errors
     /// As above, or [`GripError::Unfinished`].
@@ -160,16 +160,16 @@ impl LeastGrip {
         if !load.sum().is_finite() {
             return Err(GripError::NotFinite);
         }
-        for (contact, of) in (0..).zip(map.contacts()) {
-            if of.limit() < self.min_force {
-                return Err(GripError::Limit { contact, limit: of.limit() });
+        for (index, contact) in (0..).zip(map.contacts()) {
+            if contact.limit() < self.min_force {
+                return Err(GripError::Limit { contact: index, limit: contact.limit() });
             }
         }
         let (force, moment) = map.scaled(load);
-        let size = math::sqrt(force.norm_squared() + moment.norm_squared());
-        let unit = if size > self.min_force { size } else { self.min_force };
+        let norm = math::sqrt(force.norm_squared() + moment.norm_squared());
+        let unit = if norm > self.min_force { norm } else { self.min_force };
         if unit <= f32::MIN_POSITIVE {
-            state.begun = None;
+            state.search = None;
             let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
             return Ok(Grip { forces, residual: 0.0, steps: 0 });
         }
@@ -178,8 +178,8 @@ impl LeastGrip {
             map,
             cones: map.contacts().iter().map(cone).collect(),
             load: stack(&(force / unit), &(moment / unit)),
-            size: if size > MIN_LOAD * unit { size / unit } else { MIN_LOAD },
-            open: self.open,
+            norm: if norm > MIN_LOAD * unit { norm / unit } else { MIN_LOAD },
+            tolerance: self.tolerance,
             work: Cell::new(0),
         };
         let proves = |y: &Vector6<f32>| {
@@ -187,23 +187,23 @@ impl LeastGrip {
             let certificate = Certificate { twist: stack(&linear, &(angular / map.length)) };
             certificate.is_valid(self, map, load).then_some(certificate)
         };
-        let mut begun = state.begun.take().unwrap_or_else(|| SearchState::at(state.twist));
-        if begun.is_broken() {
-            begun.restart();
+        let mut running = state.search.take().unwrap_or_else(|| SearchState::at(state.twist));
+        if running.is_corrupt() {
+            running.restart();
         }
-        match search.run(&mut begun, max_instructions, proves) {
+        match search.run(&mut running, max_instructions, proves) {
             Ok(point) => {
                 state.twist = point.twist.into();
                 let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
-                Ok(Grip { forces, residual: search.residual(&point), steps: begun.steps })
+                Ok(Grip { forces, residual: search.residual(&point), steps: running.steps })
             }
-            Err(SearchEnd::Refused(certificate)) => Err(GripError::CannotHold(certificate)),
-            Err(SearchEnd::Open(residual)) => {
+            Err(SearchEnd::Infeasible(certificate)) => Err(GripError::CannotHold(certificate)),
+            Err(SearchEnd::NotConverged(residual)) => {
                 *state = GripState::default();
                 Err(GripError::NotConverged { residual })
             }
             Err(SearchEnd::Unfinished(residual)) => {
-                state.begun = Some(begun);
+                state.search = Some(running);
                 Err(GripError::Unfinished { residual })
             }
         }
@@ -241,10 +241,10 @@ impl fmt::Display for GripError {
                 )
             }
             Self::NotConverged { residual } => {
-                write!(f, "the load is at the edge of what can be held: {residual} of it is missing")
+                write!(f, "the load is at the boundary of the feasible set: the residual is {residual} of it")
             }
             Self::Unfinished { residual } => {
-                write!(f, "no answer yet: {residual} of the load is missing so far")
+                write!(f, "the search is not finished: the residual is {residual} of the load so far")
             }
         }
     }

@@ -6,13 +6,13 @@ use crate::math::sqrt;
 
 type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 
-/// Margin, least normal force, load; contacts as position, normal, friction, limit; half the least sum of
+/// Margin, minimum normal force, load; contacts as position, normal, friction, limit; half the minimum sum of
 /// squares, if the load can be held; whether it is on the boundary of what can (`tests/oracles/grip.py`).
 #[allow(clippy::type_complexity)]
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-const FREE: LeastGrip = LeastGrip { margin: 0.0, min_force: 0.0, open: 0.0 };
+const FREE: LeastGrip = LeastGrip { margin: 0.0, min_force: 0.0, tolerance: 0.0 };
 
 /// An object of 40 mm between two fingers that face each other along x.
 fn pinch(friction: f32, limit: f32) -> GraspMap {
@@ -33,20 +33,20 @@ fn solve(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> Result<Grip, 
 
 /// A stored grasp and its load.
 fn stored(case: usize) -> (LeastGrip, GraspMap, Vector6<f32>) {
-    let (margin, least, load, contacts, ..) = CASES[case];
+    let (margin, min_force, load, contacts, ..) = CASES[case];
     let contacts: Vec<Contact> = contacts
         .iter()
-        .map(|&(place, normal, friction, limit)| contact(place, normal, friction, limit))
+        .map(|&(position, normal, friction, limit)| contact(position, normal, friction, limit))
         .collect();
     let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
-    (LeastGrip::try_new(margin, least).unwrap(), map, Vector6::from(load))
+    (LeastGrip::try_new(margin, min_force).unwrap(), map, Vector6::from(load))
 }
 
 /// Largest violation of balance, cones and limits, over the load.
 fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Vector3<f32>]) -> f32 {
     let (force, moment) = map.scaled(&(load - map.wrench(forces)));
-    let (wanted, turned) = map.scaled(load);
-    let size = sqrt(wanted.norm_squared() + turned.norm_squared());
+    let (load_force, load_moment) = map.scaled(load);
+    let norm = sqrt(load_force.norm_squared() + load_moment.norm_squared());
     let mut worst = sqrt(force.norm_squared() + moment.norm_squared());
     for (contact, force) in map.contacts().iter().zip(forces) {
         let along = contact.normal().dot(force);
@@ -56,7 +56,7 @@ fn violation(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>, forces: &[Ve
             worst = worst.max(excess);
         }
     }
-    worst / size
+    worst / norm
 }
 
 #[test]
@@ -109,13 +109,13 @@ fn forces_inside_all_cones_are_those_of_the_pseudo_inverse() {
         let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
         let made: Vec<Vector3<f32>> = contacts.iter().map(|_| Vector3::z() + random.vector(0.1)).collect();
         let load = map.wrench(&made);
-        let least = map.inverse().forces(&load).unwrap();
-        if violation(&FREE, &map, &load, &least) < 1e-5 {
+        let minimum = map.inverse().forces(&load).unwrap();
+        if violation(&FREE, &map, &load, &minimum) < 1e-5 {
             seen += 1;
             let grip = solve(&FREE, &map, &load).unwrap();
             assert!(grip.steps <= 3);
-            for (force, least) in grip.forces.iter().zip(&least) {
-                assert!((force - least).norm() < 1e-4);
+            for (force, minimum) in grip.forces.iter().zip(&minimum) {
+                assert!((force - minimum).norm() < 1e-4);
             }
         }
     }
@@ -123,7 +123,7 @@ fn forces_inside_all_cones_are_those_of_the_pseudo_inverse() {
 }
 
 #[test]
-fn what_nothing_holds_is_refused_with_a_proof() {
+fn infeasible_loads_are_refused_with_a_certificate() {
     let moment = Vector6::new(0.0, 0.0, 0.0, 0.1, 0.0, 0.0);
     for (map, load) in [
         // No friction; a moment about the line of two fingers; too heavy; a pull.
@@ -139,9 +139,9 @@ fn what_nothing_holds_is_refused_with_a_proof() {
         assert!(!certificate.is_valid(&FREE, &map, &(load * 0.0)));
         assert!(!certificate.is_valid(&FREE, &map, &-load));
     }
-    // All normals one way: nothing can be pulled back.
+    // All normals in one direction: no force in the opposite direction.
     let one_way = [[0.0, 0.02, 0.0], [0.0, -0.02, 0.0], [0.0, 0.0, 0.03]]
-        .map(|place| contact(place, [1.0, 0.0, 0.0], 0.5, 20.0));
+        .map(|position| contact(position, [1.0, 0.0, 0.0], 0.5, 20.0));
     let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
     let back = Vector6::new(-1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     assert!(matches!(solve(&FREE, &map, &back), Err(GripError::CannotHold(_))));
@@ -151,7 +151,7 @@ fn what_nothing_holds_is_refused_with_a_proof() {
 }
 
 #[test]
-fn every_contact_pushes_with_the_least_force() {
+fn every_contact_pushes_with_the_minimum_force() {
     let grip = LeastGrip::try_new(0.1, 0.3).unwrap();
     let idle = solve(&grip, &pinch(0.5, 20.0), &lift(0.0)).unwrap();
     assert!((idle.forces[0] - Vector3::new(0.3, 0.0, 0.0)).norm() < 1e-4, "{idle:?}");
@@ -167,11 +167,11 @@ fn the_next_search_starts_where_the_last_one_ended() {
     let first = FREE.solve(&map, &load, &mut state).unwrap();
     let again = FREE.solve(&map, &load, &mut state).unwrap();
     assert!(first.steps > 1 && again.steps == 0, "{} {}", first.steps, again.steps);
-    // A state that is no number does no harm, and a refusal leaves the state as it is.
+    // A state with NaN does no harm, and a refusal leaves the state as it was.
     let before = state.clone();
     assert!(FREE.solve(&map, &(load * 100.0), &mut state).is_err());
     assert_eq!(state, before);
-    let mut broken = GripState { twist: [f32::NAN; 6], begun: None };
+    let mut broken = GripState { twist: [f32::NAN; 6], search: None };
     assert!(FREE.solve(&map, &load, &mut broken).is_ok());
 }
 
@@ -199,18 +199,18 @@ fn slices_end_where_one_call_does() {
     for case in 0..CASES.len() {
         let (grip, map, load) = stored(case);
         let whole = solve(&grip, &map, &load);
-        // A step a call; a tick's share.
-        for most in [0, LeastGrip::INSTRUCTIONS_PER_TICK] {
+        // One step per call; the budget of a tick.
+        for budget in [0, LeastGrip::INSTRUCTIONS_PER_TICK] {
             let mut state = GripState::default();
             for calls in 1.. {
-                let result = grip.advance(&map, &load, &mut state, most);
-                // It travels with the state of the board.
+                let result = grip.advance(&map, &load, &mut state, budget);
+                // The search is part of the exported state of a board.
                 let bytes = postcard::to_allocvec(&state).unwrap();
                 assert!(bytes.len() <= 59);
                 state = postcard::from_bytes(&bytes).unwrap();
                 if !matches!(result, Err(GripError::Unfinished { .. })) {
                     assert_eq!(result, whole, "{case}");
-                    assert!(state.begun.is_none() && calls <= 40);
+                    assert!(state.search.is_none() && calls <= 40);
                     break;
                 }
                 unfinished += 1;
@@ -221,11 +221,11 @@ fn slices_end_where_one_call_does() {
 }
 
 #[test]
-fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
+fn a_search_continues_with_the_contacts_and_the_load_of_the_call() {
     let mut random = Random(9);
     let (mut state, mut calls, mut answers) = (GripState::default(), 0, 0);
     for tick in 0..2000_u16 {
-        // Fingertips that roll, an object that is swung, and now and then another one.
+        // Rolling fingertips, an object that oscillates, and now and then a different load.
         let phase = f32::from(tick) * 0.01;
         let sway = Vector3::new(0.002 * sqrt(phase), 0.0003 * phase, 0.0);
         let map = hand3_grasp(0.5);
@@ -233,8 +233,8 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
             .contacts()
             .iter()
             .map(|of| {
-                let place = of.position() + sway + random.vector(2e-5);
-                Contact::try_new(place, of.normal() + random.vector(0.002), 0.5, 20.0).unwrap()
+                let position = of.position() + sway + random.vector(2e-5);
+                Contact::try_new(position, of.normal() + random.vector(0.002), 0.5, 20.0).unwrap()
             })
             .collect();
         let map = GraspMap::try_new(&moved, Vector3::zeros()).unwrap();
@@ -254,7 +254,7 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
         }
     }
     assert!(answers > 1000, "{answers}");
-    // A search that is left off in one grasp goes on in another.
+    // A search that is interrupted in one grasp continues in another.
     let mut open = 0;
     for case in 0..CASES.len() {
         let (grip, map, load) = stored(case);
@@ -271,16 +271,15 @@ fn a_search_goes_on_with_the_contacts_and_the_load_of_the_call() {
     assert!(open <= 3, "{open}");
 }
 
-/// The paper's box while weights are put on it, as sensors with noise tell of it, and a step of the search a
-/// tick.
+/// The paper's box while weights are put on it, measured with noise, with one step of the search per tick.
 #[test]
-fn a_load_that_is_measured_is_followed() {
+fn a_measured_load_is_followed() {
     let mut random = Random(17);
     let mut noise = || random.between(-0.02, 0.02);
     let grip = LeastGrip::try_new(0.2, 0.3).unwrap().with_tolerance(0.02);
     let map = hand3_grasp(0.5);
     let (mut state, mut waiting, mut answers) = (GripState::default(), 0, 0);
-    // Where it is at first.
+    // Converged before the first tick.
     grip.solve(&map, &lift(0.2), &mut state).unwrap();
     for tick in 0..1000_u16 {
         let weight = 0.2 + 6.0 * (f32::from(tick % 200) / 30.0).min(1.0);
@@ -314,9 +313,9 @@ fn a_load_that_is_measured_is_followed() {
 #[test]
 fn a_damaged_search_does_no_harm() {
     let (map, load) = (hand3_grasp(0.5), Vector6::new(0.1, 0.2, 2.0, 0.001, -0.05, 0.002));
-    let mut begun = GripState::default();
-    assert!(matches!(FREE.advance(&map, &load, &mut begun, 0), Err(GripError::Unfinished { .. })));
-    let bytes = postcard::to_allocvec(&begun).unwrap();
+    let mut interrupted = GripState::default();
+    assert!(matches!(FREE.advance(&map, &load, &mut interrupted, 0), Err(GripError::Unfinished { .. })));
+    let bytes = postcard::to_allocvec(&interrupted).unwrap();
     for index in 0..bytes.len() {
         for bit in 0..8 {
             let mut bytes = bytes.clone();
@@ -368,7 +367,7 @@ fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
                     "{index} can be held"
                 );
             }
-            // Neither: on the boundary, or where only forces many times the load could hold it.
+            // Not converged: on the boundary, or where only forces of many times the load could hold it.
             (Err(error), _) => {
                 open += 1;
                 println!("{index}, on the boundary: {boundary}: {error}");

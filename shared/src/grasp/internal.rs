@@ -61,8 +61,8 @@ impl GraspMap {
             return Err(ContactCountError(self.levers.len()));
         };
         let toward = |from: Vector3<f32>, to: Vector3<f32>| {
-            let step = to - from;
-            step / math::sqrt(step.norm_squared())
+            let difference = to - from;
+            difference / math::sqrt(difference.norm_squared())
         };
         let (e12, e13, e23) = (toward(one, two), toward(one, three), toward(two, three));
         let mut matrix = SMatrix::<f32, 9, 3>::zeros();
@@ -81,24 +81,24 @@ impl GraspMap {
         let dimension = 3 * count - usize::from(inverse.conditioning().rank);
         // Pivoted Gram–Schmidt on the projections of the unit forces.
         let mut basis = Vec::<ContactForces, MAX_INTERNAL>::new();
-        let mut left: ContactForces = self.levers.iter().map(|_| Vector3::repeat(1.0)).collect();
-        for (place, left) in left.iter_mut().enumerate() {
+        let mut residual: ContactForces = self.levers.iter().map(|_| Vector3::repeat(1.0)).collect();
+        for (contact, residual) in residual.iter_mut().enumerate() {
             for axis in 0..3 {
-                let mut force = self.unit_force(place, axis);
+                let mut force = self.unit_force(contact, axis);
                 inverse.project_to_null_space(&mut force);
-                left[axis] = force.get(place).map_or(0.0, |force| force[axis]);
+                residual[axis] = force.get(contact).map_or(0.0, |force| force[axis]);
             }
         }
         for _ in 0..dimension {
-            let (mut place, mut axis, mut max_norm) = (0, 0, 0.0);
-            for (index, left) in left.iter().enumerate() {
-                for (direction, &left) in left.iter().enumerate() {
-                    if left > max_norm {
-                        (place, axis, max_norm) = (index, direction, left);
+            let (mut contact, mut axis, mut max_square) = (0, 0, 0.0);
+            for (index, residual) in residual.iter().enumerate() {
+                for (direction, &square) in residual.iter().enumerate() {
+                    if square > max_square {
+                        (contact, axis, max_square) = (index, direction, square);
                     }
                 }
             }
-            let mut force = self.unit_force(place, axis);
+            let mut force = self.unit_force(contact, axis);
             for _ in 0..2 {
                 inverse.project_to_null_space(&mut force);
                 for known in &basis {
@@ -108,26 +108,26 @@ impl GraspMap {
             }
             let length = math::sqrt(dot(&force, &force));
             force.iter_mut().for_each(|force| *force /= length);
-            for (left, force) in left.iter_mut().zip(&force) {
-                *left -= force.component_mul(force);
+            for (residual, force) in residual.iter_mut().zip(&force) {
+                *residual -= force.component_mul(force);
             }
-            let _ = basis.push(force); // no more than the largest dimension
+            let _ = basis.push(force); // cannot fail: at most `MAX_INTERNAL`
         }
         InternalForces { basis }
     }
 
-    fn unit_force(&self, place: usize, axis: usize) -> ContactForces {
+    fn unit_force(&self, contact: usize, axis: usize) -> ContactForces {
         let mut forces: ContactForces = self.levers.iter().map(|_| Vector3::zeros()).collect();
-        if let Some(part) = forces.get_mut(place).and_then(|force| force.get_mut(axis)) {
+        if let Some(part) = forces.get_mut(contact).and_then(|force| force.get_mut(axis)) {
             *part = 1.0;
         }
         forces
     }
 
     /// The internal force along the contacts' normals: magnitudes from the null space of `D_oᵀ N`.
-    /// `tolerance` is the largest wrench that may remain, over the root of the sum of squares of the forces
-    /// and with moments over [`GraspMap::length`]: measured contacts never balance exactly. What remains is
-    /// then balanced by the least forces across the normals.
+    /// `tolerance`: largest accepted residual wrench, with moments over [`GraspMap::length`], over the norm
+    /// of the forces: measured contacts never balance exactly. Forces of minimum norm then balance the
+    /// residual.
     ///
     /// # Errors
     /// The normals have no unique balance with all contacts pushing.
@@ -138,8 +138,8 @@ impl GraspMap {
         let pairs = || self.contacts.iter().zip(&self.levers).enumerate().take(MAX_CONTACTS);
         for (row, (one, lever)) in pairs() {
             for (column, (other, second)) in pairs() {
-                let (turn, other_turn) = (lever.cross(&one.normal), second.cross(&other.normal));
-                products[(row, column)] = one.normal.dot(&other.normal) + turn.dot(&other_turn);
+                let (moment, other_moment) = (lever.cross(&one.normal), second.cross(&other.normal));
+                products[(row, column)] = one.normal.dot(&other.normal) + moment.dot(&other_moment);
             }
         }
         let vectors = eigenvectors(&mut products);
@@ -153,15 +153,15 @@ impl GraspMap {
                 next = value;
             }
         }
-        let push = |scale: f32| -> ContactForces {
+        let normal_forces = |scale: f32| -> ContactForces {
             self.contacts
                 .iter()
                 .zip(vector.iter())
                 .map(|(contact, fraction)| contact.normal * (fraction * scale))
                 .collect()
         };
-        // Not from the eigenvalue: cancellation leaves no digits near 0.
-        let (force, moment) = self.scaled_sum(&push(1.0));
+        // The eigenvalue itself has no significant digits near 0, by cancellation.
+        let (force, moment) = self.scaled_sum(&normal_forces(1.0));
         let residual = math::sqrt(force.norm_squared() + moment.norm_squared());
         if residual > tolerance || (residual + tolerance).is_nan() {
             return Err(NormalGripError::Unbalanced { residual });
@@ -181,7 +181,7 @@ impl GraspMap {
                 return Err(NormalGripError::NotPushing { contact, fraction });
             }
         }
-        let mut forces = push(1.0 / largest);
+        let mut forces = normal_forces(1.0 / largest);
         self.inverse().project_to_null_space(&mut forces);
         Ok(NormalGrip { fractions, forces })
     }
@@ -197,7 +197,7 @@ impl InternalForces {
     pub fn forces(&self, parts: &[f32]) -> ContactForces {
         let mut forces = ContactForces::new();
         for (member, part) in self.basis.iter().zip(parts.iter().chain(core::iter::repeat(&0.0))) {
-            let _ = forces.resize_default(member.len()); // cannot fail: as many places as contacts
+            let _ = forces.resize_default(member.len()); // cannot fail: same capacity
             forces.iter_mut().zip(member).for_each(|(force, member)| *force += member * *part);
         }
         forces
@@ -237,13 +237,13 @@ fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32,
                 let tangent = (1.0 / (size + root)).copysign(ratio);
                 let cosine = 1.0 / math::sqrt(tangent * tangent + 1.0);
                 let sine = tangent * cosine;
-                let turn = |a: f32, b: f32| (cosine * a - sine * b, sine * a + cosine * b);
+                let rotate = |a: f32, b: f32| (cosine * a - sine * b, sine * a + cosine * b);
                 for k in 0..N {
-                    (matrix[(k, p)], matrix[(k, q)]) = turn(matrix[(k, p)], matrix[(k, q)]);
+                    (matrix[(k, p)], matrix[(k, q)]) = rotate(matrix[(k, p)], matrix[(k, q)]);
                 }
                 for k in 0..N {
-                    (matrix[(p, k)], matrix[(q, k)]) = turn(matrix[(p, k)], matrix[(q, k)]);
-                    (vectors[(k, p)], vectors[(k, q)]) = turn(vectors[(k, p)], vectors[(k, q)]);
+                    (matrix[(p, k)], matrix[(q, k)]) = rotate(matrix[(p, k)], matrix[(q, k)]);
+                    (vectors[(k, p)], vectors[(k, q)]) = rotate(vectors[(k, p)], vectors[(k, q)]);
                 }
             }
         }
@@ -263,12 +263,13 @@ impl fmt::Display for NormalGripError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Unbalanced { residual } => {
-                write!(f, "forces along the normals do not balance: {residual} of their size remains")
+                write!(f, "forces along the normals do not balance: the residual is {residual} of their norm")
             }
-            Self::Ambiguous => write!(f, "forces along the normals balance in more than one way"),
+            Self::Ambiguous => write!(f, "the balance of forces along the normals is not unique"),
             Self::NotPushing { contact, fraction } => write!(
                 f,
-                "forces along the normals balance only with {fraction} of the largest at contact {contact}, which can push only"
+                "the balance of forces along the normals needs {fraction} of the largest at contact \
+                 {contact}, which can only push"
             ),
         }
     }
@@ -289,13 +290,13 @@ mod tests {
     }
 
     #[test]
-    fn pairs_press_towards_each_other_and_move_nothing() {
+    fn pairs_press_towards_each_other_without_a_wrench() {
         let mut random = Random(4);
         for _ in 0..100 {
             let map = random.ball(3, Vector3::new(0.1, 0.2, 0.3));
             let e = map.pairwise().unwrap();
             assert!((map.matrix().fixed_columns::<9>(0) * e).norm() < 2e-7);
-            // Positive means squeezed: each presses inwards.
+            // Positive strengths press inwards.
             let squeezed = e * Vector3::new(1.0, 1.0, 1.0);
             for (index, lever) in map.levers.iter().enumerate() {
                 assert!(squeezed.fixed_rows::<3>(3 * index).dot(lever) < 0.0);
@@ -305,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn the_basis_is_orthonormal_complete_and_moves_nothing() {
+    fn the_basis_is_orthonormal_complete_and_without_a_wrench() {
         let mut random = Random(5);
         let line: std::vec::Vec<Contact> =
             (0..6).map(|x| contact([0.02 * x as f32, 0.01, 0.0], [0.0, 0.0, 1.0], 0.5, 9.0)).collect();
@@ -349,7 +350,7 @@ mod tests {
         }
         assert!(matches!(aside(0.0, 0.01), Err(NormalGripError::Unbalanced { residual }) if residual > 0.05));
         assert!(matches!(aside(0.06, 0.0), Err(NormalGripError::NotPushing { contact: 1, .. })));
-        // By a little: what remains is balanced across the normals.
+        // Slightly beside it: tangential forces balance the residual.
         let little = aside(0.0, 2e-5).unwrap().forces(4.0);
         assert!((little[2].x + 4.0).abs() < 1e-2 && (little[0] + little[1] + little[2]).norm() < 1e-5);
     }
@@ -362,7 +363,7 @@ mod tests {
             .collect();
         let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
         assert!(matches!(map.normal_grip(1e-3), Err(NormalGripError::Unbalanced { .. })));
-        // In line one of them would have to pull.
+        // Of collinear contacts one would have to pull.
         let line: std::vec::Vec<Contact> =
             [0.0, 0.02, 0.06].iter().map(|&y| contact([0.0, y, 0.0], [1.0, 0.0, 0.0], 0.5, 9.0)).collect();
         let map = GraspMap::try_new(&line, Vector3::zeros()).unwrap();

@@ -11,7 +11,7 @@ const RANK_TOLERANCE: f32 = 1e-3;
 /// Contacts count as nearly collinear when the smallest eigenvalue is below this fraction of the largest.
 const NEAR_LINE: f32 = 0.1;
 /// Tolerance of an unresisted moment over the load, for collinear contacts.
-const REST_TOLERANCE: f32 = 1e-4;
+const AXIAL_TOLERANCE: f32 = 1e-4;
 /// Squarings of the inverse in the power iteration. Each squares the ratio of the two smallest eigenvalues;
 /// in the worst case, a ratio near 1, the singular value is 0.1 % too large.
 const SQUARES: usize = 8;
@@ -53,9 +53,9 @@ pub struct WrenchInverse<'a> {
 pub enum WrenchInverseError {
     /// The wrench is not finite.
     NotFinite,
-    /// The contacts are in line and resist no moment about it.
+    /// The contacts are collinear and resist no moment about their line.
     NotResisted {
-        /// The line's direction.
+        /// Direction of the line.
         axis: Vector3<f32>,
         /// The wrench's moment about it [N·m].
         moment: f32,
@@ -88,11 +88,11 @@ impl GraspMap {
         // Away from collinearity the block is inverted as it is. Otherwise the eigenvector is deflated: its
         // eigenvalue is replaced by one as large as the others and handled separately.
         let near = sigma_min < NEAR_LINE * count;
-        let moved = if near { count - sigma_min } else { 0.0 };
+        let shift = if near { count - sigma_min } else { 0.0 };
         let outer = axis * axis.transpose();
-        let filled = block + outer * moved;
-        let cofactors = adjugate(&filled);
-        let mut across = cofactors / filled.column(0).dot(&cofactors.column(0));
+        let deflated = block + outer * shift;
+        let cofactors = adjugate(&deflated);
+        let mut across = cofactors / deflated.column(0).dot(&cofactors.column(0));
         if near {
             across -= outer / count;
         }
@@ -119,23 +119,23 @@ impl WrenchInverse<'_> {
     /// may be negative.
     ///
     /// # Errors
-    /// The wrench is not finite, or nothing resists it.
+    /// The wrench is not finite, or collinear contacts do not resist it.
     pub fn forces(&self, wrench: &Vector6<f32>) -> Result<ContactForces, WrenchInverseError> {
         if !wrench.sum().is_finite() {
             return Err(WrenchInverseError::NotFinite);
         }
         let (force, moment) = self.map.scaled(wrench);
         let axis = self.conditioning.axis;
-        let about = axis.dot(&moment);
-        let size = math::sqrt(force.norm_squared() + moment.norm_squared());
-        if self.conditioning.rank < 6 && abs(about) > REST_TOLERANCE * size {
-            return Err(WrenchInverseError::NotResisted { axis, moment: about * self.map.length });
+        let axial = axis.dot(&moment);
+        let norm = math::sqrt(force.norm_squared() + moment.norm_squared());
+        if self.conditioning.rank < 6 && abs(axial) > AXIAL_TOLERANCE * norm {
+            return Err(WrenchInverseError::NotResisted { axis, moment: axial * self.map.length });
         }
         let mut forces: ContactForces = self.map.levers.iter().map(|_| Vector3::zeros()).collect();
         // One step of iterative refinement.
         for _ in 0..2 {
-            let (made, turned) = self.map.scaled_sum(&forces);
-            self.add(&(force - made), &(moment - turned), &mut forces);
+            let (force_sum, moment_sum) = self.map.scaled_sum(&forces);
+            self.add(&(force - force_sum), &(moment - moment_sum), &mut forces);
         }
         Ok(forces)
     }
@@ -143,18 +143,18 @@ impl WrenchInverse<'_> {
     /// Projects `forces` [N] orthogonally onto the null space of `G`: the nearest internal forces.
     pub fn project_to_null_space(&self, forces: &mut [Vector3<f32>]) {
         for _ in 0..2 {
-            let (made, turned) = self.map.scaled_sum(forces);
-            self.add(&-made, &-turned, forces);
+            let (force_sum, moment_sum) = self.map.scaled_sum(forces);
+            self.add(&-force_sum, &-moment_sum, forces);
         }
     }
 
     /// Adds the minimum-norm forces for a wrench about the centroid, with its moment over the length.
     fn add(&self, force: &Vector3<f32>, moment: &Vector3<f32>, forces: &mut [Vector3<f32>]) {
         let axis = &self.conditioning.axis;
-        let turn = self.across * moment + axis * (self.along * axis.dot(moment));
+        let rotational = self.across * moment + axis * (self.along * axis.dot(moment));
         let each = force / (self.conditioning.sigma_max * self.conditioning.sigma_max);
         for (lever, force) in self.map.levers.iter().zip(forces) {
-            *force += each + turn.cross(lever);
+            *force += each + rotational.cross(lever);
         }
     }
 }
@@ -165,7 +165,7 @@ fn adjugate(m: &Matrix3<f32>) -> Matrix3<f32> {
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
 }
 
-/// The longest column, normalised.
+/// The column of largest norm, normalised.
 fn longest_column(m: &Matrix3<f32>) -> Vector3<f32> {
     let [a, b, c] = [0, 1, 2].map(|index| m.column(index).norm_squared());
     let (column, square) = if a >= b && a >= c {
@@ -184,7 +184,8 @@ impl fmt::Display for WrenchInverseError {
             Self::NotFinite => write!(f, "the wrench is not finite"),
             Self::NotResisted { axis, moment } => write!(
                 f,
-                "the contacts are collinear along ({}, {}, {}) and resist no moment about it; the load has {moment} N·m",
+                "the contacts are collinear along ({}, {}, {}) and resist no moment about it; the load has \
+                 {moment} N·m",
                 axis.x, axis.y, axis.z
             ),
         }

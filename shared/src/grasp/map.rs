@@ -51,7 +51,7 @@ impl GraspMap {
     /// The grasp of 2 to 6 `contacts`, with wrenches and twists about `origin` [m].
     ///
     /// # Errors
-    /// The contacts make no grasp.
+    /// The contacts have no grasp map.
     pub fn try_new(contacts: &[Contact], origin: Vector3<f32>) -> Result<Self, GraspMapError> {
         let count = contacts.len();
         let contacts = match Vec::from_slice(contacts) {
@@ -72,7 +72,7 @@ impl GraspMap {
         for contact in &contacts {
             let lever = contact.position - origin - center;
             square += lever.norm_squared();
-            let _ = levers.push(lever); // as many places as contacts
+            let _ = levers.push(lever); // cannot fail: same capacity
         }
         let length = math::sqrt(square * inverse_count);
         let inverse = if length > f32::MIN_POSITIVE { 1.0 / length } else { 0.0 };
@@ -94,7 +94,7 @@ impl GraspMap {
         &self.contacts
     }
 
-    /// The point about which wrenches and twists are [m].
+    /// Reference point of wrenches and twists [m].
     pub const fn origin(&self) -> &Vector3<f32> {
         &self.origin
     }
@@ -116,8 +116,8 @@ impl GraspMap {
         matrix
     }
 
-    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, (Hand3 eq. 17). Missing forces
-    /// count as 0.
+    /// `w = G f` [N; N·m]: the wrench of the contacts' `forces` [N] on the object, (Hand3 eq. 17). Missing
+    /// forces count as 0.
     pub fn wrench(&self, forces: &[Vector3<f32>]) -> Vector6<f32> {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for (contact, contact_force) in self.contacts.iter().zip(forces) {
@@ -141,7 +141,7 @@ impl GraspMap {
         (force, (moment - self.center.cross(&force)) / self.length)
     }
 
-    /// What the contacts' forces [N] add up to, like [`Self::scaled`].
+    /// Wrench of the contacts' forces [N], scaled like [`Self::scaled`].
     pub(super) fn scaled_sum(&self, forces: &[Vector3<f32>]) -> (Vector3<f32>, Vector3<f32>) {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
         for (lever, contact_force) in self.levers.iter().zip(forces) {
@@ -167,7 +167,7 @@ impl fmt::Display for GraspMapError {
             Self::Contacts(count) => write!(f, "{count} contacts; a grasp has 2 to {MAX_CONTACTS}"),
             Self::Origin => write!(f, "the origin is not finite"),
             Self::Coincident { first, second, distance } => {
-                write!(f, "contacts {first} and {second} are at the same place, {distance} m apart")
+                write!(f, "contacts {first} and {second} coincide: their distance is {distance} m")
             }
         }
     }

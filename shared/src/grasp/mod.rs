@@ -1,16 +1,16 @@
-//! Grasping: what contact forces do to an object, and which are needed to hold it.
+//! Statics of grasps: the wrench of contact forces on an object, and the contact forces that hold it.
 //!
 //! - [`object_frame`]: the object's frame from three fingertips; [`ThreeFingers`]: their joints and the
 //!   object (Hand3 section 5).
 //! - [`GraspMap`] maps forces of up to six [`Contact`]s to the wrench on the object;
-//!   [`WrenchInverse`] back, to the least forces, with rank and [`Conditioning`].
-//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: forces that move
-//!   nothing, in the three forms that are wanted.
+//!   [`WrenchInverse`] maps back to the forces of minimum norm, with rank and [`Conditioning`].
+//! - [`GraspMap::pairwise`], [`GraspMap::internal_forces`], [`GraspMap::normal_grip`]: internal
+//!   forces, in three forms.
 //! - [`LeastGrip`]: the smallest forces inside the friction cones that hold a load, or a [`Certificate`] that
-//!   there are none; in one call or over several ticks. [`normal_force_limit`]: what a finger's joint torques
-//!   allow.
+//!   the load is infeasible; in one call or over several ticks. [`normal_force_limit`]: maximum normal force
+//!   by a finger's joint torques.
 //!
-//! Forces are those of the fingers on the object. Contacts, wrenches and twists share one frame, whichever.
+//! Forces are those of the fingers on the object. Contacts, wrenches and twists are in one frame.
 
 mod certificate;
 mod cone;

@@ -3,8 +3,9 @@ use core::fmt;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::math;
+use crate::zip::zip;
 
-/// A joint has no torque left for a contact force, or a value is not finite.
+/// A joint is at its torque limit without a contact force, or a value is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NormalForceLimitError {
     /// The joint of the finger, 0 to 2.
@@ -21,17 +22,16 @@ pub struct NormalForceLimitError {
 ///   [`LeastGrip`](super::LeastGrip).
 /// - `used`, `limits`: joint torques for gravity and motion, and the largest ones [N·m].
 ///
-/// With `c` and `s` the parts of column j of the block along and across the normal, forces of normal part
-/// `a` load joint j with `a (c − μ s)` to `a (c + μ s)`, both of which are attained; so the largest `a` is a
-/// quotient for each.
+/// Let `c` and `s` be the normal and tangential parts of column j of the block. Forces with normal part `a`
+/// load joint j with `a (c − μ s)` to `a (c + μ s)`, both attained, so each joint limits `a` by a quotient.
 ///
-/// It is conservative for forces other than the worst of the cone. If joint j, loaded in the direction of
-/// `c`, sets the limit, then a force along the normal could be up to `1 + μ
-/// s/|c|` times as large and a force of the cone at best `(|c| + μ s)/(|c| − μ
-/// s)` times; there is no such bound where `|c| ≤ μ s`, or where the joint is loaded the other way.
+/// The limit is conservative for forces other than the worst of the cone. If joint j, loaded in the direction
+/// of `c`, sets the limit, a force along the normal could be up to `1 + μ s/|c|` times as large, and the best
+/// force of the cone `(|c| + μ s)/(|c| − μ s)` times. There is no such bound if `|c| ≤ μ s`, or if the joint
+/// is loaded in the opposite direction.
 ///
 /// # Errors
-/// A joint is at its limit without any push, or something is not a number.
+/// A joint is at its limit without a contact force, or a value is NaN.
 pub fn normal_force_limit(
     block: &Matrix3<f32>,
     normal: &Vector3<f32>,
@@ -40,16 +40,16 @@ pub fn normal_force_limit(
     limits: &Vector3<f32>,
 ) -> Result<f32, NormalForceLimitError> {
     let mut max_force = f32::INFINITY;
-    for (joint, ((column, used), limit)) in (0..).zip(block.column_iter().zip(used).zip(limits)) {
+    for (joint, column, used, limit) in zip((0.., block.column_iter(), used, limits)) {
         let along = column.dot(normal);
         let across = friction * math::sqrt((column - normal * along).norm_squared());
-        for (rate, room) in [(across + along, limit - used), (across - along, limit + used)] {
-            // Not a number fails both.
-            if !(room > 0.0 && rate.is_finite()) {
+        for (rate, headroom) in [(across + along, limit - used), (across - along, limit + used)] {
+            // NaN fails both.
+            if !(headroom > 0.0 && rate.is_finite()) {
                 return Err(NormalForceLimitError { joint });
             }
-            if rate > 0.0 && room < max_force * rate {
-                max_force = room / rate;
+            if rate > 0.0 && headroom < max_force * rate {
+                max_force = headroom / rate;
             }
         }
     }
@@ -58,7 +58,7 @@ pub fn normal_force_limit(
 
 impl fmt::Display for NormalForceLimitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "joint {} of the finger has no torque left to push with", self.joint + 1)
+        write!(f, "joint {} of the finger is at its torque limit without a contact force", self.joint + 1)
     }
 }
 
@@ -81,7 +81,7 @@ mod tests {
             let block = Matrix3::from_row_slice(&block);
             let (normal, used, limits) = (normal.into(), used.into(), Vector3::from(limits));
             let push = normal_force_limit(&block, &normal, friction, &used, &limits).unwrap();
-            // Safe: no sampled force takes more. Attained: this one, inside the cone, takes as much.
+            // Safe: no sampled force is larger. Attained: this one, inside the cone, is as large.
             assert!(push <= expected * (1.0 + 1e-5), "{push} {expected}");
             assert!(push >= expected * (1.0 - 1e-4), "{push} {expected}");
             let force = Vector3::from(force);
@@ -89,20 +89,20 @@ mod tests {
             assert!((along / push - 1.0).abs() < 1e-4);
             assert!((force - normal * along).norm() <= friction * along + 1e-5 * force.norm());
             let torques = used + block.tr_mul(&force);
-            let share = torques.abs().component_div(&limits).max();
-            assert!((share - 1.0).abs() < 1e-4, "{share}");
+            let fraction = torques.abs().component_div(&limits).max();
+            assert!((fraction - 1.0).abs() < 1e-4, "{fraction}");
         }
     }
 
     #[test]
     fn is_the_one_worked_by_hand() {
-        // Joint 1 feels the push at 0.1 m and nothing else, joint 2 the force sideways, joint 3 neither.
+        // Joint 1 has a lever of 0.1 m for normal forces, joint 2 for tangential ones, joint 3 none.
         let block = Matrix3::from_diagonal(&Vector3::new(0.1, 0.1, 0.0));
         let (normal, limits) = (Vector3::x(), Vector3::new(1.0, 0.3, 1e-3));
         let push = |used: [f32; 3]| normal_force_limit(&block, &normal, 0.5, &used.into(), &limits);
         // 0.3 N·m over 0.5 × 0.1 m.
         assert!((push([0.0; 3]).unwrap() - 6.0).abs() < 1e-5);
-        // Gravity pushes too, or against it; sideways its sign does not matter.
+        // Gravity adds to the push, or opposes it; its sign does not matter for joint 2.
         assert!((push([0.5, 0.0, 0.0]).unwrap() - 5.0).abs() < 1e-5);
         assert!((push([-0.5, 0.0, 0.0]).unwrap() - 6.0).abs() < 1e-5);
         for used in [0.1, -0.1] {

@@ -9,6 +9,7 @@ use super::cone::{Cone, Projection};
 use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
 use crate::math::{self, Ldlt, abs};
+use crate::zip::zip;
 
 /// Maximum number of Newton steps in all calls; then a residual below `MAX_RESIDUAL` is accepted, or the
 /// search fails.
@@ -87,9 +88,9 @@ pub(super) struct Search<'a> {
     pub cones: Vec<Cone, MAX_CONTACTS>,
     pub load: Vector6<f32>,
     /// Norm of the load.
-    pub size: f32,
+    pub norm: f32,
     /// Accepted residual over the load.
-    pub open: f32,
+    pub tolerance: f32,
     /// Instructions used so far.
     pub work: Cell<u32>,
 }
@@ -101,19 +102,19 @@ pub(super) struct SearchState {
     pub twist: [f32; 6],
     damping: f32,
     /// Smallest residual so far, over the load.
-    best: f32,
+    min_residual: f32,
     /// Newton steps taken.
     pub steps: u8,
     /// Whether the search was warm-started.
-    elsewhere: bool,
+    warm_started: bool,
 }
 
 /// Result of a search without accepted forces.
 pub(super) enum SearchEnd {
     /// Infeasible, with a certificate.
-    Refused(Certificate),
+    Infeasible(Certificate),
     /// Not converged, with the smallest residual over the load.
-    Open(f32),
+    NotConverged(f32),
     /// Budget used up, with the present residual over the load.
     Unfinished(f32),
 }
@@ -124,7 +125,7 @@ pub(super) struct Point {
     /// Projections of the contact velocities onto the cones.
     pub nearest: Vec<Projection, MAX_CONTACTS>,
     /// Residual: load minus wrench of the forces, the gradient of the dual function.
-    missing: Vector6<f32>,
+    residual: Vector6<f32>,
     /// Support function of the contacts' forces at the twist.
     support: f32,
     /// Sum of the forces' squares.
@@ -134,73 +135,73 @@ pub(super) struct Point {
 impl SearchState {
     /// Initial state at `twist`.
     pub fn at(twist: [f32; 6]) -> Self {
-        let elsewhere = Vector6::from(twist) != Vector6::zeros();
-        Self { twist, damping: INITIAL_DAMPING, best: f32::INFINITY, steps: 0, elsewhere }
+        let warm_started = Vector6::from(twist) != Vector6::zeros();
+        Self { twist, damping: INITIAL_DAMPING, min_residual: f32::INFINITY, steps: 0, warm_started }
     }
 
     /// Whether the stored state is corrupt.
-    pub fn is_broken(&self) -> bool {
+    pub fn is_corrupt(&self) -> bool {
         let sum: f32 = self.twist.iter().sum();
         !(sum.is_finite() && (INITIAL_DAMPING..=MAX_DAMPING).contains(&self.damping))
     }
 
     /// Restarts at 0 with the remaining steps.
     pub fn restart(&mut self) {
-        *self = Self { best: self.best, steps: self.steps, ..Self::at([0.0; 6]) };
+        *self = Self { min_residual: self.min_residual, steps: self.steps, ..Self::at([0.0; 6]) };
     }
 }
 
 impl Search<'_> {
-    /// Continues Newton's method until it ends or a further step might exceed `max_instructions` instructions; takes at
-    /// least one step. `proves` checks a twist as certificate of infeasibility.
+    /// Continues Newton's method until it ends or a further step might exceed `max_instructions`
+    /// instructions; takes at least one step. `proves` checks a twist as certificate of infeasibility.
     pub fn run(
         &self,
-        begun: &mut SearchState,
+        state: &mut SearchState,
         max_instructions: u32,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
     ) -> Result<Point, SearchEnd> {
         self.take(START);
-        let mut point = self.at(begun.twist.into());
+        let mut point = self.at(state.twist.into());
         // A negative dual value at a warm start means a bad start, because the maximum is positive. Later
         // steps may pass through negative values.
-        let mut astray = begun.steps == 0 && point.twist.dot(&point.missing) + 0.5 * point.square < 0.0;
-        let (mut ahead, before) = (None, begun.steps);
-        let enough = max_instructions.saturating_sub(self.instructions(STEP));
+        let mut bad_start = state.steps == 0 && point.twist.dot(&point.residual) + 0.5 * point.square < 0.0;
+        let (mut ray, first_step) = (None, state.steps);
+        let budget = max_instructions.saturating_sub(self.instructions(STEP));
         loop {
-            if astray || begun.steps == RESTART_STEP && begun.elsewhere {
-                begun.restart();
+            if bad_start || state.steps == RESTART_STEP && state.warm_started {
+                state.restart();
                 point = self.at(Vector6::zeros());
-                (ahead, astray) = (None, false);
+                (ray, bad_start) = (None, false);
             }
-            let missing = self.residual(&point);
-            if missing < begun.best {
-                begun.best = missing;
+            let residual = self.residual(&point);
+            if residual < state.min_residual {
+                state.min_residual = residual;
             }
-            let accepted = match begun.steps {
-                0..ACCEPT_STEP => self.is_good(&point, missing),
-                ACCEPT_STEP..MAX_STEPS => changes(&point) <= MAX_GAP,
+            let accepted = match state.steps {
+                0..ACCEPT_STEP => self.is_accurate(&point, residual),
+                ACCEPT_STEP..MAX_STEPS => duality_gap(&point) <= MAX_GAP,
                 _ => true,
             };
-            let will_do = missing <= self.open && changes(&point) <= 2.0 * self.open;
-            if will_do || accepted && missing <= MAX_RESIDUAL {
+            let tolerated = residual <= self.tolerance && duality_gap(&point) <= 2.0 * self.tolerance;
+            if tolerated || accepted && residual <= MAX_RESIDUAL {
                 return Ok(point);
             }
-            let proof = self.candidates(&point, ahead, begun.steps).find_map(|twist| {
+            let proof = self.candidates(&point, ray, state.steps).find_map(|twist| {
                 self.take(PROOF);
                 proves(&twist)
             });
             if let Some(certificate) = proof {
-                return Err(SearchEnd::Refused(certificate));
+                return Err(SearchEnd::Infeasible(certificate));
             }
-            if begun.steps >= MAX_STEPS {
-                return Err(SearchEnd::Open(begun.best));
+            if state.steps >= MAX_STEPS {
+                return Err(SearchEnd::NotConverged(state.min_residual));
             }
-            if begun.steps > before && self.work.get() > enough {
-                begun.twist = point.twist.into();
-                return Err(SearchEnd::Unfinished(missing));
+            if state.steps > first_step && self.work.get() > budget {
+                state.twist = point.twist.into();
+                return Err(SearchEnd::Unfinished(residual));
             }
-            (point, ahead) = self.step(&point, &mut begun.damping);
-            begun.steps += 1;
+            (point, ray) = self.step(&point, &mut state.damping);
+            state.steps += 1;
         }
     }
 
@@ -214,44 +215,45 @@ impl Search<'_> {
 
     /// Norm of the residual over the load.
     pub fn residual(&self, point: &Point) -> f32 {
-        math::sqrt(point.missing.norm_squared()) / self.size
+        math::sqrt(point.residual.norm_squared()) / self.norm
     }
 
-    fn is_good(&self, point: &Point, missing: f32) -> bool {
+    fn is_accurate(&self, point: &Point, residual: f32) -> bool {
         let rounding = ROUNDING * math::sqrt(point.square);
-        missing * self.size <= TARGET_RESIDUAL * self.size + rounding && changes(point) <= TARGET_GAP
+        residual * self.norm <= TARGET_RESIDUAL * self.norm + rounding && duality_gap(point) <= TARGET_GAP
     }
 
     /// Candidate certificates of infeasibility.
     fn candidates(
         &self,
         point: &Point,
-        ahead: Option<Vector6<f32>>,
+        ray: Option<Vector6<f32>>,
         steps: u8,
     ) -> impl Iterator<Item = Vector6<f32>> {
-        let own = (point.twist.dot(&self.load) > point.support).then_some(point.twist);
+        let current = (point.twist.dot(&self.load) > point.support).then_some(point.twist);
         // The residual tends to the shortest vector from the set of feasible wrenches, which separates.
-        let missing = (steps > 0).then_some(point.missing);
+        let residual = (steps > 0).then_some(point.residual);
         let twist = point.twist;
-        let far = ahead.into_iter().flat_map(move |step| RAY_LENGTHS.map(|times| twist + step * times));
-        let about = (steps == AXIS_PROOF_STEP).then(|| {
+        let rays = ray.into_iter().flat_map(move |step| RAY_LENGTHS.map(|times| twist + step * times));
+        let axis = (steps == AXIS_PROOF_STEP).then(|| {
             self.take(AXIS);
             let axis = self.map.inverse().conditioning().axis;
             stack(&Vector3::zeros(), &(axis * axis.dot(&halves(&self.load).1)))
         });
-        own.into_iter()
-            .chain(missing.into_iter().chain(far).chain(about).filter(|twist| self.separates(twist)))
+        current
+            .into_iter()
+            .chain(residual.into_iter().chain(rays).chain(axis).filter(|twist| self.separates(twist)))
     }
 
     /// Whether the twist separates the load from all feasible wrenches.
     fn separates(&self, twist: &Vector6<f32>) -> bool {
         self.take(SEPARATION);
         let (linear, angular) = halves(twist);
-        let mut left = twist.dot(&self.load);
+        let mut power = twist.dot(&self.load);
         for (cone, lever) in self.cones.iter().zip(&self.map.levers) {
-            left -= cone.support(&(linear + angular.cross(lever)));
+            power -= cone.support(&(linear + angular.cross(lever)));
         }
-        left > 0.0
+        power > 0.0
     }
 
     #[inline(never)]
@@ -267,9 +269,9 @@ impl Search<'_> {
             moment -= lever.cross(&nearest.force);
             support += nearest.support;
             square += nearest.force.norm_squared();
-            let _ = all.push(nearest); // as many places as contacts
+            let _ = all.push(nearest); // cannot fail: same capacity
         }
-        Point { twist, nearest: all, missing: stack(&force, &moment), support, square }
+        Point { twist, nearest: all, residual: stack(&force, &moment), support, square }
     }
 
     /// A damped Newton step with line search. Also returns its direction if the slope hardly changed along
@@ -277,24 +279,24 @@ impl Search<'_> {
     fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
-        let added = *damping * math::sqrt(point.missing.norm_squared());
+        let added = *damping * math::sqrt(point.residual.norm_squared());
         let added = if added > MIN_DAMPING { added } else { MIN_DAMPING };
         for index in 0..6 {
             hessian[(index, index)] += added;
         }
-        let direction = Ldlt::new(&hessian, MIN_PIVOT).solve(&point.missing);
-        let slope = direction.dot(&point.missing);
+        let direction = Ldlt::new(&hessian, MIN_PIVOT).solve(&point.residual);
+        let slope = direction.dot(&point.residual);
         let next = self.at(point.twist + direction);
-        let left = direction.dot(&next.missing);
-        let (next, factor) = if left < -MAX_SLOPE_RATIO * slope {
-            (self.shorter(point, &direction, slope, left), DAMPING_INCREASE)
-        } else if left > MAX_SLOPE_RATIO * slope {
+        let end_slope = direction.dot(&next.residual);
+        let (next, factor) = if end_slope < -MAX_SLOPE_RATIO * slope {
+            (self.shorter(point, &direction, slope, end_slope), DAMPING_INCREASE)
+        } else if end_slope > MAX_SLOPE_RATIO * slope {
             (self.longer(next, &direction), DAMPING_DECREASE)
         } else {
             (next, DAMPING_DECREASE)
         };
         *damping = math::clamp(*damping * factor, INITIAL_DAMPING, MAX_DAMPING);
-        let flat = direction.dot(&next.missing) > MAX_SLOPE_RATIO * slope;
+        let flat = direction.dot(&next.residual) > MAX_SLOPE_RATIO * slope;
         (next, flat.then_some(direction))
     }
 
@@ -307,14 +309,14 @@ impl Search<'_> {
             let fraction = math::clamp(lower.1 / (lower.1 - upper.1), 0.1, 0.9);
             let length = lower.0 + (upper.0 - lower.0) * fraction;
             let next = self.at(point.twist + direction * length);
-            let left = direction.dot(&next.missing);
-            if abs(left) <= MAX_SLOPE_RATIO * slope || tries == MAX_BACKTRACKS {
+            let next_slope = direction.dot(&next.residual);
+            if abs(next_slope) <= MAX_SLOPE_RATIO * slope || tries == MAX_BACKTRACKS {
                 return next;
             }
-            if left > 0.0 {
-                lower = (length, left);
+            if next_slope > 0.0 {
+                lower = (length, next_slope);
             } else {
-                upper = (length, left);
+                upper = (length, next_slope);
             }
             tries += 1;
         }
@@ -326,8 +328,8 @@ impl Search<'_> {
         for _ in 0..MAX_EXTENSIONS {
             let next = self.at(point.twist + direction * length);
             // Stop once the residual no longer decreases.
-            if next.missing.norm_squared() > 0.98 * point.missing.norm_squared()
-                || direction.dot(&next.missing) < 0.0
+            if next.residual.norm_squared() > 0.98 * point.residual.norm_squared()
+                || direction.dot(&next.residual) < 0.0
                 || next.twist.norm_squared() > MAX_TWIST * MAX_TWIST
             {
                 break;
@@ -342,19 +344,19 @@ impl Search<'_> {
     #[inline(never)]
     fn hessian(&self, point: &Point) -> Matrix6<f32> {
         let mut hessian = Matrix6::zeros();
-        for ((cone, lever), nearest) in self.cones.iter().zip(&self.map.levers).zip(&point.nearest) {
+        for (cone, lever, nearest) in zip((&self.cones, &self.map.levers, &point.nearest)) {
             let derivative = cone.derivative(nearest);
             // r^ P, and r^ P (r^)ᵀ, whose columns are r × the rows of r^ P.
-            let turned = [0, 1, 2].map(|index| lever.cross(&derivative.column(index).into_owned()));
+            let crossed = [0, 1, 2].map(|index| lever.cross(&derivative.column(index).into_owned()));
             let rows = [0, 1, 2]
-                .map(|row| lever.cross(&Vector3::new(turned[0][row], turned[1][row], turned[2][row])));
+                .map(|row| lever.cross(&Vector3::new(crossed[0][row], crossed[1][row], crossed[2][row])));
             for column in 0..3 {
                 for row in column..3 {
                     hessian[(row, column)] += derivative[(row, column)];
                     hessian[(3 + row, 3 + column)] += rows[column][row];
                 }
                 for row in 0..3 {
-                    hessian[(3 + row, column)] += turned[column][row];
+                    hessian[(3 + row, column)] += crossed[column][row];
                 }
             }
         }
@@ -363,6 +365,6 @@ impl Search<'_> {
 }
 
 /// Relative duality gap that the residual causes: the twist is the gradient of the sum of squares.
-fn changes(point: &Point) -> f32 {
-    2.0 * abs(point.twist.dot(&point.missing)) / point.square
+fn duality_gap(point: &Point) -> f32 {
+    2.0 * abs(point.twist.dot(&point.residual)) / point.square
 }

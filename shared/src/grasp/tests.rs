@@ -3,7 +3,7 @@ use nalgebra::{SMatrix, Vector3, Vector6};
 use super::*;
 use crate::math::sqrt;
 
-/// The same numbers everywhere.
+/// Reproducible pseudo-random numbers.
 pub struct Random(pub u32);
 
 impl Random {
@@ -16,7 +16,7 @@ impl Random {
         Vector3::from_fn(|_, _| self.between(-size, size))
     }
 
-    /// Contacts all over a ball of 40 mm whose center is `center`.
+    /// Contacts on a sphere of 40 mm radius around `center`.
     pub fn ball(&mut self, count: usize, center: Vector3<f32>) -> GraspMap {
         let contacts: Vec<Contact> = (0..count)
             .map(|_| {
@@ -90,7 +90,7 @@ fn the_papers_maps_agree_with_the_grasp_map() {
     for finger in 0..3 {
         assert!((followed[finger] - expected[finger]).norm() < 1e-5);
     }
-    // Two joints that do the same.
+    // Two joints with the same effect.
     let mut stretched = fingers;
     let column = stretched[1].0.column(1).into_owned();
     stretched[1].0.set_column(2, &column);
@@ -102,7 +102,7 @@ fn the_papers_maps_agree_with_the_grasp_map() {
 }
 
 #[test]
-fn the_pseudo_inverse_makes_the_wrench_with_the_least_forces() {
+fn the_pseudo_inverse_makes_the_wrench_with_forces_of_minimum_norm() {
     let mut random = Random(3);
     for round in 0..300 {
         let map = random.ball(2 + round % 5, random_center(round));
@@ -132,9 +132,9 @@ fn the_pseudo_inverse_makes_the_wrench_with_the_least_forces() {
             sqrt(residual.0.norm_squared() + residual.1.norm_squared()) < 3e-6 * (size + 1.0),
             "{round} {residual:?} {size} {report:?}"
         );
-        // The least: it has no part among the internal forces.
+        // Minimum norm: orthogonal to the internal forces.
         let mut internal = made.clone();
-        internal.iter_mut().zip(&forces).for_each(|(made, least)| *made -= least);
+        internal.iter_mut().zip(&forces).for_each(|(made, force)| *made -= force);
         let dot: f32 = internal.iter().zip(&forces).map(|(a, b)| a.dot(b)).sum();
         assert!(dot.abs() < 2e-4, "{round}: {dot}");
     }
@@ -183,7 +183,7 @@ fn contacts_in_line_resist_no_moment_about_it() {
 }
 
 #[test]
-fn what_is_no_grasp_is_refused_by_name() {
+fn contacts_without_a_grasp_map_are_refused_by_name() {
     let here = contact([0.1, 0.0, 0.0], [1.0, 0.0, 0.0], 0.5, 1.0);
     let there = contact([0.0, 0.1, 0.0], [1.0, 0.0, 0.0], 0.5, 1.0);
     let refused = |contacts: &[Contact]| GraspMap::try_new(contacts, Vector3::zeros()).unwrap_err();

@@ -86,7 +86,7 @@ struct Description<'a>(&'a GraspFault);
 impl fmt::Display for Description<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            GraspFault::Contact { finger, force, limit } => write!(
+            GraspFault::ContactLost { finger, force, limit } => write!(
                 f,
                 "finger {} lost contact with the object: {force:.3} N, limit {limit:.3} N",
                 finger + 1
@@ -94,7 +94,7 @@ impl fmt::Display for Description<'_> {
             GraspFault::Deformed { distance, limit } => {
                 write!(f, "the object slipped between the fingers: {distance:.4} m, limit {limit} m")
             }
-            GraspFault::Moved { distance, limit } => {
+            GraspFault::Displaced { distance, limit } => {
                 write!(f, "the object was moved from its target: {distance:.4} m, limit {limit} m")
             }
             GraspFault::NoFrame => {

@@ -15,7 +15,7 @@ fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
     rig.go(0.01, 0.0);
     rig.wait(200);
     let wanted =
-        |now: &GraspTelemetry| now.wanted.iter().flatten().map(|part| part * part).sum::<f32>().sqrt();
+        |now: &GraspTelemetry| now.target_forces.iter().flatten().map(|part| part * part).sum::<f32>().sqrt();
     let pressed =
         |rig: &Rig<Native>| rig.plant.contacts().iter().map(ContactTruth::normal_force).sum::<f64>();
     let way =

@@ -35,7 +35,7 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     let (code, text) = said(&finish(run));
     assert_eq!(code, 0, "{text}");
     for word in
-        ["approaches", "feels for", "takes hold", "moves", "lowers", "lets go", "disabled", "done: held for"]
+        ["approaches", "searches for", "grips", "moves", "lowers", "releases", "disabled", "done: held for"]
     {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
@@ -44,7 +44,7 @@ fn a_box_is_grasped_lifted_turned_and_put_down_in_one_command() {
     server.fails(
         &["grasp", "run", &file, "lift=0.2"],
         7,
-        &["lowers an object", "is ready", "does not reach so far", "disabled", "troubleshooting.md"],
+        &["lowers an object", "is ready", "cannot reach its position", "disabled", "troubleshooting.md"],
     );
 }
 
@@ -86,9 +86,15 @@ fn a_hand_that_finds_nothing_says_so_and_opens() {
     server.fails(
         &["grasp", "run", &file, "lift=0.01"],
         8,
-        &["felt nothing within 0.02 m: the hand opened", "[object] in", "clearance", "is ready", "disabled"],
+        &[
+            "found no surface within 0.02 m: the hand opened",
+            "[object] in",
+            "clearance",
+            "is ready",
+            "disabled",
+        ],
     );
     server.fails(&["grasp", "run", "/nowhere"], 1, &["/nowhere"]);
     let status = server.json(&["grasp", "status"]);
-    assert!(!status["failure"]["NothingThere"].is_null(), "{status}");
+    assert!(!status["failure"]["NoObject"].is_null(), "{status}");
 }

@@ -66,7 +66,9 @@ fn feel(
             Phase::Touch if tick % 100 > 50 => plan.contacts[finger].normal,
             Phase::Touch => [0.0; 3],
             _ if faint => [0.0; 3],
-            _ => grasp.wanted[finger].map(|force| force * (1.0 + 0.05 * (random.below(3) as f32 - 1.0))),
+            _ => {
+                grasp.target_forces[finger].map(|force| force * (1.0 + 0.05 * (random.below(3) as f32 - 1.0)))
+            }
         };
         // The sensors read what acts on the tip.
         let force: [f32; 3] = posture.tip().rotation.inverse_transform_vector(&push.into()).into();
@@ -131,7 +133,8 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
                 }
             }
             let grasp = grasp(&rig.node);
-            let numbers = [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.wanted.as_flattened()];
+            let numbers =
+                [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.target_forces.as_flattened()];
             assert!(numbers.concat().iter().all(|number| number.is_finite()), "seed {seed}: {grasp:?}");
             phases.borrow_mut().insert(format!("{:?}", grasp.phase));
             let request = match random.below(400) {

@@ -100,7 +100,7 @@ impl Messages {
         refused("plan-contact", GraspRefusal::Plan(InvalidPlan::Contact { finger: 2 }));
         refused("plan-no-triangle", GraspRefusal::Plan(InvalidPlan::NoTriangle));
         refused("plan-cannot-grip", GraspRefusal::Plan(InvalidPlan::CannotGrip));
-        refused("plan-unbalanced", GraspRefusal::Plan(InvalidPlan::Unbalanced { rest: 0.25 }));
+        refused("plan-unbalanced", GraspRefusal::Plan(InvalidPlan::Unbalanced { residual: 0.25 }));
         refused("out-of-reach", GraspRefusal::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
         refused("not-finite", GraspRefusal::NotFinite);
         refused("too-fast", GraspRefusal::TooFast { value: 0.375, limit: 0.2 });

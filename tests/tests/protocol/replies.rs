@@ -100,7 +100,7 @@ impl Messages {
             position: [f32::MIN; 3],
             orientation: [f32::MIN; 4],
             load: [f32::MIN; 6],
-            wanted: [[f32::MIN; 3]; 3],
+            target_forces: [[f32::MIN; 3]; 3],
             friction: f32::MIN,
             slips: u16::MAX,
             overloaded: true,

@@ -116,7 +116,7 @@ pub const BOX: GraspPlan = GraspPlan {
     clearance: 0.01,
     touch_force: 0.1,
     friction: None,
-    internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+    internal: InternalForce::LeastGrip { margin: 0.2, capacity_at_rest: 0.3, capacity_in_motion: 1.0 },
     force_limit: 9.0,
     feedback: true,
     control: ObjectControl::Differential(ServoMode::Observer),
@@ -145,7 +145,7 @@ pub const HOLDING: GraspTelemetry = GraspTelemetry {
     position: [0.09, 0.0, 0.0625],
     orientation: [0.0, 0.375, 0.0, 0.927],
     load: [0.5, 0.0, 1.75, 0.0, -0.015_625, 0.0],
-    wanted: [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]],
+    target_forces: [[1.0, 0.0, 0.5], [1.0, 0.0, 0.5], [-1.5, 0.0, 0.75]],
     friction: 0.4375,
     slips: 300,
     overloaded: false,
@@ -157,7 +157,7 @@ pub const NO_GRASP: GraspTelemetry = GraspTelemetry {
     position: [0.0; 3],
     orientation: [0.0, 0.0, 0.0, 1.0],
     load: [0.0; 6],
-    wanted: [[0.0; 3]; 3],
+    target_forces: [[0.0; 3]; 3],
     friction: 0.0,
     slips: 0,
     overloaded: false,
@@ -181,16 +181,16 @@ pub const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
     (PlanField::Friction, "friction"),
     (PlanField::ForceLimit, "force-limit"),
     (PlanField::Margin, "margin"),
-    (PlanField::Least, "least"),
+    (PlanField::Capacity, "capacity"),
     (PlanField::Strength, "strength"),
     (PlanField::Gain, "gain"),
 ];
 
 pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
     (Failure::Obstructed { finger: 2, force: 0.75 }, "obstructed"),
-    (Failure::NothingThere { finger: 0, distance: 0.02 }, "nothing-there"),
+    (Failure::NoObject { finger: 0, distance: 0.02 }, "no-object"),
     (Failure::NoGrip { force: 0.25, limit: 3.0 }, "no-grip"),
-    (Failure::NothingBelow { distance: 0.05 }, "nothing-below"),
+    (Failure::NoSupport { distance: 0.05 }, "no-support"),
     (Failure::OutOfReach { finger: 1 }, "out-of-reach"),
 ];
 

@@ -64,13 +64,13 @@ variants! {
     JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
     LimitRefusal { JointCount, NotFinite, OutsideLimits, TooFast, Jump, TooMuchAcceleration, TooMuchTorque }
     GraspCommand { Grasp, Move, PutDown, Open }
-    InternalForce { Least, Normal, Pairwise }
+    InternalForce { LeastGrip, Normal, Pairwise }
     ObjectControl { Differential, Wrench }
     Phase { Ready, Approach, Touch, Squeeze, ProbeFriction, Hold, Move, Lower, Open }
-    Failure { Obstructed, NothingThere, NoGrip, NothingBelow, OutOfReach }
+    Failure { Obstructed, NoObject, NoGrip, NoSupport, OutOfReach }
     GraspRefusal { NotAHand, NotTared, Busy, Plan, OutOfReach, NotFinite, TooFast }
     InvalidPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
-    PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Least, Strength, Gain }
+    PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Capacity, Strength, Gain }
     ImpedanceCommand { SetTarget, Configure }
     Law { Direct, ModelFollowing }
     Redundancy { None, DrivenJoint, ArmAngle }

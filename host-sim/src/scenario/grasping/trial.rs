@@ -153,7 +153,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
     /// Reads the controller's telemetry.
     fn read_telemetry(&mut self) -> Result<(), ScenarioError> {
         let grasp = self.controller.read_grasp()?;
-        self.target_forces = grasp.wanted.map(|force| Vector3::from(force).map(f64::from));
+        self.target_forces = grasp.target_forces.map(|force| Vector3::from(force).map(f64::from));
         self.log.friction = f64::from(grasp.friction);
         if grasp.phase != self.phase {
             self.phase = grasp.phase;

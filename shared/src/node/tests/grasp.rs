@@ -49,7 +49,7 @@ fn untared_hand() -> Bench {
     bench
 }
 
-/// The hand, ready to arm for a grasp.
+/// The hand, ready to be enabled for a grasp.
 fn tared_hand() -> Bench {
     let mut bench = untared_hand();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
@@ -73,7 +73,7 @@ pub fn in_front() -> GraspPlan {
         clearance: 0.002,
         touch_force: 0.1,
         friction: Some(0.5),
-        internal: InternalForce::Least { margin: 0.2, least: 0.3, moving: 1.0 },
+        internal: InternalForce::LeastGrip { margin: 0.2, capacity_at_rest: 0.3, capacity_in_motion: 1.0 },
         force_limit: 4.0,
         feedback: true,
         control: ObjectControl::Differential(ServoMode::Pid),
@@ -88,7 +88,7 @@ fn seen(bench: &mut Bench) -> GraspTelemetry {
 }
 
 #[test]
-fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
+fn enabling_a_grasp_needs_a_hand_with_tared_sensors() {
     assert_eq!(
         refusal(Bench::ready(&model()).ask(GRASP)),
         Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
@@ -98,9 +98,9 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
         Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand))
     );
     let mut bench = untared_hand();
-    let mut numb = hand();
-    numb.chains[1].force_sensor = None;
-    assert_eq!(bench.push(&numb), Reply::Done);
+    let mut without_sensor = hand();
+    without_sensor.chains[1].force_sensor = None;
+    assert_eq!(bench.push(&without_sensor), Reply::Done);
     bench.sensors.forces.truncate(2);
     bench.tick();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
@@ -128,12 +128,12 @@ fn arming_for_a_grasp_needs_a_hand_with_tared_sensors() {
 }
 
 #[test]
-fn keep_keeps_an_armed_node_alive_whatever_its_task() {
+fn keep_keeps_an_enabled_node_alive_whatever_its_task() {
     let servo = |mode| Request::Enable(TaskConfig::JointServo(mode));
-    for arm in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
+    for enable in [servo(ServoMode::Pid), servo(ServoMode::Observer), GRASP] {
         let mut bench = tared_hand();
         assert_eq!(refusal(bench.ask(KEEP)), Refusal::WrongMode(Mode::Disabled));
-        assert_eq!(bench.ask(arm), Reply::Done);
+        assert_eq!(bench.ask(enable), Reply::Done);
         let before = references(&bench);
         let tick = |bench: &mut Bench| {
             // Noise keeps the force sensors alive.
@@ -189,8 +189,21 @@ fn the_joints_of_a_hand_that_grasps_take_commands_of_no_other_task() {
     assert_eq!(bench.node.telemetry(), before);
 }
 
+fn task(command: GraspCommand) -> Request {
+    Request::Task(TaskCommand::Grasping(command))
+}
+
+fn grasp(plan: GraspPlan) -> Request {
+    task(GraspCommand::Grasp(plan))
+}
+
+fn grasp_refusal(reply: Reply) -> GraspRefusal {
+    let Refusal::Task(TaskRefusal::Grasping(refusal)) = refusal(reply) else { panic!() };
+    refusal
+}
+
 #[test]
-fn a_grasp_begins_and_ends_as_the_fingers_feel() {
+fn commands_that_are_not_possible_leave_the_hand_ready() {
     let mut bench = tared_hand();
     assert_eq!(bench.ask(GRASP), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
@@ -199,59 +212,54 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
         GraspCommand::Open,
         GraspCommand::Move { translation: [0.0; 3], rotation: [0.0; 3], duration: 1.0 },
     ] {
-        let busy = Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Ready)));
-        assert_eq!(refusal(bench.ask(Request::Task(TaskCommand::Grasping(command)))), busy);
+        assert_eq!(grasp_refusal(bench.ask(task(command))), GraspRefusal::Busy(Phase::Ready));
     }
-    let grasp = |plan| Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan)));
-    let deep = GraspPlan { clearance: 0.5, ..in_front() };
-    let Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(bad))) = refusal(bench.ask(grasp(deep)))
-    else {
-        panic!()
-    };
+    let invalid = GraspPlan { clearance: 0.5, ..in_front() };
     assert_eq!(
-        bad,
-        InvalidPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 }
+        grasp_refusal(bench.ask(grasp(invalid))),
+        GraspRefusal::Plan(InvalidPlan::Value {
+            field: PlanField::Clearance,
+            value: 0.5,
+            lower: 0.001,
+            upper: 0.05
+        })
     );
     let mut far = in_front();
     far.contacts[2].position[0] = 0.15;
-    let Refusal::Task(TaskRefusal::Grasping(GraspRefusal::OutOfReach { finger: 2, .. })) =
-        refusal(bench.ask(grasp(far)))
-    else {
-        panic!()
-    };
+    let refused = grasp_refusal(bench.ask(grasp(far)));
+    assert!(matches!(refused, GraspRefusal::OutOfReach { finger: 2, .. }), "{refused}");
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
+}
 
-    // It begins, and is a sign of life: with the tick before, eleven of them without another.
+#[test]
+fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
+    let mut bench = tared_hand();
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    // A grasp counts as a sign of life: with the tick before, eleven ticks without another.
     bench.tick();
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Approach);
-    let busy = Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Approach)));
-    assert_eq!(refusal(bench.ask(grasp(in_front()))), busy);
+    assert_eq!(grasp_refusal(bench.ask(grasp(in_front()))), GraspRefusal::Busy(Phase::Approach));
     for _ in 0..10 {
         bench.tick();
         assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping));
     }
     assert_eq!(bench.ask(KEEP), Reply::Done);
-    // Half a newton on the way is more than three times the touch force.
+    // 0.5 N are more than three times the touch force.
     bench.sensors.forces[2][1] += 500;
     bench.tick();
-    let after = seen(&mut bench);
-    let Some(Failure::Obstructed { finger: 2, force }) = after.failure else { panic!("{after:?}") };
-    assert!((force - 0.5).abs() < 1e-3 && after.phase == Phase::Ready, "{after:?}");
-    assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping), "that does no harm");
-    let open = Request::Task(TaskCommand::Grasping(GraspCommand::Open));
-    assert_eq!(
-        refusal(bench.ask(open.clone())),
-        Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Ready)))
-    );
-    assert_eq!(seen(&mut bench).failure, after.failure);
+    let stopped = seen(&mut bench);
+    let Some(Failure::Obstructed { finger: 2, force }) = stopped.failure else { panic!("{stopped:?}") };
+    assert!((force - 0.5).abs() < 1e-3 && stopped.phase == Phase::Ready, "{stopped:?}");
+    assert_eq!(bench.node.mode(), Mode::Enabled(TaskKind::Grasping), "a failure is no fault");
+    assert_eq!(grasp_refusal(bench.ask(task(GraspCommand::Open))), GraspRefusal::Busy(Phase::Ready));
+    assert_eq!(seen(&mut bench).failure, stopped.failure);
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).failure, None);
 
-    // On its way, it can be told to go back.
     bench.sensors.forces[2][1] -= 500;
     bench.tick();
-    assert_eq!(bench.ask(open), Reply::Done);
+    assert_eq!(bench.ask(task(GraspCommand::Open)), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Open);
     bench.tick();
     assert_eq!(seen(&mut bench).phase, Phase::Open);
@@ -259,32 +267,32 @@ fn a_grasp_begins_and_ends_as_the_fingers_feel() {
 
 #[test]
 fn what_is_refused_to_a_hand_says_why() {
-    let texts = [
-        (
-            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
-            "the robot is not a hand of three fingers, each with three joints and a force sensor",
-        ),
-        (
-            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
-            "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing touches the tips",
-        ),
-        (
-            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),
-            "not possible while the hand moves an object",
-        ),
-        (
-            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(InvalidPlan::NoTriangle))),
-            "the contacts are at the same place or in line",
-        ),
-        (
-            Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
-                joint: 2,
-                value: -0.75,
-                limit: 0.5,
-            }))),
-            "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
-        ),
-    ];
+    let texts =
+        [
+            (
+                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
+                "the robot is not a hand of three fingers, each with three joints and a force sensor",
+            ),
+            (
+                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
+                "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing \
+             touches the tips",
+            ),
+            (
+                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),
+                "not possible while the hand moves an object",
+            ),
+            (
+                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(InvalidPlan::NoTriangle))),
+                "the contacts coincide or are collinear: place them on a triangle",
+            ),
+            (
+                Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(
+                    LimitRefusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
+                ))),
+                "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
+            ),
+        ];
     for (refusal, text) in texts {
         assert_eq!(refusal.to_string(), text);
     }
@@ -303,11 +311,12 @@ fn what_is_refused_to_a_hand_says_why() {
     };
     assert_eq!(
         fault(FaultCause::ObjectLost, Some(5), 0.01, 0.015),
-        "fault 21 in tick 12: f: its finger no longer touches the object in the hand (value 0.01 N, limit 0.015 N)"
+        "fault 21 in tick 12: f: its finger no longer touches the object in the hand (value 0.01 N, limit \
+         0.015 N)"
     );
     assert_eq!(
         fault(FaultCause::ObjectMoved, None, 0.016, 0.015),
-        "fault 22 in tick 12: the object in the hand was moved, or slid between the fingers (value 0.016 m, limit \
-         0.015 m)"
+        "fault 22 in tick 12: the object in the hand was moved, or slid between the fingers (value 0.016 m, \
+         limit 0.015 m)"
     );
 }

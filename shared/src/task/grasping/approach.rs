@@ -1,183 +1,181 @@
-//! Fingers that hold nothing: on the way to an object, feeling for it, and going back from it.
+//! Fingers that hold nothing: their paths to the object, the search for its surface, and the way back.
 
 use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::plan::GraspPlan;
-use super::pose::PoseMotion;
-use super::state::{Fingers, PEAK, pairs};
+use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
+use super::state::Fingers;
 use super::tracker::Tracker;
+use super::tuning::{APPROACH_SPEED, OBSTACLE_FACTOR, REST_TIME, TOUCH_SPEED, TOUCH_TICKS};
 use super::{Failure, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::kinematics::TipPoint;
 use crate::math;
 use crate::signal::minimum_jerk;
+use crate::zip::zip;
 
-/// Speed of the tips on their way to the object, at its largest [m/s].
-pub(super) const APPROACH_SPEED: f32 = 0.1;
-/// Time for the tips to come to rest [s].
-pub(super) const REST_TIME: f32 = 0.3;
-/// Speed at which a tip feels for the surface [m/s].
-const TOUCH_SPEED: f32 = 0.02;
-/// Ticks in a row above the touch force that mean contact.
-const TOUCH_TICKS: u8 = 2;
-/// Force on a tip that stops the approach, over the touch force.
-const OBSTACLE: f32 = 3.0;
-
-/// The straight way of a fingertip.
+/// Straight path of a fingertip.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
-pub(super) struct Line {
-    /// From here [m].
+pub(super) struct TipPath {
+    /// Start of the tip's center [m].
     pub start: [f32; 3],
-    /// To here [m].
+    /// End of the tip's center [m].
     pub end: [f32; 3],
-    /// Ticks in a row with contact.
-    touches: u8,
-    touched: bool,
+    /// Consecutive ticks with contact.
+    contact_ticks: u8,
+    in_contact: bool,
 }
 
-impl Line {
-    /// None.
-    pub const NONE: Self = Self { start: [0.0; 3], end: [0.0; 3], touches: 0, touched: false };
+/// Set-point of a tip's center: position [m], velocity [m/s] and acceleration [m/s²].
+type TipSetpoint = [Vector3<f32>; 3];
 
-    /// From one place to the other.
+impl TipPath {
+    /// No path.
+    pub const NONE: Self = Self { start: [0.0; 3], end: [0.0; 3], contact_ticks: 0, in_contact: false };
+
+    /// The path from `start` to `end`.
     pub fn between(start: Vector3<f32>, end: Vector3<f32>) -> Self {
         Self { start: start.into(), end: end.into(), ..Self::NONE }
     }
 }
 
 impl GraspState {
-    /// On the straight ways to the places in front of the contacts.
+    /// Moves the fingertips to their positions in front of the contacts. An obstacle stops them.
     pub(super) fn approach(
         &mut self,
         hand: &Hand<'_>,
         plan: &GraspPlan,
         fingers: &Fingers<'_>,
     ) -> HandOutput {
-        let met = (0..).zip(&fingers.forces).find_map(|(finger, force)| {
+        let obstacle = (0..).zip(&fingers.forces).find_map(|(finger, force)| {
             let force = math::sqrt(force.norm_squared());
-            (force > OBSTACLE * plan.touch_force).then_some(Failure::Obstructed { finger, force })
+            (force > OBSTACLE_FACTOR * plan.touch_force).then_some(Failure::Obstructed { finger, force })
         });
-        if let Some(failure) = met {
+        if let Some(failure) = obstacle {
             self.reference = self.angles;
             self.fail(failure, Phase::Ready);
             return self.stand();
         }
-        let places = self.on_lines();
-        if self.elapsed() >= self.line_time + REST_TIME {
+        let setpoints = self.tip_setpoints();
+        if self.elapsed() >= self.path_duration + REST_TIME {
             self.enter(Phase::Touch);
-            self.lines.iter_mut().for_each(|line| line.start = line.end);
+            self.tip_paths.iter_mut().for_each(|path| path.start = path.end);
         }
-        self.lead(hand, &places).unwrap_or_else(|finger| {
+        self.follow_tips(hand, &setpoints).unwrap_or_else(|finger| {
             self.fail(Failure::OutOfReach { finger }, Phase::Ready);
             self.stand()
         })
     }
 
-    /// Along the normals, until each tip feels the surface.
+    /// Moves the fingertips along the normals until each is in contact.
     pub(super) fn touch(
         &mut self,
         hand: &Hand<'_>,
         plan: &GraspPlan,
         fingers: &Fingers<'_>,
     ) -> Result<HandOutput, GraspFault> {
-        let felt = self.elapsed() * TOUCH_SPEED;
-        let most = 2.0 * plan.clearance;
-        let (mut all, mut missed) = (true, None);
-        let mut places = fingers.tips.map(|tip| [tip, Vector3::zeros(), Vector3::zeros()]);
-        let tips = fingers.tips.iter().zip(&fingers.forces).zip(&plan.contacts).zip(&mut places);
-        for (finger, ((((tip, force), contact), [place, speed, _]), line)) in
-            (0..).zip(tips.zip(&mut self.lines))
+        let distance = self.elapsed() * TOUCH_SPEED;
+        let max_distance = 2.0 * plan.clearance;
+        let (mut all_in_contact, mut missed) = (true, None);
+        let mut setpoints = fingers.tips.map(|tip| [tip, Vector3::zeros(), Vector3::zeros()]);
+        let tips = zip((0.., &fingers.tips, &fingers.forces));
+        for ((finger, tip, force), contact, [position, velocity, _], path) in
+            zip((tips, &plan.contacts, &mut setpoints, &mut self.tip_paths))
         {
             let normal = Vector3::from(contact.normal);
-            if !line.touched {
-                line.touches = if normal.dot(force) > plan.touch_force { line.touches + 1 } else { 0 };
-                line.touched = line.touches >= TOUCH_TICKS;
-                line.end = if line.touched {
-                    // It stays where it is, and does not press on.
+            if !path.in_contact {
+                let pushes = normal.dot(force) > plan.touch_force;
+                path.contact_ticks = if pushes { path.contact_ticks + 1 } else { 0 };
+                path.in_contact = path.contact_ticks >= TOUCH_TICKS;
+                path.end = if path.in_contact {
+                    // It stops where it is, and presses no harder.
                     (*tip).into()
                 } else {
-                    (all, *speed) = (false, normal * TOUCH_SPEED);
-                    missed = missed.or((felt > most).then_some(finger));
-                    (Vector3::from(line.start) + normal * felt).into()
+                    (all_in_contact, *velocity) = (false, normal * TOUCH_SPEED);
+                    missed = missed.or((distance > max_distance).then_some(finger));
+                    (Vector3::from(path.start) + normal * distance).into()
                 };
             }
-            *place = line.end.into();
+            *position = path.end.into();
         }
         if let Some(finger) = missed {
-            self.fail(Failure::NothingThere { finger, distance: most }, Phase::Open);
-        } else if all {
+            self.fail(Failure::NoObject { finger, distance: max_distance }, Phase::Open);
+        } else if all_in_contact {
             let normals = plan.contacts.map(|contact| Vector3::from(contact.normal));
             self.tracker = Tracker::begin(&fingers.tips, &normals).map_err(|_| GraspFault::NoFrame)?;
             self.origin = self.tracker.object;
-            self.motion = PoseMotion::resting(self.origin);
+            self.trajectory = PoseTrajectory::resting(self.origin);
             self.enter(Phase::Squeeze);
         }
-        Ok(self.lead(hand, &places).unwrap_or_else(|finger| {
+        Ok(self.follow_tips(hand, &setpoints).unwrap_or_else(|finger| {
             self.fail(Failure::OutOfReach { finger }, Phase::Open);
             self.stand()
         }))
     }
 
-    /// Back from the surface, once nothing is held any more.
+    /// Moves the fingertips back from the surface, after the internal forces have fallen to zero.
     pub(super) fn open(&mut self, hand: &Hand<'_>, plan: &GraspPlan, fingers: &Fingers<'_>) -> HandOutput {
-        if self.settled == 0 {
-            (self.settled, self.ticks) = (1, 1);
-            let normals = if self.tracker.is_begun() {
-                self.tracker.contacts(&self.motion.point().frame, &fingers.radii).1
+        let begins = self.step == 0;
+        if begins {
+            (self.step, self.ticks) = (1, 1);
+            let normals = if self.tracker.is_tracking() {
+                self.tracker.contacts(&self.trajectory.point().frame, &fingers.radii).1
             } else {
                 plan.contacts.map(|contact| contact.normal.into())
             };
-            for (line, (tip, normal)) in self.lines.iter_mut().zip(pairs(&fingers.tips, &normals)) {
-                (line.start, line.end) = ((*tip).into(), (tip - normal * plan.clearance).into());
+            for (path, tip, normal) in zip((&mut self.tip_paths, &fingers.tips, &normals)) {
+                (path.start, path.end) = ((*tip).into(), (tip - normal * plan.clearance).into());
             }
-            self.line_time = plan.clearance * (PEAK / APPROACH_SPEED) + REST_TIME;
+            self.path_duration = plan.clearance * (MINIMUM_JERK_PEAK / APPROACH_SPEED) + REST_TIME;
         }
-        let places = self.on_lines();
-        let command = self.lead(hand, &places);
-        if self.elapsed() >= self.line_time || command.is_err() {
+        let setpoints = self.tip_setpoints();
+        let output = self.follow_tips(hand, &setpoints);
+        if self.elapsed() >= self.path_duration || output.is_err() {
             self.enter(Phase::Ready);
         }
-        command.unwrap_or_else(|_| self.stand())
+        output.unwrap_or_else(|_| self.stand())
     }
 
-    /// Where the tips are to be on their straight ways, with velocities and accelerations.
-    fn on_lines(&self) -> PerFinger<[Vector3<f32>; 3]> {
-        let inverse = 1.0 / self.line_time;
+    /// Set-points of the fingertips on their paths, with minimum jerk.
+    fn tip_setpoints(&self) -> PerFinger<TipSetpoint> {
+        let inverse = 1.0 / self.path_duration;
         let [value, first, second] = minimum_jerk(self.elapsed() * inverse);
-        self.lines.map(|line| {
-            let start = Vector3::from(line.start);
-            let way = Vector3::from(line.end) - start;
-            [start + way * value, way * (first * inverse), way * (second * inverse * inverse)]
+        self.tip_paths.map(|path| {
+            let start = Vector3::from(path.start);
+            let displacement = Vector3::from(path.end) - start;
+            [
+                start + displacement * value,
+                displacement * (first * inverse),
+                displacement * (second * inverse * inverse),
+            ]
         })
     }
 
-    /// The tips at `places`, with these velocities and accelerations.
+    /// Set-points of the joints for those of the fingertips, by inverse kinematics.
     ///
     /// # Errors
-    /// The finger that does not get there.
-    fn lead(&mut self, hand: &Hand<'_>, places: &PerFinger<[Vector3<f32>; 3]>) -> Result<HandOutput, u8> {
-        let mut command = self.stand();
-        let fingers = hand.fingers.iter().zip(&mut self.reference).zip(&mut command.points);
-        for (index, (((finger, reference), points), [place, velocity, acceleration])) in
-            (0..).zip(fingers.zip(places))
+    /// The finger whose tip cannot reach its set-point.
+    fn follow_tips(&mut self, hand: &Hand<'_>, setpoints: &PerFinger<TipSetpoint>) -> Result<HandOutput, u8> {
+        let mut output = self.stand();
+        for (index, finger, reference, points, [position, velocity, acceleration]) in
+            zip((0.., &hand.fingers, &mut self.reference, &mut output.points, setpoints))
         {
-            let angles = finger.inverse.nearest(place, reference).map_err(|_| index)?;
+            let angles = finger.inverse.nearest(position, reference).map_err(|_| index)?;
             let motion = TipPoint {
-                position: (*place).into(),
+                position: (*position).into(),
                 velocity: (*velocity).into(),
                 acceleration: (*acceleration).into(),
             };
             let (velocities, accelerations) =
                 finger.chain.posture(&angles).joint_motion(&motion).ok_or(index)?;
             *reference = angles;
-            for (point, ((position, velocity), acceleration)) in
-                points.iter_mut().zip(angles.into_iter().zip(velocities).zip(accelerations))
+            for (point, position, velocity, acceleration) in zip((points, angles, velocities, accelerations))
             {
                 *point = JointPoint { position, velocity, acceleration };
             }
         }
-        Ok(command)
+        Ok(output)
     }
 }

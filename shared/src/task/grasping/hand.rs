@@ -5,10 +5,10 @@ use crate::control::JointPoint;
 use crate::kinematics::{Chain, Finger, Posture};
 use crate::robot::{Actuation, Measured, Postures, Robot};
 
-/// What the control of an object knows of the hand.
+/// The hand, as grasping needs it.
 #[derive(Clone, Copy, Debug)]
 pub struct Hand<'a> {
-    /// Its fingers, in the order that defines the object frame.
+    /// Fingers 1 to 3, in the order that defines the object frame.
     pub fingers: PerFinger<HandFinger<'a>>,
     /// Acceleration of gravity in the base frame [m/s²].
     pub gravity: &'a Vector3<f32>,
@@ -17,29 +17,29 @@ pub struct Hand<'a> {
 /// A finger of three joints with a round tip.
 #[derive(Clone, Copy, Debug)]
 pub struct HandFinger<'a> {
-    /// Its joints.
+    /// Its kinematics and dynamics.
     pub chain: &'a Chain,
-    /// Their inverse kinematics.
+    /// Its inverse kinematics.
     pub inverse: &'a Finger,
     /// Torque limits of the joints [N·m].
     pub torque_limits: [f32; 3],
-    /// Radius of the tip, whose middle is the chain's tip [m]; 0 for a pointed one.
+    /// Radius of the tip, whose center is the chain's tip [m]; 0 for a point.
     pub radius: f32,
 }
 
-/// What a finger senses.
+/// Measurements of a finger.
 #[derive(Clone, Copy, Debug)]
 pub struct FingerSense<'a> {
-    /// Its posture at the measured angles.
+    /// Posture at the measured angles.
     pub posture: &'a Posture,
-    /// Joint angles [rad].
+    /// Measured joint angles [rad].
     pub angles: [f32; 3],
-    /// Force of the tip on what it touches, in base axes [N].
+    /// Measured force of the tip on the object, in base axes [N].
     pub force: [f32; 3],
 }
 
 impl<'a> Hand<'a> {
-    /// The hand that `robot` is; `None` unless it is three fingers with a force sensor each.
+    /// `robot` as a hand; `None` unless it is three fingers with a force sensor each.
     pub fn of(robot: &'a Robot) -> Option<Self> {
         let mut fingers = heapless::Vec::<HandFinger<'_>, FINGERS>::new();
         for (config, model) in robot.chains().iter().zip(&robot.model().chains) {
@@ -58,11 +58,11 @@ impl<'a> Hand<'a> {
 }
 
 impl<'a> FingerSense<'a> {
-    /// What the fingers of a hand on one board sense; `None` before the first tick.
+    /// Measurements of the fingers of a hand on one board; `None` before the first tick.
     pub fn of_all(measured: &Measured, postures: &'a Postures) -> Option<PerFinger<Self>> {
         let sense = |finger: usize| {
             let angles = measured.angles(3 * finger..3 * finger + 3).first_chunk()?;
-            // The tip feels what it touches; that feels the opposite.
+            // The sensor measures the force on the tip; the object has the reaction.
             let force = (-measured.force(finger)).into();
             Some(Self { posture: postures.kept(finger)?, angles: *angles, force })
         };
@@ -70,13 +70,13 @@ impl<'a> FingerSense<'a> {
     }
 }
 
-/// What the joints are to do until the next tick.
+/// Command of the joints until the next tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandOutput {
-    /// Where each joint is to be.
+    /// Set-points of the joints.
     pub points: PerFinger<[JointPoint; 3]>,
-    /// Torques for the forces on the object [N·m].
+    /// Feedforward torques for the forces on the object [N·m].
     pub torques: PerFinger<[f32; 3]>,
-    /// How the torques are made.
+    /// How the motor torques are computed.
     pub actuation: Actuation,
 }

@@ -1,23 +1,26 @@
-//! Fingers that hold an object: its pose, their forces, and what the joints are to do for both.
+//! Fingers that hold an object: its pose, the contact forces, and the joints' set-points and torques.
 
-use nalgebra::Vector3;
+use nalgebra::{IsometryMatrix3, Vector3};
 
-use super::forces::{Forces, Grasped, grasp_map};
+use super::forces::{ForceInputs, Forces, GripForces, grasp_map};
 use super::plan::{GraspPlan, ObjectControl};
-use super::pose::PosePoint;
-use super::state::{Fingers, pairs};
+use super::pose::PoseTrajectoryPoint;
+use super::state::Fingers;
 use super::tracker::TipMotion;
+use super::tuning::TORQUE_FRACTION;
 use super::wrench::wrench;
 use super::{Failure, FingerSense, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
-use crate::grasp::{ThreeFingers, normal_force_limit};
+use crate::grasp::{GraspMap, ThreeFingers, WrenchInverse, normal_force_limit};
+use crate::kinematics::Jacobian;
 use crate::robot::Actuation;
+use crate::zip::zip;
 
-/// Share of the joints' torques that forces on the object may take. The rest is for weight, friction and motion.
-const TORQUE_SHARE: f32 = 0.9;
+/// Jacobian of a fingertip, and the lever of its contact from the tip's center [m].
+type FingerContact = (Jacobian, Vector3<f32>);
 
 impl GraspState {
-    /// Everything with an object in the hand, and letting go of it.
+    /// All phases with an object in the hand, and the release of it.
     pub(super) fn hold(
         &mut self,
         hand: &Hand<'_>,
@@ -25,74 +28,111 @@ impl GraspState {
         senses: &PerFinger<FingerSense<'_>>,
         fingers: &Fingers<'_>,
     ) -> Result<HandOutput, GraspFault> {
-        // Of each finger the Jacobian, and its contact from the tip.
-        let mut blocks = fingers.postures.map(|posture| (posture.jacobian(), Vector3::zeros()));
-        let turns = pairs(&blocks, senses);
-        let mut tips = fingers.tips.map(|place| TipMotion { place, rotation: Vector3::zeros() });
-        for (tip, (((jacobian, _), sense), before)) in tips.iter_mut().zip(turns.iter().zip(&self.angles)) {
-            let change = Vector3::from(sense.angles) - Vector3::from(*before);
+        let mut contacts: PerFinger<FingerContact> =
+            fingers.postures.map(|posture| (posture.jacobian(), Vector3::zeros()));
+        let object = self.track_object(&contacts, senses, fingers)?;
+        let (levers, normals) = self.tracker.contacts(&object, &fingers.radii);
+        for ((_, lever), normal, radius) in zip((&mut contacts, &normals, fingers.radii)) {
+            *lever = normal * radius;
+        }
+        let three = ThreeFingers::new(&contacts);
+        let torque_limits =
+            hand.fingers.map(|finger| finger.torque_limits.map(|limit| limit * TORQUE_FRACTION));
+        let limits = normal_force_limits(plan, &three, &normals, &torque_limits);
+        let map = grasp_map(object.translation.vector, &levers, &normals, self.forces.friction, &limits)
+            .ok_or(GraspFault::NoFrame)?;
+        let inputs = self.force_inputs(hand, plan, fingers, &map, &three, torque_limits);
+        self.forces.update_estimates(&inputs);
+        self.check_object(plan, &inputs, fingers, &object)?;
+        let inverse = map.inverse();
+        let superposed = self.advance_phase(hand, plan, &inputs, &inverse, fingers);
+        let mut grip = self.forces.solve_grip(&inputs, &inverse, self.grip_fraction, &superposed);
+        if self.phase == Phase::Open {
+            grip.internal.iter_mut().for_each(|force| *force *= self.grip_fraction);
+        }
+        let target = self.trajectory.advance();
+        let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
+        let mut output =
+            HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
+        if let Err(finger) = self.follow(hand, &three, &levers, &target, &mut output) {
+            // The motion ends; the grip stays.
+            self.trajectory.stop();
+            self.fail(Failure::OutOfReach { finger }, Phase::Hold);
+        }
+        Ok(output)
+    }
+
+    /// Estimates the object's pose from the motion of the fingertips since the last tick.
+    fn track_object(
+        &mut self,
+        contacts: &PerFinger<FingerContact>,
+        senses: &PerFinger<FingerSense<'_>>,
+        fingers: &Fingers<'_>,
+    ) -> Result<IsometryMatrix3<f32>, GraspFault> {
+        let mut tips = fingers.tips.map(|center| TipMotion { center, rotation: Vector3::zeros() });
+        for (tip, (jacobian, _), sense, previous) in zip((&mut tips, contacts, senses, &self.angles)) {
+            let change = Vector3::from(sense.angles) - Vector3::from(*previous);
             tip.rotation = jacobian.fixed_view::<3, 3>(3, 0) * change;
         }
-        let object = self.tracker.update(&tips, &fingers.radii).map_err(|_| GraspFault::NoFrame)?;
-        let (arms, normals) = self.tracker.contacts(&object, &fingers.radii);
-        for ((_, arm), (normal, radius)) in blocks.iter_mut().zip(normals.iter().zip(fingers.radii)) {
-            *arm = normal * radius;
-        }
-        let three = ThreeFingers::new(&blocks);
-        let torque_limits = hand.fingers.map(|finger| finger.torque_limits.map(|limit| limit * TORQUE_SHARE));
-        let limits = limits(plan, &three, &normals, &torque_limits);
-        let map = grasp_map(object.translation.vector, &arms, &normals, self.forces.friction, &limits)
-            .ok_or(GraspFault::NoFrame)?;
-        let shifts = self.tracker.shifts;
-        let grasped = Grasped {
-            map: &map,
+        self.tracker.update(&tips, &fingers.radii).map_err(|_| GraspFault::NoFrame)
+    }
+
+    fn force_inputs<'a>(
+        &self,
+        hand: &Hand<'_>,
+        plan: &GraspPlan,
+        fingers: &'a Fingers<'_>,
+        map: &'a GraspMap,
+        three: &'a ThreeFingers,
+        torque_limits: PerFinger<[f32; 3]>,
+    ) -> ForceInputs<'a> {
+        ForceInputs {
+            map,
             measured: &fingers.forces,
-            shifts: &shifts,
+            anchor_errors: self.tracker.anchor_errors,
             internal: plan.internal,
-            // A finger that slides would make the correction run away.
+            // A finger that slides would wind the integrator up.
             feedback: plan.feedback && self.phase != Phase::ProbeFriction,
-            held: matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower),
-            lifted: self.is_lifted(hand),
-            firmly: !(self.phase == Phase::Hold && self.motion.is_done()),
-            three: &three,
+            is_held: matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower),
+            is_lifted: self.is_lifted(hand),
+            in_motion: !(self.phase == Phase::Hold && self.trajectory.is_done()),
+            three,
             torque_limits,
-        };
-        self.forces.feel(&grasped);
-        self.watch(plan, &grasped, fingers, &object)?;
-        let inverse = map.inverse();
-        let extra = self.proceed(hand, plan, &grasped, &inverse, fingers);
-        let (mut forces, carried) = self.forces.want(&grasped, &inverse, self.share, &extra);
-        if self.phase == Phase::Open {
-            forces.iter_mut().for_each(|force| *force *= self.share);
         }
-        let wanted = self.motion.advance();
+    }
+
+    /// Contact forces for the grip and for the object's motion [N], and how the joints make them.
+    fn control_object(
+        &mut self,
+        plan: &GraspPlan,
+        inputs: &ForceInputs<'_>,
+        inverse: &WrenchInverse<'_>,
+        grip: GripForces,
+        object: &IsometryMatrix3<f32>,
+        target: &IsometryMatrix3<f32>,
+    ) -> (PerFinger<Vector3<f32>>, Actuation) {
+        let mut forces = grip.internal;
         let actuation = match &plan.control {
-            // The joints' servos hold the object where it should be, and so carry its load; what the sensors feel of it
-            // helps them to be quick.
+            // The joint servos control the pose, and so carry the load; feedforward of the measured load
+            // makes them faster.
             ObjectControl::Differential(_) => {
-                let share = Forces::fed_forward(&grasped);
-                forces.iter_mut().zip(&carried).for_each(|(force, carried)| *force += carried * share);
+                let fraction = Forces::load_feedforward(inputs);
+                forces.iter_mut().zip(&grip.load).for_each(|(force, load)| *force += load * fraction);
                 Actuation::Servo
             }
             ObjectControl::Wrench(gains) => {
-                let pull = wrench(gains, &mut self.integral, &object, &wanted.frame);
-                if let Ok(carry) = inverse.forces(&(self.forces.weight() + pull)) {
-                    forces.iter_mut().zip(&carry).for_each(|(force, carry)| *force += carry);
+                let control = wrench(gains, &mut self.integral, object, target);
+                if let Ok(load) = inverse.forces(&(self.forces.weight() + control)) {
+                    forces.iter_mut().zip(&load).for_each(|(force, load)| *force += load);
                 }
                 Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
             }
         };
-        let mut command =
-            HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
-        if let Err(finger) = self.follow(hand, &three, &arms, &wanted, &mut command) {
-            // It cannot go on; what it holds it keeps holding.
-            self.motion.stop();
-            self.fail(Failure::OutOfReach { finger }, Phase::Hold);
-        }
-        Ok(command)
+        (forces, actuation)
     }
 
-    /// The joints' way with the object, Hand3 (22) to (25) with positions in closed form: nothing drifts.
+    /// Set-points of joints that follow the object (Hand3 eq. 22 to 25), with positions by the closed-form
+    /// inverse kinematics, so that they do not drift.
     ///
     /// # Errors
     /// The finger that cannot follow.
@@ -100,31 +140,30 @@ impl GraspState {
         &mut self,
         hand: &Hand<'_>,
         three: &ThreeFingers,
-        arms: &PerFinger<Vector3<f32>>,
-        wanted: &PosePoint,
-        command: &mut HandOutput,
+        levers: &PerFinger<Vector3<f32>>,
+        target: &PoseTrajectoryPoint,
+        output: &mut HandOutput,
     ) -> Result<(), u8> {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
-        if !self.motion.is_done() {
-            velocities = three.joint_velocities(arms, &wanted.twist).map_err(|error| error.finger)?;
+        if !self.trajectory.is_done() {
+            velocities = three.joint_velocities(levers, &target.twist).map_err(|error| error.finger)?;
             accelerations =
-                three.joint_velocities(arms, &wanted.acceleration).map_err(|error| error.finger)?;
+                three.joint_velocities(levers, &target.acceleration).map_err(|error| error.finger)?;
         }
-        // Where the tips are in the object, so that their places to each other are left to the forces; while they rub or
-        // let go, where they were.
-        let shape = match self.phase {
+        // The measured centers in the object leave the distances between the fingertips to force control.
+        // While probing and opening, the anchors hold them.
+        let centers = match self.phase {
             Phase::ProbeFriction | Phase::Open => &self.tracker.anchors,
-            _ => &self.tracker.places,
+            _ => &self.tracker.centers,
         };
-        let ways = hand.fingers.iter().zip(shape).zip(&mut self.reference).zip(&mut command.points);
-        for (index, ((((finger, place), reference), points), (velocities, accelerations))) in
-            (0..).zip(ways.zip(velocities.iter().zip(&accelerations)))
-        {
-            let place = wanted.frame.transform_point(&(*place).into()).coords;
-            *reference = finger.inverse.nearest(&place, reference).map_err(|_| index)?;
-            let motion = velocities.iter().zip(accelerations);
-            for (point, (&position, (&velocity, &acceleration))) in
-                points.iter_mut().zip(reference.iter().zip(motion))
+        let motions = velocities.iter().zip(&accelerations);
+        let fingers =
+            zip((0.., &hand.fingers, centers, &mut self.reference, output.points.iter_mut().zip(motions)));
+        for (index, finger, center, reference, (points, (velocities, accelerations))) in fingers {
+            let center = target.frame.transform_point(&(*center).into()).coords;
+            *reference = finger.inverse.nearest(&center, reference).map_err(|_| index)?;
+            for (point, &position, &velocity, &acceleration) in
+                zip((points, &*reference, velocities, accelerations))
             {
                 *point = JointPoint { position, velocity, acceleration };
             }
@@ -133,9 +172,9 @@ impl GraspState {
     }
 }
 
-/// The largest normal forces that force limit and joint torques allow [N]; along the normal: what forces across it take
-/// besides is seen when they are known.
-fn limits(
+/// Maximum normal forces by force limit and joint torques [N]. They assume forces along the normals; the grip
+/// checks tangential forces once they are known.
+fn normal_force_limits(
     plan: &GraspPlan,
     three: &ThreeFingers,
     normals: &PerFinger<Vector3<f32>>,
@@ -143,10 +182,9 @@ fn limits(
 ) -> PerFinger<f32> {
     let zero = Vector3::zeros();
     let mut limits = [plan.force_limit; 3];
-    let fingers = three.blocks().iter().zip(normals).zip(torque_limits);
-    for (limit, ((block, normal), torques)) in limits.iter_mut().zip(fingers) {
+    for (limit, block, normal, torques) in zip((&mut limits, three.blocks(), normals, torque_limits)) {
         match normal_force_limit(block, normal, 0.0, &zero, &Vector3::from(*torques)) {
-            Ok(push) if push < *limit => *limit = push,
+            Ok(max) if max < *limit => *limit = max,
             _ => {}
         }
     }

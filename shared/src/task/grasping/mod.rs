@@ -1,24 +1,27 @@
-//! An object in the hand: three fingers find it, grasp it, hold it under changing loads, move it and put it down (Hand3,
-//! sections 5 to 7).
+//! Grasping: three fingers search for an object, grasp it, hold it under changing loads, move it and put it
+//! down (Hand3 sections 5 to 7).
 //!
 //! ```text
-//!            ┌────────────── failure: opens ──────────────┐
-//!  Ready ─► Approach ─► Touch ─► Squeeze ─► Feel ─► Hold ─► Lower ─► Open ─► Ready
-//!                                                   ▲ │
-//!                                                   └─┘ Move
+//!                         ┌───────┬────── failure: opens ─────────────────────┐
+//!                         │       │                                           ▼
+//!  Ready ─► Approach ─► Touch ─► Squeeze ─► ProbeFriction ─► Hold ─► Lower ─► Open ─► Ready
+//!                                                            ▲ │
+//!                                                            └─┘ Move
 //! ```
 //!
-//! [`GraspState::tick`] is a function of its state and of what the fingers sense ([`FingerSense`]); it says where each joint
-//! is to be and which torque it is to add for the forces on the object ([`HandOutput`]). It runs on the board that has
-//! all nine joints, or on a PC over three boards with a finger each: the joint servos under it are the same.
+//! [`GraspState::tick`] is a function of its state and of the measurements of the fingers ([`FingerSense`]).
+//! Its output are set-points of the joints, and feedforward torques for the forces on the object
+//! ([`HandOutput`]). It runs on a board with all nine joints, or on a PC over three boards with a finger
+//! each: both have the same joint servos below it.
 //!
 //! Glossary
-//! - *object frame*: the paper's frame of the three fingertips' triangle ([`object_frame`](crate::grasp::object_frame)),
-//!   fixed to the object when it is grasped;
-//! - *anchor*: where the middle of a fingertip belongs in the object frame. It moves as the fingertip rolls;
-//! - *load*: the wrench that the fingers have to make on the object, against weight, pushes and inertia;
-//! - *internal forces*: those that move nothing. Positions are controlled in the six directions in which the object moves,
-//!   forces in the three in which it does not.
+//! - *object frame*: the paper's frame of the fingertips' triangle
+//!   ([`object_frame`](crate::grasp::object_frame)), fixed to the object when it is grasped;
+//! - *anchor*: position of a fingertip's center in the object frame without slip. It moves as the tip rolls;
+//! - *load*: the wrench of the fingers on the object, against gravity, pushes and inertia;
+//! - *internal forces*: contact forces without a resulting wrench, the null space of the grasp map. Control
+//!   is hybrid: of position in the six directions in which the object moves, of force in the three internal
+//!   ones.
 
 mod approach;
 mod forces;
@@ -27,11 +30,16 @@ mod hold;
 mod phase;
 mod phases;
 mod plan;
+mod plan_validation;
 mod pose;
 mod state;
 mod task;
 mod tracker;
+mod tuning;
 mod wrench;
+
+#[cfg(test)]
+mod plan_tests;
 
 pub use hand::{FingerSense, Hand, HandFinger, HandOutput};
 pub use phase::{Failure, GraspFault, GraspRefusal, GraspTelemetry, Phase};

@@ -6,98 +6,98 @@ use serde::{Deserialize, Serialize};
 use super::{InvalidPlan, PerFinger};
 use crate::robot::Concerns;
 
-/// What a hand is doing.
+/// Phase of a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Phase {
-    /// 0: nothing; the fingers stand.
+    /// 0: no object; the fingers are at rest.
     Ready,
-    /// 1: the fingertips move to places in front of the contacts.
+    /// 1: the fingertips move to positions in front of the contacts.
     Approach,
-    /// 2: they move on until they touch.
+    /// 2: they move along the normals until they touch.
     Touch,
-    /// 3: the grip becomes as firm as planned.
+    /// 3: the internal forces rise to those of the plan.
     Squeeze,
-    /// 4: fingers 1 and 2 press towards each other until one slides: the friction.
+    /// 4: fingers 1 and 2 press towards each other until one slides, which shows the friction.
     ProbeFriction,
-    /// 5: the object is held still.
+    /// 5: the object is held at rest.
     Hold,
     /// 6: the object is moved.
     Move,
-    /// 7: the object is lowered until something carries it.
+    /// 7: the object is lowered until a support carries it.
     Lower,
-    /// 8: the grip fades, and the fingertips go back.
+    /// 8: the internal forces fall, then the fingertips move back.
     Open,
 }
 
-/// What went wrong without harm: the hand let go, or holds as before.
+/// Failure that is no fault: the hand has opened, or holds the object as before.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure {
-    /// 0: a finger met something on its way to the object. The fingers stand where they are.
+    /// 0: a finger met an obstacle on its path to the object. The fingers stop where they are.
     Obstructed {
         /// The finger, 0 to 2.
         finger: u8,
         /// Force on its tip [N].
         force: f32,
     },
-    /// 1: a finger felt nothing where the object should be. The hand opened.
-    NothingThere {
+    /// 1: a finger found no surface where the object should be. The hand opens.
+    NoObject {
         /// The finger, 0 to 2.
         finger: u8,
-        /// How far it felt beyond the place in front of the contact [m].
+        /// Distance along which it searched [m].
         distance: f32,
     },
-    /// 2: the forces did not become what was wanted within the time. The hand opened.
+    /// 2: the internal forces did not converge within the time. The hand opens.
     NoGrip {
-        /// The weakest normal force [N].
+        /// The smallest normal force [N].
         force: f32,
         /// The time [s].
         limit: f32,
     },
-    /// 3: nothing carried the object as far as it was lowered. The hand holds it there.
-    NothingBelow {
-        /// How far [m].
+    /// 3: no support was found below the object. The hand holds it there.
+    NoSupport {
+        /// Distance by which it was lowered [m].
         distance: f32,
     },
-    /// 4: a fingertip cannot go where it should. The object is held where it is, or the fingers stand.
+    /// 4: a fingertip cannot reach its set-point. The object is held where it is, or the fingers stop.
     OutOfReach {
         /// The finger, 0 to 2.
         finger: u8,
     },
 }
 
-/// The object is not in the hand as it was: a fault.
+/// Fault: the object is lost, or moved in the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GraspFault {
-    /// A finger pushes with less than it must [N].
-    Contact {
+    /// A contact is lost.
+    ContactLost {
         /// The finger, 0 to 2.
         finger: u8,
         /// Its normal force [N].
         force: f32,
-        /// What it must push with [N].
+        /// Minimum normal force [N].
         limit: f32,
     },
-    /// The fingertips are not where they were to each other: the object slid away, or turned between them.
+    /// The distances between the fingertips changed: the object slid or rotated between them.
     Deformed {
-        /// Change of the largest distance [m].
+        /// Largest change [m].
         distance: f32,
-        /// The most that may be [m].
+        /// Its limit [m].
         limit: f32,
     },
-    /// The object is not where it should be: something moved it.
-    Moved {
-        /// How far it is away [m].
+    /// The object is away from its target: something moved it.
+    Displaced {
+        /// Its distance from the target [m].
         distance: f32,
-        /// The most that may be [m].
+        /// Its limit [m].
         limit: f32,
     },
-    /// The fingertips make no frame.
+    /// The fingertips are collinear and define no object frame.
     NoFrame,
 }
 
-/// Why a command cannot be carried out; nothing has changed.
+/// Why a command is refused; the state is as before.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GraspRefusal {
@@ -108,24 +108,24 @@ pub enum GraspRefusal {
         /// The chain.
         chain: u8,
     },
-    /// 2: not in this phase.
+    /// 2: not possible in this phase.
     Busy(Phase),
     /// 3: the plan is not valid.
     Plan(InvalidPlan),
-    /// 4: a fingertip cannot get there.
+    /// 4: a fingertip cannot reach its position.
     OutOfReach {
         /// The finger, 0 to 2.
         finger: u8,
-        /// The nearest place that it can reach, were it not for the limits of its joints [m, base frame].
+        /// The nearest position in reach without its joints' limits [m, base frame].
         nearest: [f32; 3],
     },
-    /// 5: a motion that is not finite, or takes no time.
+    /// 5: the motion is not finite, or shorter than a tick.
     NotFinite,
     /// 6: the motion is too fast.
     TooFast {
-        /// Its peak speed [m/s], or the share of the largest one for a rotation [rad/s].
+        /// Its peak speed [m/s] or peak angular speed [rad/s].
         value: f32,
-        /// The most.
+        /// The limit of that speed.
         limit: f32,
     },
 }
@@ -147,20 +147,23 @@ impl fmt::Display for GraspRefusal {
             ),
             Self::NotTared { chain } => write!(
                 f,
-                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while nothing touches the tips"
+                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while \
+                 nothing touches the tips"
             ),
             Self::Busy(phase) => write!(f, "not possible while the hand {phase}"),
             Self::Plan(plan) => plan.fmt(f),
             Self::OutOfReach { finger, nearest: [x, y, z] } => write!(
                 f,
-                "finger {} does not reach so far; without its joints' limits it would reach ({x}, {y}, {z}) m",
+                "finger {} cannot reach its position; the nearest in reach, without its joints' limits, is \
+                 ({x}, {y}, {z}) m",
                 finger + 1
             ),
-            Self::NotFinite => write!(f, "the motion is not finite, or takes no time"),
+            Self::NotFinite => write!(f, "the motion is not finite, or shorter than a tick"),
             Self::TooFast { value, limit } => {
                 write!(
                     f,
-                    "the motion's peak speed is {value} m/s or rad/s, at most {limit}: give it more time"
+                    "the motion's peak speed is {value} m/s or rad/s, the limit is {limit}: make its \
+                     duration longer"
                 )
             }
         }
@@ -174,13 +177,13 @@ impl fmt::Display for Phase {
         f.write_str(match self {
             Self::Ready => "is ready",
             Self::Approach => "approaches an object",
-            Self::Touch => "feels for an object",
-            Self::Squeeze => "takes hold of an object",
-            Self::ProbeFriction => "feels the friction of an object",
+            Self::Touch => "searches for an object",
+            Self::Squeeze => "grips an object",
+            Self::ProbeFriction => "probes the friction of an object",
             Self::Hold => "holds an object",
             Self::Move => "moves an object",
             Self::Lower => "lowers an object",
-            Self::Open => "lets go of an object",
+            Self::Open => "releases an object",
         })
     }
 }
@@ -189,45 +192,50 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Obstructed { finger, force } => {
-                write!(f, "finger {} met something on its way ({force} N) and stopped", finger + 1)
+                write!(
+                    f,
+                    "finger {} met an obstacle on its path ({force} N): the fingers stopped",
+                    finger + 1
+                )
             }
-            Self::NothingThere { finger, distance } => {
-                write!(f, "finger {} felt nothing within {distance} m: the hand opened", finger + 1)
+            Self::NoObject { finger, distance } => {
+                write!(f, "finger {} found no surface within {distance} m: the hand opened", finger + 1)
             }
             Self::NoGrip { force, limit } => write!(
                 f,
-                "the grip was not as wanted within {limit} s (weakest normal force {force} N): the hand opened"
+                "the grip did not converge within {limit} s (smallest normal force {force} N): the hand \
+                 opened"
             ),
-            Self::NothingBelow { distance } => {
-                write!(f, "nothing carried the object within {distance} m: the hand holds it there")
+            Self::NoSupport { distance } => {
+                write!(f, "no support within {distance} m below the object: the hand holds it there")
             }
             Self::OutOfReach { finger } => {
-                write!(f, "finger {} could not follow: it does not reach so far", finger + 1)
+                write!(f, "finger {} could not follow: its set-point is out of reach", finger + 1)
             }
         }
     }
 }
 
-/// What the supervisor sees of a grasp.
+/// State of a grasp as a supervisor sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GraspTelemetry {
-    /// What the hand does.
+    /// The present phase.
     pub phase: Phase,
-    /// What went wrong last, since the last command.
+    /// The last failure since the last command.
     pub failure: Option<Failure>,
-    /// The object frame's origin [m], and its orientation as a unit quaternion `[x, y, z, w]`.
+    /// Origin of the object frame [m].
     pub position: [f32; 3],
-    /// See `position`.
+    /// Orientation of the object frame: a unit quaternion `[x, y, z, w]`.
     pub orientation: [f32; 4],
     /// Wrench of the fingers on the object about that origin, in base axes [N, N·m].
     pub load: [f32; 6],
-    /// Wanted force of each finger on the object, in base axes [N].
-    pub wanted: PerFinger<[f32; 3]>,
-    /// Coefficient of friction that is counted on.
+    /// Target force of each finger on the object, in base axes [N].
+    pub target_forces: PerFinger<[f32; 3]>,
+    /// Estimated coefficient of friction.
     pub friction: f32,
-    /// Ticks in which a contact slid.
+    /// Ticks with a slip.
     pub slips: u16,
-    /// No forces within the limits hold the load.
+    /// No forces within the limits balance the load: the grip is at its limits.
     pub overloaded: bool,
 }
 
@@ -237,17 +245,17 @@ mod tests {
     use crate::task::grasping::PlanField;
 
     #[test]
-    fn a_phase_of_the_protocol_completes_what_the_hand_does() {
+    fn a_phase_completes_a_sentence_about_the_hand() {
         let texts = [
             (Phase::Ready, "is ready"),
             (Phase::Approach, "approaches an object"),
-            (Phase::Touch, "feels for an object"),
-            (Phase::Squeeze, "takes hold of an object"),
-            (Phase::ProbeFriction, "feels the friction of an object"),
+            (Phase::Touch, "searches for an object"),
+            (Phase::Squeeze, "grips an object"),
+            (Phase::ProbeFriction, "probes the friction of an object"),
             (Phase::Hold, "holds an object"),
             (Phase::Move, "moves an object"),
             (Phase::Lower, "lowers an object"),
-            (Phase::Open, "lets go of an object"),
+            (Phase::Open, "releases an object"),
         ];
         for (phase, text) in texts {
             assert_eq!(phase.to_string(), text);
@@ -256,25 +264,25 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_of_the_protocol_says_which_finger_how_much_and_what_the_hand_did() {
+    fn a_failure_names_finger_value_and_what_the_hand_did() {
         let texts = [
             (
                 Failure::Obstructed { finger: 0, force: 0.75 },
-                "finger 1 met something on its way (0.75 N) and stopped",
+                "finger 1 met an obstacle on its path (0.75 N): the fingers stopped",
             ),
             (
-                Failure::NothingThere { finger: 2, distance: 0.02 },
-                "finger 3 felt nothing within 0.02 m: the hand opened",
+                Failure::NoObject { finger: 2, distance: 0.02 },
+                "finger 3 found no surface within 0.02 m: the hand opened",
             ),
             (
                 Failure::NoGrip { force: 0.25, limit: 3.0 },
-                "the grip was not as wanted within 3 s (weakest normal force 0.25 N): the hand opened",
+                "the grip did not converge within 3 s (smallest normal force 0.25 N): the hand opened",
             ),
             (
-                Failure::NothingBelow { distance: 0.05 },
-                "nothing carried the object within 0.05 m: the hand holds it there",
+                Failure::NoSupport { distance: 0.05 },
+                "no support within 0.05 m below the object: the hand holds it there",
             ),
-            (Failure::OutOfReach { finger: 1 }, "finger 2 could not follow: it does not reach so far"),
+            (Failure::OutOfReach { finger: 1 }, "finger 2 could not follow: its set-point is out of reach"),
         ];
         for (failure, text) in texts {
             assert_eq!(failure.to_string(), text);
@@ -282,22 +290,23 @@ mod tests {
     }
 
     #[test]
-    fn what_the_protocol_refuses_to_a_hand_is_said_with_what_it_could() {
+    fn a_refusal_names_value_and_limit() {
         let plan = InvalidPlan::Value { field: PlanField::Clearance, value: 0.5, lower: 0.001, upper: 0.05 };
         let texts = [
             (
                 GraspRefusal::OutOfReach { finger: 2, nearest: [0.1, 0.0, -0.25] },
-                "finger 3 does not reach so far; without its joints' limits it would reach (0.1, 0, -0.25) m",
+                "finger 3 cannot reach its position; the nearest in reach, without its joints' limits, is \
+                 (0.1, 0, -0.25) m",
             ),
-            (GraspRefusal::NotFinite, "the motion is not finite, or takes no time"),
+            (GraspRefusal::NotFinite, "the motion is not finite, or shorter than a tick"),
             (
                 GraspRefusal::TooFast { value: 0.375, limit: 0.2 },
-                "the motion's peak speed is 0.375 m/s or rad/s, at most 0.2: give it more time",
+                "the motion's peak speed is 0.375 m/s or rad/s, the limit is 0.2: make its duration longer",
             ),
-            (GraspRefusal::Plan(plan), "the clearance is 0.5 m; possible is 0.001 to 0.05 m"),
+            (GraspRefusal::Plan(plan), "the clearance is 0.5 m; the range is 0.001 to 0.05 m"),
         ];
-        for (unable, text) in texts {
-            assert_eq!(unable.to_string(), text);
+        for (refusal, text) in texts {
+            assert_eq!(refusal.to_string(), text);
         }
     }
 }

@@ -6,10 +6,10 @@ use crate::TICK;
 use crate::math;
 use crate::signal::minimum_jerk;
 
-/// A frame in the base frame.
+/// Pose of a frame in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Frame {
-    /// Where its origin is [m].
+    /// Position of its origin [m].
     pub translation: [f32; 3],
     /// Its axes x, y, z: the columns of the rotation matrix.
     pub axes: [[f32; 3]; 3],
@@ -20,7 +20,7 @@ impl Frame {
     pub const BASE: Self =
         Self { translation: [0.0; 3], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
 
-    /// The same as a transformation from this frame to the base frame.
+    /// The transformation from this frame to the base frame.
     pub fn isometry(&self) -> IsometryMatrix3<f32> {
         let rotation = Rotation3::from_matrix_unchecked(Matrix3::from(self.axes));
         IsometryMatrix3::from_parts(Translation3::from(self.translation), rotation)
@@ -33,63 +33,71 @@ impl From<&IsometryMatrix3<f32>> for Frame {
     }
 }
 
-/// A frame on its way: a minimum-jerk motion along a straight line, turning about one axis.
+/// Peak speed of a minimum-jerk motion over its mean.
+pub(super) const MINIMUM_JERK_PEAK: f32 = 1.875;
+
+/// Minimum-jerk trajectory of a frame: translation along a straight line, rotation about a fixed axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub(super) struct PoseMotion {
+pub(super) struct PoseTrajectory {
     start: Frame,
-    /// From start to end, in base axes [m, rad].
+    /// From start to end, in base axes [m].
     translation: [f32; 3],
+    /// Rotation vector from start to end, in base axes [rad].
     rotation: [f32; 3],
+    /// [s]
     duration: f32,
+    /// [s]
     time: f32,
 }
 
-/// A point of a [`PoseMotion`].
-pub(super) struct PosePoint {
+/// A point of a [`PoseTrajectory`]. Unlike [`PosePoint`](crate::kinematics::PosePoint), the set-point on the
+/// wire, it has the orientation as a rotation matrix: a conversion to a quaternion and back would cost a
+/// square root and rounding in each tick.
+pub(super) struct PoseTrajectoryPoint {
     pub frame: IsometryMatrix3<f32>,
-    /// `[v; ω]` of its origin, in base axes [m/s, rad/s].
+    /// `[v; ω]` of the frame's origin, in base axes [m/s, rad/s].
     pub twist: Vector6<f32>,
-    /// Their derivatives.
+    /// Its derivative [m/s², rad/s²].
     pub acceleration: Vector6<f32>,
 }
 
-impl PoseMotion {
-    /// Rests at `frame`.
+impl PoseTrajectory {
+    /// At rest at `frame`.
     pub const fn resting(frame: Frame) -> Self {
         Self { start: frame, translation: [0.0; 3], rotation: [0.0; 3], duration: 0.0, time: 0.0 }
     }
 
-    /// From one frame to the other, turning the shorter way round, within `duration` [s].
+    /// From one frame to the other within `duration` [s], with the smaller rotation.
     pub fn between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>, duration: f32) -> Self {
-        let turn = to.rotation.matrix() * from.rotation.matrix().transpose();
+        let rotation = to.rotation.matrix() * from.rotation.matrix().transpose();
         Self {
             start: from.into(),
             translation: (to.translation.vector - from.translation.vector).into(),
-            rotation: math::rotation_vector(&turn).into(),
+            rotation: math::rotation_vector(&rotation).into(),
             duration,
             time: 0.0,
         }
     }
 
-    /// Whether it has come to its end.
+    /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
         self.time >= self.duration
     }
 
-    /// Ends here and now, at rest.
+    /// Stops at the present point, at once.
     pub fn stop(&mut self) {
         *self = Self::resting((&self.point().frame).into());
     }
 
-    /// Goes on by one tick.
-    pub fn advance(&mut self) -> PosePoint {
+    /// Advances by one tick.
+    pub fn advance(&mut self) -> PoseTrajectoryPoint {
         let time = self.time + TICK;
         self.time = if time < self.duration { time } else { self.duration };
         self.point()
     }
 
-    /// Where it is.
-    pub fn point(&self) -> PosePoint {
+    /// The present point.
+    pub fn point(&self) -> PoseTrajectoryPoint {
         let (translation, rotation) = (Vector3::from(self.translation), Vector3::from(self.rotation));
         let start = self.start.isometry();
         let (value, first, second) = if self.is_done() {
@@ -99,19 +107,19 @@ impl PoseMotion {
             let [value, first, second] = minimum_jerk(self.time * inverse);
             (value, first * inverse, second * inverse * inverse)
         };
-        let turned = math::rotation_matrix(&(rotation * value)) * start.rotation.matrix();
+        let rotated = math::rotation_matrix(&(rotation * value)) * start.rotation.matrix();
         let origin = start.translation.vector + translation * value;
-        let both = |scale: f32| {
+        let rates = |scale: f32| {
             let (v, w) = (translation * scale, rotation * scale);
             Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
         };
-        PosePoint {
+        PoseTrajectoryPoint {
             frame: IsometryMatrix3::from_parts(
                 Translation3::from(origin),
-                Rotation3::from_matrix_unchecked(turned),
+                Rotation3::from_matrix_unchecked(rotated),
             ),
-            twist: both(first),
-            acceleration: both(second),
+            twist: rates(first),
+            acceleration: rates(second),
         }
     }
 }
@@ -121,23 +129,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn goes_from_one_frame_to_the_other_with_the_velocity_that_it_says() {
+    fn the_twist_is_the_derivative_of_the_pose_and_the_trajectory_ends_at_its_target() {
         let start = IsometryMatrix3::from_parts(
             Translation3::new(0.1, 0.0, 0.2),
             Rotation3::from_matrix_unchecked(math::rotation_matrix(&Vector3::new(0.3, -0.2, 0.5))),
         );
-        let turn = Vector3::new(0.0, 0.1, -0.05);
+        let rotation = Vector3::new(0.0, 0.1, -0.05);
         let mut end = start;
         end.translation.vector += Vector3::new(0.01, -0.02, 0.0);
         end.rotation =
-            Rotation3::from_matrix_unchecked(math::rotation_matrix(&turn) * start.rotation.matrix());
-        let mut motion = PoseMotion::between(&start, &end, 1.0);
-        let mut before = motion.point();
+            Rotation3::from_matrix_unchecked(math::rotation_matrix(&rotation) * start.rotation.matrix());
+        let mut trajectory = PoseTrajectory::between(&start, &end, 1.0);
+        let mut before = trajectory.point();
         for _ in 0..100 {
-            let point = motion.advance();
+            let point = trajectory.advance();
             let step = (point.frame.translation.vector - before.frame.translation.vector) / TICK;
-            let turned = point.frame.rotation.matrix() * before.frame.rotation.matrix().transpose();
-            let spin = math::rotation_vector(&turned) / TICK;
+            let rotated = point.frame.rotation.matrix() * before.frame.rotation.matrix().transpose();
+            let spin = math::rotation_vector(&rotated) / TICK;
             // The mean of both ends' velocities, but for the third derivative: jerk · T²/12 and rounding.
             let mean = (point.twist + before.twist) * 0.5;
             assert!(
@@ -147,10 +155,10 @@ mod tests {
             before = point;
         }
         // A hundred times 0.01 is not quite 1.
-        motion.advance();
-        assert!(motion.is_done());
-        assert!((motion.point().frame.to_homogeneous() - end.to_homogeneous()).norm() < 1e-6);
-        motion.stop();
-        assert!(motion.is_done() && motion.advance().twist.norm() == 0.0);
+        trajectory.advance();
+        assert!(trajectory.is_done());
+        assert!((trajectory.point().frame.to_homogeneous() - end.to_homogeneous()).norm() < 1e-6);
+        trajectory.stop();
+        assert!(trajectory.is_done() && trajectory.advance().twist.norm() == 0.0);
     }
 }

@@ -10,7 +10,7 @@ use crate::fault::FaultCause;
 use crate::robot::{Actuation, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::task::{Io, Task, TaskFault};
 
-/// The task: a hand of three fingers on one board.
+/// The task for a hand of three fingers on one board.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct Grasping {
     state: GraspState,
@@ -50,12 +50,12 @@ impl Task for Grasping {
 
     #[inline(never)]
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
-        // `check` saw a hand, and the sensors were read in this tick.
+        // Both exist: `check` found a hand, and the sensors are read before the task runs.
         let Some(hand) = Hand::of(io.robot) else { return Ok(()) };
         let Some(senses) = FingerSense::of_all(io.measured, io.postures) else { return Ok(()) };
         let output = self.state.tick(&hand, &senses)?;
         let servo = output.actuation == Actuation::Servo;
-        // The servos were not at work, or what they have learnt is the touch: they begin anew.
+        // Servos restart after torque control, and when their observers hold the touch force.
         let restart = servo && (io.targets.actuation != Actuation::Servo || self.state.restarts_servos());
         let joints = output.points.iter().flatten().zip(output.torques.iter().flatten());
         for (target, (point, torque)) in io.targets.joints.iter_mut().zip(joints) {
@@ -73,10 +73,10 @@ impl Task for Grasping {
 impl From<GraspFault> for TaskFault {
     fn from(fault: GraspFault) -> Self {
         let (cause, finger, value, limit) = match fault {
-            GraspFault::Contact { finger, force, limit } => {
+            GraspFault::ContactLost { finger, force, limit } => {
                 (FaultCause::ObjectLost, Some(finger), force, limit)
             }
-            GraspFault::Deformed { distance, limit } | GraspFault::Moved { distance, limit } => {
+            GraspFault::Deformed { distance, limit } | GraspFault::Displaced { distance, limit } => {
                 (FaultCause::ObjectMoved, None, distance, limit)
             }
             GraspFault::NoFrame => (FaultCause::ObjectMoved, None, f32::INFINITY, 0.0),

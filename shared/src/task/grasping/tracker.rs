@@ -2,61 +2,57 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::tuning::{ANCHOR_LEAKAGE, CENTER_FILTER_GAIN};
 use super::{Frame, PerFinger};
 use crate::grasp::{ObjectFrameError, object_frame};
 use crate::math;
+use crate::zip::zip;
 
-/// Share of a change between the fingertips that goes into the anchors in a tick.
-const LEAK: f32 = 0.1;
-/// The same for where the fingers are led: so fast that nothing fights the internal forces, and so slow that a finger that
-/// comes free is held back.
-const SHAPE_LEAK: f32 = 0.4;
-
-/// Follows an object by the fingertips that hold it.
+/// Tracks an object by the fingertips that hold it.
 ///
-/// The fingertips' triangle gives the object's frame. A round tip rolls: its middle moves along the surface by
-/// `(ω_F − ω_o) × r n` without sliding, `ω` of tip and object, `n` the normal out of the object; where the middles belong
-/// in the object, the anchors, move accordingly. (0.1 rad of relative rotation are 0.8 mm for a tip of 8 mm radius.)
-/// What the triangle changes besides cannot be rolling.
+/// The fingertips' triangle gives the object's frame. A round tip rolls: without slip its center moves along
+/// the surface by `(ω_F − ω_o) × r n`, with `ω` of fingertip and object and `n` the normal out of the object.
+/// The anchors, the centers' positions in the object frame, move accordingly. (For a tip of 8 mm radius, 0.1
+/// rad of relative rotation are 0.8 mm.) A change of the triangle beyond that cannot be rolling.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct Tracker {
-    /// The object.
+    /// Estimated pose of the object.
     pub object: Frame,
-    /// Its rotation in the last tick, in base axes [rad].
-    spin: [f32; 3],
-    /// Middles of the tips in the object frame [m].
+    /// Rotation of the object in the last tick, in base axes [rad].
+    rotation: [f32; 3],
+    /// Positions of the tips' centers in the object frame without slip [m].
     pub anchors: PerFinger<[f32; 3]>,
     /// Normals into the object, in the object frame.
     pub normals: PerFinger<[f32; 3]>,
-    /// The middles of the tips as they are, a mean of some ticks [m].
-    pub places: PerFinger<[f32; 3]>,
-    /// How far each tip is from its anchor along the surface that the others make [m].
-    pub shifts: PerFinger<f32>,
-    /// Lengths of the triangle's sides at the beginning [m].
-    sides: PerFinger<f32>,
+    /// Measured positions of the tips' centers in the object frame, filtered [m].
+    pub centers: PerFinger<[f32; 3]>,
+    /// Distance of each tip's center from its anchor [m].
+    pub anchor_errors: PerFinger<f32>,
+    /// Sides of the triangle at the start [m].
+    initial_sides: PerFinger<f32>,
 }
 
-/// How a finger stands and has moved.
+/// Position and motion of a fingertip.
 pub(super) struct TipMotion {
-    /// Middle of the tip [m].
-    pub place: Vector3<f32>,
-    /// Rotation since the last tick, as a vector in base axes [rad].
+    /// Center of the tip [m].
+    pub center: Vector3<f32>,
+    /// Rotation vector since the last tick, in base axes [rad].
     pub rotation: Vector3<f32>,
 }
 
 impl Tracker {
-    /// Nothing is held.
+    /// No object.
     pub const NONE: Self = Self {
         object: Frame::BASE,
-        spin: [0.0; 3],
+        rotation: [0.0; 3],
         anchors: [[0.0; 3]; 3],
         normals: [[0.0; 3]; 3],
-        places: [[0.0; 3]; 3],
-        shifts: [0.0; 3],
-        sides: [0.0; 3],
+        centers: [[0.0; 3]; 3],
+        anchor_errors: [0.0; 3],
+        initial_sides: [0.0; 3],
     };
 
-    /// The object that the tips touch now, with these normals [base axes, unit vectors].
+    /// Begins with an object that touches the `tips` [m] with these normals [base axes, unit vectors].
     pub fn begin(
         tips: &PerFinger<Vector3<f32>>,
         normals: &PerFinger<Vector3<f32>>,
@@ -65,83 +61,92 @@ impl Tracker {
         let anchors = tips.map(|tip| object.inverse_transform_point(&tip.into()).coords.into());
         Ok(Self {
             object: (&object).into(),
-            spin: [0.0; 3],
+            rotation: [0.0; 3],
             anchors,
-            places: anchors,
+            centers: anchors,
             normals: normals.map(|normal| object.inverse_transform_vector(&normal).into()),
-            shifts: [0.0; 3],
-            sides: sides(tips),
+            anchor_errors: [0.0; 3],
+            initial_sides: sides(tips),
         })
     }
 
-    /// Where the object is, now that the tips are here. `radii` of the tips [m].
+    /// Updates the object's pose from its `tips` with these `radii` [m].
     pub fn update(
         &mut self,
         tips: &PerFinger<TipMotion>,
         radii: &PerFinger<f32>,
     ) -> Result<IsometryMatrix3<f32>, ObjectFrameError> {
-        let before = self.object.isometry();
-        let spin = Vector3::from(self.spin);
-        let middles = self.anchors.iter_mut().zip(&mut self.places);
-        for ((((anchor, place), normal), tip), radius) in middles.zip(&self.normals).zip(tips).zip(radii) {
-            let out = before.rotation * Vector3::from(*normal) * -radius;
-            let rolled = before.inverse_transform_vector(&(tip.rotation - spin).cross(&out));
-            *anchor = (Vector3::from(*anchor) + rolled).into();
-            *place = (Vector3::from(*place) + rolled).into();
-        }
-        let measured = object_frame(&tips.each_ref().map(|tip| tip.place))?;
+        let previous = self.object.isometry();
+        self.roll(&previous, tips, radii);
+        let measured = object_frame(&tips.each_ref().map(|tip| tip.center))?;
         let object = measured * object_frame(&self.anchors.map(Vector3::from))?.inverse();
-        // Small, so that the sine is the angle.
-        let turn = object.rotation.matrix() * before.rotation.matrix().transpose();
-        let twice = Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12);
-        self.spin = (twice * 0.5).into();
-        let all = self.anchors.iter_mut().zip(&mut self.places).zip(&mut self.shifts);
-        for (((anchor, place), shift), tip) in all.zip(tips) {
-            let at = object.inverse_transform_point(&tip.place.into()).coords;
-            let rest = at - Vector3::from(*anchor);
-            *place = (Vector3::from(*place) * (1.0 - SHAPE_LEAK) + at * SHAPE_LEAK).into();
-            *anchor = (Vector3::from(*anchor) + rest * LEAK).into();
-            *shift = math::sqrt(rest.norm_squared());
+        // The sine of the angle is the angle: the rotation is small.
+        let step = object.rotation.matrix() * previous.rotation.matrix().transpose();
+        let twice = Vector3::new(step.m32 - step.m23, step.m13 - step.m31, step.m21 - step.m12);
+        self.rotation = (twice * 0.5).into();
+        for (anchor, center, distance, tip) in
+            zip((&mut self.anchors, &mut self.centers, &mut self.anchor_errors, tips))
+        {
+            let measured = object.inverse_transform_point(&tip.center.into()).coords;
+            let error = measured - Vector3::from(*anchor);
+            let gain = CENTER_FILTER_GAIN;
+            *center = (Vector3::from(*center) * (1.0 - gain) + measured * gain).into();
+            *anchor = (Vector3::from(*anchor) + error * ANCHOR_LEAKAGE).into();
+            *distance = math::sqrt(error.norm_squared());
         }
         self.object = (&object).into();
         Ok(object)
     }
 
+    /// Moves anchors and centers as tips that roll without slip.
+    fn roll(&mut self, object: &IsometryMatrix3<f32>, tips: &PerFinger<TipMotion>, radii: &PerFinger<f32>) {
+        let rotation = Vector3::from(self.rotation);
+        for (anchor, center, normal, tip, radius) in
+            zip((&mut self.anchors, &mut self.centers, &self.normals, tips, radii))
+        {
+            let outward = object.rotation * Vector3::from(*normal) * -radius;
+            let rolled = object.inverse_transform_vector(&(tip.rotation - rotation).cross(&outward));
+            *anchor = (Vector3::from(*anchor) + rolled).into();
+            *center = (Vector3::from(*center) + rolled).into();
+        }
+    }
+
     /// Whether there is an object.
-    pub const fn is_begun(&self) -> bool {
-        let [side, ..] = self.sides;
+    pub const fn is_tracking(&self) -> bool {
+        let [side, ..] = self.initial_sides;
         side > 0.0
     }
 
-    /// What the fingers have moved against each other is over: they belong where they are.
-    pub fn settle(&mut self) {
-        (self.anchors, self.shifts) = (self.places, [0.0; 3]);
+    /// Sets the anchors to the present centers, after slip that was intended.
+    pub fn reset_anchors(&mut self) {
+        (self.anchors, self.anchor_errors) = (self.centers, [0.0; 3]);
     }
 
-    /// By how much the triangle's sides differ from what they were, the most of them [m].
+    /// Maximum change of the triangle's sides since the start [m].
     pub fn deformation(&self, tips: &PerFinger<Vector3<f32>>) -> f32 {
-        let now = sides(tips);
-        self.sides.iter().zip(now).fold(0.0, |most, (before, now)| {
-            let change = math::abs(now - before);
-            if change > most { change } else { most }
+        let sides = sides(tips);
+        self.initial_sides.iter().zip(sides).fold(0.0, |max, (initial, side)| {
+            let change = math::abs(side - initial);
+            if change > max { change } else { max }
         })
     }
 
-    /// Contact points for an object at `frame`, from its origin, and normals, in base axes.
+    /// Levers of the contact points from the origin of an object at `frame` [m], and normals, in base axes.
     pub fn contacts(
         &self,
         frame: &IsometryMatrix3<f32>,
         radii: &PerFinger<f32>,
     ) -> (PerFinger<Vector3<f32>>, PerFinger<Vector3<f32>>) {
         let normals = self.normals.map(|normal| frame.rotation * Vector3::from(normal));
-        let mut arms = self.anchors.map(|anchor| frame.rotation * Vector3::from(anchor));
-        arms.iter_mut()
-            .zip(normals.iter().zip(radii))
-            .for_each(|(arm, (normal, radius))| *arm += normal * *radius);
-        (arms, normals)
+        let mut levers = self.anchors.map(|anchor| frame.rotation * Vector3::from(anchor));
+        for (lever, normal, radius) in zip((&mut levers, &normals, radii)) {
+            *lever += normal * *radius;
+        }
+        (levers, normals)
     }
 }
 
+/// Sides of the triangle [m]; each opposite its finger.
 fn sides([one, two, three]: &PerFinger<Vector3<f32>>) -> PerFinger<f32> {
     [two - three, one - three, one - two].map(|side| math::sqrt(side.norm_squared()))
 }
@@ -153,7 +158,7 @@ mod tests {
 
     const RADIUS: f32 = 0.008;
 
-    /// Fingers 1 and 2 at x = −57 mm, finger 3 opposite: middles of tips that touch a box of 98 mm.
+    /// Centers of tips that touch a box of 98 mm: fingers 1 and 2 at x = −57 mm, finger 3 opposite.
     fn tips() -> PerFinger<Vector3<f32>> {
         [Vector3::new(-0.057, 0.04, 0.1), Vector3::new(-0.057, -0.04, 0.1), Vector3::new(0.057, 0.0, 0.1)]
     }
@@ -162,19 +167,20 @@ mod tests {
         [Vector3::x(), Vector3::x(), -Vector3::x()]
     }
 
-    /// Balls that turn by 0.2 rad about y roll 0.2 · 8 mm = 1.6 mm along a box that stands still: up on its −x side, down
-    /// on the other.
+    /// Spheres that rotate by 0.2 rad about y roll 0.2 · 8 mm = 1.6 mm along a box at rest: up on its −x
+    /// side, down on the other.
     #[test]
     fn tips_that_roll_leave_the_object_where_it_is() {
         let mut tracker = Tracker::begin(&tips(), &normals()).unwrap();
         let steps = 100;
-        let turn = Vector3::new(0.0, 0.2 / steps as f32, 0.0);
+        let rotation = Vector3::new(0.0, 0.2 / steps as f32, 0.0);
         let before = tracker.object.isometry();
         for step in 1..=steps {
-            let way = 0.0016 * step as f32 / steps as f32;
+            let height = 0.0016 * step as f32 / steps as f32;
             let [one, two, three] = tips();
-            let places = [one + Vector3::z() * way, two + Vector3::z() * way, three - Vector3::z() * way];
-            let motions = places.map(|place| TipMotion { place, rotation: turn });
+            let up = Vector3::z() * height;
+            let centers = [one + up, two + up, three - up];
+            let motions = centers.map(|center| TipMotion { center, rotation });
             let object = tracker.update(&motions, &[RADIUS; 3]).unwrap();
             assert!(
                 (object.translation.vector - before.translation.vector).norm() < 2e-6,
@@ -182,39 +188,43 @@ mod tests {
             );
             assert!((object.rotation.matrix() - before.rotation.matrix()).norm() < 2e-5, "{step}: {object}");
         }
-        assert!(tracker.shifts.iter().all(|&shift| shift < 2e-6), "{:?}", tracker.shifts);
+        assert!(tracker.anchor_errors.iter().all(|&error| error < 2e-6), "{:?}", tracker.anchor_errors);
     }
 
-    /// The same tips without turning: the whole triangle has pitched by 3.2 mm over 114 mm.
+    /// Tips fixed to an object that rotates by 0.05 rad.
     #[test]
-    fn tips_that_move_without_rolling_turn_the_object() {
+    fn tips_that_move_without_rolling_rotate_the_object() {
         let mut tracker = Tracker::begin(&tips(), &normals()).unwrap();
         let before = tracker.object.isometry();
         let mut object = before;
         for step in 1..=100 {
             let angle = 0.05 * step as f32 / 100.0;
-            let turned = math::rotation_matrix(&Vector3::new(0.0, angle, 0.0));
-            let middle = Vector3::new(0.0, 0.0, 0.1);
-            // Fixed to the object: they turn with it.
+            let rotated = math::rotation_matrix(&Vector3::new(0.0, angle, 0.0));
+            let center_of_rotation = Vector3::new(0.0, 0.0, 0.1);
+            // Fixed to the object: they rotate with it.
             let rotation = Vector3::new(0.0, 0.05 / 100.0, 0.0);
-            let motions = tips().map(|tip| TipMotion { place: middle + turned * (tip - middle), rotation });
+            let motions = tips().map(|tip| TipMotion {
+                center: center_of_rotation + rotated * (tip - center_of_rotation),
+                rotation,
+            });
             object = tracker.update(&motions, &[RADIUS; 3]).unwrap();
         }
-        let turn = math::rotation_vector(&(object.rotation.matrix() * before.rotation.matrix().transpose()));
-        assert!((turn - Vector3::new(0.0, 0.05, 0.0)).norm() < 1e-4, "{turn}");
+        let rotation =
+            math::rotation_vector(&(object.rotation.matrix() * before.rotation.matrix().transpose()));
+        assert!((rotation - Vector3::new(0.0, 0.05, 0.0)).norm() < 1e-4, "{rotation}");
     }
 
     #[test]
-    fn a_tip_that_slides_is_told_from_those_that_do_not() {
+    fn a_tip_that_slides_has_an_anchor_error() {
         let mut tracker = Tracker::begin(&tips(), &normals()).unwrap();
         let [one, two, three] = tips();
         let slid = [one - Vector3::y() * 1e-4, two, three];
         tracker
-            .update(&slid.map(|place| TipMotion { place, rotation: Vector3::zeros() }), &[RADIUS; 3])
+            .update(&slid.map(|center| TipMotion { center, rotation: Vector3::zeros() }), &[RADIUS; 3])
             .unwrap();
-        assert!(tracker.shifts.iter().any(|&shift| shift > 4e-5), "{:?}", tracker.shifts);
+        assert!(tracker.anchor_errors.iter().any(|&error| error > 4e-5), "{:?}", tracker.anchor_errors);
         assert!((tracker.deformation(&slid) - 1e-4).abs() < 1e-6);
-        let line = [one, one, three].map(|place| TipMotion { place, rotation: Vector3::zeros() });
+        let line = [one, one, three].map(|center| TipMotion { center, rotation: Vector3::zeros() });
         assert!(tracker.update(&line, &[RADIUS; 3]).is_err());
     }
 }

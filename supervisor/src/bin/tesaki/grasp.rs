@@ -305,14 +305,14 @@ fn with_advice(failure: &GraspFailure, file: &Path) -> String {
             "Is there an obstacle? The finger moves in a straight line to a position in front of its [[contact]] in \
              {file}: start with open fingers (`tesaki move`). If there is no obstacle, tare again (`tesaki tare`)"
         ),
-        GraspFailure::NothingThere { .. } => format!(
+        GraspFailure::NoObject { .. } => format!(
             "Is the object where [object] in {file} says? With a larger clearance there the fingers search farther"
         ),
         GraspFailure::NoGrip { .. } => format!(
             "Can the fingers exert this force? Compare force_limit and internal in {file} with the torque limits of the joints, \
              and check that the object does not yield"
         ),
-        GraspFailure::NothingBelow { .. } => "Put something under the object, or take it by hand".to_owned(),
+        GraspFailure::NoSupport { .. } => "Put something under the object, or take it by hand".to_owned(),
         GraspFailure::OutOfReach { .. } => "Take smaller steps, or grasp the object elsewhere".to_owned(),
     };
     format!("{failure}. {advice}")
@@ -338,7 +338,7 @@ fn status(options: &Options) -> Result<(), Failure> {
         line("position", format!("{} m", list(&grasp.position, 4)));
         line("orientation", format!("{} (x, y, z, w)", list(&grasp.orientation, 4)));
         line("load", format!("{} N; {} N·m", list(&grasp.load[..3], 2), list(&grasp.load[3..], 3)));
-        for (finger, force) in (1..).zip(&grasp.wanted) {
+        for (finger, force) in (1..).zip(&grasp.target_forces) {
             let size = Vector3::from(*force).norm();
             line(&format!("finger {finger}"), format!("target {size:.2} N ({})", list(force, 2)));
         }

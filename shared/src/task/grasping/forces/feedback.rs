@@ -1,0 +1,81 @@
+use nalgebra::Vector3;
+
+use super::{ForceInputs, Forces};
+use crate::TICK;
+use crate::grasp::WrenchInverse;
+use crate::math::{self, abs};
+use crate::task::grasping::tuning::{
+    CONVERGED_FORCE, CONVERGED_FRACTION, DEAD_BAND_FORCE, DEAD_BAND_FRACTION, FORCE_INTEGRAL_GAIN,
+    MAX_FORCE_CORRECTION,
+};
+use crate::task::grasping::{InternalForce, PerFinger};
+use crate::zip::zip;
+
+impl Forces {
+    /// Integral control of the `internal` forces by the force sensors; returns their commands [N].
+    pub(super) fn apply_feedback(
+        &mut self,
+        inputs: &ForceInputs<'_>,
+        inverse: &WrenchInverse<'_>,
+        internal: PerFinger<Vector3<f32>>,
+        load_torques: &PerFinger<Vector3<f32>>,
+    ) -> PerFinger<Vector3<f32>> {
+        let in_dead_band =
+            matches!(inputs.internal, InternalForce::LeastGrip { .. }) && self.is_in_dead_band(inputs);
+        if inputs.feedback && !in_dead_band {
+            let error = self.internal_force_error(inputs, inverse);
+            let axes = self.correction.iter_mut().flatten().zip(error.iter().flat_map(|force| force.iter()));
+            for (correction, error) in axes {
+                let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
+                *correction = math::clamp(next, -MAX_FORCE_CORRECTION, MAX_FORCE_CORRECTION);
+            }
+        }
+        let mut command = internal;
+        command.iter_mut().zip(&self.correction).for_each(|(force, part)| *force += Vector3::from(*part));
+        let scale = inputs.torque_scale(&command, load_torques, 1.0);
+        if scale < 1.0 {
+            // Saturated joints: scale the forces down, and set the integrator back (anti-windup by
+            // back-calculation).
+            for (force, internal, correction) in zip((&mut command, &internal, &mut self.correction)) {
+                *force *= scale;
+                if inputs.feedback {
+                    *correction = (*force - internal).into();
+                }
+            }
+        }
+        command
+    }
+
+    /// Whether every normal force is in the dead band above its target.
+    fn is_in_dead_band(&self, inputs: &ForceInputs<'_>) -> bool {
+        let mut contacts = zip((inputs.map.contacts(), inputs.measured, &self.target));
+        contacts.all(|(contact, measured, target)| {
+            let target = contact.normal().dot(&Vector3::from(*target));
+            let measured = contact.normal().dot(measured);
+            measured >= target && measured < target * (1.0 + DEAD_BAND_FRACTION) + DEAD_BAND_FORCE
+        })
+    }
+
+    /// Whether the internal forces are near their targets, along the normals. Forces of a support do not
+    /// count.
+    pub fn have_converged(&self, inputs: &ForceInputs<'_>, inverse: &WrenchInverse<'_>) -> bool {
+        let error = self.internal_force_error(inputs, inverse);
+        let mut contacts = zip((inputs.map.contacts(), &error, &self.target));
+        contacts.all(|(contact, error, target)| {
+            let target = contact.normal().dot(&Vector3::from(*target));
+            abs(contact.normal().dot(error)) < CONVERGED_FRACTION * target + CONVERGED_FORCE
+        })
+    }
+
+    /// Internal part of target less measured forces [N].
+    fn internal_force_error(
+        &self,
+        inputs: &ForceInputs<'_>,
+        inverse: &WrenchInverse<'_>,
+    ) -> PerFinger<Vector3<f32>> {
+        let mut error: PerFinger<Vector3<f32>> = self.target.map(Into::into);
+        error.iter_mut().zip(inputs.measured).for_each(|(error, measured)| *error -= measured);
+        inverse.project_to_null_space(&mut error);
+        error
+    }
+}
