@@ -29,13 +29,14 @@ pub(super) const SCENARIO: Scenario = Scenario {
     duration: 88.0,
     lead: &[
         "An operator moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the \
-         samples 20 to 23 ms later and loses 2 % of them. The operator's tremor is 0.05 mm (rms) along each \
-         axis, at 8 to 12 Hz. A sensor at the operator's elbow measures the tilt of the arm, and the shoulder yaw of the \
-         robot follows it.",
-        "The error is the true position of the tool minus the true position of the operator's hand at the same \
-         time. Both are taken relative to where the clutch closes: measurement errors of master and slave at \
-         that place do not count; changes of these errors during the motion do. The error at rest is the mean over \
-         one second, from 1 s after the motion, because tremor is not an error of the arm.",
+         samples 20 to 23 ms later and loses 2 % of them. The operator's tremor is 0.05 mm (rms) along \
+         each axis, at 8 to 12 Hz. A sensor at the operator's elbow measures the tilt of the arm, and the \
+         shoulder yaw of the robot follows it.",
+        "The error is the true position of the tool minus the true position of the operator's hand at the \
+         same time. Both are taken relative to where the clutch closes: measurement errors of master and \
+         slave at that place do not count; changes of these errors during the motion do. The error at rest \
+         is the mean over one second, from 1 s after the motion, because tremor is not an error of the \
+         arm.",
         "Further trials: minimum-jerk strokes with pauses, in which the hand also turns; twice the tremor; a \
          link with up to 20 ms of jitter that loses 20 % of the samples in bursts of six; and a clutch that \
          opens and closes during the motion.",
@@ -58,10 +59,11 @@ const REST: f64 = 2.0;
 const AMPLITUDE: f64 = 0.1;
 const FREQUENCY: f64 = 0.5;
 /// Root mean square of an operator's tremor along each axis [m]: Riviere, Rader and Khosla (1997) measured
-/// 0.05 mm with an instrument held still, Growdon et al. (2000) two to three times that with the arm extended.
+/// 0.05 mm with an instrument held still, Growdon et al. (2000) two to three times that with the arm
+/// extended.
 const TREMOR: f64 = 5e-5;
-/// Damping of the impedance [N·s/m], the larger of the paper's two (section 3.1, with M 1.5 kg and K 300 N/m).
-/// Under our law it acts on the tracking error and adds no lag.
+/// Damping of the impedance [N·s/m], the larger of the paper's two (section 3.1, with M 1.5 kg and K 300
+/// N/m). Under our law it acts on the tracking error and adds no lag.
 const DAMPING: f32 = 30.0;
 /// Damping under the paper's law [N·s/m]. The paper does not state the impedance of this experiment. Between
 /// its two values, 7.5 and 30 N·s/m, this one reproduces best its error of 7 mm at the reversals: under this

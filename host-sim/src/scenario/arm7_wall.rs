@@ -93,8 +93,8 @@ impl Contact {
         -sample.tool.wall_force[0]
     }
 
-    /// Force of the springs of impedance and wall in series [N]. Homing errors of the joints shift the set-point
-    /// and are not included.
+    /// Force of the springs of impedance and wall in series [N]. Homing errors of the joints shift the
+    /// set-point and are not included.
     fn expected(&self) -> f64 {
         (DISPLACEMENT - CLEARANCE) * STIFFNESS * self.stiffness / (STIFFNESS + self.stiffness)
     }

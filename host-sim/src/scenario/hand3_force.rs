@@ -1,5 +1,5 @@
-//! Commanded fingertip forces on a held box (Hand3, section 5.3 and figure 11): paper's law, feed-forward, and
-//! force feedback.
+//! Commanded fingertip forces on a held box (Hand3, section 5.3 and figure 11): paper's law, feed-forward,
+//! and force feedback.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ use tesaki_supervisor::identify::Identification;
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
     title: "Fingertip forces of the three-finger hand",
-    about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward after \
-            identification",
+    about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward \
+            after identification",
     robot: "hand3",
     duration: 170.0,
     lead: &[

@@ -239,8 +239,8 @@ fn line(from: [f64; 2], to: [f64; 2], time: f64, duration: f64) -> PathPoint {
     }
 }
 
-/// The circle, at `time` after its start. The speed rises from 0 to one revolution per second and falls again,
-/// both as a minimum-jerk polynomial.
+/// The circle, at `time` after its start. The speed rises from 0 to one revolution per second and falls
+/// again, both as a minimum-jerk polynomial.
 fn circle(time: f64) -> PathPoint {
     let (start, ramp, end) = CIRCLE;
     let duration = end - start;

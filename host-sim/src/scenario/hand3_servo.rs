@@ -1,5 +1,5 @@
-//! Joint servos of the three-finger hand (Hand3, section 4): all nine joints step by ±0.3 rad at once, through
-//! the trajectory filter, on a machine that differs from the controller's model.
+//! Joint servos of the three-finger hand (Hand3, section 4): all nine joints step by ±0.3 rad at once,
+//! through the trajectory filter, on a machine that differs from the controller's model.
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! Translation of a held box by 1 cm and back (Hand3, section 7 and figure 15), under the paper's law and under
-//! ours.
+//! Translation of a held box by 1 cm and back (Hand3, section 7 and figure 15), under the paper's law and
+//! under ours.
 
 use std::ops::Range;
 

@@ -28,8 +28,8 @@ pub struct GraspedObject<'a> {
     pub object: &'a str,
     /// Changes the grasp that was read from the file.
     pub change: &'a dyn Fn(&mut PlacedGrasp),
-    /// Whether the object is held under the paper's law, with the joint friction that the paper's loss of force
-    /// implies.
+    /// Whether the object is held under the paper's law, with the joint friction that the paper's loss of
+    /// force implies.
     pub paper: bool,
 }
 

@@ -216,8 +216,8 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         }
     }
 
-    /// Commands a displacement [m] and a rotation vector [rad] of the object relative to where it was grasped.
-    /// Returns when the motion begins [s].
+    /// Commands a displacement [m] and a rotation vector [rad] of the object relative to where it was
+    /// grasped. Returns when the motion begins [s].
     pub fn move_object(&mut self, translation: [f64; 3], rotation: [f64; 3]) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
         self.trajectory = ObjectTrajectory {
