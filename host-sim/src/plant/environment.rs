@@ -98,13 +98,6 @@ impl Hold {
         Self { position, orientation, ramp, stiffness, damping, rotational_stiffness, rotational_damping }
     }
 
-    /// The same with a free orientation.
-    #[must_use]
-    pub const fn with_free_orientation(mut self) -> Self {
-        (self.rotational_stiffness, self.rotational_damping) = (0.0, 0.0);
-        self
-    }
-
     pub(super) fn validate(&self) -> Result<(), PlantError> {
         check("hold.position", &self.position, f64::is_finite, "finite [m]")?;
         let norm = self.orientation.iter().map(|part| part * part).sum::<f64>();

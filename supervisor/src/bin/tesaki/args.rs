@@ -122,7 +122,7 @@ pub enum Command {
     },
     /// Compute kinematics and dynamics of a robot, or the least grip of contacts, for every row of a table;
     /// needs no board
-    #[command(subcommand, subcommand_value_name = "QUANTITY")]
+    #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|rnea|mass|bias|grip")]
     Eval(Eval),
     /// Show the faults since power-on
     Faults {
