@@ -177,7 +177,7 @@ fn three(table: &Table, row: &Row, columns: [usize; 3]) -> Result<Vector3<f32>, 
 fn bad_contact(error: InvalidContact, number: usize, normal: &Vector3<f32>) -> String {
     match error {
         InvalidContact::Position => {
-            format!("columns x{number}, y{number}, z{number}: the position is too large to compute with")
+            format!("columns x{number}, y{number}, z{number}: the place is too far away to compute")
         }
         InvalidContact::Normal => format!(
             "columns nx{number}, ny{number}, nz{number}: ({}, {}, {}) has no direction: give a vector into the object, of any \
@@ -201,9 +201,7 @@ fn no_grasp(error: GraspMapError, numbers: &[usize]) -> String {
             let only = numbers.first().copied().unwrap_or_default();
             format!("only contact {only} is filled in, {count} in all: a grasp has 2 to {MAX_CONTACTS}")
         }
-        GraspMapError::Origin => {
-            "columns ox, oy, oz: the point is too far from the contacts to compute with".to_owned()
-        }
+        GraspMapError::Origin => "columns ox, oy, oz: the point is too far away to compute".to_owned(),
         GraspMapError::Coincident { distance, .. } if !distance.is_finite() => {
             "the contacts are too far from each other to compute".to_owned()
         }
