@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
+use tesaki::model::RobotModel;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
@@ -31,7 +32,7 @@ enum Command {
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
     #[cfg(unix)]
-    #[command(after_help = format!("While it runs, a line on the standard input makes trouble:\n{}", tesaki_sim::serve::TROUBLE))]
+    #[command(after_help = format!("Commands on standard input inject faults while it runs:\n{}", tesaki_sim::serve::FAULT_COMMANDS))]
     Serve(Serve),
 }
 
@@ -42,8 +43,8 @@ struct Serve {
     #[arg(long, default_value_os_t = workspace().join("robots/hand3"))]
     robot: PathBuf,
     /// Where the control core runs
-    #[arg(long, value_enum, default_value_t = Where::Native)]
-    controller: Where,
+    #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
+    controller: ControllerKind,
     /// Address for clients: unix://PATH or tcp://HOST:PORT; default: a new Unix socket
     #[arg(long)]
     listen: Option<tesaki_supervisor::port::Address>,
@@ -66,8 +67,8 @@ struct Run {
     /// Name of the scenario, see `host-sim list`
     scenario: String,
     /// Where the control core runs
-    #[arg(long, value_enum, default_value_t = Where::Native)]
-    controller: Where,
+    #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
+    controller: ControllerKind,
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds)]
     seed: RangeInclusive<u64>,
@@ -89,14 +90,14 @@ struct Run {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Where {
+enum ControllerKind {
     /// In this process
     Native,
     /// In the firmware image, on an emulated STM32F405, compared tick by tick with the core in this process
     Qemu,
 }
 
-impl Where {
+impl ControllerKind {
     const fn name(self) -> &'static str {
         match self {
             Self::Native => "native",
@@ -106,8 +107,10 @@ impl Where {
 }
 
 fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
-    let number =
-        |text: &str| text.parse::<u64>().map_err(|_| format!("{text:?} is no seed: write 7, or 1-20"));
+    let number = |text: &str| {
+        text.parse::<u64>()
+            .map_err(|_| format!("{text:?} is not a seed: expected a number or a range, such as 7 or 1-20"))
+    };
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     let seeds = number(first)?..=number(last)?;
     if seeds.is_empty() { Err(format!("{text}: the first seed is larger than the last")) } else { Ok(seeds) }
@@ -124,7 +127,7 @@ fn workspace() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
-/// Runs what the command line says; `false` when a metric failed.
+/// Runs the command of the command line; `false` if a metric failed.
 pub fn run() -> Result<bool, Box<dyn Error>> {
     match Cli::parse().command {
         None => demonstrate(),
@@ -143,12 +146,12 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
 
 fn demonstrate() -> Result<bool, Box<dyn Error>> {
     println!(
-        "A three-finger hand with nine joints, simulated with friction, noise and masses that its controller does not\n\
-         know exactly. Its control core is the one that runs on the joint-controller board.\n"
+        "A simulated three-finger hand with nine joints. Friction, noise and masses differ from the controller's\n\
+         model. The control core is the one that runs on the joint-controller board.\n"
     );
     let run = Run {
         scenario: SCENARIOS[0].name.to_owned(),
-        controller: Where::Native,
+        controller: ControllerKind::Native,
         seed: 1..=1,
         duration: None,
         out: PathBuf::from("out"),
@@ -159,10 +162,10 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
     let passed = run_scenario(&run)?;
     println!(
         "\nTry next:\n\
-         \x20 cargo sim list                                       what else there is\n\
+         \x20 cargo sim list                                       the other scenarios\n\
          \x20 cargo sim run hand3-servo --seed 1-20                twenty different machines\n\
          \x20 cargo xtask firmware                                 build the image for the board; then\n\
-         \x20 cargo sim run hand3-servo --controller qemu          that very image on an emulated board, bit for bit"
+         \x20 cargo sim run hand3-servo --controller qemu          that image on an emulated board, bit for bit"
     );
     Ok(passed)
 }
@@ -170,7 +173,7 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
 fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
     let scenario = Scenario::find(&options.scenario).ok_or_else(|| {
         let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
-        format!("there is no scenario {:?}; there are: {}", options.scenario, known.join(", "))
+        format!("no scenario {:?}; the scenarios are: {}", options.scenario, known.join(", "))
     })?;
     let mut summaries = Vec::new();
     let mut written = None;
@@ -180,7 +183,7 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
             println!("{}", serde_json::to_string(&summary)?);
         }
         summaries.push(summary);
-        // Figures and recordings of the first seed: the others are for the table.
+        // Figures and recordings are those of the first seed; the other seeds only enter the table.
         written.get_or_insert((outcome, record));
     }
     let passed = summaries.iter().all(Summary::pass);
@@ -198,10 +201,8 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
 #[cfg(unix)]
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
-    use tesaki_description::grasp::load_placed;
     use tesaki_description::robot::RobotFolder;
-    use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
-    use tesaki_sim::scenario::scene::{on_support, open_posture};
+    use tesaki_sim::plant::{Drive, Plant, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
     use tesaki_supervisor::hub::Hub;
@@ -213,30 +214,15 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     let name = robot.model.name.as_str();
     let values = PlantValues::load(&options.robot)?;
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let mut machine = PlantOptions::mismatched(options.seed);
-    let mut then = format!("tesaki move {}=0.3", robot.model.joint_name(0));
-    if let Some(path) = &options.grasp {
-        let grasp = load_placed(path)?;
-        machine.posture = Some(open_posture(&robot.model, &grasp.plan)?);
-        if let Some(object) = &options.object {
-            let text =
-                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
-            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
-        }
-        then = format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display());
-    }
-    let impedance = options.robot.join("impedances/soft.toml");
-    if impedance.is_file() {
-        then = format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());
-    }
+    let machine = machine_options(options, &robot.model)?;
     let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
     let (mut native, mut qemu);
     let board: &mut dyn ServedBoard = match options.controller {
-        Where::Native => {
+        ControllerKind::Native => {
             native = VirtualBoard::default();
             &mut native
         }
-        Where::Qemu => {
+        ControllerKind::Qemu => {
             qemu = Qemu::boot(&options.elf)?;
             &mut qemu
         }
@@ -245,29 +231,66 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
     let mut hub = Hub::listen(&listen).map_err(|error| format!("cannot listen at {listen}: {error}"))?;
     let terminal = hub.add_pty()?;
-    let where_it_runs = match options.controller {
-        Where::Native => "simulated",
-        Where::Qemu => "simulated, its firmware in QEMU",
+    let kind = match options.controller {
+        ControllerKind::Native => "simulated",
+        ControllerKind::Qemu => "simulated, its firmware in QEMU",
     };
-    let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {where_it_runs}"))?;
+    let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {kind}"))?;
     println!(
-        "{name}, {where_it_runs}, seed {}: a board without a model, as after power-on.\n\
+        "{name}, {kind}, seed {}: a board without a model, as after power-on.\n\
          \x20 socket           {} (found by `--port auto`; can be shared by several programs)\n\
          \x20 pseudo-terminal  {} (like a serial port)\n\n\
          In another terminal, with `alias tesaki='cargo tesaki'`:\n\
          \x20 tesaki doctor\n\
          \x20 tesaki model push {}\n\
          \x20 {}\n\
-         \x20 {then}\n\n\
+         \x20 {}\n\n\
          Ctrl-C stops; `help` lists the faults that can be injected here.",
         options.seed,
         hub.address(),
         terminal.display(),
         shown(&options.robot).display(),
         home_command(&plant, &robot.model),
+        example_command(options, &robot.model),
     );
     serve(&mut hub, board, &mut plant, &robot.model, &input_lines(), &|| STOP.load(Ordering::Relaxed))?;
     Ok(())
+}
+
+/// The machine to serve: with `--grasp` its fingers are open around the object.
+#[cfg(unix)]
+fn machine_options(
+    options: &Serve,
+    model: &RobotModel,
+) -> Result<tesaki_sim::plant::PlantOptions, Box<dyn Error>> {
+    use tesaki_description::grasp::load_placed;
+    use tesaki_sim::plant::{ObjectValues, PlantOptions};
+    use tesaki_sim::scenario::scene::{on_support, open_posture};
+
+    let mut machine = PlantOptions::mismatched(options.seed);
+    if let Some(path) = &options.grasp {
+        let grasp = load_placed(path)?;
+        machine.posture = Some(open_posture(model, &grasp.plan)?);
+        if let Some(object) = &options.object {
+            let text =
+                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
+            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
+        }
+    }
+    Ok(machine)
+}
+
+/// A command to try on the machine once it is homed.
+#[cfg(unix)]
+fn example_command(options: &Serve, model: &RobotModel) -> String {
+    let impedance = options.robot.join("impedances/soft.toml");
+    if impedance.is_file() {
+        return format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());
+    }
+    match &options.grasp {
+        Some(path) => format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display()),
+        None => format!("tesaki move {}=0.3", model.joint_name(0)),
+    }
 }
 
 /// The path relative to the current folder.
@@ -291,16 +314,16 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
     let robot = robot_folder(scenario, options);
     let (mut native, mut qemu);
     let controller: &mut dyn Controller = match options.controller {
-        Where::Native => {
+        ControllerKind::Native => {
             native = Native::default();
             &mut native
         }
-        Where::Qemu => {
+        ControllerKind::Qemu => {
             qemu = Qemu::boot(&options.elf)?;
             &mut qemu
         }
     };
-    let in_qemu = options.controller == Where::Qemu;
+    let in_qemu = options.controller == ControllerKind::Qemu;
     let mut watched = Watched::new(controller, in_qemu);
     let mut setting = Setting {
         robot: &robot,
@@ -316,14 +339,14 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
     if in_qemu {
         let board = watched.status()?.board;
         let stack =
-            Metric::at_most("stack used on the board", board.stack_used.into(), board.stack_size.into(), "B");
+            Metric::at_most("Stack used on the board", board.stack_used.into(), board.stack_size.into(), "B");
         summary.insert("stack_used", stack);
         let lost = board.plant.frames;
         let damaged =
             lost.overlong + lost.framing + lost.checksum + lost.malformed + board.plant.receive_overflow;
         summary.insert(
             "plant_link_damage",
-            Metric::at_most("damaged plant-link frames", damaged.into(), 0.0, ""),
+            Metric::at_most("Damaged plant-link frames", damaged.into(), 0.0, ""),
         );
         let digest = Sha256::digest(std::fs::read(&options.elf)?);
         summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
@@ -381,12 +404,9 @@ fn save(
     }
     names.push((
         "recording.mcap",
-        "the first seed's motion with the robot's URDF and frames, for Foxglove, PlotJuggler, Rerun and ROS 2",
+        "the motion of the first seed with the robot's URDF and frames, for Foxglove, PlotJuggler, Rerun and ROS 2",
     ));
-    names.push((
-        "frames.log",
-        "everything that went into and came out of the control core in the first seed's run",
-    ));
+    names.push(("frames.log", "all inputs and outputs of the control core in the run of the first seed"));
     let commit = commit();
     let page = Page::new(scenario.title, summaries)
         .lead(scenario.lead)

@@ -1,4 +1,4 @@
-//! `host-sim serve`: a simulated board for everyone, in real time.
+//! `host-sim serve`: a simulated board in real time, for `tesaki` and other clients.
 
 use std::io::{self, BufRead};
 use std::sync::mpsc::{Receiver, channel};
@@ -17,24 +17,24 @@ use crate::virtual_board::VirtualBoard;
 
 /// The control period.
 const PERIOD: Duration = Duration::from_millis(10);
-/// Real time that is given up rather than caught up with.
-const BEHIND: Duration = Duration::from_millis(100);
+/// A larger delay than this is not made up for.
+const MAX_DELAY: Duration = Duration::from_millis(100);
 
 /// A board whose sensors and drives are simulated, and whose supervisor link is bytes.
 pub trait ServedBoard {
-    /// Passes bytes from supervisors on, and takes what the board has to say.
+    /// Passes bytes of the clients to the board, and appends the board's bytes to `out`.
     ///
     /// # Errors
-    /// When the board is gone.
+    /// The board does not answer.
     fn exchange(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<()>;
 
     /// One control period.
     ///
     /// # Errors
-    /// When the board is gone.
+    /// The board does not answer.
     fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError>;
 
-    /// The model that it uses, where that can be seen: its amplifiers turn torques into currents by it.
+    /// The model on the board, if it is known: its torque constants convert torques into currents.
     fn model(&self) -> Option<&RobotModel> {
         None
     }
@@ -42,7 +42,7 @@ pub trait ServedBoard {
     /// Presses the reset button.
     ///
     /// # Errors
-    /// When the board does not come back.
+    /// The board does not answer.
     fn reset(&mut self) -> Result<(), BoardError>;
 }
 
@@ -90,19 +90,19 @@ impl ServedBoard for Qemu {
 /// Why the simulated board stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The clients' side.
+    /// The link to the clients failed.
     #[error("the link to the clients failed: {0}")]
     Hub(#[from] io::Error),
-    /// The board.
+    /// The board failed.
     #[error(transparent)]
     Board(#[from] BoardError),
-    /// The plant.
+    /// The plant failed.
     #[error(transparent)]
     Plant(#[from] PlantError),
 }
 
 /// Commands on standard input that inject faults while the machine runs.
-pub const TROUBLE: &str = "\
+pub const FAULT_COMMANDS: &str = "\
   estop on|off           press or release the emergency stop
   supply VOLTS           change the supply voltage
   encoder JOINT COUNTS   make an encoder jump by this many counts
@@ -111,7 +111,7 @@ pub const TROUBLE: &str = "\
 
 /// A fault to inject.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
+enum SensorFault {
     EmergencyStop(bool),
     Supply(u16),
     Jump(usize, i32),
@@ -119,7 +119,7 @@ enum Trouble {
     Reset,
 }
 
-fn parse(line: &str, model: &RobotModel) -> Result<Option<Trouble>, String> {
+fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> {
     let joint = |name: &str| {
         model.joints.iter().position(|joint| joint.name == name).ok_or_else(|| {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
@@ -129,25 +129,25 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Trouble>, String> {
     let words: Vec<&str> = line.split_whitespace().collect();
     Ok(Some(match words[..] {
         [] => return Ok(None),
-        ["estop", "on"] => Trouble::EmergencyStop(true),
-        ["estop", "off"] => Trouble::EmergencyStop(false),
+        ["estop", "on"] => SensorFault::EmergencyStop(true),
+        ["estop", "off"] => SensorFault::EmergencyStop(false),
         ["supply", volts] => match volts.parse::<f32>() {
-            Ok(volts) if (0.0..=65.0).contains(&volts) => Trouble::Supply((volts * 1000.0) as u16),
+            Ok(volts) if (0.0..=65.0).contains(&volts) => SensorFault::Supply((volts * 1000.0) as u16),
             _ => return Err(format!("{volts:?} is not a voltage from 0 to 65 V")),
         },
         ["encoder", name, counts] => {
             let counts = counts.parse().map_err(|_| format!("{counts:?} is not a number of counts"))?;
-            Trouble::Jump(joint(name)?, counts)
+            SensorFault::Jump(joint(name)?, counts)
         }
-        ["freeze", name] => Trouble::Freeze(joint(name)?),
-        ["reset"] => Trouble::Reset,
-        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{TROUBLE}")),
+        ["freeze", name] => SensorFault::Freeze(joint(name)?),
+        ["reset"] => SensorFault::Reset,
+        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{FAULT_COMMANDS}")),
     }))
 }
 
-/// Falsifies what the sensors read.
+/// Active faults of the sensors.
 #[derive(Default)]
-struct Spoiler {
+struct SensorFaults {
     emergency_stop: bool,
     supply: Option<u16>,
     offsets: Vec<i32>,
@@ -155,23 +155,25 @@ struct Spoiler {
     last: Vec<i32>,
 }
 
-impl Spoiler {
-    fn cause(&mut self, trouble: Trouble, joints: usize) {
+impl SensorFaults {
+    fn inject(&mut self, fault: SensorFault, joints: usize) {
         self.offsets.resize(joints, 0);
         self.frozen.resize(joints, None);
-        match trouble {
-            Trouble::EmergencyStop(pressed) => self.emergency_stop = pressed,
-            Trouble::Supply(millivolts) => self.supply = Some(millivolts),
-            Trouble::Jump(joint, counts) => self.offsets[joint] = self.offsets[joint].wrapping_add(counts),
-            Trouble::Freeze(joint) => {
+        match fault {
+            SensorFault::EmergencyStop(pressed) => self.emergency_stop = pressed,
+            SensorFault::Supply(millivolts) => self.supply = Some(millivolts),
+            SensorFault::Jump(joint, counts) => {
+                self.offsets[joint] = self.offsets[joint].wrapping_add(counts)
+            }
+            SensorFault::Freeze(joint) => {
                 let count = self.last.get(joint).copied().unwrap_or(0);
                 self.frozen[joint] = if self.frozen[joint].is_none() { Some(count) } else { None };
             }
-            Trouble::Reset => {}
+            SensorFault::Reset => {}
         }
     }
 
-    fn spoil(&mut self, frame: &mut SensorFrame) {
+    fn apply(&mut self, frame: &mut SensorFrame) {
         if self.emergency_stop {
             frame.flags = SensorFlags(frame.flags.0 | SensorFlags::EMERGENCY_STOP);
         }
@@ -184,7 +186,7 @@ impl Spoiler {
     }
 }
 
-/// Lines from the standard input, as long as there are any.
+/// The lines of standard input, until it ends.
 pub fn input_lines() -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
@@ -197,27 +199,27 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// Runs plant and board in real time, until `stop` says so. A board that is slower than real time runs as
-/// fast as it can. Lines of `trouble` are carried out, see [`TROUBLE`].
+/// Runs plant and board in real time until `stop` returns true. A board that is slower than real time runs as
+/// fast as it can. Executes the commands in `lines`, see [`FAULT_COMMANDS`].
 ///
 /// # Errors
-/// When board, plant or the clients' side fail.
+/// Board, plant or the link to the clients failed.
 pub fn serve(
     hub: &mut Hub,
     board: &mut dyn ServedBoard,
     plant: &mut Plant,
     model: &RobotModel,
-    trouble: &Receiver<String>,
+    lines: &Receiver<String>,
     stop: &dyn Fn() -> bool,
 ) -> Result<(), ServeError> {
-    let mut spoiler = Spoiler::default();
+    let mut sensor_faults = SensorFaults::default();
     let (mut requests, mut answers) = (Vec::new(), Vec::new());
     let mut sequence = 0_u32;
     let mut next = Instant::now();
     while !stop() {
         sequence = sequence.wrapping_add(1);
         let mut sensors = plant.sensors(sequence);
-        spoiler.spoil(&mut sensors);
+        sensor_faults.apply(&mut sensors);
         let actuators = board.tick(&sensors, &mut answers)?;
         if actuators.torques.len() == model.joints.len() {
             if let Some(model) = board.model() {
@@ -225,12 +227,12 @@ pub fn serve(
             }
             plant.apply(&actuators)?;
         } else {
-            // A board without a model, or with that of another robot, moves nothing.
+            // A board without a model, or with another robot's model, applies no torques.
             let torques = model.joints.iter().map(|_| 0.0).collect();
             plant.apply(&ActuatorFrame { sequence, enabled: false, torques })?;
         }
         next += PERIOD;
-        if next + BEHIND < Instant::now() {
+        if next + MAX_DELAY < Instant::now() {
             next = Instant::now();
         }
         loop {
@@ -244,10 +246,10 @@ pub fn serve(
             }
             hub.receive(&mut requests, next.min(now + Duration::from_millis(1)))?;
         }
-        for line in trouble.try_iter() {
+        for line in lines.try_iter() {
             match parse(&line, model) {
-                Ok(Some(Trouble::Reset)) => board.reset()?,
-                Ok(Some(trouble)) => spoiler.cause(trouble, model.joints.len()),
+                Ok(Some(SensorFault::Reset)) => board.reset()?,
+                Ok(Some(fault)) => sensor_faults.inject(fault, model.joints.len()),
                 Ok(None) => {}
                 Err(message) => eprintln!("{message}"),
             }
@@ -256,7 +258,7 @@ pub fn serve(
     Ok(())
 }
 
-/// The command that homes the machine as it stands.
+/// The command that homes the machine in its current posture.
 pub fn home_command(plant: &Plant, model: &RobotModel) -> String {
     let angles = plant.homed_positions();
     let words = model.joints.iter().zip(angles).map(|(joint, angle)| format!("{}={angle:.3}", joint.name));

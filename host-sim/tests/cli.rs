@@ -48,7 +48,8 @@ fn runs_the_joint_servo_within_its_limits_and_leaves_a_report() {
         for (name, limit) in limits {
             let metric = &run["metrics"][name];
             assert_eq!((metric["limit"].as_f64(), metric["unit"].as_str()), (Some(limit), Some("mrad")));
-            // A servo that tracks better than the encoder resolves would be a sign of a plant without friction.
+            // A servo that tracks better than the encoder resolves would be a sign of a plant without
+            // friction.
             assert!((0.05..=limit).contains(&metric["value"].as_f64().unwrap()), "{name}: {metric}");
         }
     }
@@ -89,7 +90,7 @@ fn the_same_seed_gives_the_same_bytes() {
 #[test]
 fn bad_input_is_answered_with_what_to_do() {
     says(&host_sim(&["run", "hand9"]), 2, &["no scenario \"hand9\"", "hand3-servo"]);
-    says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is no seed: write 7, or 1-20"]);
+    says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
     says(
         &host_sim(&["run", "hand3-servo", "--duration", "3"]),
         2,

@@ -31,7 +31,7 @@ pub use board::{FingerBoard, News};
 pub use error::HandError;
 pub use model::HandModel;
 
-use crate::BoardError;
+use crate::{BoardError, troubleshooting};
 
 /// Steps without new data of a board after which its data are stale: so many telemetries may be lost in a
 /// row.
@@ -284,7 +284,9 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         if let Some(finger) = self.fingers.iter_mut().find(|finger| finger.name == *board)
             && let Ok(log) = finger.board.faults()
         {
-            *fault = log.faults.last().map(|last| last.named(&finger.model).to_string());
+            *fault = log.faults.last().map(|last| {
+                format!("{}; see {}", last.named(&finger.model), troubleshooting::fault(last.cause))
+            });
         }
     }
 

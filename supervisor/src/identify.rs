@@ -17,4 +17,4 @@ mod regression;
 
 pub use calibration::{identified, update, with_head};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
-pub use regression::{Doubt, Estimate, Fit, Reading, fit};
+pub use regression::{Estimate, Fit, NotIdentified, Reading, fit};

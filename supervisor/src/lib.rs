@@ -13,6 +13,7 @@ pub mod monitor;
 #[cfg(unix)]
 pub mod port;
 pub mod trajectory;
+pub mod troubleshooting;
 
 pub use board::{Board, BoardError, Exported};
 pub use link::{ByteLink, LinkBoard};

@@ -14,7 +14,7 @@ use crate::{Board, BoardError};
 const PATIENCE: Duration = Duration::from_millis(40);
 /// See [`PATIENCE`].
 const MAX_PATIENCE: Duration = Duration::from_millis(160);
-/// Most messages that wait to be taken; the oldest are dropped. Some twenty seconds of everything a board
+/// Maximum number of queued messages; the oldest are dropped. Some twenty seconds of everything a board
 /// sends.
 const INBOX: usize = 8192;
 

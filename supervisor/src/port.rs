@@ -27,14 +27,14 @@ pub(crate) mod tests {
     use std::os::fd::OwnedFd;
     use std::path::PathBuf;
 
-    /// A path in the temporary folder that is this test's alone, with nothing there.
+    /// An unused path in the temporary folder for one test.
     pub(crate) fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("tesaki-test-{}-{name}", std::process::id()));
         let _ = fs::remove_dir_all(&folder);
         folder
     }
 
-    /// A pseudo-terminal as somebody else's program would make it.
+    /// A pseudo-terminal, as another program creates it.
     pub(crate) struct Pty {
         pub(crate) master: File,
         pub(crate) path: PathBuf,

@@ -12,8 +12,8 @@ use tesaki_description::grasp;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
-    Doubt, Estimate, Fit, Identification, IdentifyError, Machine, Sense, Settings, identified, identify,
-    update, with_head,
+    Estimate, Fit, Identification, IdentifyError, Machine, NotIdentified, Sense, Settings, identified,
+    identify, update, with_head,
 };
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -27,10 +27,10 @@ fn fits() -> Vec<Fit> {
         residual: 0.001,
         readings: 1000,
     };
-    let unloaded = Doubt::Unloaded { load_range: 0.04, deviation: 0.03 };
+    let unloaded = NotIdentified::Unloaded { load_range: 0.04, deviation: 0.03 };
     let mut fits = vec![known; 9];
     fits[0].gain = Err(unloaded);
-    fits[8].friction = Err(Doubt::Implausible { what: "N·m of Coulomb friction", value: -0.1 });
+    fits[8].friction = Err(NotIdentified::Implausible { what: "N·m of Coulomb friction", value: -0.1 });
     fits
 }
 

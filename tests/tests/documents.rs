@@ -1,4 +1,5 @@
-//! The documents name what there is: equations and the functions that compute them, faults and refusals, the example.
+//! The documents name what there is: equations and the functions that compute them, faults and refusals, the
+//! example.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeSet;
@@ -97,7 +98,8 @@ fn variants(source: &str, name: &str) -> Option<Vec<String>> {
     Some(body.lines().filter_map(variant).collect())
 }
 
-/// What docs/troubleshooting.md says under the heading of an enumeration: the name of each entry, and its text.
+/// What docs/troubleshooting.md says under the heading of an enumeration: the name of each entry, and its
+/// text.
 fn entries<'a>(page: &'a str, name: &str) -> Vec<(&'a str, &'a str)> {
     let heading = page.lines().find(|line| line.starts_with("## ") && quoted(line) == Some(name));
     let heading = heading.unwrap_or_else(|| panic!("docs/troubleshooting.md has no section for `{name}`"));

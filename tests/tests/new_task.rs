@@ -1,7 +1,8 @@
-//! The worked example of docs/architecture.md: a complete task, driven through `Io` on the arm that comes with tesaki.
+//! The worked example of docs/architecture.md: a complete task, driven through `Io` on the arm that comes
+//! with tesaki.
 //!
-//! Hand guiding: the weight of the arm is compensated at the measured angles, so that a person can lead it; damping
-//! takes energy out of what the compensation gets wrong.
+//! Hand guiding: the weight of the arm is compensated at the measured angles, so that a person can lead it;
+//! damping takes energy out of what the compensation gets wrong.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::f32::consts::FRAC_PI_2;

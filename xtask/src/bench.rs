@@ -121,7 +121,7 @@ pub fn run(options: &Options) -> Result<()> {
     } else {
         print_table(&results.instructions, last.as_ref());
         let speed = results.simulated_seconds_per_cpu_second.unwrap_or(f64::NAN);
-        println!("\nhand3-servo: {speed:.1} simulated seconds per CPU second (wanted ≥ {SIMULATION_SPEED})");
+        println!("\nhand3-servo: {speed:.1} simulated seconds per CPU second (limit: ≥ {SIMULATION_SPEED})");
     }
     if options.record {
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(HISTORY)?;

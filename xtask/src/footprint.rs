@@ -76,8 +76,8 @@ impl Footprint {
         Ok(Self { sections, symbols })
     }
 
-    fn sum(&self, wanted: impl Fn(&Section) -> bool) -> u64 {
-        self.sections.iter().filter(|section| wanted(section)).map(|section| section.size).sum()
+    fn sum(&self, includes: impl Fn(&Section) -> bool) -> u64 {
+        self.sections.iter().filter(|section| includes(section)).map(|section| section.size).sum()
     }
 
     /// Bytes stored in the flash.
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn symbols_belong_to_modules() {
-        for (symbol, wanted) in [
+        for (symbol, expected) in [
             ("tesaki::node::tick::run", "tesaki::node"),
             ("<tesaki::grasp::Grip as core::fmt::Debug>::fmt", "tesaki::grasp"),
             ("<&mut tesaki::grasp::Grip as core::fmt::Debug>::fmt", "tesaki::grasp"),
@@ -189,7 +189,7 @@ mod tests {
             ("tesaki_firmware::Board::new", "tesaki_firmware"),
             ("memcpy", "without a module: C, assembly, interrupt handlers"),
         ] {
-            assert_eq!(module(symbol), wanted);
+            assert_eq!(module(symbol), expected);
         }
     }
 

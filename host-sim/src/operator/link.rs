@@ -1,30 +1,31 @@
-//! A link that delays, shuffles and loses.
+//! A link with delay, jitter and loss.
 
 use tesaki_rng::Rng;
 
 use crate::purpose::Purpose;
 
-/// How good a link is.
+/// Parameters of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkValues {
-    /// Least time from sending to arrival [s].
+    /// Minimum time from sending to arrival [s].
     pub delay: f64,
-    /// Each message takes longer by its own time, uniform from 0 to this [s]. Later ones may overtake.
+    /// Additional delay of each message, uniform from 0 to this [s]. Later messages may overtake earlier
+    /// ones.
     pub jitter: f64,
-    /// Share of the messages that never arrive.
+    /// Fraction of the messages that are lost.
     pub loss: f64,
-    /// They are lost in bursts of so many in the mean (Gilbert's model); up to 1, each by its own chance.
+    /// Mean length of the bursts of lost messages (Gilbert's model); up to 1: independent losses.
     pub burst: f64,
 }
 
-/// A message on its way.
+/// A message in transit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Packet<T> {
-    /// Counts what was sent, from 0.
+    /// Sequence number, from 0.
     pub sequence: u32,
     /// When it was sent [s].
     pub time: f64,
-    /// What it says.
+    /// Its content.
     pub message: T,
 }
 
@@ -36,15 +37,15 @@ pub struct Link<T> {
     sequence: u32,
     /// The last message was lost.
     losing: bool,
-    /// With the time of arrival, in the order of that.
-    under_way: Vec<(f64, Packet<T>)>,
+    /// Messages with their times of arrival, in this order.
+    in_transit: Vec<(f64, Packet<T>)>,
 }
 
 impl<T> Link<T> {
-    /// An idle link. Give each of several a seed of its own.
+    /// An idle link. Several links need different seeds.
     pub fn new(values: LinkValues, seed: u64) -> Self {
         let rng = Purpose::Link.rng(seed);
-        Self { values, rng, sequence: 0, losing: false, under_way: Vec::new() }
+        Self { values, rng, sequence: 0, losing: false, in_transit: Vec::new() }
     }
 
     /// Sends a message at a time [s].
@@ -52,26 +53,26 @@ impl<T> Link<T> {
         let packet = Packet { sequence: self.sequence, time, message };
         self.sequence = self.sequence.wrapping_add(1);
         let LinkValues { delay, jitter, loss, burst } = self.values;
-        // Both numbers are drawn for each message, so that the one never changes the other's.
+        // Both numbers are drawn for each message, so that neither depends on the other.
         let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.rng.symmetric());
-        // Bursts end with the chance 1/burst, and begin so that the share comes out.
-        let chance = match self.losing {
+        // A burst ends with probability 1/burst, and begins with the one that gives the fraction of losses.
+        let probability = match self.losing {
             _ if burst <= 1.0 => loss,
             true => 1.0 - 1.0 / burst,
             false => loss / ((1.0 - loss) * burst),
         };
-        self.losing = lost < chance;
+        self.losing = lost < probability;
         if !self.losing {
             let arrival = time + delay + jitter * late;
-            let place = self.under_way.partition_point(|(other, _)| *other <= arrival);
-            self.under_way.insert(place, (arrival, packet));
+            let place = self.in_transit.partition_point(|(other, _)| *other <= arrival);
+            self.in_transit.insert(place, (arrival, packet));
         }
     }
 
-    /// What has arrived by a time [s] and was not taken yet, in the order of arrival.
+    /// The messages that have arrived by a time [s] since the last call, in the order of arrival.
     pub fn receive(&mut self, time: f64) -> impl Iterator<Item = Packet<T>> {
-        let arrived = self.under_way.partition_point(|(arrival, _)| *arrival <= time);
-        self.under_way.drain(..arrived).map(|(_, packet)| packet)
+        let arrived = self.in_transit.partition_point(|(arrival, _)| *arrival <= time);
+        self.in_transit.drain(..arrived).map(|(_, packet)| packet)
     }
 }
 
@@ -114,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn bursts_have_their_length_and_the_loss_its_share() {
+    fn bursts_have_their_length_and_the_loss_its_fraction() {
         let got = run(LinkValues { delay: 0.02, loss: 0.2, burst: 6.0, ..LinkValues::default() }, 3);
         let gaps: Vec<u32> = got.windows(2).map(|two| two[1].1.sequence - two[0].1.sequence - 1).collect();
         let (lost, bursts) = (gaps.iter().sum::<u32>(), gaps.iter().filter(|&&gap| gap > 0).count());

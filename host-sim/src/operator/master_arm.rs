@@ -11,16 +11,15 @@ use crate::purpose::Purpose;
 /// Longest step of the operator's arm [s].
 const STEP: f64 = 5e-4;
 
-/// How the operator's arm, with the handle in it, gives way to a force: a mass, a damper and a spring between
-/// the motion that is meant and the one that comes about. Measured on people: 1–2 kg, 10–20 N·s/m, 200–500
-/// N/m.
+/// Impedance of the operator's arm with the handle: mass, damper and spring between the intended and the
+/// actual motion. Measured on people: 1–2 kg, 10–20 N·s/m, 200–500 N/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impedance {
-    /// [kg]
+    /// Mass [kg].
     pub mass: f64,
-    /// [N·s/m]
+    /// Damping [N·s/m].
     pub damping: f64,
-    /// [N/m]
+    /// Stiffness [N/m].
     pub stiffness: f64,
 }
 
@@ -31,15 +30,15 @@ pub struct MasterArmValues {
     pub links: [f64; 2],
     /// From wrist to handle [m].
     pub handle: f64,
-    /// Where the shoulder stands, seen from where the handle is in the middle of its range [m].
+    /// Position of the shoulder relative to the handle in the middle of its range [m].
     pub shoulder: [f64; 3],
-    /// Counts in a turn of a joint.
+    /// Encoder counts per revolution of a joint.
     pub counts_per_turn: f64,
     /// Standard deviation of a joint's reading before it is rounded [rad].
     pub noise: f64,
     /// Largest constant error of a joint [rad].
     pub zero_error: f64,
-    /// Samples in a second [Hz].
+    /// Sampling rate [Hz].
     pub rate: f64,
     /// The operator's arm with the handle.
     pub impedance: Impedance,
@@ -48,7 +47,7 @@ pub struct MasterArmValues {
 }
 
 impl Default for MasterArmValues {
-    /// A light arm on a table to the right of the operator. Its 240 Hz are no multiple of any slave's rate.
+    /// A light arm on a table to the right of the operator. Its 240 Hz are not a multiple of a slave's rate.
     fn default() -> Self {
         Self {
             links: [0.32, 0.32],
@@ -64,7 +63,7 @@ impl Default for MasterArmValues {
     }
 }
 
-/// Where the handle is, as the arm's joints measure it.
+/// Measured pose of the handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MasterPose {
     /// [m]
@@ -75,9 +74,9 @@ pub struct MasterPose {
 
 /// A master arm with the operator's arm at its handle.
 ///
-/// In free motion the handle goes where the hand is meant to go: the operator has learnt to move the arm. A
-/// reflected force pushes it off that, as the operator's [`Impedance`] says. Turning has no such dynamics: no
-/// torque is reflected.
+/// In free motion the handle follows the intended motion of the hand exactly. A reflected force makes it
+/// deviate according to the operator's [`Impedance`]. The orientation does not deviate: no torque is
+/// reflected.
 #[derive(Clone, Debug)]
 pub struct MasterArm {
     values: MasterArmValues,
@@ -86,7 +85,7 @@ pub struct MasterArm {
     sampling: Sampling,
     rng: Rng,
     time: f64,
-    /// Off the motion that is meant [m], [m/s].
+    /// Deviation from the intended motion [m], [m/s].
     deviation: Vector3<f64>,
     deviation_rate: Vector3<f64>,
     force: Vector3<f64>,
@@ -104,14 +103,14 @@ impl MasterArm {
         Self { values, kinematics, zero_errors, sampling, rng, time: 0.0, deviation, deviation_rate, force }
     }
 
-    /// The force that the motors reflect from now on [N]; larger ones are cut to
-    /// [`MasterArmValues::force_limit`]. Returns what is left.
+    /// Sets the reflected force [N]; its magnitude saturates at [`MasterArmValues::force_limit`]. Returns the
+    /// saturated force.
     pub fn reflect(&mut self, force: [f64; 3]) -> [f64; 3] {
         self.force = Vector3::from(force).cap_magnitude(self.values.force_limit);
         self.force.into()
     }
 
-    /// The handle now, in truth, while the operator means it to move by `motion`.
+    /// True state of the handle while the operator intends `motion`.
     pub fn handle(&self, motion: &OperatorHandMotion) -> OperatorHandState {
         let mut state = motion.at(self.time);
         state.pose.translation.vector += self.deviation;
@@ -119,8 +118,8 @@ impl MasterArm {
         state
     }
 
-    /// Goes on to a time [s] and returns what was measured on the way: time [s] and pose of each sample. A
-    /// pose out of the arm's reach is measured at the end of that.
+    /// Advances to a time [s] and returns time [s] and pose of each sample. A pose out of reach is measured
+    /// at the limit of the reach.
     pub fn run(&mut self, motion: &OperatorHandMotion, until: f64) -> Vec<(f64, MasterPose)> {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
@@ -132,7 +131,7 @@ impl MasterArm {
         samples
     }
 
-    /// The operator's arm under the reflected force, by the implicit midpoint rule.
+    /// Integrates the operator's impedance under the reflected force by the implicit midpoint rule.
     fn advance(&mut self, until: f64) {
         let Impedance { mass, damping, stiffness } = self.values.impedance;
         while self.time < until {
@@ -178,14 +177,14 @@ impl Kinematics {
         let mut arm = Self { base, links: values.links, handle: Isometry3::identity() };
         let wrist = base.inverse_transform_point(&Point3::from(middle.translation.vector)).coords;
         let reach = wrist - wrist.normalize() * values.handle;
-        let forearm = base.rotation * arm.turn_of_forearm(&arm.angles_of_wrist(&reach));
-        let way = middle.translation.vector - base.transform_point(&Point3::from(reach)).coords;
-        let position = Translation3::from(forearm.inverse() * way);
+        let forearm = base.rotation * arm.forearm_rotation(&arm.angles_of_wrist(&reach));
+        let hand = middle.translation.vector - base.transform_point(&Point3::from(reach)).coords;
+        let position = Translation3::from(forearm.inverse() * hand);
         arm.handle = Isometry3::from_parts(position, forearm.inverse() * middle.rotation);
         arm
     }
 
-    fn turn_of_forearm(&self, [yaw, lift, bend]: &[f64; 3]) -> UnitQuaternion<f64> {
+    fn forearm_rotation(&self, [yaw, lift, bend]: &[f64; 3]) -> UnitQuaternion<f64> {
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), *yaw)
             * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), lift + bend)
     }
@@ -215,7 +214,7 @@ impl Kinematics {
     fn inverse(&self, handle: &Isometry3<f64>) -> [f64; 6] {
         let last = self.base.inverse() * handle * self.handle.inverse();
         let arm = self.angles_of_wrist(&last.translation.vector);
-        let turn = Rotation3::from(self.turn_of_forearm(&arm).inverse() * last.rotation);
+        let turn = Rotation3::from(self.forearm_rotation(&arm).inverse() * last.rotation);
         let y = libm::asin(turn[(0, 2)].clamp(-1.0, 1.0)).clamp(-FRAC_PI_2, FRAC_PI_2);
         let (x, z) = (libm::atan2(-turn[(1, 2)], turn[(2, 2)]), libm::atan2(-turn[(0, 1)], turn[(0, 0)]));
         let [yaw, lift, bend] = arm;
@@ -271,8 +270,7 @@ mod tests {
         }
     }
 
-    /// A joint's error of a count's uniform share, and of its noise: 34 µrad; on levers of up to 0.6 m, and
-    /// six axes.
+    /// Quantisation and noise of a joint: 34 µrad; on levers of up to 0.6 m, and six axes.
     #[test]
     fn quantisation_noise_and_zero_errors_have_their_sizes() {
         let deviation = (2e-5_f64.powi(2) + (TAU / 65_536.0).powi(2) / 12.0).sqrt();
@@ -314,7 +312,7 @@ mod tests {
 
     /// A step of force on mass, damper and spring: overshoot, period and rest as in every textbook.
     #[test]
-    fn the_operators_arm_gives_way_as_its_impedance_says() {
+    fn the_handle_deviates_as_the_operators_impedance_says() {
         let motion = OperatorHandMotion::strokes(middle(), Vec::new());
         let mut arm = MasterArm::new(MasterArmValues::default(), &middle(), 1);
         assert!((arm.reflect([0.0, 6.0, 0.0])[1] - 6.0).abs() < 1e-12, "not cut");
@@ -322,9 +320,9 @@ mod tests {
         for step in 1..5000 {
             let time = f64::from(step) * 0.001;
             arm.run(&motion, time);
-            let way = arm.handle(&motion).pose.translation.y;
-            if way > peak {
-                (peak, when) = (way, time);
+            let deviation = arm.handle(&motion).pose.translation.y;
+            if deviation > peak {
+                (peak, when) = (deviation, time);
             }
         }
         let (rest, omega) = (6.0 / 300.0, (300.0_f64 / 1.5).sqrt());

@@ -1,4 +1,4 @@
-//! How a person moves the hand.
+//! Trajectories of the operator's hand.
 
 use core::f64::consts::{PI, TAU};
 
@@ -13,44 +13,44 @@ pub const TREMOR_BAND: [f64; 2] = [8.0, 12.0];
 /// Sinusoids that make the tremor of an axis.
 const TREMOR_PARTS: usize = 12;
 
-/// Where a hand is and how it moves.
+/// Pose and velocity of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OperatorHandState {
     /// Position and orientation.
     pub pose: Isometry3<f64>,
-    /// Of the position [m/s].
+    /// Velocity [m/s].
     pub velocity: Vector3<f64>,
-    /// [rad/s].
+    /// Angular velocity [rad/s].
     pub angular_velocity: Vector3<f64>,
 }
 
-/// From rest to rest with minimum jerk.
+/// A minimum-jerk motion from rest to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
     /// When it begins [s].
     pub begin: f64,
     /// How long it takes [s].
     pub duration: f64,
-    /// By how much the hand shifts [m].
+    /// Displacement [m].
     pub shift: Vector3<f64>,
-    /// By how much it turns, as a rotation vector in the frame of the base [rad].
+    /// Rotation vector in the base frame [rad].
     pub turn: Vector3<f64>,
 }
 
-/// What seeded strokes are like.
+/// Parameters of seeded strokes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StrokeValues {
     /// The hand stays within this of its start along each axis [m].
     pub reach: f64,
     /// It stays within this of its orientation at the start about each axis [rad].
     pub tilt: f64,
-    /// Peak speed of a stroke, least and largest [m/s].
+    /// Range of the peak speed of a stroke [m/s].
     pub speed: [f64; 2],
-    /// Share of the strokes that go straight back to where the one before began.
+    /// Fraction of the strokes that return directly to the start of the one before.
     pub reversals: f64,
-    /// Share of the strokes that are followed by a pause.
+    /// Fraction of the strokes that are followed by a pause.
     pub pauses: f64,
-    /// Length of a pause, least and largest [s].
+    /// Range of the length of a pause [s].
     pub pause: [f64; 2],
 }
 
@@ -62,7 +62,7 @@ impl Default for StrokeValues {
 }
 
 #[derive(Clone, Debug)]
-enum Course {
+enum Trajectory {
     Sine { amplitude: Vector3<f64>, frequency: f64, begin: f64, end: f64 },
     Strokes(Vec<Stroke>),
     Recorded(Recorded),
@@ -76,30 +76,29 @@ struct Tremor {
     phase: f64,
 }
 
-/// A motion of a person's hand, as a function of time.
+/// Trajectory of an operator's hand, as a function of time.
 #[derive(Clone, Debug)]
 pub struct OperatorHandMotion {
     start: Isometry3<f64>,
-    course: Course,
+    trajectory: Trajectory,
     tremor: Vec<Tremor>,
 }
 
 impl OperatorHandMotion {
-    /// To and fro in a sine from `start`: the motion of the paper's master-slave experiment is (0.1, 0, 0) m
-    /// at 0.5 Hz. It swells within the first half period and dies away within the last; before and after the
-    /// hand rests.
+    /// A sine about `start`; in the paper's master-slave experiment (0.1, 0, 0) m at 0.5 Hz. The amplitude
+    /// rises within the first half period and falls within the last; before and after the hand is at rest.
     pub const fn sine(
         start: Isometry3<f64>,
         amplitude: Vector3<f64>,
         frequency: f64,
         [begin, end]: [f64; 2],
     ) -> Self {
-        Self { start, course: Course::Sine { amplitude, frequency, begin, end }, tremor: Vec::new() }
+        Self { start, trajectory: Trajectory::Sine { amplitude, frequency, begin, end }, tremor: Vec::new() }
     }
 
     /// One stroke after another, in the order of time.
     pub const fn strokes(start: Isometry3<f64>, strokes: Vec<Stroke>) -> Self {
-        Self { start, course: Course::Strokes(strokes), tremor: Vec::new() }
+        Self { start, trajectory: Trajectory::Strokes(strokes), tremor: Vec::new() }
     }
 
     /// Seeded strokes with pauses and reversals, from 0 to about `duration` [s].
@@ -128,9 +127,9 @@ impl OperatorHandMotion {
         Self::strokes(start, strokes)
     }
 
-    /// As it was recorded; before and after it rests.
+    /// A recorded motion; before and after the hand is at rest.
     pub fn recorded(recorded: Recorded) -> Self {
-        Self { start: recorded.start(), course: Course::Recorded(recorded), tremor: Vec::new() }
+        Self { start: recorded.start(), trajectory: Trajectory::Recorded(recorded), tremor: Vec::new() }
     }
 
     /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1
@@ -142,7 +141,7 @@ impl OperatorHandMotion {
         let size = rms * libm::sqrt(2.0 / TREMOR_PARTS as f64);
         for axis in 0..3 {
             for part in 0..TREMOR_PARTS {
-                // One in each slice of the band: their sum beats, but has the size that it should.
+                // One frequency in each slice of the band: the sum has beats, and the given rms value.
                 let place = (part as f64 + 0.5 + 0.5 * rng.symmetric()) / TREMOR_PARTS as f64;
                 let mut amplitude = Vector3::zeros();
                 amplitude[axis] = size;
@@ -153,14 +152,14 @@ impl OperatorHandMotion {
         self
     }
 
-    /// Where the hand is meant to be at a time [s].
+    /// Intended state of the hand at a time [s].
     pub fn at(&self, time: f64) -> OperatorHandState {
-        let mut state = match &self.course {
-            Course::Recorded(recorded) => recorded.at(time),
-            Course::Strokes(strokes) => self.in_strokes(strokes, time),
-            Course::Sine { amplitude, frequency, begin, end } => {
-                let [way, speed] = sine(*frequency, time - begin, end - begin);
-                self.moved(amplitude * way, amplitude * speed, Vector3::zeros(), Vector3::zeros())
+        let mut state = match &self.trajectory {
+            Trajectory::Recorded(recorded) => recorded.at(time),
+            Trajectory::Strokes(strokes) => self.in_strokes(strokes, time),
+            Trajectory::Sine { amplitude, frequency, begin, end } => {
+                let [displacement, speed] = sine(*frequency, time - begin, end - begin);
+                self.moved(amplitude * displacement, amplitude * speed, Vector3::zeros(), Vector3::zeros())
             }
         };
         for Tremor { amplitude, frequency, phase } in &self.tremor {
@@ -184,7 +183,7 @@ impl OperatorHandMotion {
         self.moved(shift, velocity, turn, spin)
     }
 
-    /// Off the start by a shift and a rotation vector, with their rates.
+    /// State displaced from the start by a translation and a rotation vector, with their rates.
     fn moved(
         &self,
         shift: Vector3<f64>,
@@ -198,7 +197,7 @@ impl OperatorHandMotion {
     }
 }
 
-/// Of a rotation vector that changes at a rate.
+/// Angular velocity of a rotation vector that changes at a rate.
 fn angular_velocity(turn: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let angle = turn.norm();
     let (first, second) = if angle < 1e-4 {
@@ -211,7 +210,7 @@ fn angular_velocity(turn: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     rate + across * first + turn.cross(&across) * second
 }
 
-/// A sine of amplitude 1 that swells and dies away within half a period each, and its rate.
+/// A sine of amplitude 1, with a rise and a fall of half a period each, and its rate.
 fn sine(frequency: f64, time: f64, duration: f64) -> [f64; 2] {
     let ramp = 0.5 / frequency;
     let [up, up_rate, _] = minimum_jerk(time / ramp);
@@ -260,7 +259,7 @@ mod tests {
         let (mut reversed, mut all, mut paused) = (0, 0, 0);
         for seed in 0..20 {
             let motion = OperatorHandMotion::reaching(start(), &values, seed, 20.0);
-            let Course::Strokes(strokes) = &motion.course else { panic!("strokes") };
+            let Trajectory::Strokes(strokes) = &motion.trajectory else { panic!("strokes") };
             for pair in strokes.windows(2) {
                 all += 1;
                 reversed += i32::from((pair[0].shift + pair[1].shift).norm() < 1e-12);

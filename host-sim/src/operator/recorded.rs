@@ -26,7 +26,7 @@ struct RecordedSample {
     velocity: Vector3<f64>,
 }
 
-/// Why a recorded motion is none.
+/// Why a recorded motion is invalid.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecordedError {
     /// The file cannot be read.
@@ -40,16 +40,16 @@ pub enum RecordedError {
     /// The first line.
     #[error("line 1 is {0:?}: it must be {HEADER}")]
     Header(String),
-    /// A line that is no sample.
+    /// A line that is not a sample.
     #[error("line {line}: {problem}")]
     Line {
         /// From 1.
         line: u64,
-        /// What is wrong, and what would do.
+        /// What is wrong.
         problem: &'static str,
     },
     /// Too few samples.
-    #[error("{0} samples: a motion has at least 2")]
+    #[error("{0} samples: a motion needs at least 2")]
     Short(usize),
 }
 
@@ -115,11 +115,11 @@ impl Recorded {
         let (a, b) = (&self.samples[after - 1], &self.samples[after]);
         let span = b.time - a.time;
         let s = (time - a.time) / span;
-        let way = b.pose.translation.vector - a.pose.translation.vector;
+        let displacement = b.pose.translation.vector - a.pose.translation.vector;
         let position = a.pose.translation.vector
-            + way * (s * s * (3.0 - 2.0 * s))
+            + displacement * (s * s * (3.0 - 2.0 * s))
             + (a.velocity * (1.0 - s) - b.velocity * s) * (span * s * (1.0 - s));
-        let velocity = way * (6.0 * s * (1.0 - s) / span)
+        let velocity = displacement * (6.0 * s * (1.0 - s) / span)
             + a.velocity * ((1.0 - s) * (1.0 - 3.0 * s))
             + b.velocity * (s * (3.0 * s - 2.0));
         let turn = (b.pose.rotation * a.pose.rotation.inverse()).scaled_axis();
@@ -195,7 +195,7 @@ mod tests {
         let error = |text: &str| Recorded::from_csv(text).unwrap_err().to_string();
         let head = "time,x,y,z,qx,qy,qz,qw\n";
         assert_eq!(error("t,x\n1,2"), "line 1 is \"t,x\": it must be time,x,y,z,qx,qy,qz,qw");
-        assert_eq!(error(&format!("{head}0,0,0,0,0,0,0,1\n")), "1 samples: a motion has at least 2");
+        assert_eq!(error(&format!("{head}0,0,0,0,0,0,0,1\n")), "1 samples: a motion needs at least 2");
         assert_eq!(
             error(&format!("{head}0,0,0,0,0,0,0,1\n0,0,0,0,0,0,1")),
             "line 3: it does not have eight numbers"

@@ -8,27 +8,27 @@ use super::tree::Body;
 use super::values::{Drive, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
 
-/// Relative encoders start at a count within ± this.
+/// Largest magnitude of a relative encoder's count at power-on.
 const POWER_ON_COUNTS: f64 = 1e6;
 
 /// A joint's drive and sensors.
 #[derive(Clone, Debug)]
 pub struct DriveState {
     pub joint: String,
-    /// Torque for one ampere as the amplifier and the controller believe, and as it is [N·m/A].
+    /// Torque constant that amplifier and controller assume, and the true one [N·m/A].
     nominal_constant: f64,
     torque_constant: f64,
-    /// What the amplifier is able to deliver, by its belief [N·m].
+    /// Largest nominal torque of the amplifier [N·m].
     effort: f64,
-    /// Nominal torque, that is, current times `nominal_constant`.
+    /// Current loop; its output is the nominal torque: current times `nominal_constant`.
     lag: Lag,
     current_resolution: f64,
     counts_per_radian: f64,
     /// Count at angle 0.
     zero: i32,
-    /// Angle that homing believes, less the true angle [rad].
+    /// Homed angle minus true angle [rad].
     pub homing_error: f64,
-    /// An absolute encoder's own count has the homing error in it.
+    /// The homing error that is part of an absolute encoder's count [rad].
     encoder_error: f64,
 }
 
@@ -72,8 +72,8 @@ pub fn states(
 }
 
 impl DriveState {
-    /// The amplifier takes the motor for one with this torque constant from now on [N·m/A].
-    pub const fn believe(&mut self, torque_constant: f64) {
+    /// Sets the torque constant that the amplifier assumes [N·m/A].
+    pub const fn set_nominal_constant(&mut self, torque_constant: f64) {
         self.nominal_constant = torque_constant;
     }
 

@@ -1,4 +1,4 @@
-//! What acts on the tips besides a grasped object: walls, somebody who holds a tip, pushes.
+//! External forces on the tips: walls, holds and pushes.
 //!
 //! Forces are computed from the state at the start of a sub-step, where the leapfrog has its angles: springs
 //! are exact to second order. Velocities are half a sub-step old there, so dampers use their extrapolation.
@@ -13,16 +13,16 @@ use super::error::{PlantError, check};
 use super::motion::Motion;
 use super::push::Push;
 
-/// A plane that tips cannot pass freely: a spring and a damper along its normal, and friction along it.
+/// An elastic plane: a spring and a damper along its normal, and friction along its surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {
     /// A point of its surface, in the frame of the base [m].
     pub point: [f64; 3],
     /// Out of the wall, in the frame of the base; of any length.
     pub normal: [f64; 3],
-    /// Of the spring, of normal and sticking friction alike [N/m].
+    /// Stiffness along the normal, and of sticking friction along the surface [N/m].
     pub stiffness: f64,
-    /// Of the damper, along normal and surface alike [N·s/m]. The wall never pulls.
+    /// Damping along normal and surface [N·s/m]. The wall never pulls.
     pub damping: f64,
     /// Coefficient of Coulomb friction; 0 for none.
     pub friction: f64,
@@ -43,7 +43,7 @@ impl Wall {
         rest.iter().try_for_each(|(field, value)| check(field, &[*value], not_negative, "at least 0"))
     }
 
-    /// Force on a point with a velocity, and how deep the point is; `anchor` is where it sticks.
+    /// Force on a moving point, and its penetration; `anchor` is the point where it sticks.
     fn force(
         &self,
         point: &Vector3<f64>,
@@ -60,49 +60,42 @@ impl Wall {
         let push = (self.stiffness * depth - self.damping * speed).max(0.0);
         let along = |vector: Vector3<f64>| vector - normal * normal.dot(&vector);
         let stuck = anchor.get_or_insert(*point);
-        let wanted = -along(point - *stuck) * self.stiffness - along(*velocity) * self.damping;
-        let rub = wanted.cap_magnitude(self.friction * push);
-        if rub != wanted {
-            // It slides: from here on the spring is as long as friction lets it be.
-            *stuck = point + (rub + along(*velocity) * self.damping) / self.stiffness;
+        let sticking = -along(point - *stuck) * self.stiffness - along(*velocity) * self.damping;
+        let friction = sticking.cap_magnitude(self.friction * push);
+        if friction != sticking {
+            // It slides: the anchor follows at the deflection that friction allows.
+            *stuck = point + (friction + along(*velocity) * self.damping) / self.stiffness;
         }
-        (normal * push + rub, depth)
+        (normal * push + friction, depth)
     }
 }
 
-/// Somebody takes a tip, leads it to a place within a time, and holds it there: springs and dampers between
-/// the tip's frame and a frame that moves with minimum jerk.
+/// A hold on a tip: it leads the tip to a pose within a time and keeps it there, by springs and dampers
+/// between the tip's frame and a frame with a minimum-jerk motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hold {
-    /// Where the tip's frame is led, in the frame of the base [m].
+    /// Final position of the tip's frame, in the base frame [m].
     pub position: [f64; 3],
-    /// How it is turned there: a unit quaternion `[x, y, z, w]`.
+    /// Its final orientation: a unit quaternion `[x, y, z, w]`.
     pub orientation: [f64; 4],
-    /// Time of the way [s].
+    /// Duration of the motion [s].
     pub ramp: f64,
-    /// Against shifts [N/m].
+    /// Translational stiffness [N/m].
     pub stiffness: f64,
-    /// Against velocities [N·s/m].
+    /// Translational damping [N·s/m].
     pub damping: f64,
-    /// Against turns [N·m/rad]; 0 leaves the tip free to turn.
-    pub turn_stiffness: f64,
-    /// Against angular velocities [N·m·s/rad].
-    pub turn_damping: f64,
+    /// Rotational stiffness [N·m/rad]; 0 leaves the orientation free.
+    pub rotational_stiffness: f64,
+    /// Rotational damping [N·m·s/rad].
+    pub rotational_damping: f64,
 }
 
 impl Hold {
     /// A firm grip on a hand of half a kilogram: 20 kN/m and 100 N·m/rad.
     pub const fn firm(position: [f64; 3], orientation: [f64; 4], ramp: f64) -> Self {
         let (stiffness, damping) = (20_000.0, 150.0);
-        let (turn_stiffness, turn_damping) = (100.0, 1.0);
-        Self { position, orientation, ramp, stiffness, damping, turn_stiffness, turn_damping }
-    }
-
-    /// The same without a hold on how the hand is turned.
-    #[must_use]
-    pub const fn turning_freely(mut self) -> Self {
-        (self.turn_stiffness, self.turn_damping) = (0.0, 0.0);
-        self
+        let (rotational_stiffness, rotational_damping) = (100.0, 1.0);
+        Self { position, orientation, ramp, stiffness, damping, rotational_stiffness, rotational_damping }
     }
 
     pub(super) fn validate(&self) -> Result<(), PlantError> {
@@ -114,8 +107,8 @@ impl Hold {
             ("hold.ramp", self.ramp),
             ("hold.stiffness", self.stiffness),
             ("hold.damping", self.damping),
-            ("hold.turn_stiffness", self.turn_stiffness),
-            ("hold.turn_damping", self.turn_damping),
+            ("hold.rotational_stiffness", self.rotational_stiffness),
+            ("hold.rotational_damping", self.rotational_damping),
         ];
         rest.iter().try_for_each(|(field, value)| check(field, &[*value], not_negative, "at least 0"))
     }
@@ -134,10 +127,10 @@ fn not_negative(value: f64) -> bool {
 /// A hold that has begun.
 struct Held {
     hold: Hold,
-    /// Where the tip was then, and when.
+    /// Pose of the tip at the start, and time of the start [s].
     from: Isometry3<f64>,
     begin: f64,
-    /// When it ends.
+    /// Time of its end [s].
     end: f64,
 }
 
@@ -150,15 +143,16 @@ impl Held {
         } else {
             (1.0, 0.0)
         };
-        let way = to.translation.vector - from.translation.vector;
+        let displacement = to.translation.vector - from.translation.vector;
         let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
-        let place = from.translation.vector + way * fraction;
+        let place = from.translation.vector + displacement * fraction;
         let turned = UnitQuaternion::new(turn * fraction) * from.rotation;
         let off = (turned * frame.rotation.inverse()).scaled_axis();
         Wrench {
             force: (place - frame.translation.vector) * hold.stiffness
-                + (way * rate - motion.linear) * hold.damping,
-            torque: off * hold.turn_stiffness + (turn * rate - motion.angular) * hold.turn_damping,
+                + (displacement * rate - motion.linear) * hold.damping,
+            torque: off * hold.rotational_stiffness
+                + (turn * rate - motion.angular) * hold.rotational_damping,
         }
     }
 }
@@ -171,31 +165,31 @@ pub struct Wrench {
 }
 
 impl Wrench {
-    fn add(&mut self, force: &Vector3<f64>, arm: &Vector3<f64>) {
+    fn add(&mut self, force: &Vector3<f64>, lever: &Vector3<f64>) {
         self.force += force;
-        self.torque += arm.cross(force);
+        self.torque += lever.cross(force);
     }
 }
 
-/// What acts on a tip.
+/// The external forces on a tip.
 #[derive(Default)]
-pub struct Surroundings {
+pub struct ExternalForces {
     hold: Option<Held>,
     pushes: Vec<(f64, Push)>,
-    /// Where it sticks to each wall.
+    /// The point where it sticks to each wall.
     anchors: Vec<Option<Vector3<f64>>>,
-    /// A sub-step ago.
+    /// Motion one sub-step ago.
     before: Option<Motion>,
-    /// Of the last sub-step, in the frame of the tip: what its force sensor adds up.
-    pub felt: Wrench,
-    /// Share of the walls in the force, and the depth in the deepest, in the last sub-step.
+    /// Wrench of the last sub-step, in the frame of the tip, for its force sensor.
+    pub wrench: Wrench,
+    /// Force of the walls, and largest penetration, in the last sub-step.
     pub wall_force: Vector3<f64>,
     pub depth: f64,
     sum: (Wrench, Vector3<f64>, f64),
 }
 
-impl Surroundings {
-    /// Means since the last [`Environment::begin_means`]: of all, and of the walls' forces.
+impl ExternalForces {
+    /// Mean wrench, and mean force of the walls, since the last [`Environment::begin_means`].
     pub fn means(&self) -> (Wrench, Vector3<f64>) {
         let (wrench, walls, steps) = &self.sum;
         let steps = steps.max(1.0);
@@ -203,18 +197,18 @@ impl Surroundings {
     }
 }
 
-/// Everything around the tips.
+/// The environment of the tips.
 #[derive(Default)]
 pub struct Environment {
     walls: Vec<Wall>,
-    tips: Vec<Surroundings>,
-    /// Whether anything acted in the last sub-step, or has come since.
+    tips: Vec<ExternalForces>,
+    /// Whether a force acted in the last sub-step, or was added since.
     pub active: bool,
 }
 
 impl Environment {
     pub fn new(tips: usize) -> Self {
-        Self { tips: (0..tips).map(|_| Surroundings::default()).collect(), ..Self::default() }
+        Self { tips: (0..tips).map(|_| ExternalForces::default()).collect(), ..Self::default() }
     }
 
     pub fn insert_wall(&mut self, wall: Wall) {
@@ -236,7 +230,7 @@ impl Environment {
         }
     }
 
-    /// The tip is let go at `time`.
+    /// Releases the tip at `time`.
     pub fn release(&mut self, tip: usize, time: f64) {
         if let Some(held) = self.tips.get_mut(tip).and_then(|tip| tip.hold.as_mut()) {
             held.end = time;
@@ -250,16 +244,16 @@ impl Environment {
         }
     }
 
-    /// Begins new means.
+    /// Begins a new averaging interval.
     pub fn begin_means(&mut self) {
         self.tips.iter_mut().for_each(|tip| tip.sum = Default::default());
     }
 
-    pub fn of_tip(&self, tip: usize) -> Option<&Surroundings> {
+    pub fn of_tip(&self, tip: usize) -> Option<&ExternalForces> {
         self.tips.get(tip)
     }
 
-    /// What acts on a tip in the sub-step around `time`, with a share of each force; `None` for nothing.
+    /// Wrench on a tip in the sub-step around `time`, scaled by `fraction`; `None` without external forces.
     pub fn act(
         &mut self,
         number: usize,
@@ -274,33 +268,33 @@ impl Environment {
             around.hold = None;
         }
         around.pushes.retain(|(begin, push)| !push.is_over(time - begin));
-        (around.felt, around.wall_force, around.depth) = (Wrench::default(), Vector3::zeros(), 0.0);
+        (around.wrench, around.wall_force, around.depth) = (Wrench::default(), Vector3::zeros(), 0.0);
         around.sum.2 += 1.0;
         if self.walls.is_empty() && around.hold.is_none() && around.pushes.is_empty() {
             return None;
         }
         around.before = Some(motion);
-        let motion = before.map_or(motion, |before| motion.half_a_step_on(&before));
+        let motion = before.map_or(motion, |before| motion.extrapolated(&before));
         let origin = frame.translation.vector;
         let mut wrench =
             around.hold.as_ref().map(|held| held.wrench(frame, &motion, time)).unwrap_or_default();
         for (begin, push) in &around.pushes {
-            let arm = frame.rotation * Vector3::from(push.point);
-            wrench.add(&(Vector3::from(push.force) * push.fraction(time - begin)), &arm);
+            let lever = frame.rotation * Vector3::from(push.point);
+            wrench.add(&(Vector3::from(push.force) * push.fraction(time - begin)), &lever);
         }
         let center = (frame * Point3::from(tip.center)).coords;
         for (wall, anchor) in self.walls.iter().zip(&mut around.anchors) {
             let point = center - Vector3::from(wall.normal).normalize() * tip.radius;
-            let arm = point - origin;
-            let velocity = motion.linear + motion.angular.cross(&arm);
+            let lever = point - origin;
+            let velocity = motion.linear + motion.angular.cross(&lever);
             let (force, depth) = wall.force(&point, &velocity, anchor);
-            wrench.add(&force, &arm);
+            wrench.add(&force, &lever);
             around.wall_force += force * fraction;
             around.depth = around.depth.max(depth);
         }
         wrench = Wrench { force: wrench.force * fraction, torque: wrench.torque * fraction };
         let back = frame.rotation.inverse();
-        around.felt = Wrench { force: back * wrench.force, torque: back * wrench.torque };
+        around.wrench = Wrench { force: back * wrench.force, torque: back * wrench.torque };
         around.sum.0.force += wrench.force;
         around.sum.0.torque += wrench.torque;
         around.sum.1 += around.wall_force;

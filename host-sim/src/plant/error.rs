@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// Why a plant cannot be made, or not driven.
+/// Why a plant cannot be built or driven.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlantError {
     /// The values cannot be read.
@@ -17,14 +17,14 @@ pub enum PlantError {
     /// The description of an object cannot be read.
     #[error("object: {0}")]
     Object(String),
-    /// A value of `plant.toml` or of the options makes no sense.
+    /// A value of `plant.toml` or of the options is invalid.
     #[error("{field} is {value}: it must be {expected}")]
     Value {
         /// Table and key, as in the file.
         field: String,
         /// What was found.
         value: f64,
-        /// What would do.
+        /// The allowed values.
         expected: &'static str,
     },
     /// A joint of a type that the plant does not simulate.
@@ -43,7 +43,7 @@ pub enum PlantError {
         /// Its axis.
         axis: [f64; 3],
     },
-    /// A joint whose limits leave no room.
+    /// A joint whose lower limit is not below its upper limit.
     #[error("joint {joint:?} has the limits {lower} to {upper} rad: `lower` must be below `upper`")]
     Limits {
         /// The joint.
@@ -64,7 +64,7 @@ pub enum PlantError {
         /// The joint that moves it.
         joint: String,
     },
-    /// A moving link whose inertia no body can have.
+    /// A moving link with a physically impossible inertia.
     #[error(
         "link {link:?}, moved by joint {joint:?}, has principal moments of inertia {moments:?} kg·m²: \
          each must be above 0 and at most the sum of the other two; check its <inertia>"
@@ -89,8 +89,8 @@ pub enum PlantError {
         /// The joints that are there.
         known: String,
     },
-    /// A tip that is to touch an object without a shape that can.
-    #[error("link {0:?} is to touch an object but draws no <sphere>: give it one, or take the object away")]
+    /// A tip that must touch an object but has no sphere.
+    #[error("link {0:?} must touch an object but has no <sphere>: give it one, or remove the object")]
     NoSphere(String),
     /// A tip that the robot does not have.
     #[error("there is no tip number {tip}: the robot has {tips}, counted from 0")]

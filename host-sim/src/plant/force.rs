@@ -8,13 +8,13 @@ use super::values::{CONTROL_PERIOD, ForceSensorValues};
 use super::world::World;
 use crate::purpose::Purpose;
 
-/// What the sensor of a tip is subject to: forces [N] and torques [N·m] of the world on the tip, in the frame
-/// of its link and about the origin of that.
+/// Force sensor of a tip. Wrenches are those on the tip: forces [N] and torques [N·m] in the frame of its
+/// link, about the origin of that frame.
 struct Gauge {
     gain: [f64; 6],
     offset: [f64; 6],
     wrench: Vector6<f64>,
-    /// Sum over the sub-steps of the window of what contacts do.
+    /// Sum of the contact wrenches over the sub-steps of the window.
     contacts: Vector6<f64>,
     /// Velocity of the tip's centre of mass and its angular velocity, when the window began.
     before: (Vector3<f64>, Vector3<f64>),
@@ -30,7 +30,7 @@ pub struct ForceSensors {
 }
 
 impl ForceSensors {
-    /// One for each tip; they read what the world does at rest.
+    /// One sensor for each tip; the first reading is that at rest.
     pub fn new(values: Option<ForceSensorValues>, world: &World, seed: u64, ideal: bool) -> Self {
         let mut rng = Purpose::ForceSensors.rng(seed);
         let mut sensors =
@@ -55,12 +55,12 @@ impl ForceSensors {
         sensors
     }
 
-    /// How much of a control period they look at [s].
+    /// Averaging window [s].
     pub fn window(&self) -> f64 {
         self.values.and_then(|values| values.window).unwrap_or(CONTROL_PERIOD)
     }
 
-    /// Forgets what was before.
+    /// Begins a new averaging window.
     pub fn begin_window(&mut self, world: &World) {
         self.steps = 0.0;
         for (index, (gauge, tip)) in self.gauges.iter_mut().zip(world.tips()).enumerate() {
@@ -71,16 +71,16 @@ impl ForceSensors {
         }
     }
 
-    /// Takes in what contacts, walls, holds and pushes did in the last sub-step.
+    /// Adds the wrenches of contacts, walls, holds and pushes in the last sub-step.
     pub fn add(&mut self, world: &World) {
         self.steps += 1.0;
         for (index, gauge) in self.gauges.iter_mut().enumerate() {
             if let Some(around) = world.environment().of_tip(index) {
-                gauge.contacts += stack(&around.felt.force, &around.felt.torque);
+                gauge.contacts += stack(&around.wrench.force, &around.wrench.torque);
             }
         }
         let Some(grasp) = world.grasp() else { return };
-        for (index, (gauge, touch)) in self.gauges.iter_mut().zip(grasp.touches()).enumerate() {
+        for (index, (gauge, touch)) in self.gauges.iter_mut().zip(grasp.tip_contacts()).enumerate() {
             let Some(frame) = world.tip_frame(index) else { continue };
             let force = -touch.force;
             let torque = (touch.point - frame.translation.vector).cross(&force);
@@ -106,12 +106,12 @@ impl ForceSensors {
         }
     }
 
-    /// The true wrenches, a tip each.
+    /// The true wrench of each tip.
     pub fn wrenches(&self) -> Vec<[f64; 6]> {
         self.gauges.iter().map(|gauge| gauge.wrench.into()).collect()
     }
 
-    /// What the board's converters read now. Reading twice draws noise twice.
+    /// Reads the board's converters. Each reading draws new noise.
     pub fn counts(&mut self) -> Vec<[i32; 6]> {
         let Some(values) = self.values else { return Vec::new() };
         let (rng, ideal) = (&mut self.rng, self.ideal);
@@ -129,7 +129,7 @@ impl ForceSensors {
     }
 }
 
-/// What turns vectors of the base's frame into a tip's, the velocity of its centre of mass, and its angular
+/// Rotation from the base frame to the frame of a tip, velocity of its centre of mass, and its angular
 /// velocity.
 fn motion(
     world: &World,
@@ -141,8 +141,8 @@ fn motion(
     Some((frame.rotation.inverse(), motion.linear, motion.angular))
 }
 
-/// What a tip's own mass does to its sensor, `fall` being gravity less the acceleration of the centre of
-/// mass. All in the frame of the tip's link.
+/// Wrench of a tip's weight and inertia on its sensor. `fall` is gravity minus the acceleration of the centre
+/// of mass. All in the frame of the tip's link.
 fn own_weight(
     tip: &Tip,
     fall: &Vector3<f64>,

@@ -1,4 +1,4 @@
-//! The plant: its parts put together, and what a controller, a scenario and the world do to it.
+//! The plant, and its interfaces for controllers and scenarios.
 
 use rapier3d::na::Isometry3;
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
@@ -99,7 +99,7 @@ impl Plant {
         })
     }
 
-    /// What the board's sensors read now. Reading twice draws noise twice.
+    /// Reads the board's sensors. Each reading draws new noise.
     pub fn sensors(&mut self, sequence: u32) -> SensorFrame {
         let half = self.values.integration.step / 2.0;
         let Noise { current, supply } = self.values.noise;
@@ -120,17 +120,17 @@ impl Plant {
         frame
     }
 
-    /// What the force sensors read now, a tip each: forces and torques along x, y and z of the frame of its
-    /// link, in the counts of [`PlantValues::force_sensor`]. Nothing for a robot without. Reading twice draws
-    /// noise twice.
+    /// Reads the force sensor of each tip: forces and torques along x, y and z of the frame of its link, in
+    /// the counts of [`PlantValues::force_sensor`]. Empty for a robot without force sensors. Each reading
+    /// draws new noise.
     ///
-    /// They feel what acts on the tip, at the origin of that frame, as a mean over the last control period:
-    /// contact, and the weight and inertia of the tip itself.
+    /// A reading is the mean wrench on the tip at the origin of that frame over the window of the sensor:
+    /// contact forces, weight and inertial forces of the tip.
     pub fn force_sensors(&mut self) -> Vec<[i32; 6]> {
         self.forces.counts()
     }
 
-    /// Advances by one control period, in which `frame` reaches the drives.
+    /// Advances by one control period with the torques of `frame`.
     ///
     /// # Errors
     /// A frame for another number of joints, or a torque that is not a number; the plant has not moved then.
@@ -157,9 +157,9 @@ impl Plant {
         self.world.begin_period();
         let steps = self.values.steps();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to steps")]
-        let looked_at = (self.forces.window() / step).round().max(1.0) as usize;
+        let window = (self.forces.window() / step).round().max(1.0) as usize;
         for number in 0..steps {
-            if number + looked_at == steps {
+            if number + window == steps {
                 self.forces.begin_window(&self.world);
             }
             for (torque, drive) in torques.iter_mut().zip(&mut self.drives) {
@@ -169,22 +169,22 @@ impl Plant {
             self.world.step(self.drive_of.iter().map(torque_of));
             self.forces.add(&self.world);
         }
-        self.forces.finish(&self.world, looked_at as f64 * step);
+        self.forces.finish(&self.world, window as f64 * step);
         Ok(())
     }
 
-    /// The amplifiers turn torques into currents by the motors' torque constants in `model`, as those of a
-    /// board with that model do, from now on. Before, they are those of the drives that the plant was built
-    /// with, about which the true ones are spread; the true ones stay.
+    /// Sets the torque constants by which the amplifiers convert torques into currents to those of `model`,
+    /// as a board with that model does. Initially they are those of the drives that the plant was built with.
+    /// The true torque constants do not change.
     pub fn configure_amplifiers(&mut self, model: &tesaki::model::RobotModel) {
         for drive in &mut self.drives {
             if let Some(joint) = model.joints.iter().find(|joint| joint.name == drive.joint.as_str()) {
-                drive.believe(joint.motor.torque_constant.into());
+                drive.set_nominal_constant(joint.motor.torque_constant.into());
             }
         }
     }
 
-    /// Over how much time before a reading the force sensors take their mean [s].
+    /// Averaging window of the force sensors before a reading [s].
     pub fn force_window(&self) -> f64 {
         self.forces.window()
     }
@@ -194,10 +194,10 @@ impl Plant {
         self.emergency_stop = pressed;
     }
 
-    /// Pushes the object, from now on. Nothing happens without one.
+    /// Begins a push on the object, if there is one.
     ///
     /// # Errors
-    /// A value that makes no sense.
+    /// An invalid value.
     pub fn push(&mut self, push: Push) -> Result<(), PlantError> {
         push.validate()?;
         let time = self.world.time();
@@ -207,10 +207,10 @@ impl Plant {
         Ok(())
     }
 
-    /// Puts a weight on the object, beside those that are on it. Nothing happens without an object.
+    /// Adds a weight to the object, if there is one.
     ///
     /// # Errors
-    /// A value that makes no sense.
+    /// An invalid value.
     pub fn load(&mut self, load: Load) -> Result<(), PlantError> {
         load.validate()?;
         let time = self.world.time();
@@ -220,7 +220,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Takes all weights off the object, within `ramp` [s].
+    /// Removes all weights from the object within `ramp` [s].
     pub fn unload(&mut self, ramp: f64) {
         let time = self.world.time();
         if let Some(disturbances) = self.world.disturbances() {
@@ -228,25 +228,25 @@ impl Plant {
         }
     }
 
-    /// Puts up a wall that every tip runs against.
+    /// Inserts a wall for all tips.
     ///
     /// # Errors
-    /// A value that makes no sense.
+    /// An invalid value.
     pub fn insert_wall(&mut self, wall: Wall) -> Result<(), PlantError> {
         wall.validate()?;
         self.world.environment_mut().insert_wall(wall);
         Ok(())
     }
 
-    /// Takes all walls away.
+    /// Removes all walls.
     pub fn remove_walls(&mut self) {
         self.world.environment_mut().remove_walls();
     }
 
-    /// Lets somebody take a tip, from now on, in place of whoever held it.
+    /// Begins to hold a tip; replaces an earlier hold.
     ///
     /// # Errors
-    /// No such tip, or a value that makes no sense.
+    /// No such tip, or an invalid value.
     pub fn hold_tip(&mut self, tip: usize, hold: Hold) -> Result<(), PlantError> {
         hold.validate()?;
         let frame = self.tip_frame(tip)?;
@@ -255,7 +255,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Lets a tip go after a while [s].
+    /// Releases a tip after a time [s].
     ///
     /// # Errors
     /// No such tip.
@@ -266,10 +266,10 @@ impl Plant {
         Ok(())
     }
 
-    /// Pushes a tip, from now on.
+    /// Begins a push on a tip.
     ///
     /// # Errors
-    /// No such tip, or a value that makes no sense.
+    /// No such tip, or an invalid value.
     pub fn push_tip(&mut self, tip: usize, push: Push) -> Result<(), PlantError> {
         push.validate()?;
         self.tip_frame(tip)?;
@@ -282,7 +282,7 @@ impl Plant {
         self.world.tip_frame(tip).ok_or(PlantError::NoTip { tip, tips: self.world.tips().len() })
     }
 
-    /// Takes away what the object stands on.
+    /// Removes the support of the object.
     pub fn remove_support(&mut self) {
         self.world.remove_support();
     }
@@ -293,19 +293,19 @@ impl Plant {
         self.drives.iter().zip(positions).map(|(drive, position)| position + drive.homing_error).collect()
     }
 
-    /// By what each joint differs from the model.
+    /// Deviation factors of each joint from the model.
     pub fn factors(&self) -> &[JointFactors] {
         &self.factors
     }
 
-    /// Where the link behind a joint is, as the frame of the joint, in the frame of the base: position [m]
-    /// and orientation `[x, y, z, w]`. `None` for a joint that does not exist.
+    /// Pose of the link that a joint moves (the joint frame) in the base frame: position [m] and orientation
+    /// `[x, y, z, w]`. `None` for a joint that does not exist.
     pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
         self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
     }
 }
 
-/// What the physics has for a joint: the values of URDF and drive, times its factors.
+/// Parameters of a joint in the physics engine: the values of URDF and drive, times its factors.
 fn joint_values(
     body: &Body,
     drive: Option<&Drive>,

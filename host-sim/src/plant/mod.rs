@@ -1,9 +1,9 @@
-//! The simulated machine: what a robot does when the controller's torques act on it.
+//! The simulated machine: rigid-body dynamics, drives and sensors of a robot.
 //!
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's.
 //! Masses, inertias, friction and torque constants differ from the model by seeded factors, and what the
-//! controller gets to see is what a board's sensors read: whole counts, with noise.
+//! controller receives are the sensor readings of a board: whole counts, with noise.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -19,7 +19,7 @@
 //!
 //! # Friction
 //! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the
-//! bound stands still, and does not creep.
+//! bound is at rest and does not creep.
 //!
 //! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
@@ -28,7 +28,7 @@
 //!
 //! # Walls, holds, pushes
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a
-//! force sensor behind the tip feels them. They begin and end between control periods.
+//! force sensor behind the tip measures them. They begin and end between control periods.
 
 mod contact;
 mod convert;

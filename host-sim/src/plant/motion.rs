@@ -1,4 +1,4 @@
-//! How points of bodies move.
+//! Motion of points of bodies.
 
 use rapier3d::na::Vector3;
 
@@ -11,8 +11,8 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Half a sub-step later: what it will be if it goes on changing as since a sub-step `before`.
-    pub fn half_a_step_on(&self, before: &Self) -> Self {
+    /// Linear extrapolation by half a sub-step from the motion one sub-step `before`.
+    pub fn extrapolated(&self, before: &Self) -> Self {
         let on = |now: Vector3<f64>, before: Vector3<f64>| now + (now - before) * 0.5;
         Self { linear: on(self.linear, before.linear), angular: on(self.angular, before.angular) }
     }

@@ -1,17 +1,17 @@
-//! What the hand may grasp, as data.
+//! The object to be grasped, as data.
 
 use rapier3d::na::{Matrix3, Vector3};
 use serde::Deserialize;
 
 use super::error::{PlantError, check};
 
-/// A free rigid body, the friction on it, and what it stands on.
+/// A free rigid body with its friction and support.
 ///
 /// Its frame is in the middle of its extents. Position and orientation are in the frame of the base.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectValues {
-    /// Its form.
+    /// Its shape.
     pub shape: Shape,
     /// Extents along its x, y and z [m].
     pub size: [f64; 3],
@@ -22,18 +22,18 @@ pub struct ObjectValues {
     /// A mismatched plant draws the coefficient from `friction` ± this.
     #[serde(default)]
     pub friction_spread: f64,
-    /// Where it is at the start [m].
+    /// Initial position [m].
     #[serde(default)]
     pub position: [f64; 3],
-    /// How it is turned at the start: a unit quaternion `[x, y, z, w]`.
+    /// Initial orientation: a unit quaternion `[x, y, z, w]`.
     #[serde(default = "unturned")]
     pub orientation: [f64; 4],
-    /// What it stands on until [`super::Plant::remove_support`].
+    /// Its support, until [`super::Plant::remove_support`].
     #[serde(default)]
     pub support: Option<Support>,
 }
 
-/// Form of an object.
+/// Shape of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Shape {
@@ -43,7 +43,7 @@ pub enum Shape {
     Cylinder,
     /// A cuboid that is narrower at the top (+z): the faces across x lean inwards.
     Wedge {
-        /// Width at the top as a share of that at the bottom.
+        /// Width at the top as a fraction of that at the bottom.
         top: f64,
     },
 }
@@ -54,9 +54,9 @@ pub enum Shape {
 pub struct Support {
     /// Extents along its x, y and z [m].
     pub size: [f64; 3],
-    /// Its middle in the frame of the base [m].
+    /// Its centre in the base frame [m].
     pub position: [f64; 3],
-    /// How it is turned: a unit quaternion `[x, y, z, w]`.
+    /// Its orientation: a unit quaternion `[x, y, z, w]`.
     #[serde(default = "unturned")]
     pub orientation: [f64; 4],
 }
@@ -84,7 +84,7 @@ impl ObjectValues {
         self
     }
 
-    /// The same object on something.
+    /// The same object on a support.
     #[must_use]
     pub const fn on(mut self, support: Support) -> Self {
         self.support = Some(support);

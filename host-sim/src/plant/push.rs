@@ -1,4 +1,4 @@
-//! What disturbs a grasped object, or a tip: pushes; and weights on an object.
+//! Disturbances: pushes on an object or a tip, and weights on an object.
 
 use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::geometry::ColliderSet;
@@ -41,7 +41,7 @@ impl Push {
         duration("push.hold", self.hold, true)
     }
 
-    /// Share of the force, `time` after it began.
+    /// Fraction of the force, `time` after its start.
     pub(super) fn fraction(&self, time: f64) -> f64 {
         let left = 2.0 * self.ramp + self.hold - time;
         if time < 0.0 || left <= 0.0 {
@@ -136,7 +136,7 @@ impl Disturbances {
         self.weights.iter().fold(0.0, |sum, weight| sum + weight.mass(time))
     }
 
-    /// Acts on the object in the sub-step around `time`, with a share of each force.
+    /// Acts on the object in the sub-step around `time`, scaled by `fraction`.
     pub fn act(&mut self, body: &mut RigidBody, colliders: &ColliderSet, time: f64, fraction: f64) {
         body.reset_forces(true);
         body.reset_torques(true);

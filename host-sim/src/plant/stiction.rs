@@ -11,8 +11,8 @@ use rapier3d::pipeline::{ContactModificationContext, PhysicsHooks};
 
 use super::convert::{vector, wide};
 
-/// Share of the creep that is taken back in a sub-step.
-pub const SHARE: f64 = 0.2;
+/// Fraction of the creep that is corrected in a sub-step.
+pub const CREEP_GAIN: f64 = 0.2;
 
 /// How far the contacts of an object have crept.
 pub struct Creep {
@@ -33,7 +33,7 @@ impl Creep {
         }
         let (_, motion) = self.support.as_ref().filter(|(support, _)| *support == other)?;
         let point = Point3::from(wide(point));
-        Some((motion.inverse() * point - point) * (SHARE / self.step))
+        Some((motion.inverse() * point - point) * (CREEP_GAIN / self.step))
     }
 }
 

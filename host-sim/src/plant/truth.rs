@@ -2,7 +2,7 @@
 
 use rapier3d::na::Vector3;
 
-use super::contact::Touch;
+use super::contact::TipContact;
 use super::end_effector::Tip;
 use super::machine::{Plant, in_drive_order};
 
@@ -129,8 +129,8 @@ impl Plant {
 
     /// A contact for each fingertip, touching or not, in the order of the URDF; none without an object.
     pub fn contacts(&self) -> Vec<ContactTruth> {
-        let touches = self.world.grasp().map_or(&[][..], |grasp| grasp.touches());
-        let truth = |(tip, touch): (&Tip, &Touch)| ContactTruth {
+        let tip_contacts = self.world.grasp().map_or(&[][..], |grasp| grasp.tip_contacts());
+        let truth = |(tip, touch): (&Tip, &TipContact)| ContactTruth {
             link: tip.link.clone(),
             force: touch.mean_force().into(),
             point: touch.point.into(),
@@ -140,7 +140,7 @@ impl Plant {
             slip: touch.slip.into(),
             slip_path: touch.slip_path,
         };
-        self.world.tips().iter().zip(touches).map(truth).collect()
+        self.world.tips().iter().zip(tip_contacts).map(truth).collect()
     }
 
     /// The tips, in the order of the URDF.

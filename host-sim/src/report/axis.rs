@@ -1,4 +1,4 @@
-//! What axes span, and the numbers on them.
+//! Ranges of axes, and their tick labels.
 #![allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -14,7 +14,7 @@ use super::figure::Panel;
 pub(super) const X_TICKS: usize = 10;
 
 /// The part of a shared scale that a panel has to fill.
-const LEAST_FILL: f64 = 0.6;
+const MIN_FILL: f64 = 0.6;
 
 fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     values.filter(|v| v.is_finite()).fold(None, |range, v| match range {
@@ -28,8 +28,8 @@ fn padded(range: Option<Range<f64>>, margin: f64) -> Range<f64> {
     let range = range.unwrap_or(0.0..1.0);
     let width = range.end - range.start;
     // A range that is a rounding error wide would have ticks that all read the same.
-    let least = 1e-9 * range.start.abs().max(range.end.abs());
-    if width <= least || !width.is_finite() {
+    let min_width = 1e-9 * range.start.abs().max(range.end.abs());
+    if width <= min_width || !width.is_finite() {
         let half = (range.start.abs() * 0.1).clamp(1e-3, f64::MAX / 4.0);
         let middle = range.start.clamp(-f64::MAX / 4.0, f64::MAX / 4.0);
         return middle - half..middle + half;
@@ -57,13 +57,13 @@ fn y_range(panel: &Panel) -> Range<f64> {
 }
 
 /// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a
-/// panel that fills less than [`LEAST_FILL`] of the largest range has its own.
+/// panel that fills less than [`MIN_FILL`] of the largest range has its own.
 pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     let alike = |other: &&Panel| (&other.quantity, &other.unit) == (&panel.quantity, &panel.unit);
     let ranges = || panels.iter().filter(alike).map(y_range);
     let width = |range: &Range<f64>| range.end - range.start;
     let widest = ranges().map(|range| width(&range)).fold(0.0, f64::max);
-    let fills = |range: &Range<f64>| width(range) >= LEAST_FILL * widest;
+    let fills = |range: &Range<f64>| width(range) >= MIN_FILL * widest;
     let own = y_range(panel);
     if !fills(&own) {
         return own;
@@ -105,11 +105,11 @@ pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
     Ticks { at: values.iter().map(|&v| (v, text(v))).collect(), exponent }
 }
 
-/// The least of 1, 2 and 5 times the powers of ten of which at most `count` multiples are in `range`, and
-/// those.
+/// The smallest step of 1, 2 or 5 times a power of ten with at most `count` multiples in `range`, and these
+/// multiples.
 fn round_numbers(range: &Range<f64>, count: usize) -> (f64, Vec<f64>) {
-    let least = (range.end - range.start) / count.max(1) as f64;
-    let power = 10.0_f64.powf(least.log10().floor());
+    let min_step = (range.end - range.start) / count.max(1) as f64;
+    let power = 10.0_f64.powf(min_step.log10().floor());
     let multiples = |step: f64| {
         let (first, last) = ((range.start / step - 1e-9).ceil(), (range.end / step + 1e-9).floor());
         (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step).collect::<Vec<_>>()

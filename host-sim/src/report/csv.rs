@@ -1,4 +1,4 @@
-//! Time series for everybody's own plots.
+//! Time series as CSV.
 
 use ::csv::Writer;
 

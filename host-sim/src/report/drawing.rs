@@ -9,7 +9,7 @@ use svg::node::element::{Circle, Group, Polyline, Rectangle, Text, Title};
 use super::axis::{X_TICKS, axis_label, ticks};
 use super::figure::{Arrangement, Figure, LineStyle, Panel};
 use super::layout::{
-    Axes, LEFT, Layout, Legend, ROW, SAMPLE, SMALL, STRIP_ROW, StripLabel, TEXT, TITLE, WIDTH,
+    Axes, LEFT, LEGEND_SAMPLE, Layout, Legend, ROW, SMALL, STRIP_ROW, StripLabel, TEXT, TITLE, WIDTH,
 };
 use super::palette::{BAND, GRID, GROUND, INK, LIMIT, LINES, MUTED, Paint, SHADE};
 
@@ -130,7 +130,7 @@ fn draw_head(mut group: Group, panel: &Panel, legend: &Legend, axes: &Axes, top:
     let mut y = top + 0.5 * ROW;
     let title = text(&panel.title, (axes.left, y), TITLE, INK, Anchor::Start);
     group = group.add(title.set("font-weight", "bold"));
-    let (sample, space, after) = SAMPLE;
+    let (sample, space, after) = LEGEND_SAMPLE;
     for (row, entries) in legend.iter().enumerate() {
         let total: f64 = entries.iter().map(|entry| entry.1).sum();
         let mut x = if row == 0 { axes.right - total + after } else { axes.left };
@@ -238,8 +238,8 @@ fn draw_axes(mut group: Group, figure: &Figure, panel: &Panel, axes: &Axes, x_la
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few numbers on an axis")]
-fn count(room: f64, most: usize) -> usize {
-    (room.max(3.0) as usize).min(most)
+fn count(room: f64, max: usize) -> usize {
+    (room.max(3.0) as usize).min(max)
 }
 
 /// Limits, and above them the lines.

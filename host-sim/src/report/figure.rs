@@ -1,12 +1,12 @@
-//! What a figure shows: panels with lines, limits, marks, phases and events. How it is drawn is in `plot.rs`.
+//! Content of a figure: panels with lines, limits, marks, phases and events. `drawing.rs` draws it.
 
 /// How a line is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LineStyle {
-    /// What was measured.
+    /// Measured values.
     #[default]
     Solid,
-    /// What was asked for or computed: references, targets, ideal curves.
+    /// References, targets and computed curves.
     Dashed,
 }
 
@@ -87,18 +87,18 @@ pub(super) struct Rule {
     pub label: String,
 }
 
-/// A point that is worth a word.
+/// A labelled point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// Abscissa.
     pub x: f64,
     /// Ordinate.
     pub y: f64,
-    /// The word, written beside the point.
+    /// The label, beside the point.
     pub label: String,
 }
 
-/// A stretch of the horizontal axis with a name: a phase of a grasp, the time in which errors count.
+/// A named interval of the horizontal axis: a phase of a grasp, the time in which errors are evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
     /// Where it begins.
@@ -160,7 +160,7 @@ impl Panel {
         self
     }
 
-    /// The same with a horizontal line: a limit on one side, or what the paper got.
+    /// The same with a horizontal line: a limit on one side, or the paper's value.
     #[must_use]
     pub fn rule(mut self, value: f64, label: impl Into<String>) -> Self {
         self.rules.push(Rule { value, band: false, label: label.into() });
@@ -184,12 +184,12 @@ pub(super) enum Arrangement {
     Paths,
 }
 
-/// Panels that are looked at together.
+/// Panels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// What is shown.
     pub title: String,
-    /// What one should see, below the figure.
+    /// Text below the figure.
     pub caption: String,
     /// The quantity of the horizontal axis.
     pub quantity: String,
@@ -197,7 +197,7 @@ pub struct Figure {
     pub unit: String,
     /// The panels, from the top or from the left.
     pub panels: Vec<Panel>,
-    /// Named stretches of the horizontal axis, across all panels.
+    /// Named intervals of the horizontal axis, across all panels.
     pub phases: Vec<Phase>,
     /// Named points of the horizontal axis, across all panels.
     pub events: Vec<Event>,
@@ -242,7 +242,7 @@ impl Figure {
         self
     }
 
-    /// The same with a stretch of the horizontal axis named; every other phase is shaded.
+    /// The same with a interval of the horizontal axis named; every other phase is shaded.
     #[must_use]
     pub fn phase(mut self, from: f64, to: f64, label: impl Into<String>) -> Self {
         self.phases.push(Phase { from, to, label: label.into() });

@@ -104,7 +104,7 @@ pub(super) fn verdict_line(group: &Group<'_>) -> String {
     let limits = rows.iter().filter(|r| r.metric.limit.is_some()).count();
     let met = rows.iter().filter(|r| r.metric.limit.is_some() && r.pass()).count();
     let mut parts = match (rows.len(), limits) {
-        (0, _) => vec!["nothing was measured".to_owned()],
+        (0, _) => vec!["no metrics".to_owned()],
         (_, 0) => vec!["reported only, no limits".to_owned()],
         _ => vec![format!("{met} of {limits} limits met")],
     };

@@ -10,7 +10,7 @@ use super::figure::{Arrangement, Figure, Line, LineStyle, Panel};
 pub(super) const WIDTH: f64 = 860.0;
 /// Left of the axes, for the numbers and the quantity [px].
 pub(super) const LEFT: f64 = 66.0;
-/// Right of the axes: least, and most for the labels of limits [px].
+/// Range of the margin right of the axes, which has the labels of limits [px].
 const RIGHT: (f64, f64) = (16.0, 170.0);
 /// A row of a panel's head [px].
 pub(super) const ROW: f64 = 19.0;
@@ -28,7 +28,7 @@ pub(super) const TEXT: f64 = 12.0;
 pub(super) const SMALL: f64 = 11.0;
 
 /// Length of a line's sample in the legend, and from there to its name and to the next [px].
-pub(super) const SAMPLE: (f64, f64, f64) = (26.0, 6.0, 16.0);
+pub(super) const LEGEND_SAMPLE: (f64, f64, f64) = (26.0, 6.0, 16.0);
 
 /// A pair of axes on the drawing [px], and what they span.
 pub(super) struct Axes {
@@ -144,7 +144,7 @@ fn legends(figure: &Figure) -> Vec<Legend> {
 
 /// Fills rows from the left, the first beside the title if all fits there.
 fn flow<'a>(lines: impl Iterator<Item = (usize, &'a Line)>, title: f64, width: f64) -> Legend {
-    let (sample, space, after) = SAMPLE;
+    let (sample, space, after) = LEGEND_SAMPLE;
     let entries: Vec<(usize, f64)> =
         lines.map(|(i, line)| (i, sample + space + text_width(&line.name, TEXT) + after)).collect();
     let total: f64 = entries.iter().map(|entry| entry.1).sum();

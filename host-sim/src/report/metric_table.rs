@@ -83,7 +83,7 @@ fn metric(row: &Row<'_>, several: bool, paper: bool) -> Markup {
     }
 }
 
-/// A scale from nothing to a third above the limit, with a dot for each seed.
+/// A scale from 0 to a third above the limit, with a dot for each seed.
 fn gauge(row: &Row<'_>) -> Markup {
     let Some(limit) = row.metric.limit.filter(|limit| limit.is_finite() && *limit > 0.0) else {
         return html! {};

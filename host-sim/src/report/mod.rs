@@ -1,9 +1,9 @@
-//! What a run leaves behind: a table in the terminal, and CSV, JSON and a page with figures in a directory.
+//! Results of a run: a table in the terminal, and CSV, JSON and a page with figures in a folder.
 //!
 //! A scenario fills a [`Summary`] (one a seed) with [`Metric`]s, and [`Figure`]s with the lines it recorded.
 //! Everything below is made from those two: [`table()`] for the terminal, [`json()`] for machines, [`Page`]
-//! for people, [`csv()`] for everybody's own plots. Nothing here decides what a run should have reached, but
-//! a value that is not a number never passes, whatever its limit.
+//! for people, [`csv()`] for plots with other programs. The limits come from the scenario; a NaN never
+//! passes.
 //!
 //! ```
 //! use tesaki_sim::report::{Figure, Line, Metric, Page, Panel, Summary, table};

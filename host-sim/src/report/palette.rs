@@ -34,7 +34,7 @@ pub(super) const LINES: [Paint; 8] = [
     Paint::new("#C0659A", "line"),
     Paint::new("#B07D00", "line"),
     Paint::new("#3A93C8", "line"),
-    Paint::new("#7D7A00", "line"),
+    Paint::new("#7A7F87", "line"),
     INK,
 ];
 

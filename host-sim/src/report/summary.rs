@@ -29,9 +29,9 @@ pub struct Metric {
     pub limit: Option<f64>,
     /// How `limit` limits.
     pub bound: Bound,
-    /// What the paper got, in its own words (`1–2 mm`).
+    /// The paper's value, in its own words (`1–2 mm`).
     pub paper: Option<String>,
-    /// What one should know about this row. Not in the JSON.
+    /// A note on this row. Not in the JSON.
     pub note: Option<String>,
 }
 
@@ -64,7 +64,7 @@ impl Metric {
         Self { limit: Some(limit), bound: Bound::Within, ..Self::reported(label, value, unit) }
     }
 
-    /// The same with what the paper got beside it.
+    /// The same with the paper's value.
     #[must_use]
     pub fn paper(mut self, paper: impl Into<String>) -> Self {
         self.paper = Some(paper.into());
@@ -136,7 +136,7 @@ impl Serialize for Metric {
     }
 }
 
-/// What one run of one seed came to.
+/// Result of one run with one seed.
 ///
 /// As JSON: `{"scenario", "controller", "seed", "ticks", "frames_sha256"?, "elf_sha256"?, "identical"?,
 /// "metrics": {name: {"value", "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order

@@ -11,22 +11,21 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
-use super::common::{introduce, stopped};
-use super::grasping::T;
+use super::common::{T, fault_error, introduce};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
 use crate::report::{Column, csv};
 
-/// From the first reading to the tare [s].
+/// Time from power-on to the tare of the force sensor [s].
 const REST: f64 = 0.5;
-/// Joint whose angle is the operator's elbow: the shoulder's yaw.
+/// The joint that follows the operator's elbow: shoulder yaw.
 pub const YAW: u8 = 2;
-/// Coulomb friction of runs without mismatch [N·m]: not a tenth of a newton at the tool.
-const LITTLE_FRICTION: f64 = 0.02;
+/// Coulomb friction of runs without mismatch [N·m]: less than 0.1 N at the tool.
+const LOW_FRICTION: f64 = 0.02;
 
-/// The impedance of the paper, section 3.1, on each translation; rotations as firm as suits the wrist.
+/// Impedance control with the paper's translational impedance (Arm7, section 3.1).
 pub const fn settings(damping: f32) -> ImpedanceSettings {
     ImpedanceSettings {
         impedance: impedance(1.5, damping, 300.0),
@@ -41,8 +40,9 @@ pub const fn settings(damping: f32) -> ImpedanceSettings {
 
 /// The same impedance along x, y and z.
 pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
-    const TURN: [f32; 3] = [0.008, 0.5, 16.0];
-    let [m, b, k] = TURN;
+    /// Rotational mass [kg·m²], damping [N·m·s/rad] and stiffness [N·m/rad].
+    const ROTATION: [f32; 3] = [0.008, 0.5, 16.0];
+    let [m, b, k] = ROTATION;
     Impedance {
         mass: [mass, mass, mass, m, m, m],
         damping: [damping, damping, damping, b, b, b],
@@ -57,24 +57,24 @@ pub struct ElbowTrial {
     pub redundancy: Redundancy,
 }
 
-/// As in the paper, and by all seven joints.
+/// The paper's redundancy resolution, and one by all seven joints.
 pub const ELBOW_TRIALS: [ElbowTrial; 2] = [
     ElbowTrial { name: "yaw", label: "shoulder yaw", redundancy: Redundancy::DrivenJoint { joint: YAW } },
     ElbowTrial { name: "arm_angle", label: "arm angle", redundancy: Redundancy::ArmAngle },
 ];
 
-/// How the machine differs from what the controller knows of it.
+/// How the machine differs from the controller's model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Machine {
-    /// Not at all, but for its friction, which is little.
-    True,
+    /// Not at all; low friction, known to the controller.
+    Matched,
     /// By seeded factors.
     Mismatched,
-    /// The same, with the friction that the paper's errors imply.
-    Paper,
+    /// By seeded factors, and with the friction that the paper's errors imply.
+    PaperFriction,
 }
 
-/// What all parts of a scenario share.
+/// Robot, plant values and recording that all trials of a scenario share.
 pub struct ArmRig {
     pub robot: RobotFolder,
     pub values: PlantValues,
@@ -90,19 +90,19 @@ impl ArmRig {
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed: setting.seed })
     }
 
-    /// A machine, and what the controller takes it to be.
+    /// The controller's model, and the machine.
     fn build(&self, machine: Machine) -> Result<(RobotModel, Plant), ScenarioError> {
         let mut model = self.robot.model.clone();
         let mut values = self.values.clone();
         let mut options = PlantOptions::mismatched(self.seed);
         match machine {
-            Machine::True => {
+            Machine::Matched => {
                 values.mismatch.homing_error = 0.0;
-                (options.mismatch, options.coulomb) = (false, Some(LITTLE_FRICTION));
-                model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = LITTLE_FRICTION as f32);
+                (options.mismatch, options.coulomb) = (false, Some(LOW_FRICTION));
+                model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = LOW_FRICTION as f32);
             }
             Machine::Mismatched => {}
-            Machine::Paper => options.coulomb = Some(self.values.friction.paper),
+            Machine::PaperFriction => options.coulomb = Some(self.values.friction.paper),
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
         let plant = Plant::new(&self.robot.urdf, &drives, &values, &options)?;
@@ -110,7 +110,7 @@ impl ArmRig {
     }
 }
 
-/// The state at the start of a control period, as the physics has it where nothing else is said.
+/// The true state at the start of a control period, and the controller's targets.
 #[derive(Clone, Debug)]
 pub struct ArmSample {
     /// Time since the controller was enabled [s].
@@ -131,13 +131,13 @@ impl ArmSample {
         self.tool.position.into()
     }
 
-    pub fn turn(&self) -> UnitQuaternion<f64> {
+    pub fn orientation(&self) -> UnitQuaternion<f64> {
         let [x, y, z, w] = self.tool.orientation;
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
     }
 }
 
-/// A sample a tick.
+/// One sample per tick.
 #[derive(Clone, Debug, Default)]
 pub struct ArmLog(pub Vec<ArmSample>);
 
@@ -147,13 +147,13 @@ impl ArmLog {
         self.0.len() as f64 * T
     }
 
-    /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
+    /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[ArmSample] {
         let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
         self.0.get(from..to).unwrap_or(&[])
     }
 
-    /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
+    /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&ArmSample) -> f64) -> f64 {
         self.during(span).iter().map(value).fold(f64::NAN, f64::max)
     }
@@ -180,7 +180,7 @@ impl ArmLog {
     }
 }
 
-/// One arm, from power-on to the end of what is done with it.
+/// A trial with one arm, from power-on to switching off.
 pub struct ArmTrial<'a, 'b> {
     pub controller: &'a mut Watched<'b>,
     rig: &'a mut ArmRig,
@@ -237,17 +237,17 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         Ok(arm_trial)
     }
 
-    /// Where the tool is to be at first.
+    /// Set-points at the start: the pose of the tool and the elbow angle when the arm was enabled.
     pub fn start(&self) -> (PosePoint, ElbowSetpoint) {
         (self.target, self.elbow)
     }
 
-    /// What the controller sees of the arm.
+    /// Reads the controller's telemetry.
     pub fn telemetry(&mut self) -> Result<ImpedanceTelemetry, ScenarioError> {
         Ok(self.controller.read_impedance()?)
     }
 
-    /// One control period in which the tool is to be at `point`, and the elbow at `elbow`.
+    /// One control period with new set-points of tool and elbow.
     pub fn follow(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), ScenarioError> {
         self.controller.set_target(point, elbow)?;
         (self.target, self.elbow) = (point, elbow);
@@ -272,7 +272,7 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         self.plant.apply(&actuators)?;
         if self.enabled && self.controller.keep().is_err() {
             let time = self.log.now();
-            return Err(stopped(self.controller, &self.model, &self.label, time));
+            return Err(fault_error(self.controller, &self.model, &self.label, time));
         }
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
         Ok(())
@@ -286,7 +286,7 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Switches the arm off; what was recorded.
+    /// Switches the arm off and returns the log.
     pub fn end(self) -> Result<ArmLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.log)

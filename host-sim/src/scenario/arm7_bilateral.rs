@@ -1,5 +1,5 @@
-//! An operator feels what the arm touches, through a link with a delay: does it come to rest, and does the
-//! link make energy?
+//! Bilateral teleoperation: the contact force of the arm is reflected to the operator over a delayed link.
+//! Measures the settling time of the handle and the energy that the link generates.
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
@@ -8,8 +8,7 @@ use tesaki::teleop::{PowerPort, PowerPortLimits};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
-use super::common::grouped;
-use super::grasping::{T, require_duration};
+use super::common::{T, grouped, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::Wall;
@@ -28,41 +27,48 @@ pub(super) const SCENARIO: Scenario = Scenario {
          spring force of its impedance, K = 300 N/m, is reflected to the handle. The operator's arm is \
          compliant: 1.5 kg, 15 N·s/m, 300 N/m. The link delays each direction by 0, 20 or 50 ms. The arm \
          differs from the controller's model by up to 20 %.",
-        "Time-domain passivity control: each end counts the energy that enters and leaves the link, and \
-         limits what leaves to what has entered at the other end, by damping at the handle and by holding \
-         back the arm's set-point. Either end may give 20 mJ in advance; what is owed beyond that is the \
-         energy of the first contact, before either end could know of it. The ends count with the spring's \
-         force; the metrics use the true forces and displacements of handle and wall. The handle has settled \
-         when it stays within 2 mm of its final position. The last run is without passivity control.",
+        "Time-domain passivity control: each port of the link counts the energy that enters and leaves there, \
+         and limits its output to the energy that has entered at the other port, by damping at the handle \
+         and by holding back the arm's set-point. Each port has a reserve of 20 mJ. A deficit beyond it is \
+         the energy of the first contact, which neither port could know of in time. The ports count with \
+         the spring's force; the metrics use the true forces and displacements of handle and wall. The \
+         handle has settled when it stays within 2 mm of its final position. The last run is without \
+         passivity control.",
     ],
     run,
 };
 
+/// Distance of the wall from the start, and length of the operator's stroke [m].
 const CLEARANCE: f64 = 0.02;
-const WAY: f64 = 0.05;
+const STROKE: f64 = 0.05;
+/// Start and duration of the stroke, and time that the operator stays [s].
 const BEGIN: f64 = 0.5;
 const TIME: f64 = 0.8;
 const STAY: f64 = 4.0;
+/// Stiffness of the arm's impedance [N/m].
 const STIFFNESS: f64 = 300.0;
+/// Stiffness of the walls [N/m].
 const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
+/// Delay of the link in each direction [s].
 const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
-/// Of the wall [N·s/m].
+/// Damping of the walls [N·s/m].
 const DAMPING: f64 = 20.0;
-/// Most energy that the wall may get before the operator put it in: both reserves, that of the arm's own
-/// motion, and what a first contact owes [mJ].
-const MAX_ENERGY_MADE: f64 = 100.0;
-/// The handle has settled within this [m].
-const BAND: f64 = 0.002;
-/// Without the reserve, what the first contact owes can keep the arm waiting.
-/// The master's damping stays below what a hand of 1.5 kg with 10 ms of hold allows, 150 N·s/m.
+/// Limit of the energy that the wall receives beyond the operator's input: the reserves of both ports, the
+/// arm's kinetic energy, and the deficit of a first contact [mJ].
+const MAX_ENERGY_GENERATED: f64 = 100.0;
+/// The handle has settled when it stays within this distance of its final position [m].
+const SETTLING_BAND: f64 = 0.002;
+/// Without a reserve, the energy deficit of the first contact could hold back the arm's set-point for good.
+/// The damping at the handle stays below 150 N·s/m, the stability limit for a hand of 1.5 kg and a zero-order
+/// hold of 10 ms.
 const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
 
-/// What was recorded in a tick, besides what the arm's log has.
+/// State of master and link in a tick.
 #[derive(Clone, Copy)]
-struct Tick {
-    /// Of the handle along x, from the start [m].
+struct LinkSample {
+    /// Displacement of the handle along x from the start [m].
     handle: f64,
-    /// On the handle along x [N].
+    /// Force on the handle along x [N].
     force: f64,
     /// Energy in the link [J].
     energy: f64,
@@ -71,53 +77,53 @@ struct Tick {
 struct Run {
     wall: f64,
     delay: f64,
-    guarded: bool,
-    ticks: Vec<Tick>,
+    passivity_control: bool,
+    ticks: Vec<LinkSample>,
     samples: Vec<ArmSample>,
 }
 
 impl Run {
-    /// How long after the stroke's end the handle was last off what it is at the end [s].
+    /// Time from the end of the stroke until the handle stays near its final position [s].
     fn settling_time(&self) -> f64 {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
-        let off = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > BAND);
-        off.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - TIME).max(0.0))
+        let outside = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > SETTLING_BAND);
+        outside.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - TIME).max(0.0))
     }
 
-    /// Least energy that was in the link [J].
+    /// Minimum of the energy in the link [J].
     fn min_energy(&self) -> f64 {
         self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
     }
 
-    /// Most that the wall has got beyond what the operator had put in until then, by the true forces and ways
-    /// [J].
-    fn recorded(&self) -> f64 {
+    /// Largest energy that the wall has received beyond the operator's input, from the true forces and
+    /// displacements [J].
+    fn energy_generated(&self) -> f64 {
         let handle = self.ticks.windows(2).map(|pair| -pair[0].force * (pair[1].handle - pair[0].handle));
         let wall = self.samples.windows(2).map(|pair| {
-            let way = pair[1].tool.position[0] - pair[0].tool.position[0];
-            -pair[1].tool.wall_force[0] * way
+            let displacement = pair[1].tool.position[0] - pair[0].tool.position[0];
+            -pair[1].tool.wall_force[0] * displacement
         });
         let mut balance = 0.0;
-        let balances = handle.zip(wall).map(|(given, got)| {
-            balance += got - given;
+        let balances = handle.zip(wall).map(|(input, output)| {
+            balance += output - input;
             balance
         });
         balances.fold(0.0, f64::max)
     }
 
     fn name(&self) -> String {
-        let guard = if self.guarded { "" } else { "_unguarded" };
-        format!("wall_{}_delay_{}{guard}", self.wall, (1e3 * self.delay).round())
+        let control = if self.passivity_control { "" } else { "_without_passivity_control" };
+        format!("wall_{}_delay_{}{control}", self.wall, (1e3 * self.delay).round())
     }
 
     fn label(&self) -> String {
-        let guard = if self.guarded { "" } else { ", no passivity control" };
-        format!("{} N/m, {} ms{guard}", grouped(self.wall), (1e3 * self.delay).round())
+        let control = if self.passivity_control { "" } else { ", no passivity control" };
+        format!("{} N/m, {} ms{control}", grouped(self.wall), (1e3 * self.delay).round())
     }
 
     fn table(&self) -> String {
-        let series = |value: &dyn Fn(&Tick) -> f64| self.ticks.iter().map(value).collect::<Vec<f64>>();
+        let series = |value: &dyn Fn(&LinkSample) -> f64| self.ticks.iter().map(value).collect::<Vec<f64>>();
         let time: Vec<f64> = (0..self.ticks.len()).map(|tick| tick as f64 * T).collect();
         let tool: Vec<f64> = self.samples.iter().map(|sample| sample.tool.position[0]).collect();
         let wall: Vec<f64> = self.samples.iter().map(|sample| -sample.tool.wall_force[0]).collect();
@@ -139,10 +145,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut runs = Vec::new();
     for delay in DELAYS {
         for wall in WALLS {
-            runs.push(touch(setting, &mut rig, wall, delay, true)?);
+            runs.push(press_wall(setting, &mut rig, wall, delay, true)?);
         }
     }
-    runs.push(touch(setting, &mut rig, WALLS[1], DELAYS[2], false)?);
+    runs.push(press_wall(setting, &mut rig, WALLS[1], DELAYS[2], false)?);
     for run in &runs {
         add_metrics(&mut summary, run);
     }
@@ -152,57 +158,67 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-/// What travels to the arm: where the handle is [m], and the energy that the operator has put in [µJ].
-type Forth = (Vector3<f64>, i64);
-/// What travels back: the force on the handle [N], and the energy that the arm has put in [µJ].
-type Back = (Vector3<f32>, i64);
+/// Message to the arm: position of the handle [m], and energy that has entered at the master port [µJ].
+type ForwardMessage = (Vector3<f64>, i64);
+/// Message to the master: force on the handle [N], and energy that has entered at the slave port [µJ].
+type BackwardMessage = (Vector3<f32>, i64);
 
-fn touch(
+fn press_wall(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
     wall: f64,
     delay: f64,
-    guarded: bool,
+    passivity_control: bool,
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
-    let mut recorded = Run { wall, delay, guarded, ticks: Vec::new(), samples: Vec::new() };
+    let mut recorded = Run { wall, delay, passivity_control, ticks: Vec::new(), samples: Vec::new() };
     let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
     let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, heavy)?;
     let (point, elbow) = arm_trial.start();
     let start = Vector3::from(point.position).map(f64::from);
-    let place = [start.x + CLEARANCE, 0.0, 0.0];
-    let surface =
-        Wall { point: place, normal: [-1.0, 0.0, 0.0], stiffness: wall, damping: DAMPING, friction: 0.0 };
+    let surface_point = [start.x + CLEARANCE, 0.0, 0.0];
+    let surface = Wall {
+        point: surface_point,
+        normal: [-1.0, 0.0, 0.0],
+        stiffness: wall,
+        damping: DAMPING,
+        friction: 0.0,
+    };
     arm_trial.plant.insert_wall(surface)?;
 
     let [x, y, z, w] = point.rotation.map(f64::from);
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let middle = Isometry3::from_parts(Translation3::from(start), turn);
-    let stroke =
-        Stroke { begin: BEGIN, duration: TIME, shift: Vector3::new(WAY, 0.0, 0.0), turn: Vector3::zeros() };
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let middle = Isometry3::from_parts(Translation3::from(start), rotation);
+    let stroke = Stroke {
+        begin: BEGIN,
+        duration: TIME,
+        shift: Vector3::new(STROKE, 0.0, 0.0),
+        turn: Vector3::zeros(),
+    };
     let motion = OperatorHandMotion::strokes(middle, vec![stroke]);
     let mut master = MasterArm::new(MasterArmValues::default(), &middle, seed);
     let link = LinkValues { delay, ..LinkValues::default() };
-    let (mut forth, mut back) = (Link::<Forth>::new(link, seed), Link::<Back>::new(link, seed + 1000));
-    let mut ends = Ends::new(start, elbow, point, guarded);
+    let mut forward = Link::<ForwardMessage>::new(link, seed);
+    let mut backward = Link::<BackwardMessage>::new(link, seed + 1000);
+    let mut ends = Ends::new(start, elbow, point, passivity_control);
     for tick in 1..=((BEGIN + TIME + STAY) / T).round() as usize {
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
-        ends.handle_moved(measured);
-        forth.send(time, (ends.handle, ends.master.energy_in()));
-        for packet in forth.receive(time) {
-            (ends.target, ends.master_gave) = packet.message;
+        ends.update_handle(measured);
+        forward.send(time, (ends.handle, ends.master.energy_in()));
+        for packet in forward.receive(time) {
+            (ends.target, ends.master_energy) = packet.message;
         }
         let arm = arm_trial.telemetry()?;
-        let (at, pushed) = ends.lead(&arm.error, arm.contact);
-        arm_trial.follow(at, ends.elbow)?;
-        back.send(time, (pushed, ends.slave.energy_in()));
-        for packet in back.receive(time) {
-            (ends.force, ends.slave_gave) = packet.message;
+        let (setpoint, reflected) = ends.limit_setpoint(&arm.error, arm.contact);
+        arm_trial.follow(setpoint, ends.elbow)?;
+        backward.send(time, (reflected, ends.slave.energy_in()));
+        for packet in backward.receive(time) {
+            (ends.force, ends.slave_energy) = packet.message;
         }
         let handle_force = ends.handle_force();
         master.reflect(handle_force.map(f64::from).into());
-        recorded.ticks.push(Tick {
+        recorded.ticks.push(LinkSample {
             handle: master.handle(&motion).pose.translation.vector.x - start.x,
             force: f64::from(handle_force.x),
             energy: 1e-6 * (ends.master.balance() + ends.slave.balance()) as f64,
@@ -212,86 +228,88 @@ fn touch(
     Ok(recorded)
 }
 
-/// Both ends of the link.
+/// Both ends of the link, with their energy ports.
 struct Ends {
     master: PowerPort,
     slave: PowerPort,
-    guarded: bool,
+    passivity_control: bool,
     elbow: ElbowSetpoint,
     point: PosePoint,
-    /// Where the handle is, and its velocity.
+    /// Position [m] and velocity [m/s] of the handle.
     handle: Vector3<f64>,
     velocity: Vector3<f32>,
-    /// On the handle: what came back, and the damping.
+    /// Reflected force on the handle, and the damping force that passivity control adds [N].
     force: Vector3<f32>,
     damping: Vector3<f32>,
-    slave_gave: i64,
-    /// Where the arm is to go, and where it was told to be.
+    /// Energy that has entered at the slave port, as last received [µJ].
+    slave_energy: i64,
+    /// Received position of the handle, and set-point of the arm [m].
     target: Vector3<f64>,
     reference: Vector3<f64>,
-    /// The last way, and with what the link pushed the arm.
-    way: Vector3<f32>,
+    /// Last displacement of the set-point [m], and force of the link on the arm [N].
+    displacement: Vector3<f32>,
     push: Vector3<f32>,
-    master_gave: i64,
+    /// Energy that has entered at the master port, as last received [µJ].
+    master_energy: i64,
 }
 
 impl Ends {
-    fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, guarded: bool) -> Self {
+    fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, passivity_control: bool) -> Self {
         let zero = Vector3::zeros();
         Self {
             master: PowerPort::new(),
             slave: PowerPort::new(),
-            guarded,
+            passivity_control,
             elbow,
             point,
             handle: start,
             velocity: zero,
             force: zero,
             damping: zero,
-            slave_gave: 0,
+            slave_energy: 0,
             target: start,
             reference: start,
-            way: zero,
+            displacement: zero,
             push: zero,
-            master_gave: 0,
+            master_energy: 0,
         }
     }
 
-    /// The handle was measured again.
-    fn handle_moved(&mut self, measured: Option<Vector3<f64>>) {
+    /// Takes a new measurement of the handle.
+    fn update_handle(&mut self, measured: Option<Vector3<f64>>) {
         let Some(measured) = measured else { return };
-        let way = (measured - self.handle).map(|way| way as f32);
-        self.master.account(&self.force, &self.damping, &way);
-        (self.handle, self.velocity) = (measured, way / T as f32);
+        let displacement = (measured - self.handle).map(|part| part as f32);
+        self.master.account(&self.force, &self.damping, &displacement);
+        (self.handle, self.velocity) = (measured, displacement / T as f32);
     }
 
-    /// Where the arm is to be now, and the force that goes back.
-    fn lead(&mut self, error: &[f32; 6], contact: bool) -> (PosePoint, Vector3<f32>) {
+    /// The arm's set-point, limited by the passivity controller, and the force that is reflected.
+    fn limit_setpoint(&mut self, error: &[f32; 6], contact: bool) -> (PosePoint, Vector3<f32>) {
         let stiffness = STIFFNESS as f32;
         let [x, y, z, ..] = *error;
-        // The link pulls the arm by the spring of its impedance, once that is pressed.
+        // In contact the link acts on the arm through the spring of its impedance.
         let push = if contact { Vector3::new(x, y, z) * -stiffness } else { Vector3::zeros() };
-        self.slave.account(&((push + self.push) * 0.5), &Vector3::zeros(), &self.way);
-        let way = (self.target - self.reference).map(|way| way as f32);
-        let after = if contact { push + way * stiffness } else { Vector3::zeros() };
-        let way = if self.guarded {
-            self.slave.limit_displacement(&LIMITS, self.master_gave, &after, &way)
+        self.slave.account(&((push + self.push) * 0.5), &Vector3::zeros(), &self.displacement);
+        let desired = (self.target - self.reference).map(|part| part as f32);
+        let push_after = if contact { push + desired * stiffness } else { Vector3::zeros() };
+        let displacement = if self.passivity_control {
+            self.slave.limit_displacement(&LIMITS, self.master_energy, &push_after, &desired)
         } else {
-            way
+            desired
         };
-        (self.way, self.push) = (way, push);
-        self.reference += way.map(f64::from);
-        let mut at = self.point;
-        at.position = self.reference.map(|place| place as f32).into();
-        let velocity = way / T as f32;
-        at.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];
-        (at, -push)
+        (self.displacement, self.push) = (displacement, push);
+        self.reference += displacement.map(f64::from);
+        let mut setpoint = self.point;
+        setpoint.position = self.reference.map(|part| part as f32).into();
+        let velocity = displacement / T as f32;
+        setpoint.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];
+        (setpoint, -push)
     }
 
-    /// What the handle feels.
+    /// Force on the handle, damping included [N].
     fn handle_force(&mut self) -> Vector3<f32> {
-        self.damping = if self.guarded {
-            self.master.damping_force(&LIMITS, self.slave_gave, &self.force, &self.velocity)
+        self.damping = if self.passivity_control {
+            self.master.damping_force(&LIMITS, self.slave_energy, &self.force, &self.velocity)
         } else {
             Vector3::zeros()
         };
@@ -303,38 +321,39 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
     let (name, label) = (run.name(), run.label());
     let text = format!("{label}: settling time of the handle");
     let settling_time = run.settling_time();
-    let metric = if run.guarded {
+    let metric = if run.passivity_control {
         Metric::at_most(text, settling_time, 2.0, "s")
     } else {
         Metric::reported(text, settling_time, "s")
     };
-    summary.insert(format!("{name}_settled"), metric);
+    summary.insert(format!("{name}_settling_time"), metric);
     let text = format!("{label}: largest energy the wall received beyond the operator's input");
-    let recorded = 1e3 * run.recorded();
-    let metric = if run.guarded {
-        Metric::at_most(text, recorded, MAX_ENERGY_MADE, "mJ")
+    let generated = 1e3 * run.energy_generated();
+    let metric = if run.passivity_control {
+        Metric::at_most(text, generated, MAX_ENERGY_GENERATED, "mJ")
     } else {
-        Metric::reported(text, recorded, "mJ")
+        Metric::reported(text, generated, "mJ")
     };
-    summary.insert(format!("{name}_made"), metric);
-    let text = format!("{label}: largest energy owed by the link, as its ends count");
-    summary.insert(format!("{name}_owed"), Metric::reported(text, -1e3 * run.min_energy(), "mJ"));
+    summary.insert(format!("{name}_energy_generated"), metric);
+    let text = format!("{label}: largest energy deficit of the link, as its ports count");
+    summary.insert(format!("{name}_energy_deficit"), Metric::reported(text, -1e3 * run.min_energy(), "mJ"));
     let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
-    summary.insert(format!("{name}_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
+    summary
+        .insert(format!("{name}_force_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }
 
-/// A value of a run at the tick numbered so.
+/// A value of a run at a tick.
 type Value = fn(&Run, usize) -> f64;
 
 fn handle(runs: &[Run]) -> Figure {
-    let caption = "Position of the handle, and where the operator intends it to be (dashed). A panel for \
-                   each delay; the last one is without passivity control.";
+    let caption = "Position of the handle, and the position that the operator intends (dashed). One panel \
+                   for each delay; the last one is without passivity control.";
     let value: Value = |run, index| 1e3 * run.ticks[index].handle;
     let mut figure = by_delay(timeline("Position of the handle", caption), ("position", "mm"), runs, value);
     let time: Vec<f64> =
         (0..((BEGIN + TIME + STAY) / T).round() as usize).map(|tick| tick as f64 * T).collect();
     let intended: Vec<f64> =
-        time.iter().map(|time| 1e3 * WAY * minimum_jerk((time - BEGIN) / TIME)[0]).collect();
+        time.iter().map(|time| 1e3 * STROKE * minimum_jerk((time - BEGIN) / TIME)[0]).collect();
     for panel in &mut figure.panels {
         panel.lines.push(Line::dashed("operator's intention", Line::INK, time.clone(), intended.clone()));
     }
@@ -343,7 +362,7 @@ fn handle(runs: &[Run]) -> Figure {
 
 fn wall_force(runs: &[Run]) -> Figure {
     let caption = "True force on the wall. Dashed: the force of the springs of operator, impedance and wall \
-                   in series. A panel for each wall; the last one is without passivity control.";
+                   in series. One panel for each wall; the last one is without passivity control.";
     by_wall(timeline("Force on the wall", caption), runs, |run, index| {
         run.samples.get(index).map_or(f64::NAN, |sample| -sample.tool.wall_force[0])
     })
@@ -356,8 +375,8 @@ fn handle_force(runs: &[Run]) -> Figure {
 }
 
 fn energy(runs: &[Run]) -> Figure {
-    let caption = "Energy that has entered the link minus that which has left it, as its ends count. Below \
-                   zero the link owes energy.";
+    let caption = "Energy that has entered the link minus the energy that has left it, as its ports count. \
+                   Below zero the link has generated energy.";
     let value: Value = |run, index| 1e3 * run.ticks[index].energy;
     by_delay(timeline("Energy in the link", caption), ("energy", "mJ"), runs, value)
 }
@@ -377,11 +396,13 @@ fn line(run: &Run, name: String, colour: usize, value: Value) -> Line {
 
 /// A panel for each delay, and one without passivity control; a colour for each wall.
 fn by_delay(mut figure: Figure, (quantity, unit): (&str, &str), runs: &[Run], value: Value) -> Figure {
-    for (delay, guarded) in DELAYS.into_iter().map(|delay| (delay, true)).chain([(DELAYS[2], false)]) {
-        let what = if guarded { "" } else { ", no passivity control" };
+    for (delay, passivity_control) in
+        DELAYS.into_iter().map(|delay| (delay, true)).chain([(DELAYS[2], false)])
+    {
+        let what = if passivity_control { "" } else { ", no passivity control" };
         let mut panel = Panel::new(format!("Delay {} ms{what}", (1e3 * delay).round()), quantity, unit);
         for (colour, wall) in WALLS.into_iter().enumerate() {
-            if let Some(run) = find(runs, wall, delay, guarded) {
+            if let Some(run) = find(runs, wall, delay, passivity_control) {
                 panel = panel.line(line(run, format!("{} N/m", grouped(wall)), colour, value));
             }
         }
@@ -392,23 +413,25 @@ fn by_delay(mut figure: Figure, (quantity, unit): (&str, &str), runs: &[Run], va
 
 /// A panel for each wall, and one without passivity control; a colour for each delay.
 fn by_wall(mut figure: Figure, runs: &[Run], value: Value) -> Figure {
-    for (wall, guarded) in WALLS.into_iter().map(|wall| (wall, true)).chain([(WALLS[1], false)]) {
-        let what = if guarded { "" } else { ", no passivity control" };
+    for (wall, passivity_control) in WALLS.into_iter().map(|wall| (wall, true)).chain([(WALLS[1], false)]) {
+        let what = if passivity_control { "" } else { ", no passivity control" };
         let mut panel = Panel::new(format!("Wall {} N/m{what}", grouped(wall)), "force", "N");
         for (colour, delay) in DELAYS.into_iter().enumerate() {
-            if let Some(run) = find(runs, wall, delay, guarded) {
+            if let Some(run) = find(runs, wall, delay, passivity_control) {
                 panel = panel.line(line(run, format!("{} ms", (1e3 * delay).round()), colour, value));
             }
         }
         let compliance = 1.0 / MasterArmValues::default().impedance.stiffness + 1.0 / STIFFNESS + 1.0 / wall;
-        let force = vec![(WAY - CLEARANCE) / compliance; 2];
+        let force = vec![(STROKE - CLEARANCE) / compliance; 2];
         let time = vec![BEGIN + TIME, BEGIN + TIME + STAY];
         figure = figure.panel(panel.line(Line::dashed("springs in series", Line::INK, time, force)));
     }
     figure
 }
 
-fn find(runs: &[Run], wall: f64, delay: f64, guarded: bool) -> Option<&Run> {
+fn find(runs: &[Run], wall: f64, delay: f64, passivity_control: bool) -> Option<&Run> {
     let same = |a: f64, b: f64| a.total_cmp(&b).is_eq();
-    runs.iter().find(|run| same(run.wall, wall) && same(run.delay, delay) && run.guarded == guarded)
+    runs.iter().find(|run| {
+        same(run.wall, wall) && same(run.delay, delay) && run.passivity_control == passivity_control
+    })
 }

@@ -1,5 +1,5 @@
-//! The elbow swings while the hand stays where it is (Arm7, section 2.2): by the shoulder's yaw with the
-//! other six joints holding the hand, and by the arm angle with all seven.
+//! Null-space motion: the elbow swings while the hand keeps its pose (Arm7, section 2.2). The redundancy is
+//! resolved by a directly driven shoulder yaw, or by the arm angle.
 
 use rapier3d::na::Vector3;
 use tesaki::kinematics::ElbowSetpoint;
@@ -9,8 +9,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use super::arm::{
     ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
 };
-use super::common::capital;
-use super::grasping::{T, require_duration};
+use super::common::{T, capitalized, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -33,6 +32,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
+/// Angle of the swing [rad], its duration and the rest after it [s].
 const SWING: f64 = std::f64::consts::PI / 6.0;
 const TIME: f64 = 1.0;
 const REST: f64 = 1.5;
@@ -67,60 +67,71 @@ fn elbow_swing(
     let (point, elbow) = arm_trial.start();
     for (from, to) in [(0.0, SWING), (SWING, 0.0)] {
         for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
-            let way = to - from;
-            let at = ElbowSetpoint {
-                angle: elbow.angle + (from + way * fraction) as f32,
-                velocity: (way * rate / TIME) as f32,
-                acceleration: (way * change / (TIME * TIME)) as f32,
+            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+            let change = to - from;
+            let setpoint = ElbowSetpoint {
+                angle: elbow.angle + (from + change * fraction) as f32,
+                velocity: (change * rate / TIME) as f32,
+                acceleration: (change * curvature / (TIME * TIME)) as f32,
             };
-            arm_trial.follow(point, at)?;
+            arm_trial.follow(point, setpoint)?;
         }
         arm_trial.wait(REST)?;
     }
     arm_trial.end()
 }
 
-/// From the first swing on.
+/// The samples from the first swing on.
 fn swings(log: &ArmLog) -> &[ArmSample] {
     log.0.get(100..).unwrap_or(&[])
 }
 
-/// How far the hand is from where it was before the first swing [mm], and by how much it is turned [mrad].
-fn away(samples: &[ArmSample]) -> Vec<(f64, f64)> {
+/// Displacement [mm] and rotation [mrad] of the hand since before the first swing.
+fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
     let Some(first) = samples.first() else { return Vec::new() };
-    let (place, turn) = (first.position(), first.turn());
-    let off =
-        |sample: &ArmSample| ((sample.position() - place).norm() * 1e3, turn.angle_to(&sample.turn()) * 1e3);
-    samples.iter().map(off).collect()
+    let (start, orientation) = (first.position(), first.orientation());
+    let motion = |sample: &ArmSample| {
+        ((sample.position() - start).norm() * 1e3, orientation.angle_to(&sample.orientation()) * 1e3)
+    };
+    samples.iter().map(motion).collect()
 }
 
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
-    let label = capital(trial.label);
-    let off = away(swings(log));
-    let largest = |value: fn(&(f64, f64)) -> f64| off.iter().map(value).fold(f64::NAN, f64::max);
+    let label = capitalized(trial.label);
+    let motion = hand_motion(swings(log));
+    let largest = |value: fn(&(f64, f64)) -> f64| motion.iter().map(value).fold(f64::NAN, f64::max);
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     insert(
-        "hand",
-        Metric::at_most(format!("{label}: largest motion of the hand"), largest(|off| off.0), 1.0, "mm"),
+        "hand_displacement",
+        Metric::at_most(
+            format!("{label}: largest displacement of the hand"),
+            largest(|motion| motion.0),
+            1.0,
+            "mm",
+        ),
     );
     insert(
-        "turn",
-        Metric::reported(format!("{label}: largest rotation of the hand"), largest(|off| off.1), "mrad"),
+        "hand_rotation",
+        Metric::reported(
+            format!("{label}: largest rotation of the hand"),
+            largest(|motion| motion.1),
+            "mrad",
+        ),
     );
     let elbow = |sample: &ArmSample| Vector3::from(elbow(sample));
     let all = swings(log);
-    let far = all.first().map_or(f64::NAN, |first| {
+    let displacement = all.first().map_or(f64::NAN, |first| {
         all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
     });
-    insert("elbow", Metric::at_least(format!("{label}: largest motion of the elbow"), 1e3 * far, 30.0, "mm"));
+    let text = format!("{label}: largest displacement of the elbow");
+    insert("elbow_displacement", Metric::at_least(text, 1e3 * displacement, 30.0, "mm"));
 }
 
-/// Where the elbow is [m].
+/// Position of the elbow relative to the shoulder [m].
 fn elbow(sample: &ArmSample) -> [f64; 3] {
     const UPPER_ARM: f64 = 0.30;
     let (pitch, roll) = (sample.joints[0], sample.joints[1]);
-    // Pitch turns about −y, roll about −x.
+    // Pitch rotates about −y, roll about −x.
     let down = Vector3::new(0.0, -UPPER_ARM * roll.sin(), -UPPER_ARM * roll.cos());
     [-down.z * pitch.sin(), down.y, down.z * pitch.cos()]
 }
@@ -130,23 +141,23 @@ fn figure(trial: &ElbowTrial, log: &ArmLog) -> Figure {
                    and changes of the joint angles.";
     let samples = swings(log);
     let time: Vec<f64> = (0..samples.len()).map(|index| index as f64 * T).collect();
-    let off = away(samples).into_iter().map(|off| off.0).collect();
+    let displacement = hand_motion(samples).into_iter().map(|motion| motion.0).collect();
     let hand = Panel::new("Displacement of the hand", "displacement", "mm")
         .rule(1.0, "limit 1 mm")
-        .line(Line::solid("hand", Line::INK, time.clone(), off));
+        .line(Line::solid("hand", Line::INK, time.clone(), displacement));
     let mut joints = Panel::new("Joint angles", "change", "rad");
     let first = samples.first().map_or(Vec::new(), |first| first.joints.clone());
     for (joint, start) in first.iter().enumerate() {
-        let turned = samples.iter().map(|sample| sample.joints[joint] - start).collect();
-        joints = joints.line(Line::solid(format!("joint {}", joint + 1), joint, time.clone(), turned));
+        let change = samples.iter().map(|sample| sample.joints[joint] - start).collect();
+        joints = joints.line(Line::solid(format!("joint {}", joint + 1), joint, time.clone(), change));
     }
     let elbow = samples.first().map_or(f64::NAN, |first| first.elbow);
     let elbow = samples.iter().map(|sample| sample.elbow - elbow).collect();
     joints = joints.line(Line::dashed("elbow set-point", Line::INK, time, elbow));
-    let [there, back] = [0.0, TIME + REST];
-    Figure::stacked(capital(trial.label), caption, "time", "s")
-        .phase(there, there + TIME, "swing")
-        .phase(there + TIME, back, "at rest")
+    let [forward, back] = [0.0, TIME + REST];
+    Figure::stacked(capitalized(trial.label), caption, "time", "s")
+        .phase(forward, forward + TIME, "swing")
+        .phase(forward + TIME, back, "at rest")
         .phase(back, back + TIME, "swing back")
         .phase(back + TIME, back + TIME + REST, "at rest")
         .panel(hand)

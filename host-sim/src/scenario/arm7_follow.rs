@@ -1,4 +1,5 @@
-//! A slave arm follows a person's hand over a link (Arm7, section 3.2): how far behind is it?
+//! Unilateral teleoperation: a slave arm follows an operator's hand over a link (Arm7, section 3.2). Measures
+//! the tracking error.
 
 mod trace;
 
@@ -9,10 +10,9 @@ use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::{ImpedanceSettings, Law};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
-use self::trace::{Trace, sides};
+use self::trace::{Trace, displacements};
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
-use super::common::capital;
-use super::grasping::{T, require_duration};
+use super::common::{T, capitalized, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{
     ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing, Link, LinkValues, MasterArm, MasterArmValues,
@@ -28,14 +28,15 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "arm7",
     duration: 88.0,
     lead: &[
-        "A person moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the samples \
-         20 to 23 ms later and loses 2 % of them. The person's tremor is 0.05 mm (rms) along each axis, at 8 \
-         to 12 Hz. A sensor at the person's elbow measures the tilt of the arm, and the shoulder yaw of the \
-         robot follows it.",
-        "The error is the true position of the tool minus the true position of the person's hand at the same \
-         time. Both are taken relative to where the clutch closes: measurement errors of master and slave at \
-         that place do not count, changes of these errors on the way do. The error at rest is the mean over \
-         one second, from 1 s after the motion, because tremor is not an error of the arm.",
+        "An operator moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the \
+         samples 20 to 23 ms later and loses 2 % of them. The operator's tremor is 0.05 mm (rms) along \
+         each axis, at 8 to 12 Hz. A sensor at the operator's elbow measures the tilt of the arm, and the \
+         shoulder yaw of the robot follows it.",
+        "The error is the true position of the tool minus the true position of the operator's hand at the \
+         same time. Both are taken relative to where the clutch closes: measurement errors of master and \
+         slave at that place do not count; changes of these errors during the motion do. The error at rest \
+         is the mean over one second, from 1 s after the motion, because tremor is not an error of the \
+         arm.",
         "Further trials: minimum-jerk strokes with pauses, in which the hand also turns; twice the tremor; a \
          link with up to 20 ms of jitter that loses 20 % of the samples in bursts of six; and a clutch that \
          opens and closes during the motion.",
@@ -48,32 +49,35 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// Since the session began [s]: the clutch closes; the hand moves; how long it is watched at rest.
+/// Times since the trial began: the clutch closes, the hand begins and ends its motion [s].
 const CLOSE: f64 = 1.0;
 const BEGIN: f64 = 1.5;
 const END: f64 = 11.5;
+/// Rest after the motion [s].
 const REST: f64 = 2.0;
+/// Amplitude [m] and frequency [Hz] of the sine.
 const AMPLITUDE: f64 = 0.1;
 const FREQUENCY: f64 = 0.5;
-/// Root mean square of a person's tremor along each axis [m]: Riviere, Rader and Khosla (1997) found 0.05 mm
-/// in people who hold an instrument still, Growdon et al. (2000) twice to three times that with the arm
-/// stretched out.
+/// Root mean square of an operator's tremor along each axis [m]: Riviere, Rader and Khosla (1997) measured
+/// 0.05 mm with an instrument held still, Growdon et al. (2000) two to three times that with the arm
+/// extended.
 const TREMOR: f64 = 5e-5;
-/// Of the impedance, with M 1.5 kg and K 300 N/m of the paper's section 3.1, whose larger damping it is: it
-/// acts on the error, so it costs nothing, and the tool swings less when it is pushed.
+/// Damping of the impedance [N·s/m], the larger of the paper's two (section 3.1, with M 1.5 kg and K 300
+/// N/m). Under our law it acts on the tracking error and adds no lag.
 const DAMPING: f32 = 30.0;
-/// The paper does not say with which impedance its arm followed. Between its two dampings, 7.5 and 30 N·s/m,
-/// this one comes nearest to its 7 mm at the reversals: the more damping, the farther the tool is behind.
+/// Damping under the paper's law [N·s/m]. The paper does not state the impedance of this experiment. Between
+/// its two values, 7.5 and 30 N·s/m, this one reproduces best its error of 7 mm at the reversals: under this
+/// law, lag grows with damping.
 const PAPER_DAMPING: f32 = 15.0;
 const GOOD_LINK: LinkValues = LinkValues { delay: 0.02, jitter: 0.003, loss: 0.02, burst: 0.0 };
 const BAD_LINK: LinkValues = LinkValues { delay: 0.02, jitter: 0.02, loss: 0.2, burst: 6.0 };
 
-/// How the hand moves.
+/// Reference trajectory of the hand.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Course {
-    /// The paper's.
+enum HandTrajectory {
+    /// The paper's sine.
     Sine,
-    /// From end to end and back with minimum jerk, with pauses and turns.
+    /// Minimum-jerk strokes from end to end, with pauses and rotations.
     Strokes,
 }
 
@@ -81,13 +85,13 @@ struct Trial {
     name: &'static str,
     label: &'static str,
     law: Law,
-    course: Course,
+    trajectory: HandTrajectory,
     link: LinkValues,
-    /// [m]
+    /// Root mean square along each axis [m].
     tremor: f64,
     /// When the clutch opens and closes again [s].
     clutch: Option<[f64; 2]>,
-    /// The largest error, and that at rest [mm].
+    /// Limits of the peak error and of the error at rest [mm].
     limits: Option<[f64; 2]>,
 }
 
@@ -95,7 +99,7 @@ const OURS: Trial = Trial {
     name: "ours",
     label: "ours",
     law: Law::ModelFollowing,
-    course: Course::Sine,
+    trajectory: HandTrajectory::Sine,
     link: GOOD_LINK,
     tremor: TREMOR,
     clutch: None,
@@ -104,7 +108,7 @@ const OURS: Trial = Trial {
 
 const TRIALS: [Trial; 6] = [
     OURS,
-    Trial { name: "strokes", label: "ours, strokes", course: Course::Strokes, ..OURS },
+    Trial { name: "strokes", label: "ours, strokes", trajectory: HandTrajectory::Strokes, ..OURS },
     Trial { name: "paper", label: "the paper's law", law: Law::Direct, limits: None, ..OURS },
     Trial { name: "tremor", label: "ours, twice the tremor", tremor: 2.0 * TREMOR, limits: None, ..OURS },
     Trial { name: "loss", label: "ours, a bad link", link: BAD_LINK, limits: None, ..OURS },
@@ -117,22 +121,22 @@ const TRIALS: [Trial; 6] = [
     },
 ];
 
-impl Course {
+impl HandTrajectory {
     fn motion(self, start: Isometry3<f64>) -> OperatorHandMotion {
         let along = Vector3::new(AMPLITUDE, 0.0, 0.0);
         match self {
             Self::Sine => OperatorHandMotion::sine(start, along, FREQUENCY, [BEGIN, END]),
             Self::Strokes => {
-                // Out, then end to end, twice after a pause.
-                let turn = Vector3::new(0.0, 0.1, 0.1);
+                // From the middle to one end, then from end to end, with two pauses.
+                let rotation = Vector3::new(0.0, 0.1, 0.1);
                 let strokes = [(0.0, 1.0, 1.0), (1.0, 1.5, -2.0), (3.0, 1.5, 2.0), (4.5, 1.5, -2.0)]
                     .into_iter()
                     .chain([(6.4, 1.5, 2.0), (7.9, 1.2, -1.0)])
-                    .map(|(begin, duration, way)| Stroke {
+                    .map(|(begin, duration, factor)| Stroke {
                         begin: BEGIN + begin,
                         duration,
-                        shift: along * way,
-                        turn: turn * way,
+                        shift: along * factor,
+                        turn: rotation * factor,
                     });
                 OperatorHandMotion::strokes(start, strokes.collect())
             }
@@ -140,44 +144,46 @@ impl Course {
     }
 }
 
-/// The person, with the devices and the links.
+/// The operator, with the devices and their links.
 struct Operator {
     motion: OperatorHandMotion,
     elbow: ElbowMotion,
     master: MasterArm,
     sensor: ElbowSensor,
-    links: (Link<MasterPose>, Link<f64>),
+    hand_link: Link<MasterPose>,
+    elbow_link: Link<f64>,
 }
 
 impl Operator {
     fn new(trial: &Trial, seed: u64, start: &Isometry3<f64>, elbow: f64) -> Self {
         let elbow_swing = |begin, angle| ElbowSwing { begin: BEGIN + begin, duration: 1.5, angle };
         Self {
-            motion: trial.course.motion(*start).with_tremor(trial.tremor, seed),
+            motion: trial.trajectory.motion(*start).with_tremor(trial.tremor, seed),
             elbow: ElbowMotion { start: elbow, swings: vec![elbow_swing(2.2, 0.3), elbow_swing(6.1, -0.3)] },
             master: MasterArm::new(MasterArmValues::default(), start, seed),
             sensor: ElbowSensor::new(ElbowSensorValues::default(), seed),
-            links: (Link::new(trial.link, 2 * seed), Link::new(trial.link, 2 * seed + 1)),
+            hand_link: Link::new(trial.link, 2 * seed),
+            elbow_link: Link::new(trial.link, 2 * seed + 1),
         }
     }
 
-    /// What has arrived by a time [s] since the last call.
-    fn tell(&mut self, time: f64) -> (Vec<Packet<MasterPose>>, Vec<Packet<f64>>) {
-        let (hand, elbow) = &mut self.links;
+    /// The packets that have arrived by a time [s] since the last call.
+    fn receive(&mut self, time: f64) -> (Vec<Packet<MasterPose>>, Vec<Packet<f64>>) {
         for (sampled, pose) in self.master.run(&self.motion, time) {
-            hand.send(sampled, pose);
+            self.hand_link.send(sampled, pose);
         }
         for (sampled, tilt) in self.sensor.run(&self.elbow, time) {
-            elbow.send(sampled, tilt);
+            self.elbow_link.send(sampled, tilt);
         }
-        (hand.receive(time).collect(), elbow.receive(time).collect())
+        (self.hand_link.receive(time).collect(), self.elbow_link.receive(time).collect())
     }
 }
 
-/// What makes set-points of samples.
+/// Computes the arm's set-points from the received packets.
 enum Slave {
+    /// Estimates the hand's motion and predicts it to the present.
     Ours(Follower, Box<FollowerState>),
-    /// The last sample is where the spring is at rest.
+    /// Takes the last sample as the equilibrium position of the spring.
     Paper(PosePoint, ElbowSetpoint),
 }
 
@@ -196,20 +202,20 @@ impl Slave {
         }
     }
 
-    fn take(&mut self, time: f64, pose: &Packet<MasterPose>) {
+    fn add_pose(&mut self, time: f64, pose: &Packet<MasterPose>) {
         let MasterPose { position, orientation } = pose.message;
         let (position, rotation) = (position.map(|x| x as f32), orientation.map(|x| x as f32));
         match self {
             Self::Ours(follower, state) => {
                 let sample = MasterSample { time: instant(pose.time), position, rotation };
-                // Overtaken ones are of no use, and nothing else is refused here.
+                // A sample that was overtaken is refused, and not needed.
                 let _ = follower.add_sample(state, instant(time), &sample);
             }
             Self::Paper(target, _) => (target.position, target.rotation) = (position, rotation),
         }
     }
 
-    fn take_elbow(&mut self, time: f64, tilt: &Packet<f64>) {
+    fn add_elbow(&mut self, time: f64, tilt: &Packet<f64>) {
         let angle = tilt.message as f32;
         match self {
             Self::Ours(follower, state) => {
@@ -222,7 +228,7 @@ impl Slave {
     fn clutch(&mut self, time: f64, closed: bool) {
         if let Self::Ours(follower, state) = self {
             if closed {
-                follower.close_clutch(state, instant(time)).expect("samples come all the time");
+                follower.close_clutch(state, instant(time)).expect("samples arrive all the time");
             } else {
                 follower.open_clutch(state);
             }
@@ -259,15 +265,15 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
-    let machine = if trial.law == Law::Direct { Machine::Paper } else { Machine::Mismatched };
+    let machine = if trial.law == Law::Direct { Machine::PaperFriction } else { Machine::Mismatched };
     let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
     let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, machine, settings)?;
     arm_trial.wait(0.5)?;
     let now = arm_trial.plant.tips().swap_remove(0);
     let [x, y, z, w] = now.orientation;
-    let turn = UnitQuaternion::from_quaternion(rapier3d::na::Quaternion::new(w, x, y, z));
-    let start = Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), turn);
+    let rotation = UnitQuaternion::from_quaternion(rapier3d::na::Quaternion::new(w, x, y, z));
+    let start = Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), rotation);
     let target = arm_trial.start();
     let mut operator = Operator::new(trial, seed, &start, target.1.angle.into());
     let mut slave = Slave::new(trial.law, target);
@@ -275,9 +281,9 @@ fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Res
     let tick = |time: f64| (time / T).round() as usize;
     for number in 0..tick(END + REST) {
         let time = number as f64 * T;
-        let (poses, tilts) = operator.tell(time);
-        poses.iter().for_each(|pose| slave.take(time, pose));
-        tilts.iter().for_each(|tilt| slave.take_elbow(time, tilt));
+        let (poses, tilts) = operator.receive(time);
+        poses.iter().for_each(|pose| slave.add_pose(time, pose));
+        tilts.iter().for_each(|tilt| slave.add_elbow(time, tilt));
         if number == tick(CLOSE) {
             slave.clutch(time, true);
         }
@@ -288,10 +294,10 @@ fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Res
             }
         }
         let (point, elbow) = slave.tick(time);
-        trace.hand(&operator.motion.at(time), &operator.elbow.at(time), &point);
+        trace.push(&operator.motion.at(time), &operator.elbow.at(time), &point);
         arm_trial.follow(point, elbow)?;
     }
-    trace.end(arm_trial.end()?);
+    trace.add_arm_log(arm_trial.end()?);
     Ok(trace)
 }
 
@@ -316,12 +322,13 @@ impl Metrics<'_> {
     }
 
     fn clutch(&mut self, trace: &Trace, [open, close]: [f64; 2], rest: &Range<f64>) {
-        let text_open = self.text("motion of the tool while the clutch is open, from 0.3 s on");
-        self.insert("open", Metric::at_most(text_open, trace.wander(&(open + 0.3..close)), 0.2, "mm"));
-        let largest = trace.largest_beside(&(close + 0.5..END + 1.0), rest);
-        let note = "relative to the mean difference at rest, which the clutch is meant to create";
+        let text_open = self.text("displacement of the tool while the clutch is open, from 0.3 s on");
+        let displacement = trace.tool_displacement(&(open + 0.3..close));
+        self.insert("open_displacement", Metric::at_most(text_open, displacement, 0.2, "mm"));
+        let largest = trace.largest_relative_to_mean(&(close + 0.5..END + 1.0), rest);
+        let note = "relative to the mean difference at rest, which opening the clutch creates on purpose";
         let text_closed = self.text("largest error later than 0.5 s after the clutch closed");
-        self.insert("closed", Metric::at_most(text_closed, largest, 1.0, "mm").note(note));
+        self.insert("error_after_closing", Metric::at_most(text_closed, largest, 1.0, "mm").note(note));
     }
 
     fn following(&mut self, trace: &Trace, moving: &Range<f64>, rest: &Range<f64>) {
@@ -332,38 +339,39 @@ impl Metrics<'_> {
         let at_rest = self.reported("error at rest", trace.mean_error(rest).norm(), "mm");
         match (self.trial.law, self.trial.limits) {
             (Law::Direct, _) => {
-                self.insert("largest", largest);
-                self.insert("reversals", reversals.paper("7 mm"));
+                self.insert("error_peak", largest);
+                self.insert("error_at_reversals", reversals.paper("7 mm"));
                 let along = trace.mean_error(rest).x.abs();
                 let along = self.reported("error at rest along x", along, "mm");
-                self.insert("rest_x", along.paper("3 mm"));
-                self.insert("rest", at_rest);
+                self.insert("error_at_rest_x", along.paper("3 mm"));
+                self.insert("error_at_rest", at_rest);
             }
             (_, Some([limit, limit_at_rest])) => {
-                self.insert("largest", Metric { limit: Some(limit), ..largest });
-                self.insert("reversals", reversals.paper("7 mm"));
-                self.insert("rest", Metric { limit: Some(limit_at_rest), ..at_rest }.paper("3 mm"));
+                self.insert("error_peak", Metric { limit: Some(limit), ..largest });
+                self.insert("error_at_reversals", reversals.paper("7 mm"));
+                self.insert("error_at_rest", Metric { limit: Some(limit_at_rest), ..at_rest }.paper("3 mm"));
             }
             _ => {
-                self.insert("largest", largest);
-                self.insert("rest", at_rest);
+                self.insert("error_peak", largest);
+                self.insert("error_at_rest", at_rest);
             }
         }
     }
 
     fn prediction(&mut self, trace: &Trace, moving: &Range<f64>) {
-        let predicted = trace.largest(moving, |moment| moment.predicted().norm());
-        let own = trace.largest(moving, |moment| moment.own().norm());
+        let predicted = trace.largest(moving, |moment| moment.prediction_error().norm());
+        let tracking = trace.largest(moving, |moment| moment.tracking_error().norm());
         if self.trial.clutch.is_none() {
-            let text = "largest error of the set-point, without the arm";
-            self.insert("prediction", self.reported(text, predicted, "mm"));
+            let text = "largest prediction error, set-point minus hand";
+            self.insert("prediction_error_peak", self.reported(text, predicted, "mm"));
         }
-        self.insert("arm", self.reported("largest distance of the tool from the set-point", own, "mm"));
+        let text = "largest distance of the tool from the set-point";
+        self.insert("tracking_error_peak", self.reported(text, tracking, "mm"));
     }
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
-    let mut metrics = Metrics { summary, trial, label: capital(trial.label) };
+    let mut metrics = Metrics { summary, trial, label: capitalized(trial.label) };
     let (moving, rest) = (BEGIN..END + 1.0, END + 1.0..END + REST);
     match trial.clutch {
         Some(times) => metrics.clutch(trace, times, &rest),
@@ -374,28 +382,29 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
         metrics.prediction(trace, &moving);
     }
     if trial.clutch.is_none() {
-        let elbow = trace.largest(&(BEGIN..END), |moment| moment.elbow().abs());
-        metrics.insert("elbow", metrics.reported("largest error of the shoulder yaw", elbow, "mrad"));
+        let elbow = trace.largest(&(BEGIN..END), |moment| moment.elbow_error().abs());
+        metrics
+            .insert("elbow_error_peak", metrics.reported("largest error of the shoulder yaw", elbow, "mrad"));
     }
     let all = CLOSE..END + REST;
-    // To the digits of single precision.
+    // Rounded to the digits of single precision.
     let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
     let limit = f64::from(FollowerSettings::HUMAN.position_limits.acceleration);
     let acceleration = Metric {
         limit: predicts.then_some(limit),
         ..metrics.reported("largest acceleration of the set-point", acceleration, "m/s²")
     };
-    metrics.insert("acceleration", acceleration);
+    metrics.insert("acceleration_peak", acceleration);
     let rate = trace.torque_rate(&all);
-    metrics.insert("rate", metrics.reported("largest rate of a torque", rate, "N·m/s"));
+    metrics.insert("torque_rate_peak", metrics.reported("largest rate of a torque", rate, "N·m/s"));
 }
 
 fn figure(trial: &Trial, trace: &Trace) -> Figure {
     let caption = "Top: positions of hand and tool along x from their common start (as in the paper's figure \
-                   7). Bottom: position of the true tool minus that of the true hand at the same time.";
-    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s");
+                   7). Bottom: true position of the tool minus true position of the hand at the same time.";
+    let mut figure = Figure::stacked(capitalized(trial.label), caption, "time", "s");
     let time = trace.times();
-    let [hand, tool] = sides(trace, 0);
+    let [hand, tool] = displacements(trace, 0);
     let position = Panel::new("Position along x", "position", "mm")
         .line(Line::solid("tool", 0, time.clone(), tool))
         .line(Line::dashed("hand", Line::INK, time.clone(), hand));

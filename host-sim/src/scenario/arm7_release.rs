@@ -1,12 +1,11 @@
-//! A tool that somebody holds 3 cm off its place is let go (Arm7, section 3.1): does it move as its impedance
-//! says?
+//! Free response of the impedance-controlled tool after it is displaced by 3 cm and released (Arm7, section
+//! 3.1), compared with the exact solution.
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::{ImpedanceSettings, Law};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
-use super::common::capital;
-use super::grasping::{T, require_duration};
+use super::common::{T, capitalized, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Hold;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -32,15 +31,16 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// The tool is let go before a reading of the force sensor by this many times its window: the reading shows
-/// it.
-const LEAD: f64 = 1.05;
-/// How far the tool is led [m].
-const OFF: f64 = 0.03;
-/// Time of the way there, of the rest before the tool is let go, and after [s].
-const WAY: f64 = 0.8;
-const HELD: f64 = 0.7;
+/// The tool is released before a reading of the force sensor by this many averaging windows, so that the
+/// reading no longer contains the hold.
+const RELEASE_LEAD: f64 = 1.05;
+/// Displacement of the tool [m].
+const DISPLACEMENT: f64 = 0.03;
+/// Time to displace the tool, to hold it, and after the release [s].
+const DISPLACE_TIME: f64 = 0.8;
+const HOLD_TIME: f64 = 0.7;
 const AFTER: f64 = 2.0;
+/// The impedance: mass [kg] and stiffness [N/m].
 const MASS: f64 = 1.5;
 const STIFFNESS: f64 = 300.0;
 
@@ -49,32 +49,32 @@ struct Trial {
     label: &'static str,
     machine: Machine,
     law: Law,
-    /// How long before a reading of the force sensor the tool is let go [s]; `None`: just before.
+    /// Time from the release to the next reading of the force sensor [s]; `None`: just before the reading.
     before: Option<f64>,
-    /// [mm]
+    /// Limit of the deviation from the exact motion [mm].
     limit: Option<f64>,
 }
 
 const TRIALS: [Trial; 4] = [
     Trial {
-        name: "true",
-        label: "true model",
-        machine: Machine::True,
+        name: "matched",
+        label: "matched model",
+        machine: Machine::Matched,
         law: Law::ModelFollowing,
         before: None,
         limit: Some(0.3),
     },
     Trial {
-        name: "between",
-        label: "true model, released between two readings",
-        machine: Machine::True,
+        name: "half_period",
+        label: "matched model, released between two readings",
+        machine: Machine::Matched,
         law: Law::ModelFollowing,
         before: Some(0.5 * T),
         limit: None,
     },
     Trial {
-        name: "ours",
-        label: "mismatched",
+        name: "mismatched",
+        label: "mismatched model",
         machine: Machine::Mismatched,
         law: Law::ModelFollowing,
         before: None,
@@ -97,48 +97,52 @@ struct Release {
     axis: usize,
     damping: f64,
     log: ArmLog,
-    /// The first reading of the force sensor without the hand, and by how much before it the tool was let go
-    /// [s].
+    /// Time of the first reading of the force sensor after the release, and time from the release to it [s].
     time: f64,
     before: f64,
 }
 
 impl Release {
-    /// Since the tool was let go [s]; how far it is off along its axis, and how far it should be [m].
+    /// Time since the release [s], true displacement along the axis, and exact displacement [m].
     fn curves(&self) -> [Vec<f64>; 3] {
         let samples = self.log.during(&(self.time - T..self.time + AFTER));
-        let place = |index: usize| samples[index].position()[self.axis] - samples[index].target[self.axis];
+        let displacement =
+            |index: usize| samples[index].position()[self.axis] - samples[index].target[self.axis];
         let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time + self.before).collect();
-        let real: Vec<f64> = (0..samples.len()).map(place).collect();
-        let from = real.first().copied().unwrap_or(f64::NAN);
-        let ideal = time.iter().map(|&time| elbow_swing(self.damping, from, time.max(0.0))).collect();
-        [time, real, ideal]
+        let measured: Vec<f64> = (0..samples.len()).map(displacement).collect();
+        let start = measured.first().copied().unwrap_or(f64::NAN);
+        let exact = time.iter().map(|&time| free_response(self.damping, start, time.max(0.0))).collect();
+        [time, measured, exact]
     }
 
-    /// The largest distance from the ideal curve [mm].
+    /// The largest deviation from the exact motion [mm].
     fn error(&self) -> f64 {
-        let [_, real, ideal] = self.curves();
-        1e3 * real.iter().zip(&ideal).map(|(real, ideal)| (real - ideal).abs()).fold(f64::NAN, f64::max)
+        let [_, measured, exact] = self.curves();
+        1e3 * measured
+            .iter()
+            .zip(&exact)
+            .map(|(measured, exact)| (measured - exact).abs())
+            .fold(f64::NAN, f64::max)
     }
 
-    /// How far the tool left the axis [mm].
-    fn sideways(&self) -> f64 {
+    /// The largest lateral deviation of the tool from the axis [mm].
+    fn lateral_deviation(&self) -> f64 {
         let samples = self.log.during(&(self.time..self.time + AFTER));
-        let off = |sample: &super::arm::ArmSample| {
-            let mut off = sample.position() - sample.target;
-            off[self.axis] = 0.0;
-            off.norm()
+        let lateral = |sample: &super::arm::ArmSample| {
+            let mut deviation = sample.position() - sample.target;
+            deviation[self.axis] = 0.0;
+            deviation.norm()
         };
-        1e3 * samples.iter().map(off).fold(f64::NAN, f64::max)
+        1e3 * samples.iter().map(lateral).fold(f64::NAN, f64::max)
     }
 }
 
-/// Displacement of the underdamped mass `time` [s] after it was let go at rest.
-fn elbow_swing(damping: f64, from: f64, time: f64) -> f64 {
+/// Free response of the underdamped impedance, released at rest from the displacement `start` [m].
+fn free_response(damping: f64, start: f64, time: f64) -> f64 {
     let decay = damping / (2.0 * MASS);
     let frequency = (STIFFNESS / MASS - decay * decay).sqrt();
     let (sine, cosine) = (frequency * time).sin_cos();
-    (-decay * time).exp() * from * (cosine + decay / frequency * sine)
+    (-decay * time).exp() * start * (cosine + decay / frequency * sine)
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
@@ -174,11 +178,13 @@ fn release(
     let mut arm_trial = ArmTrial::begin(setting, rig, &label, trial.machine, settings)?;
     arm_trial.wait(0.5)?;
     let (target, _) = arm_trial.start();
-    let mut place = Vector3::from(target.position).map(f64::from);
-    place[axis] += OFF;
-    arm_trial.plant.hold_tip(0, Hold::firm(place.into(), target.rotation.map(f64::from), WAY))?;
-    arm_trial.wait(WAY + HELD)?;
-    let before = trial.before.unwrap_or(LEAD * arm_trial.plant.force_window());
+    let mut position = Vector3::from(target.position).map(f64::from);
+    position[axis] += DISPLACEMENT;
+    arm_trial
+        .plant
+        .hold_tip(0, Hold::firm(position.into(), target.rotation.map(f64::from), DISPLACE_TIME))?;
+    arm_trial.wait(DISPLACE_TIME + HOLD_TIME)?;
+    let before = trial.before.unwrap_or(RELEASE_LEAD * arm_trial.plant.force_window());
     arm_trial.plant.release_tip(0, T - before)?;
     arm_trial.tick()?;
     let time = arm_trial.log.now();
@@ -187,7 +193,7 @@ fn release(
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
-    let label = capital(trial.label);
+    let label = capitalized(trial.label);
     for damping in DAMPINGS {
         let of_damping =
             || releases.iter().filter(move |release| release.damping.total_cmp(&f64::from(damping)).is_eq());
@@ -197,11 +203,11 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
             Some(limit) => Metric::at_most(text, worst, limit, "mm"),
             None => Metric::reported(text, worst, "mm"),
         };
-        summary.insert(format!("{}_{}", trial.name, damping.round()), metric);
-        let worst = of_damping().map(Release::sideways).fold(f64::NAN, f64::max);
+        summary.insert(format!("{}_b{}_error_peak", trial.name, damping.round()), metric);
+        let worst = of_damping().map(Release::lateral_deviation).fold(f64::NAN, f64::max);
         let text = format!("{label}, B {damping}: largest distance from the axis");
         summary.insert(
-            format!("{}_{}_sideways", trial.name, damping.round()),
+            format!("{}_b{}_lateral_deviation", trial.name, damping.round()),
             Metric::reported(text, worst, "mm"),
         );
     }
@@ -209,17 +215,17 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
 
 fn figure(trial: &Trial, releases: &[Release]) -> Figure {
     let caption = "Displacement of the tool along the axis of each release, and the exact motion (dashed).";
-    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s").event(0.0, "released");
+    let mut figure = Figure::stacked(capitalized(trial.label), caption, "time", "s").event(0.0, "released");
     for damping in DAMPINGS {
         let mut panel = Panel::new(format!("B {damping} N·s/m"), "displacement", "mm");
         for release in
             releases.iter().filter(|release| release.damping.total_cmp(&f64::from(damping)).is_eq())
         {
-            let [time, real, ideal] = release.curves();
+            let [time, measured, exact] = release.curves();
             let millimetres = |values: Vec<f64>| values.into_iter().map(|value| 1e3 * value).collect();
             panel = panel
-                .line(Line::solid(AXES[release.axis], release.axis, time.clone(), millimetres(real)))
-                .line(Line::dashed("exact", Line::INK, time, millimetres(ideal)));
+                .line(Line::solid(AXES[release.axis], release.axis, time.clone(), millimetres(measured)))
+                .line(Line::dashed("exact", Line::INK, time, millimetres(exact)));
         }
         figure = figure.panel(panel);
     }

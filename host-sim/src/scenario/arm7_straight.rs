@@ -1,13 +1,12 @@
-//! The tool is led beyond the arm's reach: the elbow becomes straight, where no motion of the joints takes
-//! the tool farther.
+//! The set-point moves beyond the arm's reach and back, through the singular configuration in which the elbow
+//! is straight.
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, settings};
-use super::common::capital;
-use super::grasping::{T, require_duration};
+use super::common::{T, capitalized, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -20,8 +19,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     duration: 15.0,
     lead: &[
         "The set-point of the seven-joint arm's tool moves outwards within 1.5 s, along the line from the \
-         shoulder to the wrist, to 3 cm beyond the arm's reach. It stays for a second and returns. On the \
-         way the elbow becomes straight: in this singular configuration no joint motion moves the tool along \
+         shoulder to the wrist, to 3 cm beyond the arm's reach. It stays for a second and returns. The \
+         elbow becomes straight: in this singular configuration no joint motion moves the tool along \
          that line, and an undamped solution would need unbounded accelerations.",
         "Near singular configurations the inverse is damped, depending on the smallest singular value of the \
          Jacobian. The tool stays behind where it cannot reach; torques and speeds remain normal; and it \
@@ -31,11 +30,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// From the shoulder to the wrist, the elbow straight, and how far the set-point is led beyond [m].
+/// Distance from shoulder to wrist with a straight elbow, and distance of the set-point beyond it [m].
 const REACH: f64 = 0.56;
 const BEYOND: f64 = 0.03;
-/// From the wrist to the tool [m].
+/// Distance from the wrist to the tool [m].
 const HAND: f64 = 0.10;
+/// Time of each motion, and rest after it [s].
 const TIME: f64 = 1.5;
 const REST: f64 = 1.0;
 
@@ -45,7 +45,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {
-        let log = lead(setting, &mut rig, trial)?;
+        let log = move_beyond_reach(setting, &mut rig, trial)?;
         add_metrics(&mut summary, trial, &log);
         figures.push(figure(trial, &log));
         tables.push((format!("{}.csv", trial.name), log.table()));
@@ -54,7 +54,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn lead(
+fn move_beyond_reach(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
     trial: &ElbowTrial,
@@ -63,27 +63,27 @@ fn lead(
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, settings)?;
     arm_trial.wait(1.0)?;
     let (start, elbow) = arm_trial.start();
-    // The hand points along x and keeps that.
+    // The hand points along x throughout.
     let wrist = Vector3::from(start.position).map(f64::from) - Vector3::x() * HAND;
     let outwards = wrist.normalize() * (REACH + BEYOND - wrist.norm());
     for (from, to) in [(0.0, 1.0), (1.0, 0.0)] {
         for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
-            let mut at = start;
+            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+            let mut setpoint = start;
             for axis in 0..3 {
-                let way = outwards[axis] * (to - from);
-                at.position[axis] += (outwards[axis] * from + way * fraction) as f32;
-                at.velocity[axis] = (way * rate / TIME) as f32;
-                at.acceleration[axis] = (way * change / (TIME * TIME)) as f32;
+                let change = outwards[axis] * (to - from);
+                setpoint.position[axis] += (outwards[axis] * from + change * fraction) as f32;
+                setpoint.velocity[axis] = (change * rate / TIME) as f32;
+                setpoint.acceleration[axis] = (change * curvature / (TIME * TIME)) as f32;
             }
-            arm_trial.follow(at, elbow)?;
+            arm_trial.follow(setpoint, elbow)?;
         }
         arm_trial.wait(REST)?;
     }
     arm_trial.end()
 }
 
-/// Largest rate at which a value of any joint changes from one control period to the next [1/s].
+/// Largest rate of change of a value of any joint from one control period to the next [1/s].
 fn largest_rate(log: &ArmLog, values: impl Fn(&ArmSample) -> &[f64]) -> f64 {
     let changes = log.0.windows(2).flat_map(|pair| {
         values(&pair[0]).iter().zip(values(&pair[1])).map(|(before, after)| (after - before).abs() / T)
@@ -92,33 +92,38 @@ fn largest_rate(log: &ArmLog, values: impl Fn(&ArmSample) -> &[f64]) -> f64 {
 }
 
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
-    let label = capital(trial.label);
+    let label = capitalized(trial.label);
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     let all = 0.0..log.now();
     let straight = -log.largest(&all, |sample| -sample.joints[3].abs());
     let text = format!("{label}: smallest elbow angle");
-    insert("straight", Metric::at_most(text, 1e3 * straight, 100.0, "mrad"));
-    let text = format!("{label}: largest joint speed, the elbow is rated at 5 rad/s");
-    insert("speed", Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"));
-    let text = format!("{label}: largest torque, the shoulder is rated at 60 N·m");
+    insert("elbow_angle_min", Metric::at_most(text, 1e3 * straight, 100.0, "mrad"));
+    let text = format!("{label}: largest joint speed; the elbow is rated at 5 rad/s");
+    insert(
+        "joint_speed_peak",
+        Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"),
+    );
+    let text = format!("{label}: largest torque; the shoulder is rated at 60 N·m");
     let torque =
         |sample: &ArmSample| sample.torques.iter().fold(0.0, |max: f64, torque| max.max(torque.abs()));
-    insert("torque", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
+    insert("torque_peak", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
     let text = format!("{label}: largest rate of a torque");
-    insert("rate", Metric::at_most(text, largest_rate(log, |sample| &sample.torques), 1000.0, "N·m/s"));
+    insert(
+        "torque_rate_peak",
+        Metric::at_most(text, largest_rate(log, |sample| &sample.torques), 1000.0, "N·m/s"),
+    );
     let text = format!("{label}: largest rotation of the hand");
-    let turn = log
-        .0
-        .first()
-        .map_or(f64::NAN, |first| log.largest(&all, |sample| 1e3 * first.turn().angle_to(&sample.turn())));
-    insert("turn", Metric::reported(text, turn, "mrad"));
-    let back = log.0.last().map_or(f64::NAN, off);
+    let rotation = log.0.first().map_or(f64::NAN, |first| {
+        log.largest(&all, |sample| 1e3 * first.orientation().angle_to(&sample.orientation()))
+    });
+    insert("hand_rotation", Metric::reported(text, rotation, "mrad"));
+    let back = log.0.last().map_or(f64::NAN, position_error);
     let text = format!("{label}: position error after the return");
-    insert("back", Metric::at_most(text, back, 1.0, "mm"));
+    insert("error_after_return", Metric::at_most(text, back, 1.0, "mm"));
 }
 
-/// How far the tool is from where it should be [mm].
-fn off(sample: &ArmSample) -> f64 {
+/// Distance of the tool from its set-point [mm].
+fn position_error(sample: &ArmSample) -> f64 {
     1e3 * (sample.position() - sample.target).norm()
 }
 
@@ -141,8 +146,12 @@ fn figure(trial: &ElbowTrial, log: &ArmLog) -> Figure {
             time.clone(),
             series(&|sample| 1e3 * (sample.target - start).norm()),
         ));
-    let error =
-        Panel::new("Position error", "error", "mm").line(Line::solid("error", 1, time.clone(), series(&off)));
+    let error = Panel::new("Position error", "error", "mm").line(Line::solid(
+        "error",
+        1,
+        time.clone(),
+        series(&position_error),
+    ));
     let elbow = series(&|sample| sample.joints[3]);
     let elbow = Panel::new("Elbow", "angle", "rad").line(Line::solid("elbow", 3, time.clone(), elbow));
     let mut torques = Panel::new("Torques", "torque", "N·m");
@@ -151,7 +160,7 @@ fn figure(trial: &ElbowTrial, log: &ArmLog) -> Figure {
         torques = torques.line(Line::solid(format!("joint {}", joint + 1), joint, time.clone(), values));
     }
     let [out, back] = [1.0, 1.0 + TIME + REST];
-    Figure::stacked(capital(trial.label), caption, "time", "s")
+    Figure::stacked(capitalized(trial.label), caption, "time", "s")
         .phase(out, out + TIME, "set-point outwards")
         .phase(out + TIME, back, "beyond reach")
         .phase(back, back + TIME, "set-point back")

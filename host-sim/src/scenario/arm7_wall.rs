@@ -1,13 +1,12 @@
-//! The tool is led into walls from soft to stiff: does it come to rest there, and press as its impedance
-//! says?
+//! Contact of the impedance-controlled tool with walls from soft to stiff. Measures the settling time and the
+//! force at rest.
 
 use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, settings};
-use super::common::grouped;
-use super::grasping::{T, require_duration};
+use super::common::{T, grouped, require_duration};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -34,34 +33,39 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// The wall stands so far ahead, and the tool is led so far [m].
+/// Distance of the wall from the start, and displacement of the set-point [m].
 const CLEARANCE: f64 = 0.02;
-const WAY: f64 = 0.05;
+const DISPLACEMENT: f64 = 0.05;
+/// Time of each motion of the set-point, and time that it stays [s].
 const TIME: f64 = 0.5;
 const STAY: f64 = 2.5;
+/// Stiffness of the arm's impedance [N/m].
 const STIFFNESS: f64 = 300.0;
+/// Stiffness of the walls [N/m].
 const WALLS: [f64; 4] = [200.0, 2000.0, 10_000.0, 50_000.0];
-/// Of the wall [N·s/m].
+/// Damping of the walls [N·s/m].
 const DAMPING: f64 = 20.0;
-/// A force this near to the last one counts as settled [N].
-const BAND: f64 = 1.0;
+/// The force has settled when it stays within this distance of its value at rest [N].
+const SETTLING_BAND: f64 = 1.0;
 
-/// The walls that are met without a force sensor [N/m], the bandwidth of the observer [rad/s] and what counts
-/// as a contact then [N]: friction that the model does not know and weight that has moved must not.
-const UNFELT: [f64; 2] = [2000.0, 10_000.0];
-const BANDWIDTH: f32 = 30.0;
-const DOUBT: f32 = 6.0;
-/// What it may be wrong by at rest [N].
-const MOST_DOUBT: f64 = 5.0;
+/// Stiffness of the walls that are met without a force sensor [N/m].
+const OBSERVED_WALLS: [f64; 2] = [2000.0, 10_000.0];
+/// Bandwidth of the momentum observer [rad/s].
+const OBSERVER_BANDWIDTH: f32 = 30.0;
+/// Contact threshold of the observer [N]: above what unmodelled friction and weight make it estimate in free
+/// motion.
+const OBSERVER_THRESHOLD: f32 = 6.0;
+/// Limit of the estimation error at rest [N].
+const MAX_ESTIMATION_ERROR: f64 = 5.0;
 
-/// One wall.
+/// The contact with one wall.
 struct Contact {
     stiffness: f64,
     force: ForceSource,
     log: ArmLog,
-    /// What the controller took the force for before the tool was led away [N].
-    felt: f64,
-    /// When the tool should have arrived, when it was led away again, and when that ended [s].
+    /// The controller's estimate of the contact force at rest [N].
+    estimated: f64,
+    /// When the set-point had arrived, when it began to return, and the end of the trial [s].
     arrived: f64,
     left: f64,
     end: f64,
@@ -89,24 +93,24 @@ impl Contact {
         -sample.tool.wall_force[0]
     }
 
-    /// What the springs in series say [N]. The place of the tool's end is known as well as the joints' angles
-    /// are.
+    /// Force of the springs of impedance and wall in series [N]. Homing errors of the joints shift the
+    /// set-point and are not included.
     fn expected(&self) -> f64 {
-        (WAY - CLEARANCE) * STIFFNESS * self.stiffness / (STIFFNESS + self.stiffness)
+        (DISPLACEMENT - CLEARANCE) * STIFFNESS * self.stiffness / (STIFFNESS + self.stiffness)
     }
 
-    /// The mean of the force in the last fifth of a second of rest [N].
+    /// The mean force in the last 0.2 s of rest [N].
     fn rest(&self) -> f64 {
         let samples = self.log.during(&(self.left - 0.2..self.left));
         samples.iter().map(Self::force).sum::<f64>() / samples.len() as f64
     }
 
-    /// How long after its arrival the force was last off what it is at rest [s].
-    fn settled(&self) -> f64 {
+    /// Time from the arrival of the set-point until the force stays near its value at rest [s].
+    fn settling_time(&self) -> f64 {
         let rest = self.rest();
         let samples = self.log.during(&(0.0..self.left));
-        let off = samples.iter().rposition(|sample| (Self::force(sample) - rest).abs() > BAND);
-        off.map_or(0.0, |index| (samples[index].time + T - self.arrived).max(0.0))
+        let outside = samples.iter().rposition(|sample| (Self::force(sample) - rest).abs() > SETTLING_BAND);
+        outside.map_or(0.0, |index| (samples[index].time + T - self.arrived).max(0.0))
     }
 
     fn peak(&self) -> f64 {
@@ -120,9 +124,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut contacts, mut tables) = (Vec::new(), Vec::new());
     let sensed = WALLS.map(|stiffness| (stiffness, ForceSource::Sensor));
-    let observed = UNFELT.map(|stiffness| (stiffness, ForceSource::Observer { bandwidth: BANDWIDTH }));
+    let observed =
+        OBSERVED_WALLS.map(|stiffness| (stiffness, ForceSource::Observer { bandwidth: OBSERVER_BANDWIDTH }));
     for (stiffness, force) in sensed.into_iter().chain(observed) {
-        let contact = meet(setting, &mut rig, stiffness, force)?;
+        let contact = press_wall(setting, &mut rig, stiffness, force)?;
         tables.push((format!("{}.csv", contact.name()), contact.log.table()));
         contacts.push(contact);
     }
@@ -138,7 +143,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     })
 }
 
-fn meet(
+fn press_wall(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
     stiffness: f64,
@@ -148,7 +153,7 @@ fn meet(
         stiffness,
         force,
         log: ArmLog::default(),
-        felt: f64::NAN,
+        estimated: f64::NAN,
         arrived: 0.0,
         left: 0.0,
         end: 0.0,
@@ -156,13 +161,13 @@ fn meet(
     let mut heavy =
         ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), force, ..settings(60.0) };
     if contact.is_observed() {
-        heavy.contact_force = DOUBT;
+        heavy.contact_force = OBSERVER_THRESHOLD;
     }
     let mut arm_trial = ArmTrial::begin(setting, rig, &contact.label(), Machine::Mismatched, heavy)?;
     let (point, elbow) = arm_trial.start();
-    let place = f64::from(point.position[0]) + CLEARANCE;
+    let surface = f64::from(point.position[0]) + CLEARANCE;
     let wall = Wall {
-        point: [place, 0.0, 0.0],
+        point: [surface, 0.0, 0.0],
         normal: [-1.0, 0.0, 0.0],
         stiffness,
         damping: DAMPING,
@@ -170,22 +175,22 @@ fn meet(
     };
     arm_trial.plant.insert_wall(wall)?;
     arm_trial.wait(0.5)?;
-    let lead = |arm_trial: &mut ArmTrial<'_, '_>, from: f64, to: f64| {
+    let move_setpoint = |arm_trial: &mut ArmTrial<'_, '_>, from: f64, to: f64| {
         for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, change] = minimum_jerk(tick as f64 * T / TIME);
-            let mut at: PosePoint = point;
-            at.position[0] += (from + (to - from) * fraction) as f32;
-            at.velocity[0] = ((to - from) * rate / TIME) as f32;
-            at.acceleration[0] = ((to - from) * change / (TIME * TIME)) as f32;
-            arm_trial.follow(at, elbow)?;
+            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+            let mut setpoint: PosePoint = point;
+            setpoint.position[0] += (from + (to - from) * fraction) as f32;
+            setpoint.velocity[0] = ((to - from) * rate / TIME) as f32;
+            setpoint.acceleration[0] = ((to - from) * curvature / (TIME * TIME)) as f32;
+            arm_trial.follow(setpoint, elbow)?;
         }
         Ok::<_, ScenarioError>(arm_trial.log.now())
     };
-    contact.arrived = lead(&mut arm_trial, 0.0, WAY)?;
+    contact.arrived = move_setpoint(&mut arm_trial, 0.0, DISPLACEMENT)?;
     arm_trial.wait(STAY)?;
     contact.left = arm_trial.log.now();
-    contact.felt = -f64::from(arm_trial.telemetry()?.wrench[0]);
-    lead(&mut arm_trial, WAY, 0.0)?;
+    contact.estimated = -f64::from(arm_trial.telemetry()?.wrench[0]);
+    move_setpoint(&mut arm_trial, DISPLACEMENT, 0.0)?;
     arm_trial.wait(1.0)?;
     contact.end = arm_trial.log.now();
     contact.log = arm_trial.end()?;
@@ -196,26 +201,30 @@ fn add_metrics(summary: &mut Summary, contact: &Contact) {
     let name = |what: &str| format!("{}_{what}", contact.name());
     let label = contact.label();
     let text = format!("{label}: settling time of the force");
-    let settled = contact.settled();
+    let settling_time = contact.settling_time();
     if contact.is_observed() {
-        summary.insert(name("settled"), Metric::reported(text, settled, "s"));
+        summary.insert(name("settling_time"), Metric::reported(text, settling_time, "s"));
         let text = format!("{label}: estimated minus true force at rest");
-        summary.insert(name("felt"), Metric::within(text, contact.felt - contact.rest(), MOST_DOUBT, "N"));
+        summary.insert(
+            name("estimation_error"),
+            Metric::within(text, contact.estimated - contact.rest(), MAX_ESTIMATION_ERROR, "N"),
+        );
     } else {
-        summary.insert(name("settled"), Metric::at_most(text, settled, 2.0, "s"));
+        summary.insert(name("settling_time"), Metric::at_most(text, settling_time, 2.0, "s"));
     }
     let error = contact.rest() - contact.expected();
     let text =
         format!("{label}: force at rest minus {:.2} N, that of the springs in series", contact.expected());
-    summary.insert(name("rest"), Metric::reported(text, error, "N"));
-    summary.insert(name("peak"), Metric::reported(format!("{label}: largest force"), contact.peak(), "N"));
+    summary.insert(name("force_error_at_rest"), Metric::reported(text, error, "N"));
+    summary
+        .insert(name("force_peak"), Metric::reported(format!("{label}: largest force"), contact.peak(), "N"));
     let back = contact.log.during(&(contact.end - 0.1..contact.end));
-    let off = back.last().map_or(f64::NAN, |sample| (sample.position() - sample.target).norm());
+    let error = back.last().map_or(f64::NAN, |sample| (sample.position() - sample.target).norm());
     let text = format!("{label}: position error after the return");
-    summary.insert(name("back"), Metric::reported(text, 1e3 * off, "mm"));
+    summary.insert(name("error_after_return"), Metric::reported(text, 1e3 * error, "mm"));
 }
 
-/// A figure with what the set-point does, which is the same at all walls.
+/// A figure with the phases of the set-point, which are the same for all walls.
 fn timeline(title: &str, caption: &str, contacts: &[Contact]) -> Figure {
     let figure = Figure::stacked(title, caption, "time", "s");
     let Some(contact) = contacts.first() else { return figure };
@@ -227,7 +236,7 @@ fn timeline(title: &str, caption: &str, contacts: &[Contact]) -> Figure {
 
 fn forces(contacts: &[Contact]) -> Figure {
     let caption = "True contact force, averaged over each control period. Dashed: the force of the two \
-                   springs in series. Circles: the contact begins and ends.";
+                   springs in series. Circles: begin and end of the contact.";
     let mut figure = timeline("Contact force", caption, contacts);
     for contact in contacts {
         let samples = contact.log.during(&(0.0..contact.end));

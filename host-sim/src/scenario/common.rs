@@ -5,10 +5,22 @@ use tesaki::model::RobotModel;
 use tesaki::task::TaskConfig;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::ScenarioError;
+use super::{Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
+
+/// Control period [s].
+pub const T: f64 = 0.01;
+
+/// Refuses a duration that is shorter than the scenario's own.
+pub fn require_duration(scenario: &Scenario, setting: &Setting<'_, '_>) -> Result<(), ScenarioError> {
+    let Setting { duration, .. } = *setting;
+    if duration.is_nan() || duration < scenario.duration {
+        return Err(ScenarioError::TooShort { duration, name: scenario.name, minimum: scenario.duration });
+    }
+    Ok(())
+}
 
 /// Sets up and enables the controller; returns the joint angles that it holds [rad].
 pub fn prepare(
@@ -29,7 +41,7 @@ pub fn prepare(
     controller.home(&homed)?;
     tick(controller, plant)?;
     controller.enable(TaskConfig::JointServo(mode))?;
-    // What the encoder makes of the homed angle: the nearest whole count.
+    // The encoder rounds the homed angle to a whole count.
     let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
         let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;
         ((f64::from(angle) * counts).round() / counts) as f32
@@ -44,8 +56,13 @@ pub fn introduce(controller: &mut Watched<'_>, model: &RobotModel) -> Result<(),
     controller.push_model(model)
 }
 
-/// The error of a scenario whose controller gave up.
-pub fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &str, time: f64) -> ScenarioError {
+/// The error of a scenario whose controller stopped with a fault.
+pub fn fault_error(
+    controller: &mut Watched<'_>,
+    model: &RobotModel,
+    trial: &str,
+    time: f64,
+) -> ScenarioError {
     match controller.faults() {
         Ok(log) => {
             let fault = log.faults.last().map_or_else(String::new, |fault| fault.named(model).to_string());
@@ -55,13 +72,13 @@ pub fn stopped(controller: &mut Watched<'_>, model: &RobotModel, trial: &str, ti
     }
 }
 
-/// With a capital at the start.
-pub fn capital(text: &str) -> String {
+/// The text with its first letter in upper case.
+pub fn capitalized(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// A whole number with its thousands apart from 10 000 on: `2000`, `50 000`.
+/// A whole number, its thousands separated from 10 000 on: `2000`, `50 000`.
 pub fn grouped(value: f64) -> String {
     let digits = format!("{value:.0}");
     match digits.split_at_checked(digits.len().saturating_sub(3)) {

@@ -1,15 +1,14 @@
-//! Commanded fingertip forces on a box that is held (Hand3, section 5.3 and figure 11), under the paper's law
-//! and closed on the force sensors.
+//! Commanded fingertip forces on a held box (Hand3, section 5.3 and figure 11): paper's law, feed-forward,
+//! and force feedback.
 
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspPlan, InternalForce};
 
-use super::common::capital;
+use super::common::{T, capitalized, require_duration};
 use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, PAPER_STRENGTH, T, calibrate, components,
-    require_duration, table,
+    GraspLog, GraspRig, GraspTrial, GraspedObject, PAPER_STRENGTH, calibrate, components, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -18,8 +17,8 @@ use tesaki_supervisor::identify::Identification;
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-force",
     title: "Fingertip forces of the three-finger hand",
-    about: "a box is held with 2, 2 and 4 N: paper's law, feed-forward, force feedback, feed-forward after \
-            identification",
+    about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward \
+            after identification",
     robot: "hand3",
     duration: 170.0,
     lead: &[
@@ -39,11 +38,11 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// From taking the support away to the end of the hold [s].
+/// Time from removing the support to the end of the hold [s].
 const HOLD: f64 = 4.0;
-/// The end of it that counts [s].
-const COUNTED: f64 = 2.0;
-/// Commanded: fingers 1 and 2 half of finger 3's [N].
+/// Time at the end of the hold that is evaluated [s].
+const EVALUATED: f64 = 2.0;
+/// Commanded forces: fingers 1 and 2 half that of finger 3 [N].
 const COMMANDED: [f64; 3] = [PAPER_STRENGTH / 2.0, PAPER_STRENGTH / 2.0, PAPER_STRENGTH];
 
 struct Trial {
@@ -51,9 +50,9 @@ struct Trial {
     label: &'static str,
     paper_law: bool,
     feedback: bool,
-    /// Whether the joints are identified before.
+    /// Whether the joints are identified before the trial.
     identified: bool,
-    /// Largest error of a force [%].
+    /// Limit of the force error [%].
     limit: Option<f64>,
 }
 
@@ -75,7 +74,7 @@ const TRIALS: [Trial; 4] = [
         limit: Some(15.0),
     },
     Trial {
-        name: "closed",
+        name: "feedback",
         label: "force feedback",
         paper_law: false,
         feedback: true,
@@ -93,19 +92,19 @@ const TRIALS: [Trial; 4] = [
 ];
 
 impl Trial {
-    fn change(&self, plan: &mut GraspPlan) {
+    fn configure(&self, plan: &mut GraspPlan) {
         plan.internal = InternalForce::Normal { strength: PAPER_STRENGTH as f32 };
         plan.feedback = self.feedback;
     }
 }
 
-/// Forces of a finger over the stretch that counts.
-struct Measured {
-    /// Mean of the size of the true force [N].
+/// Forces of a finger over the evaluated time.
+struct FingerForce {
+    /// Mean magnitude of the true force [N].
     force: f64,
-    /// Mean of the size of the controller's target [N].
+    /// Mean magnitude of the controller's target [N].
     target: f64,
-    /// The largest difference of the true force's size from its mean [N].
+    /// The largest deviation of the true force's magnitude from its mean [N].
     ripple: f64,
 }
 
@@ -115,19 +114,19 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
         .event(BEFORE, "support removed")
-        .phase(BEFORE + HOLD - COUNTED, BEFORE + HOLD, "evaluated");
+        .phase(BEFORE + HOLD - EVALUATED, BEFORE + HOLD, "evaluated");
     let mut tables = Vec::new();
     for trial in &TRIALS {
         let held = GraspedObject {
             label: trial.label,
             object: "box",
-            change: &|grasp| trial.change(&mut grasp.plan),
+            change: &|grasp| trial.configure(&mut grasp.plan),
             paper: trial.paper_law,
         };
         if trial.identified {
             let held = GraspedObject { label: "identification", ..held };
             let found = calibrate(setting, &mut rig, &held)?;
-            add_identified(&mut summary, &rig, &held, &found)?;
+            add_identification(&mut summary, &rig, &held, &found)?;
         }
         let mut grasp_trial = GraspTrial::without_support(setting, &mut rig, &held)?;
         grasp_trial.wait(HOLD)?;
@@ -140,25 +139,25 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures: vec![figure], tables, motion: rig.motion })
 }
 
-/// The stretch that counts [s].
-fn counted(log: &GraspLog) -> Range<f64> {
+/// The evaluated time span [s].
+fn evaluated(log: &GraspLog) -> Range<f64> {
     let end = log.held + HOLD;
-    end - COUNTED..end
+    end - EVALUATED..end
 }
 
-fn measured(log: &GraspLog, finger: usize) -> Measured {
-    let samples = log.during(&counted(log));
+fn finger_force(log: &GraspLog, finger: usize) -> FingerForce {
+    let samples = log.during(&evaluated(log));
     let mean =
         |value: &dyn Fn(usize) -> f64| (0..samples.len()).map(value).sum::<f64>() / samples.len() as f64;
-    let size = |index: usize| samples[index].force(finger).norm();
-    let force = mean(&size);
-    let ripple = (0..samples.len()).map(|index| (size(index) - force).abs()).fold(f64::NAN, f64::max);
-    Measured { force, target: mean(&|index| samples[index].target_forces[finger].norm()), ripple }
+    let magnitude = |index: usize| samples[index].force(finger).norm();
+    let force = mean(&magnitude);
+    let ripple = (0..samples.len()).map(|index| (magnitude(index) - force).abs()).fold(f64::NAN, f64::max);
+    FingerForce { force, target: mean(&|index| samples[index].target_forces[finger].norm()), ripple }
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
-    let label = capital(trial.label);
-    let fingers = [0, 1, 2].map(|finger| measured(log, finger));
+    let label = capitalized(trial.label);
+    let fingers = [0, 1, 2].map(|finger| finger_force(log, finger));
     let lost = log.lost.clone();
     let mut insert = |name: &str, metric: Metric| {
         let metric = match &lost {
@@ -170,16 +169,13 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
     let [first, ..] = &fingers;
     let text = format!("{label}: force of finger 1, 2 N commanded");
     insert(
-        "finger1",
+        "finger1_force",
         Metric::reported(text, first.force, "N").paper(if trial.paper_law { "0.89 N" } else { "" }),
     );
     if trial.paper_law {
         let text = format!("{label}: force of finger 1 minus the paper's");
         let metric = Metric::within(text, first.force - PAPER_FORCE, PAPER_BAND, "N");
-        insert(
-            "finger1_against_paper",
-            metric.note("the limit is a third of the paper's force on either side"),
-        );
+        insert("finger1_force_minus_paper", metric.note("the limit is ± a third of the paper's force"));
     }
     let worst = |target: &dyn Fn(usize) -> f64| {
         let errors = fingers.iter().enumerate();
@@ -193,18 +189,18 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
         None => Metric::reported(text, error, "%"),
         Some(limit) => Metric::at_most(text, error, limit, "%"),
     };
-    insert("error", metric);
+    insert("force_error", metric);
     let text = format!("{label}: force error against the controller's own target");
-    insert("error_of_wanted", Metric::reported(text, worst(&|finger| fingers[finger].target), "%"));
+    insert("force_error_to_target", Metric::reported(text, worst(&|finger| fingers[finger].target), "%"));
     let ripple = fingers.iter().enumerate();
     let ripple =
         ripple.map(|(finger, measured)| 100.0 * measured.ripple / COMMANDED[finger]).fold(f64::NAN, f64::max);
     let text = format!("{label}: largest deviation of a force from its mean");
-    insert("ripple", Metric::reported(text, ripple, "%"));
+    insert("force_ripple", Metric::reported(text, ripple, "%"));
 }
 
-/// What was identified, against the machine.
-fn add_identified(
+/// Errors of the identified values against the machine's.
+fn add_identification(
     summary: &mut Summary,
     rig: &GraspRig,
     held: &GraspedObject<'_>,
@@ -224,27 +220,27 @@ fn add_identified(
     }
     let known = Metric::reported("Identified torque constants, of nine", known, "");
     summary.insert(
-        "identified_joints",
+        "identified_torque_constants",
         known.note("the identification rejects the others because they carry too little load"),
     );
     let failed: Vec<String> = found.failed.iter().map(ToString::to_string).collect();
     let text = "Identification: grasps that failed";
     summary.insert(
-        "identified_without",
+        "identification_failed_grasps",
         Metric::reported(text, failed.len() as f64, "").note(failed.join("; ")),
     );
     let text = "Identified torque constants: largest error";
-    summary.insert("identified_gain", Metric::reported(text, gain, "%"));
+    summary.insert("identified_torque_constant_error", Metric::reported(text, gain, "%"));
     let text = "Identified Coulomb friction: largest error";
-    summary.insert("identified_coulomb", Metric::reported(text, coulomb, "mN·m"));
+    summary.insert("identified_coulomb_friction_error", Metric::reported(text, coulomb, "mN·m"));
     Ok(())
 }
 
-/// Of finger 1, and how far ours may be off [N].
+/// The paper's force of finger 1, and the largest deviation from it [N].
 const PAPER_FORCE: f64 = 0.89;
 const PAPER_BAND: f64 = 0.30;
 
-/// The figures begin so long before the support is removed [s].
+/// Time before the support is removed that the figure shows [s].
 const BEFORE: f64 = 2.0;
 
 const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's frame, and the commanded \
@@ -254,9 +250,9 @@ const CAPTION: &str = "True contact force of finger 1 on the box, in the hand's 
 
 fn panel(trial: &Trial, log: &GraspLog) -> Panel {
     let span = log.held - BEFORE..log.held + HOLD;
-    let panel = Panel::new(capital(trial.label), "force", "N");
+    let panel = Panel::new(capitalized(trial.label), "force", "N");
     let mut panel = components(panel, log, &span, |sample| sample.force(0));
-    // Along the normal, into the box.
+    // The commanded force acts along the normal, into the box.
     let normal = log.at(log.held).and_then(|sample| sample.contacts.first().map(|contact| contact.normal));
     let normal = normal.map_or(Vector3::repeat(f64::NAN), |normal| -Vector3::from(normal));
     let ends = vec![0.0, BEFORE + HOLD - T];

@@ -1,15 +1,13 @@
-//! From the open hand to the open hand: an object is found, grasped, lifted, moved and put down (Hand3,
-//! sections 5 to 7).
+//! The whole grasp sequence: an object is located, grasped, lifted, moved and put down (Hand3, sections 5 to
+//! 7).
 
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspCommand, Phase};
 
-use super::common::capital;
-use super::grasping::{
-    GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, require_duration, table, xyz,
-};
+use super::common::{capitalized, require_duration};
+use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -33,34 +31,35 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-const TURN: f64 = 0.1;
-const SHIFT: f64 = 0.01;
-/// Rest after each motion, and from the end of a turn until its error counts [s].
+/// Angle of a rotation [rad], and displacement [m].
+const ROTATION: f64 = 0.1;
+const DISPLACEMENT: f64 = 0.01;
+/// Rest after each motion [s]; errors are evaluated 0.1 s before its end.
 const REST: f64 = 2.0;
-/// Most time for putting down and opening [s].
-const DOWN_TIME: f64 = 15.0;
-/// A fingertip goes at most this deep into an object [mm].
-const DEPTH: f64 = 0.1;
+/// Time limit for putting down and opening [s].
+const MAX_PUT_DOWN_TIME: f64 = 15.0;
+/// Limit of the penetration of a fingertip [mm].
+const MAX_PENETRATION: f64 = 0.1;
 
 struct Trial {
     object: &'static str,
-    /// Turns about y since the start [rad], and then shifts along x [m].
-    turns: &'static [f64],
-    shifts: &'static [f64],
+    /// Rotations about y relative to the grasp [rad], and then displacements along x [m].
+    rotations: &'static [f64],
+    displacements: &'static [f64],
 }
 
 const TRIALS: [Trial; 3] = [
-    Trial { object: "box", turns: &[TURN, 0.0], shifts: &[SHIFT, 0.0] },
-    Trial { object: "cylinder", turns: &[TURN, 0.0, -TURN, 0.0], shifts: &[] },
-    Trial { object: "wedge", turns: &[TURN, 0.0, -TURN, 0.0], shifts: &[] },
+    Trial { object: "box", rotations: &[ROTATION, 0.0], displacements: &[DISPLACEMENT, 0.0] },
+    Trial { object: "cylinder", rotations: &[ROTATION, 0.0, -ROTATION, 0.0], displacements: &[] },
+    Trial { object: "wedge", rotations: &[ROTATION, 0.0, -ROTATION, 0.0], displacements: &[] },
 ];
 
-/// What was recorded with an object.
+/// The result of a trial.
 struct Record {
     log: GraspLog,
-    /// When each turn began [s].
-    turned: Vec<f64>,
-    /// When each motion that was commanded began [s], and what it was.
+    /// When each rotation began [s].
+    rotations: Vec<f64>,
+    /// When each commanded motion began [s], and its label.
     motions: Vec<(f64, String)>,
     force_limit: f64,
 }
@@ -76,21 +75,21 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
         let mut motions = vec![(grasp_trial.log.now(), "lift".to_owned())];
         let up = grasp_trial.lift()?;
-        let mut turned = Vec::new();
-        for &turn in trial.turns {
-            motions.push((grasp_trial.log.now(), format!("{} rad", signed(turn))));
-            turned.push(grasp_trial.move_object(up, [0.0, turn, 0.0])?);
+        let mut rotations = Vec::new();
+        for &angle in trial.rotations {
+            motions.push((grasp_trial.log.now(), format!("{} rad", signed(angle))));
+            rotations.push(grasp_trial.move_object(up, [0.0, angle, 0.0])?);
             grasp_trial.wait(MOVE + REST)?;
         }
-        for &shift in trial.shifts {
-            motions.push((grasp_trial.log.now(), format!("{} mm", signed(1e3 * shift))));
-            grasp_trial.move_object([up[0] + shift, up[1], up[2]], [0.0; 3])?;
+        for &displacement in trial.displacements {
+            motions.push((grasp_trial.log.now(), format!("{} mm", signed(1e3 * displacement))));
+            grasp_trial.move_object([up[0] + displacement, up[1], up[2]], [0.0; 3])?;
             grasp_trial.wait(MOVE + REST)?;
         }
-        grasp_trial.forget_aim();
+        grasp_trial.clear_target();
         grasp_trial.send("put down", GraspCommand::PutDown)?;
-        grasp_trial.wait_for_phase(Phase::Ready, DOWN_TIME)?;
-        let record = Record { log: grasp_trial.end()?, turned, motions, force_limit };
+        grasp_trial.wait_for_phase(Phase::Ready, MAX_PUT_DOWN_TIME)?;
+        let record = Record { log: grasp_trial.end()?, rotations, motions, force_limit };
         add_metrics(&mut summary, trial, &record);
         figures.push(figure(trial, &record));
         tables.push((format!("{}.csv", trial.object), table(&record.log)));
@@ -100,8 +99,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
-    let Record { log, turned, force_limit, .. } = record;
-    let (name, label) = (trial.object, capital(trial.object));
+    let Record { log, rotations, force_limit, .. } = record;
+    let (name, label) = (trial.object, capitalized(trial.object));
     let mut insert = |key: &str, metric: Metric| summary.insert(format!("{name}_{key}"), metric);
     let dropped = f64::from(u8::from(log.lost.is_some()));
     let mut metric = Metric::at_most(format!("{label}: dropped"), dropped, 0.0, "");
@@ -109,7 +108,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     insert("dropped", metric);
     let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
     insert(
-        "friction_found",
+        "friction_estimate",
         Metric::reported(format!("{label}: friction, controller's estimate"), log.friction, ""),
     );
     insert("friction_true", Metric::reported(format!("{label}: friction, true value"), friction, ""));
@@ -117,27 +116,32 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let of_contacts = |value: fn(&ContactTruth) -> f64| {
         log.largest(&whole, |sample| sample.contacts.iter().map(value).fold(f64::NAN, f64::max))
     };
-    let depth = 1e3 * of_contacts(|contact| contact.depth);
+    let penetration = 1e3 * of_contacts(|contact| contact.depth);
     insert(
-        "depth",
-        Metric::at_most(format!("{label}: largest penetration of a fingertip"), depth, DEPTH, "mm"),
+        "penetration_peak",
+        Metric::at_most(
+            format!("{label}: largest penetration of a fingertip"),
+            penetration,
+            MAX_PENETRATION,
+            "mm",
+        ),
     );
     let force = of_contacts(ContactTruth::normal_force);
     insert("force_peak", Metric::at_most(format!("{label}: largest normal force"), force, *force_limit, "N"));
     let pitch = |time: f64| log.at(time).map_or(f64::NAN, |sample| sample.angles()[1]);
-    let start = turned.first().map_or(f64::NAN, |&begin| pitch(begin));
-    let errors = turned.iter().zip(trial.turns);
-    let errors = errors.map(|(begin, turn)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - turn).abs());
+    let start = rotations.first().map_or(f64::NAN, |&begin| pitch(begin));
+    let errors = rotations.iter().zip(trial.rotations);
+    let errors = errors.map(|(begin, angle)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - angle).abs());
     let worst = errors.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
-    insert("turn_error", Metric::reported(format!("{label}: pitch error at rest"), worst, "mrad"));
-    let way = log.samples.first().zip(log.samples.last());
-    let way = way.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
+    insert("pitch_error", Metric::reported(format!("{label}: pitch error at rest"), worst, "mrad"));
+    let ends = log.samples.first().zip(log.samples.last());
+    let distance = ends.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
     let text = format!("{label}: distance from pick-up to put-down");
-    insert("put_down", Metric::reported(text, way, "mm"));
-    insert("time", Metric::reported(format!("{label}: total time"), log.now(), "s"));
+    insert("placement_distance", Metric::reported(text, distance, "mm"));
+    insert("duration", Metric::reported(format!("{label}: total time"), log.now(), "s"));
 }
 
-/// With a sign, but for nothing: `+0.1`, `−0.1`, `0`.
+/// A number with its sign: `+0.1`, `−0.1`, `0`.
 fn signed(value: f64) -> String {
     let sign = if value > 0.0 { "+" } else { "" };
     format!("{sign}{value}").replace('-', "−")
@@ -151,7 +155,7 @@ const fn phase_name(phase: Phase) -> &'static str {
         Phase::Squeeze => "squeeze",
         Phase::ProbeFriction => "probe friction",
         Phase::Hold => "hold",
-        // The commanded motion stands there.
+        // The event of the commanded motion already labels this phase.
         Phase::Move => "",
         Phase::Lower => "lower",
         Phase::Open => "open",
@@ -160,14 +164,15 @@ const fn phase_name(phase: Phase) -> &'static str {
 
 fn figure(trial: &Trial, record: &Record) -> Figure {
     let log = &record.log;
-    let caption = "The true object from enabling the hand until it is open again, its references (dashed), \
-                   and the contact force of each finger with the controller's target (dashed).";
-    let mut figure = Figure::stacked(capital(trial.object), caption, "time", "s");
-    // Holding before the lift and between two motions: only the first is named.
-    let mut held = false;
+    let caption = "Displacement and pitch of the true object with their references (dashed), and the contact \
+                   force of each finger with the controller's target (dashed), from enabling the hand until \
+                   it is open again.";
+    let mut figure = Figure::stacked(capitalized(trial.object), caption, "time", "s");
+    // The hand holds before the lift and between two motions: only the first of these phases gets a label.
+    let mut is_labelled = false;
     let ends = log.phases.iter().skip(1).map(|(time, _)| *time).chain([log.now()]);
     for (&(begin, phase), end) in log.phases.iter().zip(ends) {
-        let again = phase == Phase::Hold && std::mem::replace(&mut held, true);
+        let again = phase == Phase::Hold && std::mem::replace(&mut is_labelled, true);
         figure = figure.phase(begin, end, if again { "" } else { phase_name(phase) });
     }
     for (time, label) in &record.motions {
@@ -176,7 +181,7 @@ fn figure(trial: &Trial, record: &Record) -> Figure {
     figure.panel(displacement(log)).panel(pitch(log)).panel(forces(log))
 }
 
-/// The sample when the hand began to hold the object: references count from there.
+/// The sample when the hand began to hold the object: references are relative to it.
 fn when_held(log: &GraspLog) -> Option<&GraspSample> {
     log.at(log.held)
 }
@@ -210,13 +215,13 @@ fn forces(log: &GraspLog) -> Panel {
     let mut panel = Panel::new("Contact force of each finger", "force", "N");
     for finger in 0..3 {
         let name = format!("finger {}", finger + 1);
-        let size = log.series(|sample| sample.force(finger).norm());
-        panel = panel.line(Line::solid(name, 4 + finger, log.times(), size));
+        let magnitude = log.series(|sample| sample.force(finger).norm());
+        panel = panel.line(Line::solid(name, finger, log.times(), magnitude));
     }
     for finger in 0..3 {
         let name = format!("finger {} target", finger + 1);
         let target = log.series(|sample| sample.target_forces[finger].norm());
-        panel = panel.line(Line::dashed(name, 4 + finger, log.times(), target));
+        panel = panel.line(Line::dashed(name, finger, log.times(), target));
     }
     panel
 }

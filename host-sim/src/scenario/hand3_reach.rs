@@ -1,4 +1,4 @@
-//! Fingertips in space: three fingertips draw circles and squares at once (Hand3, sections 2 and 4), on a
+//! Fingertip trajectories: three fingertips track circles and squares at once (Hand3, sections 2 and 4), on a
 //! machine that differs from the controller's model.
 
 use std::f64::consts::TAU;
@@ -12,7 +12,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{capital, prepare, stopped};
+use super::common::{T, capitalized, fault_error, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -26,40 +26,38 @@ pub(super) const SCENARIO: Scenario = Scenario {
     robot: "hand3",
     duration: 2.0 * TRIAL,
     lead: &[
-        "The tips of all three fingers draw a circle of 10 mm radius at one turn per second, and a square of \
+        "The tips of all three fingers draw a circle of 10 mm radius at one revolution per second, and a square of \
          16 mm whose sides take half a second each, in planes normal to the hand's x axis. Every 10 ms the \
          supervisor sends a point of each path with its velocity and acceleration. The board computes the \
          joint angles in closed form, the joint velocities with the Jacobian and the joint accelerations \
          with J̇q̇, and feeds them forward.",
         "The fingertip's position is the true one of the physics engine, not the controller's estimate. \
          Besides the servo errors it contains the homing error, up to 2 mrad per joint, which no servo can \
-         detect. It shifts the whole figure; the rows \"without the constant offset\" exclude it.",
+         detect. It shifts the whole path; the rows \"without the constant offset\" exclude it.",
     ],
     run,
 };
 
-/// Control period [s].
-const T: f64 = 0.01;
 /// Length of a trial [s].
 const TRIAL: f64 = 13.5;
-/// Angles of each finger at the middle of its figures [rad].
+/// Joint angles of each finger at the centre of its paths [rad].
 const MIDDLE: [f32; 3] = [0.0, 0.1, 1.3];
-/// From the start to the first point of the figures: the joints go to the middle, through their trajectory
-/// filters [s].
-const SETTLE: f64 = 2.0;
+/// Time for the joints to reach the centre of the paths through their trajectory filters [s].
+const APPROACH: f64 = 2.0;
+/// Radius of the circle [m].
 const RADIUS: f64 = 0.010;
 /// Half the side of the square [m].
-const HALF: f64 = 0.008;
-/// Start, running up, and end of the circle [s].
+const HALF_SIDE: f64 = 0.008;
+/// Start, ramp time, and end of the circle [s].
 const CIRCLE: (f64, f64, f64) = (3.0, 1.0, 8.0);
-/// Start, time for a side, and end of the square [s].
+/// Start, time per side, and end of the square [s].
 const SQUARE: (f64, f64, f64) = (8.5, 0.5, 12.5);
 
 struct Trial {
     name: &'static str,
     label: &'static str,
     mode: ServoMode,
-    /// Largest root mean square of a tip's distance from its path [mm].
+    /// Limit of the rms distance of a tip from its path [mm].
     limit: Option<f64>,
 }
 
@@ -68,30 +66,32 @@ const TRIALS: [Trial; 2] = [
     Trial { name: "observer", label: "observer", mode: ServoMode::Observer, limit: Some(0.5) },
 ];
 
-/// What was recorded of a trial.
-struct Recording {
+/// Log of a trial.
+struct TipLog {
     time: Vec<f64>,
-    /// Of each tip, in each tick: where it was and where it should have been [m].
+    /// True position and reference of each tip in each tick [m].
     tips: Vec<Vec<(Vector3<f64>, Vector3<f64>)>>,
 }
 
-/// A stretch of time in which a figure is drawn [s].
+/// Begin and end of a path [s].
 type Window = (f64, f64);
 
-const FIGURES: [(&str, Window); 2] =
+const PATHS: [(&str, Window); 2] =
     [("circle", (CIRCLE.0 + CIRCLE.1, CIRCLE.2 - CIRCLE.1)), ("square", (SQUARE.0, SQUARE.2))];
 
-impl Recording {
-    /// Differences from the path of a tip in a window [mm].
+impl TipLog {
+    /// Position errors of a tip in a window [mm].
     fn errors(&self, tip: usize, (from, to): Window) -> Vec<Vector3<f64>> {
         let inside = |time: f64| time >= from - 1e-9 && time <= to + 1e-9;
         let all = self.time.iter().zip(&self.tips[tip]);
-        all.filter(|(time, _)| inside(**time)).map(|(_, (got, reference))| (got - reference) * 1e3).collect()
+        all.filter(|(time, _)| inside(**time))
+            .map(|(_, (position, reference))| (position - reference) * 1e3)
+            .collect()
     }
 
-    /// Points as y and z [mm]; gaps between the figures.
-    fn drawn(&self, points: impl Iterator<Item = Vector3<f64>>) -> (Vec<f64>, Vec<f64>) {
-        let inside = |time: f64| FIGURES.iter().any(|(_, (from, to))| time >= *from && time <= *to);
+    /// Components y and z of points [mm]; NaN outside the paths.
+    fn components(&self, points: impl Iterator<Item = Vector3<f64>>) -> (Vec<f64>, Vec<f64>) {
+        let inside = |time: f64| PATHS.iter().any(|(_, (from, to))| time >= *from && time <= *to);
         let points = self.time.iter().zip(points);
         points
             .map(
@@ -102,22 +102,22 @@ impl Recording {
             .unzip()
     }
 
-    /// Root mean square of the distance from the path of the worst tip, with and without its mean; and the
-    /// largest distance of any tip [mm].
+    /// Rms distance from the path, of the worst tip, with and without the constant offset; and the largest
+    /// distance of any tip [mm].
     fn worst(&self, window: Window) -> (f64, f64, f64) {
-        let (mut all, mut shifted, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut total, mut without_offset, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
         for tip in 0..self.tips.len() {
             let errors = self.errors(tip, window);
             let count = errors.len() as f64;
             let mean = errors.iter().sum::<Vector3<f64>>() / count;
-            let rms = |shift: Vector3<f64>| {
-                (errors.iter().map(|error| (error - shift).norm_squared()).sum::<f64>() / count).sqrt()
+            let rms = |offset: Vector3<f64>| {
+                (errors.iter().map(|error| (error - offset).norm_squared()).sum::<f64>() / count).sqrt()
             };
-            all = all.max(rms(Vector3::zeros()));
-            shifted = shifted.max(rms(mean));
+            total = total.max(rms(Vector3::zeros()));
+            without_offset = without_offset.max(rms(mean));
             peak = errors.iter().fold(peak, |peak, error| peak.max(error.norm()));
         }
-        (all, shifted, peak)
+        (total, without_offset, peak)
     }
 }
 
@@ -154,7 +154,7 @@ fn run_trial(
     controller: &mut Watched<'_>,
     motion: &mut Motion,
     progress: &dyn Fn(f64),
-) -> Result<Recording, ScenarioError> {
+) -> Result<TipLog, ScenarioError> {
     prepare(controller, plant, model, trial.mode, motion)?;
     let middle = MIDDLE.repeat(model.chains.len());
     let mut centers = Vec::new();
@@ -162,16 +162,16 @@ fn run_trial(
         let posture = Chain::new(&model.joints[range.clone()], &chain.tip).posture(&middle[range]);
         centers.push(posture.tip().translation.vector.map(f64::from));
     }
-    let mut recording = Recording { time: Vec::new(), tips: vec![Vec::new(); centers.len()] };
+    let mut recording = TipLog { time: Vec::new(), tips: vec![Vec::new(); centers.len()] };
     let ticks = (TRIAL / T).round() as u32;
     for tick in 0..ticks {
         let time = f64::from(tick) * T;
         let point = path(time);
         let tips: Vec<TipPoint> = centers.iter().map(|center| point.at(center)).collect();
-        let said = if time < SETTLE { controller.set_goal(&middle) } else { controller.reach(&tips) };
-        match said {
+        let result = if time < APPROACH { controller.set_goal(&middle) } else { controller.reach(&tips) };
+        match result {
             Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                return Err(stopped(controller, model, trial.label, time));
+                return Err(fault_error(controller, model, trial.label, time));
             }
             other => other?,
         }
@@ -180,15 +180,14 @@ fn run_trial(
             motion.note(trial.label);
         }
         recording.time.push(time);
-        for (tip, (center, chain)) in centers.iter().zip(model.chain_ranges().zip(&model.chains)).enumerate()
-        {
-            let true_place = tip_place(plant, chain.0.end - 1, &chain.1.tip);
-            let reference = center + across_x(point.position);
-            recording.tips[tip].push((true_place, reference));
+        for (tip, (joints, chain)) in model.chain_ranges().zip(&model.chains).enumerate() {
+            let position = tip_position(plant, joints.end - 1, &chain.tip);
+            let reference = centers[tip] + normal_to_x(point.position);
+            recording.tips[tip].push((position, reference));
         }
         let actuators = controller.tick(&plant.sensors(sequence))?;
         if !actuators.enabled {
-            return Err(stopped(controller, model, trial.label, time));
+            return Err(fault_error(controller, model, trial.label, time));
         }
         plant.apply(&actuators)?;
         progress(f64::from(tick + 1) / f64::from(ticks));
@@ -197,15 +196,15 @@ fn run_trial(
     Ok(recording)
 }
 
-/// Where the physics has the tip that is fixed to the link of a joint [m].
-fn tip_place(plant: &Plant, joint: usize, tip: &Pose) -> Vector3<f64> {
+/// True position of the tip that is fixed to the link of a joint [m].
+fn tip_position(plant: &Plant, joint: usize, tip: &Pose) -> Vector3<f64> {
     let ([x, y, z], [i, j, k, w]) = plant.link_pose(joint).unwrap_or(([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]));
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
     let link = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
     link.transform_point(&tip.translation.map(f64::from).into()).coords
 }
 
-/// A point of the figures' plane with its derivatives [m].
+/// A point of a path in its plane, with derivatives [m, s].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct PathPoint {
     position: Vector2<f64>,
@@ -217,19 +216,19 @@ impl PathPoint {
     fn at(&self, center: &Vector3<f64>) -> TipPoint {
         let single = |vector: Vector3<f64>| vector.map(|value| value as f32).into();
         TipPoint {
-            position: single(center + across_x(self.position)),
-            velocity: single(across_x(self.velocity)),
-            acceleration: single(across_x(self.acceleration)),
+            position: single(center + normal_to_x(self.position)),
+            velocity: single(normal_to_x(self.velocity)),
+            acceleration: single(normal_to_x(self.acceleration)),
         }
     }
 }
 
-/// The figures' plane in the hand's frame.
-fn across_x(point: Vector2<f64>) -> Vector3<f64> {
+/// A vector of the paths' plane, which is normal to x, in the hand's frame.
+fn normal_to_x(point: Vector2<f64>) -> Vector3<f64> {
     Vector3::new(0.0, point.x, point.y)
 }
 
-/// From `from` to `to` in `duration`, `time` after the start.
+/// A minimum-jerk line from `from` to `to` in `duration`, at `time` after its start.
 fn line(from: [f64; 2], to: [f64; 2], time: f64, duration: f64) -> PathPoint {
     let (from, to) = (Vector2::from(from), Vector2::from(to));
     let [value, first, second] = minimum_jerk(time / duration);
@@ -240,8 +239,8 @@ fn line(from: [f64; 2], to: [f64; 2], time: f64, duration: f64) -> PathPoint {
     }
 }
 
-/// The circle, `time` after its start: the speed rises from 0 to one turn a second and falls again, both like
-/// a minimum-jerk motion.
+/// The circle, at `time` after its start. The speed rises from 0 to one revolution per second and falls
+/// again, both as a minimum-jerk polynomial.
 fn circle(time: f64) -> PathPoint {
     let (start, ramp, end) = CIRCLE;
     let duration = end - start;
@@ -249,7 +248,7 @@ fn circle(time: f64) -> PathPoint {
     let area = |s: f64| s.powi(4) * (2.5 + s * (-3.0 + s));
     let (up, down) = ((time / ramp).min(1.0), ((duration - time) / ramp).min(1.0));
     let total = duration - ramp;
-    let turns = if up < 1.0 {
+    let revolutions = if up < 1.0 {
         ramp * area(up)
     } else if down < 1.0 {
         total - ramp * area(down)
@@ -258,7 +257,7 @@ fn circle(time: f64) -> PathPoint {
     };
     let [rising, steeper, _] = minimum_jerk(up);
     let [falling, flatter, _] = minimum_jerk(down);
-    let (phase, speed, gain) = (TAU * turns, TAU * rising * falling, TAU * (steeper - flatter) / ramp);
+    let (phase, speed, gain) = (TAU * revolutions, TAU * rising * falling, TAU * (steeper - flatter) / ramp);
     let (sine, cosine) = phase.sin_cos();
     let (outward, along) = (Vector2::new(cosine, sine), Vector2::new(-sine, cosine));
     PathPoint {
@@ -268,12 +267,13 @@ fn circle(time: f64) -> PathPoint {
     }
 }
 
-/// The whole trial: out to the circle, round it, over to the square, twice round it, and back.
+/// The path of the whole trial: to the circle, around it, to the square, twice around it, and back.
 fn path(time: f64) -> PathPoint {
-    const CORNERS: [[f64; 2]; 4] = [[HALF, HALF], [-HALF, HALF], [-HALF, -HALF], [HALF, -HALF]];
+    const CORNERS: [[f64; 2]; 4] =
+        [[HALF_SIDE, HALF_SIDE], [-HALF_SIDE, HALF_SIDE], [-HALF_SIDE, -HALF_SIDE], [HALF_SIDE, -HALF_SIDE]];
     let (begin, side, end) = SQUARE;
     if time < CIRCLE.0 {
-        line([0.0; 2], [RADIUS, 0.0], time - SETTLE, CIRCLE.0 - SETTLE)
+        line([0.0; 2], [RADIUS, 0.0], time - APPROACH, CIRCLE.0 - APPROACH)
     } else if time < CIRCLE.2 {
         circle(time - CIRCLE.0)
     } else if time < begin {
@@ -288,23 +288,23 @@ fn path(time: f64) -> PathPoint {
     }
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
-    let label = capital(trial.label);
-    for (figure, window) in FIGURES {
-        let (all, shifted, peak) = recording.worst(window);
-        let rms_label = format!("{label}: {figure}, rms distance from the path, worst tip");
+fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &TipLog) {
+    let label = capitalized(trial.label);
+    for (path, window) in PATHS {
+        let (total, without_offset, peak) = recording.worst(window);
+        let rms_label = format!("{label}: {path}, rms distance from the path, worst tip");
         let rms = match trial.limit {
-            Some(limit) => Metric::at_most(rms_label, all, limit, "mm"),
-            None => Metric::reported(rms_label, all, "mm"),
+            Some(limit) => Metric::at_most(rms_label, total, limit, "mm"),
+            None => Metric::reported(rms_label, total, "mm"),
         };
-        summary.insert(format!("{}_{figure}_rms", trial.name), rms);
-        let label = format!("{label}: {figure}, rms without the constant offset");
+        summary.insert(format!("{}_{path}_rms", trial.name), rms);
+        let label = format!("{label}: {path}, rms without the constant offset");
         summary.insert(
-            format!("{}_{figure}_rms_without_shift", trial.name),
-            Metric::reported(label, shifted, "mm"),
+            format!("{}_{path}_rms_without_offset", trial.name),
+            Metric::reported(label, without_offset, "mm"),
         );
-        let label = format!("{}: {figure}, largest distance", capital(trial.label));
-        summary.insert(format!("{}_{figure}_peak", trial.name), Metric::reported(label, peak, "mm"));
+        let label = format!("{}: {path}, largest distance", capitalized(trial.label));
+        summary.insert(format!("{}_{path}_error_peak", trial.name), Metric::reported(label, peak, "mm"));
     }
 }
 
@@ -312,17 +312,17 @@ fn tip_name(model: &RobotModel, tip: usize) -> String {
     model.chains.get(tip).map_or_else(String::new, |chain| chain.name.as_str().replace('_', " "))
 }
 
-/// The figures as drawn, and their references.
-fn paths(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let caption = "Each fingertip in the y–z plane of the hand, relative to the centre of its figures: three \
+/// The paths and their references.
+fn paths(trial: &Trial, recording: &TipLog, model: &RobotModel) -> Figure {
+    let caption = "Each fingertip in the y–z plane of the hand, relative to the centre of its paths: three \
                    turns of the circle at full speed, and twice around the square. Dashed: the reference \
                    path.";
-    let mut figure = Figure::paths(format!("{}: paths", capital(trial.label)), caption, "y", "mm");
-    for (tip, places) in recording.tips.iter().enumerate() {
-        let center = places.first().map_or_else(Vector3::zeros, |(_, reference)| *reference);
-        let (y, z) = recording.drawn(places.iter().map(|(got, _)| got - center));
+    let mut figure = Figure::paths(format!("{}: paths", capitalized(trial.label)), caption, "y", "mm");
+    for (tip, samples) in recording.tips.iter().enumerate() {
+        let center = samples.first().map_or_else(Vector3::zeros, |(_, reference)| *reference);
+        let (y, z) = recording.components(samples.iter().map(|(position, _)| position - center));
         let (reference_y, reference_z) =
-            recording.drawn(places.iter().map(|(_, reference)| reference - center));
+            recording.components(samples.iter().map(|(_, reference)| reference - center));
         figure = figure.panel(
             Panel::new(tip_name(model, tip), "z", "mm")
                 .line(Line::solid("true path", tip, y, z))
@@ -332,13 +332,13 @@ fn paths(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     figure
 }
 
-/// Distances from the path in time.
-fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
+/// Distances from the path over time.
+fn errors(trial: &Trial, recording: &TipLog, model: &RobotModel) -> Figure {
     let mut panel = Panel::new("Distance from the path", "distance", "mm");
     for tip in 0..recording.tips.len() {
         let samples = recording.time.iter().zip(&recording.tips[tip]);
-        let distance = |(&time, (got, reference)): (&f64, &(Vector3<f64>, Vector3<f64>))| {
-            if time < SETTLE { f64::NAN } else { (got - reference).norm() * 1e3 }
+        let distance = |(&time, (position, reference)): (&f64, &(Vector3<f64>, Vector3<f64>))| {
+            if time < APPROACH { f64::NAN } else { (position - reference).norm() * 1e3 }
         };
         let distances = samples.map(distance).collect();
         panel = panel.line(Line::solid(tip_name(model, tip), tip, recording.time.clone(), distances));
@@ -348,9 +348,9 @@ fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
     }
     let caption = "Distance of the true fingertip from its reference at the same time. The metrics are taken \
                    over the circle at full speed and over the square (shaded).";
-    let title = format!("{}: distance from the path", capital(trial.label));
-    let (circle_end, square_begin) = (FIGURES[0].1.1, FIGURES[1].1.0);
-    FIGURES
+    let title = format!("{}: distance from the path", capitalized(trial.label));
+    let (circle_end, square_begin) = (PATHS[0].1.1, PATHS[1].1.0);
+    PATHS
         .into_iter()
         .fold(Figure::stacked(title, caption, "time", "s"), |figure, (name, (from, to))| {
             let figure = figure.phase(from, to, name);
@@ -359,18 +359,18 @@ fn errors(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
         .panel(panel)
 }
 
-fn table(recording: &Recording, model: &RobotModel) -> String {
+fn table(recording: &TipLog, model: &RobotModel) -> String {
     let mut values = Vec::new();
-    for (tip, places) in recording.tips.iter().enumerate() {
+    for (tip, samples) in recording.tips.iter().enumerate() {
         let name = tip_name(model, tip);
         for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
             values.push((
                 format!("{name} {letter}"),
-                places.iter().map(|place| place.0[axis]).collect::<Vec<f64>>(),
+                samples.iter().map(|sample| sample.0[axis]).collect::<Vec<f64>>(),
             ));
             values.push((
                 format!("{name} {letter} reference"),
-                places.iter().map(|place| place.1[axis]).collect(),
+                samples.iter().map(|sample| sample.1[axis]).collect(),
             ));
         }
     }
@@ -383,9 +383,9 @@ fn table(recording: &Recording, model: &RobotModel) -> String {
 mod tests {
     use super::*;
 
-    /// Velocity and acceleration are the derivatives of the position, all along; nothing jumps.
+    /// Velocity and acceleration are the derivatives of the position, which is smooth everywhere.
     #[test]
-    fn the_path_is_smooth_and_its_derivatives_are_its_own() {
+    fn the_path_is_smooth_and_its_derivatives_match() {
         let h = 1e-5;
         let mut time = h;
         while time < TRIAL - h {

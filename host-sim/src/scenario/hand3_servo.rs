@@ -1,4 +1,4 @@
-//! The joint servo of the three-finger hand (Hand3, section 4): steps of ±0.3 rad of all nine joints at once
+//! Joint servos of the three-finger hand (Hand3, section 4): all nine joints step by ±0.3 rad at once,
 //! through the trajectory filter, on a machine that differs from the controller's model.
 
 use std::ops::Range;
@@ -9,7 +9,7 @@ use tesaki::protocol::Refusal;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{capital, prepare, stopped};
+use super::common::{T, capitalized, fault_error, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -36,18 +36,16 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// From the start to the first step [s].
+/// Time from the start to the first step [s].
 const INITIAL_REST: f64 = 0.5;
-/// From one step to the next [s].
+/// Time from one step to the next [s].
 const INTERVAL: f64 = 2.5;
-/// The steps' size [rad].
+/// Size of the steps [rad].
 const STEP: f64 = 0.3;
-/// Time after a step from which the error counts as settled [s].
+/// Time after a step from which the error is counted as settled [s].
 const SETTLING_TIME: f64 = 1.0;
 /// The first step in each direction meets unknown friction; from then on the servo has adapted to it.
-const FIRST_MOTIONS: usize = 2;
-/// Control period [s].
-const T: f64 = 0.01;
+const FIRST_STEPS: usize = 2;
 /// Ticks from one command to the next; commands are idempotent.
 const COMMAND_EVERY: u32 = 5;
 const TRIALS: [Trial; 4] = [
@@ -87,22 +85,22 @@ struct Trial {
     label: &'static str,
     mode: ServoMode,
     paper_friction: bool,
-    /// Largest peak and settled error [mrad].
+    /// Limits of peak and settled error [mrad].
     limits: Option<(f64, f64)>,
 }
 
-/// Signals of a trial: a list for each joint, with a value for each tick.
-struct Recording {
+/// Signals of a trial: one list per joint, one value per tick.
+struct ServoLog {
     time: Vec<f64>,
     reference: Vec<Vec<f64>>,
     position: Vec<Vec<f64>>,
     torque: Vec<Vec<f64>>,
     homing_errors: Vec<f64>,
-    /// Ticks of the steps of the goal.
+    /// Ticks at which the goal steps.
     steps: Vec<usize>,
 }
 
-impl Recording {
+impl ServoLog {
     /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which
     /// the servo cannot observe.
     fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
@@ -112,7 +110,7 @@ impl Recording {
     }
 
     /// Encoder angle of a joint relative to the start [rad].
-    fn moved(&self, joint: usize) -> Vec<f64> {
+    fn displacement(&self, joint: usize) -> Vec<f64> {
         let start = self.reference[joint].first().copied().unwrap_or(0.0);
         self.position[joint].iter().map(|angle| angle + self.homing_errors[joint] - start).collect()
     }
@@ -143,7 +141,7 @@ impl Recording {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let minimum = 4.0 * (INITIAL_REST + INTERVAL * (FIRST_MOTIONS + 1) as f64);
+    let minimum = 4.0 * (INITIAL_REST + INTERVAL * (FIRST_STEPS + 1) as f64);
     if setting.duration.is_nan() || setting.duration < minimum {
         return Err(ScenarioError::TooShort { duration: setting.duration, name: SCENARIO.name, minimum });
     }
@@ -157,12 +155,13 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
         let Setting { seed, .. } = *setting;
-        let mut trial_run = TrialRun::begin(trial, (&robot, &values, seed), setting.controller, &mut motion)?;
+        let mut servo_trial =
+            ServoTrial::begin(trial, (&robot, &values, seed), setting.controller, &mut motion)?;
         for tick in 0..ticks {
-            trial_run.tick(tick)?;
+            servo_trial.tick(tick)?;
             progress(f64::from(tick + 1) / f64::from(ticks));
         }
-        let recording = trial_run.end()?;
+        let recording = servo_trial.end()?;
         add_metrics(&mut summary, trial, &recording);
         figures.push(figure(trial, &recording, &robot.model));
         tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
@@ -171,8 +170,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion })
 }
 
-/// A trial in progress: the plant under the servo, and what is recorded of it.
-struct TrialRun<'a, 'b> {
+/// A running trial: the plant under its servo, and the log.
+struct ServoTrial<'a, 'b> {
     label: &'static str,
     controller: &'a mut Watched<'b>,
     motion: &'a mut Motion,
@@ -182,10 +181,10 @@ struct TrialRun<'a, 'b> {
     start: Vec<f32>,
     /// Time constant of the trajectory filter [s].
     filter_time: f64,
-    recording: Recording,
+    recording: ServoLog,
 }
 
-impl<'a, 'b> TrialRun<'a, 'b> {
+impl<'a, 'b> ServoTrial<'a, 'b> {
     fn begin(
         trial: &Trial,
         (robot, values, seed): (&RobotFolder, &PlantValues, u64),
@@ -205,7 +204,7 @@ impl<'a, 'b> TrialRun<'a, 'b> {
         let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
         let joints = model.joints.len();
         let filter_time = f64::from(model.joints[0].servo.filter_time);
-        let recording = Recording {
+        let recording = ServoLog {
             time: Vec::new(),
             reference: vec![Vec::new(); joints],
             position: vec![Vec::new(); joints],
@@ -223,16 +222,16 @@ impl<'a, 'b> TrialRun<'a, 'b> {
         let truth = self.plant.truth();
         let actuators = self.controller.tick(&self.plant.sensors(self.motion.tick(&truth)))?;
         if !actuators.enabled {
-            return Err(stopped(self.controller, &self.model, self.label, time));
+            return Err(fault_error(self.controller, &self.model, self.label, time));
         }
-        let moved = reference(tick, &self.recording.steps, self.filter_time);
-        self.motion.reference(self.start.iter().map(|&start| f64::from(start) + moved).collect());
+        let displacement = reference(tick, &self.recording.steps, self.filter_time);
+        self.motion.reference(self.start.iter().map(|&start| f64::from(start) + displacement).collect());
         if tick == 0 {
             self.motion.note(self.label);
         }
         self.recording.time.push(time);
         for (joint, &start) in self.start.iter().enumerate() {
-            self.recording.reference[joint].push(f64::from(start) + moved);
+            self.recording.reference[joint].push(f64::from(start) + displacement);
             self.recording.position[joint].push(truth.positions[joint]);
             self.recording.torque[joint].push(truth.torques[joint]);
         }
@@ -254,35 +253,35 @@ impl<'a, 'b> TrialRun<'a, 'b> {
         let goal: Vec<f32> = self.start.iter().map(|angle| angle + offset as f32).collect();
         match self.controller.set_goal(&goal) {
             Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                Err(stopped(self.controller, &self.model, self.label, time))
+                Err(fault_error(self.controller, &self.model, self.label, time))
             }
             other => Ok(other?),
         }
     }
 
-    fn end(self) -> Result<Recording, ScenarioError> {
+    fn end(self) -> Result<ServoLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.recording)
     }
 }
 
-/// How far the reference has moved at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one
+/// Displacement of the reference at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one
 /// term per step. A goal received with a tick acts from the tick before it.
 fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
-    let mut moved = 0.0;
+    let mut displacement = 0.0;
     for (index, &step) in steps.iter().enumerate() {
         let x = (f64::from(tick) + 1.0 - step as f64) * T / filter_time;
         let response = STEP * (1.0 - (1.0 + x) * (-x).exp());
-        moved += if index % 2 == 0 { response } else { -response };
+        displacement += if index % 2 == 0 { response } else { -response };
     }
-    moved
+    displacement
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
-    let (first_peak, _) = recording.worst(0..FIRST_MOTIONS);
-    let (peak, settled) = recording.worst(FIRST_MOTIONS..usize::MAX);
+fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {
+    let (first_peak, _) = recording.worst(0..FIRST_STEPS);
+    let (peak, settled) = recording.worst(FIRST_STEPS..usize::MAX);
     let Trial { name, limits, .. } = trial;
-    let label = capital(trial.label);
+    let label = capitalized(trial.label);
     let peak_label = format!("{label}: largest error");
     let settled_label = format!("{label}: largest error later than 1 s after a step");
     let metrics = match *limits {
@@ -299,24 +298,24 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &Recording) {
     summary.insert(format!("{name}_error_settled"), settled);
     let first = Metric::reported(format!("{label}: largest error of the first steps"), first_peak, "mrad")
         .note("the first step in each direction, before the servo has adapted to the friction");
-    summary.insert(format!("{name}_error_first_motions"), first);
+    summary.insert(format!("{name}_error_first_steps"), first);
     let torque = Metric::reported(format!("{label}: largest torque"), recording.torque_peak(), "N·m");
     summary.insert(format!("{name}_torque_peak"), torque);
 }
 
 /// All joints' angles and torques, and the errors chain by chain; the colour is the joint's position in its
 /// chain.
-fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
-    let mut angles = Panel::new("Joint angles from the start", "angle", "rad");
+fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
+    let mut angles = Panel::new("Joint displacement from the start", "angle", "rad");
     let mut errors = Vec::new();
     let mut torques = Panel::new("Motor torque", "torque", "N·m");
     for joints in model.chain_ranges() {
         let (prefix, names) = split_names(joints.clone().map(|joint| model.joint_name(joint)).collect());
         let title = if prefix.is_empty() { "Error".to_owned() } else { format!("Error, {prefix}") };
         let mut panel = Panel::new(title, "error", "mrad");
-        for (place, (joint, name)) in joints.zip(names).enumerate() {
-            let line = |values: Vec<f64>| Line::solid(name, place, recording.time.clone(), values);
-            angles = angles.line(line(recording.moved(joint)));
+        for (position, (joint, name)) in joints.zip(names).enumerate() {
+            let line = |values: Vec<f64>| Line::solid(name, position, recording.time.clone(), values);
+            angles = angles.line(line(recording.displacement(joint)));
             panel = panel.line(line(recording.error(joint).collect()));
             torques = torques.line(line(recording.torque[joint].clone()));
         }
@@ -332,10 +331,9 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
                    motor torques. During the first step up and down (shaded) the servo meets the machine's \
                    true friction for the first time; afterwards it has adapted to it, and the limit \
                    applies.";
-    let mut figure = Figure::stacked(capital(trial.label), caption, "time", "s").panel(angles);
+    let mut figure = Figure::stacked(capitalized(trial.label), caption, "time", "s").panel(angles);
     let time = |step: Option<&usize>| step.map(|&step| step as f64 * T);
-    if let (Some(from), Some(to)) = (time(recording.steps.first()), time(recording.steps.get(FIRST_MOTIONS)))
-    {
+    if let (Some(from), Some(to)) = (time(recording.steps.first()), time(recording.steps.get(FIRST_STEPS))) {
         let end = recording.time.last().map_or(to, |last| last + T);
         figure = figure.phase(from, to, "").phase(to, end, "");
     }
@@ -343,7 +341,7 @@ fn figure(trial: &Trial, recording: &Recording, model: &RobotModel) -> Figure {
         let size = if number % 2 == 0 { "+" } else { "−" };
         let adapted = match number {
             0 => ", friction unknown",
-            FIRST_MOTIONS => ", friction learnt",
+            FIRST_STEPS => ", friction learnt",
             _ => "",
         };
         figure = figure.event(step as f64 * T, format!("{size}{STEP} rad{adapted}"));
@@ -361,7 +359,7 @@ fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
     (prefix, names.iter().map(|name| &name[prefix.len() + 1..]).collect())
 }
 
-fn table(recording: &Recording, model: &RobotModel) -> String {
+fn table(recording: &ServoLog, model: &RobotModel) -> String {
     let mut columns = vec![Column::new("time", "s", &recording.time)];
     for (index, joint) in model.joints.iter().enumerate() {
         let name = joint.name.as_str();

@@ -1,13 +1,12 @@
-//! A held box is shifted to and fro (Hand3, section 7 and figure 15), under the paper's law and under ours.
+//! Translation of a held box by 1 cm and back (Hand3, section 7 and figure 15), under the paper's law and
+//! under ours.
 
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
 
-use super::common::capital;
-use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, moved, require_duration, table, xyz,
-};
+use super::common::{capitalized, require_duration};
+use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -34,11 +33,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-const SHIFT: f64 = 0.01;
-/// Rest before the first motion, and after each [s].
-const SETTLE: f64 = 1.5;
+/// Displacement of the box [m].
+const DISPLACEMENT: f64 = 0.01;
+/// Rest before the first motion, and after each motion [s].
+const INITIAL_REST: f64 = 1.5;
 const REST: f64 = 2.5;
-/// From the end of a motion until the error counts [s].
+/// Time from the end of a motion until its error is evaluated [s].
 const AFTER: f64 = 2.0;
 
 struct Trial {
@@ -52,9 +52,10 @@ const TRIALS: [Trial; 2] = [
     Trial { name: "ours", label: "ours", paper_law: false },
 ];
 
-/// A run, and when its two motions began [s].
+/// The result of a trial.
 struct Record {
     log: GraspLog,
+    /// When each of the two motions began [s].
     moves: [f64; 2],
 }
 
@@ -63,7 +64,7 @@ impl Record {
         self.moves[0]..self.moves[1] + MOVE + REST
     }
 
-    /// Where the box is off its place at rest after a motion [mm]; not a number if it was lost before.
+    /// Position error of the box at rest after a motion [mm]; NaN if it was lost before.
     fn error(&self, number: usize) -> Vector3<f64> {
         let rest = self.log.at(self.moves[number] + MOVE + AFTER);
         let (Some(start), Some(rest)) = (self.log.at(self.moves[0]), rest) else {
@@ -83,9 +84,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let held =
             GraspedObject { label: trial.label, object: "box", change: &|_| {}, paper: trial.paper_law };
         let mut grasp_trial = GraspTrial::without_support(setting, &mut rig, &held)?;
-        grasp_trial.wait(SETTLE)?;
+        grasp_trial.wait(INITIAL_REST)?;
         let mut moves = [f64::NAN; 2];
-        for (begin, to) in moves.iter_mut().zip([SHIFT, 0.0]) {
+        for (begin, to) in moves.iter_mut().zip([DISPLACEMENT, 0.0]) {
             *begin = grasp_trial.move_object([to, 0.0, 0.0], [0.0; 3])?;
             grasp_trial.wait(MOVE + REST)?;
         }
@@ -102,13 +103,13 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let Trial { name, label, paper_law } = trial;
-    let label = capital(label);
+    let label = capitalized(label);
     let lost = record.log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
     if *paper_law {
         let text = format!("{label}: the box was lost");
         let mut metric = Metric::reported(text, f64::from(u8::from(lost.is_some())), "");
         metric.note.clone_from(&lost);
-        summary.insert(format!("{name}_lost"), metric);
+        summary.insert(format!("{name}_dropped"), metric);
     }
     let mut insert = |key: &str, text: &str, value: f64, limit: f64, paper: &str| {
         let text = format!("{label}: {text}");
@@ -119,23 +120,23 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
         };
         metric.paper = (!paper.is_empty()).then(|| paper.to_owned());
         metric.note.clone_from(&lost);
-        // What the paper's law loses is no failure of this run.
+        // A box that is lost under the paper's law is not a failure of this run.
         if !*paper_law || value.is_finite() {
             summary.insert(format!("{name}_{key}"), metric);
         }
     };
-    let [there, back] = [record.error(0), record.error(1)];
-    insert("there", "error at rest after +1 cm, along x", there.x.abs(), 0.2, "1 mm");
-    insert("back", "error at rest after −1 cm, along x", back.x.abs(), 0.2, "2 mm");
-    // `f64::max` would hide what is not a number.
+    let [forward, back] = [record.error(0), record.error(1)];
+    insert("error_forward", "error at rest after +1 cm, along x", forward.x.abs(), 0.2, "1 mm");
+    insert("error_back", "error at rest after −1 cm, along x", back.x.abs(), 0.2, "2 mm");
+    // `f64::max` would hide a NaN.
     let larger = |a: f64, b: f64| if (a + b).is_nan() { f64::NAN } else { a.max(b) };
-    let (y, z) = (larger(there.y.abs(), back.y.abs()), larger(there.z.abs(), back.z.abs()));
+    let (y, z) = (larger(forward.y.abs(), back.y.abs()), larger(forward.z.abs(), back.z.abs()));
     insert("drift_y", "drift along y", y, 0.2, "");
     insert("drift_z", "drift along z", z, 0.2, "5 mm");
     if !*paper_law || back.norm().is_finite() {
         let text = format!("{label}: distance from the start, after both motions");
         let metric = Metric::reported(text, back.norm(), "mm").paper("3 mm");
-        summary.insert(format!("{name}_from_start"), metric);
+        summary.insert(format!("{name}_distance_from_start"), metric);
     }
 }
 
@@ -143,15 +144,15 @@ fn figure(records: &[Record]) -> Figure {
     let caption = "Displacement of the true box since the first motion, along the axes of the hand, and its \
                    reference (dashed). As in the paper's figure 15.";
     let mut figure = Figure::stacked("Motion of the box", caption, "time", "s");
-    for (number, (name, back)) in [("+1 cm", "at rest"), ("−1 cm", "at rest")].into_iter().enumerate() {
+    for (number, name) in ["+1 cm", "−1 cm"].into_iter().enumerate() {
         let begin = number as f64 * (MOVE + REST);
-        figure = figure.phase(begin, begin + MOVE, name).phase(begin + MOVE, begin + MOVE + REST, back);
+        figure = figure.phase(begin, begin + MOVE, name).phase(begin + MOVE, begin + MOVE + REST, "at rest");
     }
     for (axis, name) in xyz() {
-        let mut panel = Panel::new(format!("Along {name}"), name, "mm");
+        let mut panel = Panel::new(format!("Along {name}"), "displacement", "mm");
         for (colour, (trial, record)) in TRIALS.iter().zip(records).enumerate() {
-            let [time, way, reference] = moved(&record.log, &record.span(), axis);
-            panel = panel.line(Line::solid(trial.label, colour, time.clone(), way));
+            let [time, displacement, reference] = displacements(&record.log, &record.span(), axis);
+            panel = panel.line(Line::solid(trial.label, colour, time.clone(), displacement));
             if !trial.paper_law {
                 panel = panel.line(Line::dashed("reference", Line::INK, time, reference));
             }

@@ -1,11 +1,9 @@
-//! A held box is turned to and fro (Hand3, section 7 and figure 14).
+//! Rotation of a held box by ±0.1 rad (Hand3, section 7 and figure 14).
 
 use rapier3d::na::UnitQuaternion;
 
-use super::common::capital;
-use super::grasping::{
-    GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, require_duration, table,
-};
+use super::common::{capitalized, require_duration};
+use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -26,12 +24,13 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
+/// Angle of a turn [rad].
 const TURN: f64 = 0.1;
-/// From the turn before, and since the start [rad].
-const TURNS: [f64; 4] = [TURN, 0.0, -TURN, 0.0];
+/// Target pitch after each turn, relative to the pitch before the first [rad].
+const TARGETS: [f64; 4] = [TURN, 0.0, -TURN, 0.0];
 /// Rest after each turn [s].
 const REST: f64 = 2.5;
-/// From the end of a turn until the error counts [s].
+/// Time from the end of a turn until its error is evaluated [s].
 const AFTER: f64 = 2.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
@@ -41,7 +40,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
     let up = grasp_trial.lift()?;
     let mut begins = [f64::NAN; 4];
-    for (begin, turn) in begins.iter_mut().zip(TURNS) {
+    for (begin, turn) in begins.iter_mut().zip(TARGETS) {
         *begin = grasp_trial.move_object(up, [0.0, turn, 0.0])?;
         grasp_trial.wait(MOVE + REST)?;
     }
@@ -60,15 +59,15 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
     let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
     let start = pitch(log.at(begins[0]));
     let rests = begins.map(|begin| pitch(log.at(begin + MOVE + AFTER)));
-    let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TURNS[index]).abs());
+    let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TARGETS[index]).abs());
     let worst = errors.into_iter().fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
     let mut metric =
         Metric::at_most("Pitch error at rest, worst of four", worst, 2.0, "mrad").paper("1–4 mrad");
     metric.note = lost;
-    summary.insert("turn_error", metric);
+    summary.insert("pitch_error", metric);
     for (number, (error, turn)) in (1..).zip(errors.into_iter().zip(["+0.1", "−0.1", "−0.1", "+0.1"])) {
         let text = format!("Pitch error after turn {number} ({turn} rad)");
-        summary.insert(format!("turn{number}_error"), Metric::reported(text, error, "mrad"));
+        summary.insert(format!("pitch_error_turn{number}"), Metric::reported(text, error, "mrad"));
     }
     let span = begins[0]..begins[3] + MOVE + AFTER;
     let text = "Largest sliding of a fingertip on the box";
@@ -82,7 +81,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
             .fold(f64::NAN, f64::max)
     });
     let text = "Largest change of roll and yaw at rest";
-    summary.insert("drift", Metric::reported(text, drift[0].max(drift[1]), "mrad"));
+    summary.insert("roll_yaw_drift", Metric::reported(text, drift[0].max(drift[1]), "mrad"));
 }
 
 fn figure(log: &GraspLog, begin: f64) -> Figure {
@@ -99,15 +98,16 @@ fn figure(log: &GraspLog, begin: f64) -> Figure {
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
         let reference = |sample: &&GraspSample| {
             let Some(start) = start else { return f64::NAN };
-            let turned = UnitQuaternion::from_scaled_axis(sample.target[1] - start.target[1]) * start.turn();
-            let (roll, pitch, yaw) = turned.euler_angles();
+            let target =
+                UnitQuaternion::from_scaled_axis(sample.target[1] - start.target[1]) * start.orientation();
+            let (roll, pitch, yaw) = target.euler_angles();
             [roll, pitch, yaw][axis]
         };
         let reference: Vec<f64> = samples.iter().map(reference).collect();
-        let got: Vec<f64> = samples.iter().map(|sample| sample.angles()[axis]).collect();
+        let measured: Vec<f64> = samples.iter().map(|sample| sample.angles()[axis]).collect();
         figure = figure.panel(
-            Panel::new(capital(name), name, "rad")
-                .line(Line::solid("true", axis, time.clone(), got))
+            Panel::new(capitalized(name), name, "rad")
+                .line(Line::solid("true", axis, time.clone(), measured))
                 .line(Line::dashed("reference", Line::INK, time.clone(), reference)),
         );
     }

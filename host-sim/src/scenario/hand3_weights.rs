@@ -1,4 +1,4 @@
-//! Weights are put on a held box and taken off, one at a time and one on the other, and it is pushed (Hand3,
+//! Disturbance of a held box: weights are added one at a time and cumulatively, then it is pushed (Hand3,
 //! section 6 and figures 12 and 13).
 
 use std::ops::Range;
@@ -6,9 +6,10 @@ use std::ops::Range;
 use rapier3d::na::{Vector3, Vector6};
 use tesaki_description::grasp::PlacedGrasp;
 
+use super::common::require_duration;
 use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, UP, component_targets, components, grip_ratio,
-    internal_forces, require_duration, table,
+    GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, LIFT, component_targets, components,
+    grip_ratio, internal_forces, table,
 };
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::{Load, Push};
@@ -29,43 +30,43 @@ pub(super) const SCENARIO: Scenario = Scenario {
          through its force sensors.",
         "Motion is that of the true box since the start of each part. Sliding is the longest path of a \
          fingertip along the box while its contact force was at the friction limit. The grip ratio is taken \
-         one second after each weight: the sum of the true normal forces, divided by that of the minimum \
-         grip that holds the true load with the true friction.",
+         one second after each weight: the sum of the true normal forces, divided by that of the least \
+         grip, the smallest forces that hold the true load with the true friction.",
     ],
     run,
 };
 
 /// The weights [kg].
 const WEIGHTS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
-/// Where they are put: the middle of the top, in the box's frame [m].
+/// Point where the weights act: the middle of the top, in the box's frame [m].
 const TOP: [f64; 3] = [0.0, 0.0, 0.03];
-/// Time in which a weight is put on or taken off [s].
+/// Time in which a weight is added or removed [s].
 const RAMP: f64 = 0.3;
-/// From one to the next [s].
+/// Time from one weight to the next [s].
 const STEP: f64 = 2.0;
-/// From when a weight is on until the grip is looked at [s].
+/// Time from when a weight is on until the grip is evaluated [s].
 const GRIP_AFTER: f64 = 1.0;
-/// From the side [N], and for how long [s].
+/// Force of the push from the side [N], and its duration [s].
 const PUSH: f64 = 0.3;
 const PUSH_TIME: f64 = 1.5;
-/// Limits of each part: motion [mm], sliding [mm] and firmness.
-const MOTION: f64 = 0.5;
-const SLIDING: f64 = 0.1;
-const FIRMNESS: f64 = 1.5;
-/// The largest torque of a joint [N·m].
-const TORQUE: f64 = 0.6;
+/// Limits of each part: motion [mm], sliding [mm] and grip ratio.
+const MAX_MOTION: f64 = 0.5;
+const MAX_SLIDING: f64 = 0.1;
+const MAX_GRIP_RATIO: f64 = 1.5;
+/// Rated torque of the joints [N·m].
+const RATED_TORQUE: f64 = 0.6;
 
-/// A stretch of time in which something is done to the box.
+/// A part of the trial, with one kind of disturbance.
 struct Part {
     name: &'static str,
     label: &'static str,
     span: Range<f64>,
 }
 
-/// A weight that was put on.
-struct Put {
+/// A weight that was added.
+struct AddedWeight {
     part: &'static str,
-    /// All that is on now [kg].
+    /// Total mass on the box [kg].
     mass: f64,
     /// The grip one second later, if the box was still held.
     grip: Option<GripRatio>,
@@ -75,9 +76,9 @@ struct Put {
 
 struct Record {
     parts: Vec<Part>,
-    puts: Vec<Put>,
+    weights: Vec<AddedWeight>,
     empty: Option<GripRatio>,
-    /// What happened when [s].
+    /// Times of the events [s], and their labels.
     events: Vec<(f64, String)>,
 }
 
@@ -91,13 +92,13 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let grip = |log: &GraspLog, added: f64| {
         let sample = log.samples.last()?;
         let force = gravity * -added;
-        let position = sample.position() + sample.turn() * Vector3::from(TOP);
+        let position = sample.position() + sample.orientation() * Vector3::from(TOP);
         let moment = position.cross(&force);
         let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
         grip_ratio(&model, sample, &load, limit)
     };
-    // The box is to be in the paper's position after it has been lifted.
-    let down = gravity * (UP / gravity.norm());
+    // The box stands lower by the lift, so that it has the paper's position after it.
+    let down = gravity * (LIFT / gravity.norm());
     let change = |grasp: &mut PlacedGrasp| {
         grasp.position = (Vector3::from(grasp.position) + down).into();
         for contact in &mut grasp.plan.contacts {
@@ -108,10 +109,11 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
     grasp_trial.lift()?;
     let empty = grip(&grasp_trial.log, 0.0);
-    let mut record = Record { parts: Vec::new(), puts: Vec::new(), empty, events: Vec::new() };
-    for (name, label, cumulative) in [("single", "One at a time", false), ("all", "Cumulative", true)] {
+    let mut record = Record { parts: Vec::new(), weights: Vec::new(), empty, events: Vec::new() };
+    for (name, label, cumulative) in [("single", "One at a time", false), ("cumulative", "Cumulative", true)]
+    {
         let begin = grasp_trial.log.now();
-        put_weights(&mut grasp_trial, &mut record, name, cumulative, &grip)?;
+        add_weights(&mut grasp_trial, &mut record, name, cumulative, &grip)?;
         record.parts.push(Part { name, label, span: begin..grasp_trial.log.now() });
     }
     push(&mut grasp_trial, &mut record)?;
@@ -125,33 +127,33 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-/// Puts the weights on the box, one at a time or one on the other, and takes them off.
-fn put_weights(
+/// Adds the weights, one at a time or cumulatively, and removes them.
+fn add_weights(
     grasp_trial: &mut GraspTrial<'_, '_>,
     record: &mut Record,
     part: &'static str,
     cumulative: bool,
     grip: &impl Fn(&GraspLog, f64) -> Option<GripRatio>,
 ) -> Result<(), ScenarioError> {
-    let mut on = 0.0;
+    let mut total = 0.0;
     for mass in WEIGHTS {
         let possible = grip(&grasp_trial.log, mass).is_some_and(|grip| grip.possible);
-        on = if cumulative { on + mass } else { mass };
-        grasp_trial.note(&format!("{:.0} g on", 1e3 * on));
-        record.events.push((grasp_trial.log.now(), format!("{:.0} g", 1e3 * on)));
+        total = if cumulative { total + mass } else { mass };
+        grasp_trial.note(&format!("{:.0} g on", 1e3 * total));
+        record.events.push((grasp_trial.log.now(), format!("{:.0} g", 1e3 * total)));
         grasp_trial.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
         grasp_trial.wait(RAMP + GRIP_AFTER)?;
-        let found = if grasp_trial.log.lost.is_none() { grip(&grasp_trial.log, 0.0) } else { None };
-        record.puts.push(Put { part, mass: on, grip: found, possible });
+        let evaluated = if grasp_trial.log.lost.is_none() { grip(&grasp_trial.log, 0.0) } else { None };
+        record.weights.push(AddedWeight { part, mass: total, grip: evaluated, possible });
         grasp_trial.wait(STEP - RAMP - GRIP_AFTER)?;
         if !cumulative {
             record.events.push((grasp_trial.log.now(), "off".to_owned()));
-            take_off(grasp_trial)?;
+            remove_weights(grasp_trial)?;
         }
     }
     if cumulative {
         record.events.push((grasp_trial.log.now(), "off".to_owned()));
-        take_off(grasp_trial)?;
+        remove_weights(grasp_trial)?;
     }
     Ok(())
 }
@@ -169,7 +171,7 @@ fn push(grasp_trial: &mut GraspTrial<'_, '_>, record: &mut Record) -> Result<(),
     Ok(())
 }
 
-fn take_off(grasp_trial: &mut GraspTrial<'_, '_>) -> Result<(), ScenarioError> {
+fn remove_weights(grasp_trial: &mut GraspTrial<'_, '_>) -> Result<(), ScenarioError> {
     grasp_trial.note("off");
     grasp_trial.plant.unload(RAMP);
     grasp_trial.wait(STEP)
@@ -177,52 +179,57 @@ fn take_off(grasp_trial: &mut GraspTrial<'_, '_>) -> Result<(), ScenarioError> {
 
 fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
-    let impossible = |part: &str| record.puts.iter().find(|put| put.part == part && !put.possible);
+    let impossible =
+        |part: &str| record.weights.iter().find(|weight| weight.part == part && !weight.possible);
     let metric = |part: &str, text: String, value: f64, max: f64, unit: &str| {
         let mut metric = Metric::at_most(text, value, max, unit);
         metric.note.clone_from(&lost);
-        if let Some(put) = impossible(part) {
+        if let Some(weight) = impossible(part) {
             metric.limit = None;
             metric.note = Some(format!(
                 "no limit: with the true friction of {:.2}, no grip within the force limit can hold {:.0} g",
                 log.samples.last().map_or(f64::NAN, |sample| sample.object.friction),
-                1e3 * put.mass
+                1e3 * weight.mass
             ));
         }
         metric
     };
     for Part { name, label, span, .. } in &record.parts {
         let text = format!("{label}: largest motion of the box");
-        summary.insert(format!("{name}_motion"), metric(name, text, 1e3 * log.motion(span), MOTION, "mm"));
+        summary
+            .insert(format!("{name}_motion"), metric(name, text, 1e3 * log.motion(span), MAX_MOTION, "mm"));
         let text = format!("{label}: largest sliding of a fingertip");
-        summary.insert(format!("{name}_sliding"), metric(name, text, 1e3 * log.sliding(span), SLIDING, "mm"));
+        summary.insert(
+            format!("{name}_sliding"),
+            metric(name, text, 1e3 * log.sliding(span), MAX_SLIDING, "mm"),
+        );
     }
     for part in record.parts.iter().filter(|part| part.name != "push") {
-        let puts = || record.puts.iter().filter(|put| put.part == part.name);
+        let weights = || record.weights.iter().filter(|weight| weight.part == part.name);
         let all = |value: fn(&GripRatio) -> f64| {
-            let values = puts().map(|put| put.grip.as_ref().map_or(f64::NAN, value));
+            let values = weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value));
             values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
         };
         let text = format!("{}: largest grip ratio", part.label);
-        let key = format!("{}_firmness", part.name);
-        summary.insert(key, metric(part.name, text, all(|grip| grip.ratio), FIRMNESS, ""));
-        for put in puts() {
-            let text = format!("{}: grip ratio with {:.0} g", part.label, 1e3 * put.mass);
-            let ratio = put.grip.map_or(f64::NAN, |grip| grip.ratio);
-            let key = format!("{}_firmness_{:.0}g", part.name, 1e3 * put.mass);
+        let key = format!("{}_grip_ratio", part.name);
+        summary.insert(key, metric(part.name, text, all(|grip| grip.ratio), MAX_GRIP_RATIO, ""));
+        for weight in weights() {
+            let text = format!("{}: grip ratio with {:.0} g", part.label, 1e3 * weight.mass);
+            let ratio = weight.grip.map_or(f64::NAN, |grip| grip.ratio);
+            let key = format!("{}_grip_ratio_{:.0}g", part.name, 1e3 * weight.mass);
             summary.insert(key, Metric::reported(text, ratio, ""));
         }
-        let text = format!("{}: largest joint torque of the minimum grip", part.label);
-        let note = format!("without the fingers' own weight; the joints are rated at {TORQUE} N·m");
+        let text = format!("{}: largest joint torque of the least grip", part.label);
+        let note = format!("without the fingers' own weight; the joints are rated at {RATED_TORQUE} N·m");
         let torque = Metric::reported(text, all(|grip| grip.torque), "N·m").note(note);
-        summary.insert(format!("{}_least_torque", part.name), torque);
+        summary.insert(format!("{}_least_grip_torque", part.name), torque);
     }
     let empty = record.empty.map_or(f64::NAN, |grip| grip.ratio);
     let text = "Empty box: grip ratio";
-    summary.insert("empty_firmness", Metric::reported(text, empty, ""));
+    summary.insert("empty_grip_ratio", Metric::reported(text, empty, ""));
     let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
     summary.insert(
-        "friction_found",
+        "friction_estimate",
         Metric::reported("Coefficient of friction, controller's estimate", log.friction, ""),
     );
     summary.insert("friction_true", Metric::reported("Coefficient of friction, true", friction, ""));
@@ -243,14 +250,15 @@ fn loads(log: &GraspLog, record: &Record, begin: f64) -> Figure {
     let forces: Vec<_> = samples.iter().map(internal_forces).collect();
     let mut internal = Panel::new("True internal force of each finger", "force", "N");
     for finger in 0..3 {
-        let sizes = forces.iter().map(|forces| forces[finger].norm()).collect();
-        internal = internal.line(Line::solid(format!("finger {}", finger + 1), finger, time.clone(), sizes));
+        let magnitudes = forces.iter().map(|forces| forces[finger].norm()).collect();
+        internal =
+            internal.line(Line::solid(format!("finger {}", finger + 1), finger, time.clone(), magnitudes));
     }
     let start = log.at(begin).map_or(Vector3::repeat(f64::NAN), |sample| sample.position());
-    let way = samples.iter().map(|sample| 1e3 * (sample.position() - start).norm()).collect();
+    let distance = samples.iter().map(|sample| 1e3 * (sample.position() - start).norm()).collect();
     let motion = Panel::new("Distance of the box from where it was held empty", "distance", "mm")
-        .rule(MOTION, format!("limit {MOTION} mm"))
-        .line(Line::solid("distance", 6, time, way));
+        .rule(MAX_MOTION, format!("limit {MAX_MOTION} mm"))
+        .line(Line::solid("distance", 6, time, distance));
     let caption = "Weight on the box, the internal part of the true fingertip forces (as in the paper's \
                    figure 12), and how far the box moved. First one weight at a time (shaded), then \
                    cumulative, then the push.";
@@ -269,7 +277,7 @@ fn forces(log: &GraspLog, record: &Record, begin: f64) -> Figure {
     mark_parts(figure, record, begin).panel(panel)
 }
 
-/// Parts as phases, weights as events.
+/// Marks parts as phases, and weights as events.
 fn mark_parts(mut figure: Figure, record: &Record, begin: f64) -> Figure {
     for part in &record.parts {
         figure = figure.phase(part.span.start - begin, part.span.end - begin, "");

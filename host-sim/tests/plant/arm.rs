@@ -1,4 +1,5 @@
-//! The arm's folder: what is in it fits together, and the plain joint servo holds and moves the simulated arm.
+//! The arm's folder: what is in it fits together, and the plain joint servo holds and moves the simulated
+//! arm.
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
@@ -64,7 +65,8 @@ pub fn hand(plant: &Plant) -> TipTruth {
     hand
 }
 
-/// Runs the joint servo for 4 s; returns how far any joint is from where it should be in the second half of that.
+/// Runs the joint servo for 4 s; returns how far any joint is from where it should be in the second half of
+/// that.
 fn servo(from: [f64; JOINTS], to: [f64; JOINTS], mode: ServoMode, seed: u64) -> f64 {
     let arm = Arm::mismatched(seed, from);
     let (mut plant, mut controller, mut sequence) = (arm.build(), Native::default(), 0);

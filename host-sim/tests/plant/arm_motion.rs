@@ -5,8 +5,8 @@ use crate::hand::{frame_of, largest};
 use tesaki_sim::plant::Wall;
 
 type Joints = [f64; JOINTS];
-/// Feed-forward torque, reference, and MuJoCo's position, place of the hand's end and mean force of the wall over the
-/// period before, at the start of a control period.
+/// Feed-forward torque, reference, and MuJoCo's position, place of the hand's end and mean force of the wall
+/// over the period before, at the start of a control period.
 type Row = (Joints, Joints, Joints, [f64; 3], [f64; 1]);
 /// Name, stiffness and damping of the wall, rows.
 type Case = (&'static str, Option<(f64, f64)>, &'static [Row]);
@@ -54,8 +54,8 @@ fn run(case: &Case, step: f64) -> Worst {
     worst
 }
 
-/// The hand goes back 3 cm, follows ±0.1 m at 0.5 Hz, stays while the elbow swings by 30°, and runs against walls of 50 kN/m
-/// and 200 N/m. The force is a mean over a control period, also over that of the impact.
+/// The hand goes back 3 cm, follows ±0.1 m at 0.5 Hz, stays while the elbow swings by 30°, and runs against
+/// walls of 50 kN/m and 200 N/m. The force is a mean over a control period, also over that of the impact.
 #[test]
 fn the_arm_moves_as_in_mujoco() {
     let bounds = [

@@ -64,8 +64,8 @@ fn hand(step: f64) -> (Worst, f64) {
     (worst, joints)
 }
 
-/// Bounds at 1 ms: distance [m] and turn [rad] while the box goes 7 mm, 1.9 mm, 3.3 mm and turns 0.17 rad, and swings to
-/// 0.75 rad.
+/// Bounds at 1 ms: distance [m] and turn [rad] while the box goes 7 mm, 1.9 mm, 3.3 mm and turns 0.17 rad,
+/// and swings to 0.75 rad.
 #[test]
 fn a_pinched_box_moves_as_in_mujoco() {
     let bounds = [

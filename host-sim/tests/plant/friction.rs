@@ -39,7 +39,8 @@ fn gravity_is_held_by_the_torque_that_statics_asks_for() {
     let (bend, curl) = (9.81 * (lower + upper), 9.81 * upper);
     assert!((bend - 3.80e-3).abs() < 0.005e-3 && (curl + 1.14e-3).abs() < 0.005e-3, "{bend} {curl}");
 
-    // Friction of 5 mN·m holds the hand; each joint moves when it gets 1 % more than that too much or too little.
+    // Friction of 5 mN·m holds the hand; each joint moves when it gets 1 % more than that too much or too
+    // little.
     let friction = 0.005;
     for (joint, hold) in [(0, 0.0), (1, bend), (2, curl)] {
         for side in [-1.0, 1.0] {
@@ -65,7 +66,8 @@ fn a_coasting_joint_slows_down_at_the_right_rate_and_stops() {
         plant.apply(&frame(torques)).unwrap();
         velocities.push(plant.truth().velocities[swing]);
     }
-    // Inertia about the swing axis: rotor, knuckle, and the solids of lower and upper link and tip at their distances.
+    // Inertia about the swing axis: rotor, knuckle, and the solids of lower and upper link and tip at their
+    // distances.
     let (s19, s58) = (19f64.to_radians().sin(), 58f64.to_radians().sin());
     let rod = |across: f64, along: f64, sine: f64| across * sine * sine + along * (1.0 - sine * sine);
     let knee = 0.046 * s19;

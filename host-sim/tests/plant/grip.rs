@@ -11,7 +11,8 @@ pub const PITCH: f64 = 0.769;
 pub const SIZE: [f64; 3] = [0.098, 0.208, 0.060];
 pub const MASS: f64 = 0.023;
 const RADIUS: f64 = 0.008;
-/// Masses of knuckle, lower and upper link and tip [kg], where they are between the joints, and the hand's gravity [m/s²].
+/// Masses of knuckle, lower and upper link and tip [kg], where they are between the joints, and the hand's
+/// gravity [m/s²].
 const MASSES: [f64; 4] = [0.040, 0.020, 0.010, 0.005];
 const GRAVITY: f64 = 6.936_718;
 
@@ -121,7 +122,8 @@ impl Grip {
         let mut torques = [0.0; JOINTS];
         for (finger, force) in forces.iter().enumerate() {
             let q = self.posture[finger];
-            // The force acts where tip and box touch; its arm about the middle of the tip turns the last links as well.
+            // The force acts where tip and box touch; its arm about the middle of the tip turns the last
+            // links as well.
             let at_tip = jacobian(finger, q).transpose() * (turned() * Vector3::from(*force));
             for (joint, weight) in weight(finger, q).into_iter().enumerate() {
                 torques[3 * finger + joint] = (at_tip[joint] + weight) as f32;

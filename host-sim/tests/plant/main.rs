@@ -1,4 +1,5 @@
-//! The simulated three-finger hand and the arm: against MuJoCo, by hand numbers, and what it says about bad input.
+//! The simulated three-finger hand and the arm: against MuJoCo, by hand numbers, and what it says about bad
+//! input.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -24,8 +24,8 @@ fn distance(case: &Case, step: f64) -> f64 {
     worst
 }
 
-/// All nine joints move 0.3 rad in 1 s, without gravity and friction (free) and with gravity and viscous friction
-/// (servo), or 0.8 rad in 0.4 s (fast).
+/// All nine joints move 0.3 rad in 1 s, without gravity and friction (free) and with gravity and viscous
+/// friction (servo), or 0.8 rad in 0.4 s (fast).
 #[test]
 fn motions_agree_with_mujoco() {
     let bounds = [("free", 0.06e-3), ("servo", 0.01e-3), ("fast", 0.1e-3)];

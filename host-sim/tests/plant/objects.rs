@@ -69,7 +69,8 @@ fn a_wedge_has_its_own_centre_of_mass() {
     assert!((state.angular_velocity[1] / turning - 1.0).abs() < 0.02, "{turning} {state:?}");
 }
 
-/// A weight on top: a sideways push at the common centre of mass does not turn it, and both are as heavy as they should be.
+/// A weight on top: a sideways push at the common centre of mass does not turn it, and both are as heavy as
+/// they should be.
 #[test]
 fn a_weight_shifts_the_centre_of_mass_and_the_inertia() {
     let mut hand = Hand::exact().weightless();

@@ -135,7 +135,8 @@ fn amplifiers_make_a_current_by_the_models_torque_constants() {
 
 #[test]
 fn a_period_loses_delay_and_lag() {
-    // A free joint gains the speed of torque · (period − delay − time constant), half a sub-step before the end.
+    // A free joint gains the speed of torque · (period − delay − time constant), half a sub-step before the
+    // end.
     let mut plant = Hand::exact().weightless().viscous(0.0).coulomb(0.0).build();
     let mut torques = [0.0; JOINTS];
     torques[0] = 0.01;

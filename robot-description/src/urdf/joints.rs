@@ -9,7 +9,7 @@ use crate::finding::Report;
 
 /// Longest distance between the origins of two links [m].
 const LONGEST_LINK: f64 = 5.0;
-/// Longest way from the base to a tip [m].
+/// Longest path from the base to a tip [m].
 const LONGEST_PATH: f64 = 20.0;
 /// Largest angle in a file [rad].
 const LARGEST_ANGLE: f64 = 4.0 * PI;
@@ -104,8 +104,8 @@ fn mimic(joint: &Part<'_>, source: &Source<'_>, report: &mut Report) {
         let Some(mimic) = here.child("mimic") else { return };
         let Some(next) = mimic.attribute("joint") else { return };
         if next == joint.name() {
-            let way = if here.name() == next { "itself" } else { "itself indirectly" };
-            let message = format!("{} mimics {way}", joint.title());
+            let what = if here.name() == next { "itself" } else { "itself indirectly" };
+            let message = format!("{} mimics {what}", joint.title());
             report.kinematics(line, message, "name the joint that has the motor");
             return;
         }
@@ -122,7 +122,7 @@ fn mimic(joint: &Part<'_>, source: &Source<'_>, report: &mut Report) {
     }
 }
 
-/// The way from the base to any link; silent when a single joint is too long already.
+/// The length of the path from the base to any link; reports nothing if a single joint is already too long.
 fn whole_length(source: &Source<'_>, report: &mut Report) {
     if source.joints.iter().any(|joint| distance(joint) > LONGEST_LINK) {
         return;
@@ -133,7 +133,7 @@ fn whole_length(source: &Source<'_>, report: &mut Report) {
         |link: &Part<'_>| source.joints.iter().any(|joint| joint.link("parent") == Some(link.name()));
     for link in source.links.iter().filter(|link| !carries(link)) {
         let (mut length, mut here) = (0.0, link.name());
-        // No way is longer than all joints, unless it is a loop.
+        // No path has more joints than the robot, unless it is a loop.
         for _ in &source.joints {
             let Some(joint) = parent.get(here) else { break };
             length += distance(joint);

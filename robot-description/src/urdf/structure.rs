@@ -112,16 +112,16 @@ fn loops(links: &[Part<'_>], parent: &BTreeMap<&str, &Part<'_>>, report: &mut Re
     let mut settled = BTreeSet::new();
     let mut found = false;
     for link in links {
-        let (mut here, mut way) = (link.name(), Vec::new());
+        let (mut here, mut path) = (link.name(), Vec::new());
         while settled.insert(here) {
             let Some(joint) = parent.get(here) else { break };
-            way.push((here, *joint));
+            path.push((here, *joint));
             here = joint.link("parent").unwrap_or_default();
         }
-        // The way came back to where it had been: what lies between is a loop.
-        if let Some(start) = way.iter().position(|(link, _)| *link == here) {
-            let joints: Vec<&str> = way.iter().skip(start).map(|(_, joint)| joint.name()).collect();
-            let line = way.get(start).map(|(_, joint)| joint.line());
+        // The path came back to a link: the joints since then form a loop.
+        if let Some(start) = path.iter().position(|(link, _)| *link == here) {
+            let joints: Vec<&str> = path.iter().skip(start).map(|(_, joint)| joint.name()).collect();
+            let line = path.get(start).map(|(_, joint)| joint.line());
             let message = format!("the joints form a loop: {}", joints.join(", "));
             report.kinematics(line, message, "one of them must be attached to the base instead");
             found = true;

@@ -35,7 +35,7 @@ pub struct LinkFaults {
     pub duplicate: f64,
     /// A chunk arrives up to so much later; none overtakes another.
     pub delay: Pause,
-    /// Nothing arrives for so long; then all of it.
+    /// Stall: nothing arrives for this time, then everything at once.
     pub stall: Pause,
 }
 

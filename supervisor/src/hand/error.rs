@@ -1,9 +1,11 @@
 use std::fmt;
 
+use tesaki::fault::FaultCause;
 use tesaki::protocol::Refusal;
+use tesaki::task::TaskFault;
 use tesaki::task::grasping::{GraspFault, GraspRefusal};
 
-use crate::BoardError;
+use crate::{BoardError, troubleshooting};
 
 /// Why a hand of several boards failed. Boards have the names of their fingertips.
 #[derive(Debug, thiserror::Error)]
@@ -27,11 +29,11 @@ pub enum HandError {
         source: BoardError,
     },
     /// A board is in fault.
-    #[error("{board} is in fault{}; see docs/troubleshooting.md", .fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}")))]
+    #[error("{board} is in fault{}", .fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}")))]
     Fault {
         /// Which.
         board: String,
-        /// Description of its fault, if it could be read.
+        /// Description of its fault and the entry of the document that explains it, if it could be read.
         fault: Option<String>,
     },
     /// A board is no longer enabled.
@@ -49,7 +51,7 @@ pub enum HandError {
         steps: u32,
     },
     /// A board refused a set-point.
-    #[error("{board} refused a set-point: {refusal}; see docs/troubleshooting.md")]
+    #[error("{board} refused a set-point: {refusal}; see {}", troubleshooting::refusal(refusal))]
     Refused {
         /// Which.
         board: String,
@@ -70,14 +72,19 @@ pub enum HandError {
     )]
     WrenchControl,
     /// The grasp command was refused.
-    #[error(transparent)]
+    #[error("{0}; see {entry}", entry = troubleshooting::grasp_refusal(.0))]
     GraspRefusal(GraspRefusal),
     /// The object was lost.
-    #[error("{}; see docs/troubleshooting.md", Description(.0))]
+    #[error("{}; see {}", Description(.0), troubleshooting::fault(cause(*.0)))]
     Lost(GraspFault),
     /// The boards are not enabled.
     #[error("the hand is not enabled")]
     NotEnabled,
+}
+
+/// The cause that a single board reports for this fault.
+fn cause(fault: GraspFault) -> FaultCause {
+    TaskFault::from(fault).cause
 }
 
 /// Description of a lost object.

@@ -26,7 +26,7 @@ const REPEATS: usize = 2;
 const CLEAR: f64 = 0.02;
 /// Ticks from one question after the object in the hand to the next.
 const ASK: usize = 5;
-/// Most time from the command to grasp, or to put down, to its end [s].
+/// Time limit of a grasp, and of putting down [s].
 const PHASE_TIMEOUT: f64 = 20.0;
 /// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned
 /// [rad].
@@ -35,7 +35,7 @@ const SHIFT: f64 = 0.006;
 const TURN: f64 = 0.06;
 /// Time of each such motion [s].
 const MOTION: f64 = 0.8;
-/// What friction of the object counts as, where the file says nothing: it is not felt for.
+/// Coefficient of friction if the file has none: the identification does not probe it.
 const FRICTION: f32 = 0.4;
 
 /// What an identification may do.
@@ -362,17 +362,17 @@ impl<M: Machine> Course<'_, M> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let ticks = (time / TICK).round() as u32;
         for tick in 1..=ticks {
-            let [value, rate, change] = minimum_jerk(f64::from(tick) / f64::from(ticks));
-            let way = to - from;
+            let [value, rate, curvature] = minimum_jerk(f64::from(tick) / f64::from(ticks));
+            let change = to - from;
             #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
             let point = |index: usize, &rest: &f64| {
                 if index != joint {
                     return JointPoint { position: rest as f32, ..JointPoint::default() };
                 }
                 JointPoint {
-                    position: (from + way * value) as f32,
-                    velocity: (way * rate / time) as f32,
-                    acceleration: (way * change / (time * time)) as f32,
+                    position: (from + change * value) as f32,
+                    velocity: (change * rate / time) as f32,
+                    acceleration: (change * curvature / (time * time)) as f32,
                 }
             };
             let points = rest.iter().enumerate().map(|(index, rest)| point(index, rest)).collect();

@@ -19,7 +19,7 @@ const BELIEVED: std::ops::Range<f64> = 0.5..2.0;
 /// What was read of a joint at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// The motion in which it was, counted through: what was read in one motion may be wrong in the same way.
+    /// Number of its motion: errors of readings from the same motion are correlated.
     pub motion: usize,
     /// Torque that the drive was told to make [N·m].
     pub torque: f64,
@@ -44,10 +44,10 @@ pub struct Estimate {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     /// True torque over what the drive was told; or why it is not known.
-    pub gain: Result<Estimate, Doubt>,
+    pub gain: Result<Estimate, NotIdentified>,
     /// Coulomb friction [N·m] and viscous friction [N·m·s/rad]; in told torque if the gain is not known. Or
     /// why not.
-    pub friction: Result<[Estimate; 2], Doubt>,
+    pub friction: Result<[Estimate; 2], NotIdentified>,
     /// Largest load less the smallest [N·m].
     pub load_range: f64,
     /// Root mean square of what the fit leaves unexplained [N·m, told].
@@ -58,7 +58,7 @@ pub struct Fit {
 
 /// Why a value is not identified.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Doubt {
+pub enum NotIdentified {
     /// The joint did not move enough.
     #[error(
         "it hardly moved: {forth} readings forth and {back} back faster than {MOVING} rad/s, {MIN_READINGS} of each \
@@ -105,7 +105,7 @@ pub fn fit(readings: &[Reading]) -> Fit {
         moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
     let load_range = (range.1 - range.0).max(0.0);
     if forth < MIN_READINGS || back < MIN_READINGS {
-        let still = Doubt::Still { forth, back };
+        let still = NotIdentified::Still { forth, back };
         return Fit {
             gain: Err(still),
             friction: Err(still),
@@ -188,21 +188,21 @@ impl LeastSquares {
         self.covariance[(i, j)] * self.scale[i] * self.scale[j]
     }
 
-    fn gain(&self, load_range: f64) -> Result<Estimate, Doubt> {
+    fn gain(&self, load_range: f64) -> Result<Estimate, NotIdentified> {
         let inverse_gain = self.value(0);
         let relative =
             if load_range > 0.0 { self.variance(0, 0).sqrt() / inverse_gain.abs() } else { f64::INFINITY };
         if relative.is_nan() || relative > MAX_DEVIATION {
-            Err(Doubt::Unloaded { load_range, deviation: relative })
+            Err(NotIdentified::Unloaded { load_range, deviation: relative })
         } else if !BELIEVED.contains(&(1.0 / inverse_gain)) {
-            Err(Doubt::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })
+            Err(NotIdentified::Implausible { what: "times the torque constant", value: 1.0 / inverse_gain })
         } else {
             Ok(Estimate { value: 1.0 / inverse_gain, deviation: relative / inverse_gain })
         }
     }
 
     /// In N·m if the gain is known, else in told torque.
-    fn friction(&self, gain_is_known: bool) -> Result<[Estimate; 2], Doubt> {
+    fn friction(&self, gain_is_known: bool) -> Result<[Estimate; 2], NotIdentified> {
         let inverse_gain = self.value(0);
         let estimate = |i: usize| {
             if !gain_is_known {
@@ -219,9 +219,9 @@ impl LeastSquares {
             viscous.value = 0.0;
         }
         if coulomb.value < 0.0 {
-            Err(Doubt::Implausible { what: "N·m of Coulomb friction", value: coulomb.value })
+            Err(NotIdentified::Implausible { what: "N·m of Coulomb friction", value: coulomb.value })
         } else if viscous.value < 0.0 {
-            Err(Doubt::Implausible { what: "N·m·s/rad of viscous friction", value: viscous.value })
+            Err(NotIdentified::Implausible { what: "N·m·s/rad of viscous friction", value: viscous.value })
         } else {
             Ok([coulomb, viscous])
         }
@@ -248,7 +248,7 @@ mod tests {
         ORACLE.0.iter().map(reading).collect()
     }
 
-    fn doubt(change: impl Fn(&mut Reading)) -> Fit {
+    fn fit_with(change: impl Fn(&mut Reading)) -> Fit {
         let mut readings = readings();
         readings.iter_mut().for_each(change);
         fit(&readings)
@@ -274,21 +274,21 @@ mod tests {
     #[test]
     fn what_is_not_loaded_or_does_not_move_is_said_so() {
         // A hundredth of the load: up to 2 mN·m.
-        let fit = doubt(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
+        let fit = fit_with(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
         let said = fit.gain.unwrap_err().to_string();
         assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
         // Friction is known all the same.
         assert!(fit.friction.is_ok());
-        let fit = doubt(|reading| reading.velocity = reading.velocity.abs());
+        let fit = fit_with(|reading| reading.velocity = reading.velocity.abs());
         let said = fit.friction.unwrap_err().to_string();
         assert!(said.contains("480 readings forth and 0 back"), "{said}");
         assert_eq!(fit.gain.unwrap_err(), fit.friction.unwrap_err());
-        assert!(matches!(super::fit(&[]).gain, Err(Doubt::Still { forth: 0, back: 0 })));
+        assert!(matches!(super::fit(&[]).gain, Err(NotIdentified::Still { forth: 0, back: 0 })));
         // A sensor with the wrong sign.
-        let fit = doubt(|reading| reading.load = -reading.load);
-        assert!(matches!(fit.gain, Err(Doubt::Implausible { .. })), "{fit:?}");
+        let fit = fit_with(|reading| reading.load = -reading.load);
+        assert!(matches!(fit.gain, Err(NotIdentified::Implausible { .. })), "{fit:?}");
         // A drive that brakes where it should push.
-        let fit = doubt(|reading| reading.velocity = -reading.velocity);
-        assert!(matches!(fit.friction, Err(Doubt::Implausible { .. })), "{fit:?}");
+        let fit = fit_with(|reading| reading.velocity = -reading.velocity);
+        assert!(matches!(fit.friction, Err(NotIdentified::Implausible { .. })), "{fit:?}");
     }
 }

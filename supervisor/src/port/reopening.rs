@@ -53,7 +53,7 @@ impl Reopening {
         self.port.as_ref()
     }
 
-    /// How many bytes were sent while the port was away, or to a peer that took none.
+    /// Number of bytes that were sent while the port was closed, or that the peer did not accept.
     pub const fn lost(&self) -> u64 {
         self.lost
     }

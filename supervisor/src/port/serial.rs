@@ -88,7 +88,7 @@ fn lock_holder(path: &Path) -> Option<u32> {
     let locks = fs::read_to_string("/proc/locks").ok()?;
     let holder = locks.lines().find_map(|line| {
         let mut words = line.split_whitespace().skip(1);
-        // A line with an arrow is somebody who waits.
+        // A line with an arrow is a process that waits for the lock.
         let pid = words.next().filter(|&kind| kind == "FLOCK").and_then(|_| words.nth(2))?;
         (words.next() == Some(&name)).then_some(pid)
     });

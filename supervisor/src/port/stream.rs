@@ -36,7 +36,10 @@ pub(crate) fn read(mut file: &File, buffer: &mut [u8]) -> io::Result<Option<usiz
     loop {
         match file.read(buffer) {
             Ok(0) if !buffer.is_empty() => {
-                return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end has gone away"));
+                return Err(io::Error::new(
+                    io::ErrorKind::UnexpectedEof,
+                    "the other end closed the connection",
+                ));
             }
             Ok(length) => return Ok(Some(length)),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),

@@ -16,7 +16,7 @@ fn what_three_boards_cannot_do_is_said() {
     let refused = rig.hand().command(&GraspCommand::Grasp(plan)).unwrap_err();
     assert!(matches!(refused, HandError::WrenchControl), "{refused}");
     let refused = rig.hand().command(&GraspCommand::PutDown).unwrap_err();
-    assert_eq!(refused.to_string(), "not possible while the hand is ready");
+    assert_eq!(refused.to_string(), "not possible while the hand is ready; see docs/troubleshooting.md#busy");
     rig.wait(3);
     rig.hand().boards_mut()[1].request(Request::Disable).unwrap();
     let gone = rig.tick().unwrap_err();

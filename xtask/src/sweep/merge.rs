@@ -166,9 +166,9 @@ fn combine(
         }
     }
     // A metric that appeared with a later machine is missing on the earlier ones.
-    let wanted = sweep.metrics.len();
+    let count = sweep.metrics.len();
     for machine in sweep.machines.iter_mut().filter(|machine| machine.error.is_none()) {
-        machine.values.resize(wanted, None);
+        machine.values.resize(count, None);
     }
     Ok(sweep)
 }

@@ -87,8 +87,8 @@ impl Sweep {
         for machine in &self.machines {
             let (seed, values) = (machine.seed, machine.values.len());
             ensure!(Set::of(seed)? == self.set, "seed {seed} does not belong to the {} set", self.set.name());
-            let wanted = if machine.error.is_some() { 0 } else { self.metrics.len() };
-            ensure!(values == wanted, "seed {seed} has {values} values for {wanted} metrics");
+            let expected = if machine.error.is_some() { 0 } else { self.metrics.len() };
+            ensure!(values == expected, "seed {seed} has {values} values for {expected} metrics");
         }
         Ok(())
     }
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn a_file_has_a_line_a_metric_and_a_line_a_machine() {
         let text = sweep(Some(1.0), &[Some(0.5), Some(2.0), None]).to_text().unwrap();
-        let wanted = r#"{
+        let expected = r#"{
 "scenario": "arm", "set": "evaluation", "commit": "0123abc",
 "metrics": [
 {"name":"error","unit":"mm","limit":1.0}
@@ -173,7 +173,7 @@ mod tests {
 ]
 }
 "#;
-        assert_eq!(text, wanted);
+        assert_eq!(text, expected);
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! Which metrics of which scenarios the documents show, under which names.
+//! The metrics that the tables of the documents show, with their labels.
 
-/// On which side of its limit a metric should be, as its scenario says.
+/// On which side of its limit a metric must be. The scenario defines it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bound {
     /// `value ≤ limit`.
@@ -21,7 +21,7 @@ impl Bound {
         }
     }
 
-    /// The larger, the worse.
+    /// A number that is larger for a worse value.
     pub fn badness(self, value: f64) -> f64 {
         match self {
             Self::AtMost => value,
@@ -44,7 +44,7 @@ pub struct Row {
 #[derive(Clone, Copy, Debug)]
 pub struct Table {
     pub document: &'static str,
-    /// As the markers in the document call it.
+    /// The table's name in the markers of the document.
     pub name: &'static str,
     pub rows: &'static [Row],
 }
@@ -76,20 +76,28 @@ pub const TABLES: &[Table] = &[
 ];
 
 const README: &[Row] = &[
-    row("hand3-servo", "observer_error_peak", "joints step by 0.3 rad, friction learnt: largest error"),
+    row("hand3-servo", "observer_error_peak", "joints step by 0.3 rad, friction adapted: largest error"),
     row("hand3-reach", "observer_circle_rms", "fingertips on a circle of 10 mm radius at 1 Hz: rms distance"),
     row("hand3-grasp", "box_dropped", "a box is grasped, lifted, turned, shifted, put down: dropped"),
-    row("arm7-wall", "wall_10000_settled", "an arm meets a wall of 10 000 N/m: force settles"),
-    row("arm7-follow", "ours_largest", "an arm follows a hand over a link of 20 ms: largest error"),
+    row(
+        "arm7-wall",
+        "wall_10000_settling_time",
+        "an arm meets a wall of 10 000 N/m: settling time of the force",
+    ),
+    row(
+        "arm7-follow",
+        "ours_error_peak",
+        "an arm follows an operator's hand over a link of 20 ms: largest error",
+    ),
 ];
 
 const SERVO: &[Row] = &[
     row("hand3-servo", "pid_error_peak", "PID, largest error"),
     row("hand3-servo", "pid_error_settled", "PID, from 1 s after the step"),
-    row("hand3-servo", "pid_error_first_motions", "PID, first motions after power-on"),
+    row("hand3-servo", "pid_error_first_steps", "PID, first steps after power-on"),
     row("hand3-servo", "observer_error_peak", "observer, largest error"),
     row("hand3-servo", "observer_error_settled", "observer, from 1 s after the step"),
-    row("hand3-servo", "observer_error_first_motions", "observer, first motions after power-on"),
+    row("hand3-servo", "observer_error_first_steps", "observer, first steps after power-on"),
     row("hand3-servo", "pid_paper_friction_error_peak", "PID, Coulomb friction 0.08 N·m"),
     row("hand3-servo", "observer_paper_friction_error_peak", "observer, Coulomb friction 0.08 N·m"),
 ];
@@ -97,21 +105,21 @@ const SERVO: &[Row] = &[
 const REACH: &[Row] = &[
     row("hand3-reach", "observer_circle_rms", "observer, circle"),
     row("hand3-reach", "observer_square_rms", "observer, square"),
-    row("hand3-reach", "observer_circle_rms_without_shift", "observer, circle, without the constant shift"),
+    row("hand3-reach", "observer_circle_rms_without_offset", "observer, circle, without the constant offset"),
     row("hand3-reach", "pid_circle_rms", "PID, circle"),
     row("hand3-reach", "pid_square_rms", "PID, square"),
 ];
 
 const MOTION: &[Row] = &[
-    row("hand3-turn", "turn_error", "turned by ±0.1 rad: error at rest, worst of four turns"),
-    row("hand3-shift", "ours_there", "shifted by 1 cm: error at rest, there"),
-    row("hand3-shift", "ours_back", "back again"),
+    row("hand3-turn", "pitch_error", "turned by ±0.1 rad: error at rest, worst of four turns"),
+    row("hand3-shift", "ours_error_forward", "shifted by 1 cm: error at rest, forward"),
+    row("hand3-shift", "ours_error_back", "the same, back"),
     row("hand3-shift", "ours_drift_y", "drift along y"),
     row("hand3-shift", "ours_drift_z", "drift along z"),
-    row("hand3-shift", "paper_there", "the paper's law: error at rest, there"),
-    row("hand3-shift", "paper_back", "the paper's law: back again"),
+    row("hand3-shift", "paper_error_forward", "the paper's law: error at rest, forward"),
+    row("hand3-shift", "paper_error_back", "the paper's law: the same, back"),
     row("hand3-shift", "paper_drift_z", "the paper's law: drift along z"),
-    row("hand3-shift", "paper_lost", "the paper's law: box lost (1 if so)"),
+    row("hand3-shift", "paper_dropped", "the paper's law: box lost (1 if so)"),
 ];
 
 const GRASP: &[Row] = &[
@@ -121,111 +129,135 @@ const GRASP: &[Row] = &[
     row("hand3-grasp", "box_force_peak", "box: largest contact force"),
     row("hand3-grasp", "cylinder_force_peak", "cylinder: largest contact force"),
     row("hand3-grasp", "wedge_force_peak", "wedge: largest contact force"),
-    row("hand3-grasp", "box_depth", "box: largest depth of a tip"),
-    row("hand3-grasp", "box_turn_error", "box: error of the turn"),
-    row("hand3-grasp", "cylinder_turn_error", "cylinder: error of the turn"),
-    row("hand3-grasp", "wedge_turn_error", "wedge: error of the turn"),
-    row("hand3-grasp", "box_put_down", "box: distance from where it is put down"),
+    row("hand3-grasp", "box_penetration_peak", "box: largest penetration of a tip"),
+    row("hand3-grasp", "box_pitch_error", "box: pitch error at rest"),
+    row("hand3-grasp", "cylinder_pitch_error", "cylinder: pitch error at rest"),
+    row("hand3-grasp", "wedge_pitch_error", "wedge: pitch error at rest"),
+    row("hand3-grasp", "box_placement_distance", "box: distance from pick-up to put-down"),
 ];
 
 const WEIGHTS: &[Row] = &[
     row("hand3-weights", "single_motion", "50 to 300 g, one at a time: motion of the box"),
     row("hand3-weights", "single_sliding", "sliding of a contact"),
-    row("hand3-weights", "single_firmness", "grip a second later, over the least that holds"),
-    row("hand3-weights", "all_motion", "650 g together: motion of the box"),
-    row("hand3-weights", "all_sliding", "sliding of a contact"),
-    row("hand3-weights", "all_firmness", "grip a second later, over the least that holds"),
+    row("hand3-weights", "single_grip_ratio", "grip ratio: normal forces over those of the least grip"),
+    row("hand3-weights", "cumulative_motion", "50 to 650 g, cumulative: motion of the box"),
+    row("hand3-weights", "cumulative_sliding", "sliding of a contact"),
+    row("hand3-weights", "cumulative_grip_ratio", "grip ratio: normal forces over those of the least grip"),
     row("hand3-weights", "push_motion", "push of 0.3 N from the side: motion of the box"),
     row("hand3-weights", "push_sliding", "sliding of a contact"),
 ];
 
 const FORCE: &[Row] = &[
-    row("hand3-force", "identified_error", "feed-forward after identification"),
-    row("hand3-force", "feed_forward_error", "feed-forward, torque constants up to 20 % off"),
-    row("hand3-force", "closed_error", "closed on the force sensors"),
-    row("hand3-force", "paper_finger1", "the paper's law: force of finger 1, 2 N commanded"),
-    magnitude("hand3-force", "paper_finger1_against_paper", "the same less the paper's figure"),
-    row("hand3-force", "identified_gain", "error of the identified torque constants"),
-    row("hand3-force", "identified_coulomb", "error of the identified Coulomb friction"),
+    row("hand3-force", "identified_force_error", "feed-forward after identification"),
+    row("hand3-force", "feed_forward_force_error", "feed-forward without identification"),
+    row("hand3-force", "feedback_force_error", "force feedback"),
+    row("hand3-force", "paper_finger1_force", "the paper's law: force of finger 1, 2 N commanded"),
+    magnitude("hand3-force", "paper_finger1_force_minus_paper", "the same minus the paper's force"),
+    row("hand3-force", "identified_torque_constant_error", "error of the identified torque constants"),
+    row("hand3-force", "identified_coulomb_friction_error", "error of the identified Coulomb friction"),
 ];
 
 const IMPEDANCE: &[Row] = &[
-    row("arm7-release", "ours_8", "let go, B 7.5 N·s/m: distance from the exact curve"),
-    row("arm7-release", "ours_30", "the same with B 30 N·s/m"),
-    row("arm7-release", "true_8", "a machine as the model says, friction below 0.1 N, B 7.5"),
-    row("arm7-release", "true_30", "the same with B 30"),
-    row("arm7-release", "between_8", "as the model says, let go half a period before a reading, B 7.5"),
-    row("arm7-release", "between_30", "the same with B 30"),
-    row("arm7-release", "paper_8", "the paper's law, B 7.5"),
-    row("arm7-release", "paper_30", "the paper's law, B 30"),
-    row("arm7-elbow", "yaw_hand", "elbow led by shoulder yaw: the hand moves"),
-    row("arm7-elbow", "arm_angle_hand", "elbow led by arm angle: the hand moves"),
+    row(
+        "arm7-release",
+        "mismatched_b8_error_peak",
+        "mismatched model, B 7.5 N·s/m: deviation from the exact motion",
+    ),
+    row("arm7-release", "mismatched_b30_error_peak", "the same with B 30 N·s/m"),
+    row("arm7-release", "matched_b8_error_peak", "matched model, friction below 0.1 N, B 7.5"),
+    row("arm7-release", "matched_b30_error_peak", "the same with B 30"),
+    row(
+        "arm7-release",
+        "half_period_b8_error_peak",
+        "matched model, released half a period before a reading, B 7.5",
+    ),
+    row("arm7-release", "half_period_b30_error_peak", "the same with B 30"),
+    row("arm7-release", "paper_b8_error_peak", "the paper's law, B 7.5"),
+    row("arm7-release", "paper_b30_error_peak", "the paper's law, B 30"),
+    row("arm7-elbow", "yaw_hand_displacement", "elbow driven by shoulder yaw: displacement of the hand"),
+    row("arm7-elbow", "arm_angle_hand_displacement", "elbow driven by arm angle: displacement of the hand"),
     Row {
         bound: Bound::AtLeast,
-        ..row("arm7-elbow", "yaw_elbow", "elbow led by shoulder yaw: the elbow moves")
+        ..row(
+            "arm7-elbow",
+            "yaw_elbow_displacement",
+            "elbow driven by shoulder yaw: displacement of the elbow",
+        )
     },
 ];
 
 const WALL: &[Row] = &[
-    row("arm7-wall", "wall_200_settled", "200 N/m: until the force stays within 1 N"),
-    row("arm7-wall", "wall_2000_settled", "2000 N/m"),
-    row("arm7-wall", "wall_10000_settled", "10 000 N/m"),
-    row("arm7-wall", "wall_50000_settled", "50 000 N/m"),
-    magnitude("arm7-wall", "wall_50000_rest", "50 000 N/m: force at rest less that of the springs in series"),
+    row("arm7-wall", "wall_200_settling_time", "200 N/m: settling time of the force, within 1 N"),
+    row("arm7-wall", "wall_2000_settling_time", "2000 N/m"),
+    row("arm7-wall", "wall_10000_settling_time", "10 000 N/m"),
+    row("arm7-wall", "wall_50000_settling_time", "50 000 N/m"),
     magnitude(
         "arm7-wall",
-        "observed_2000_felt",
-        "no force sensor, 2000 N/m: estimated less true force at rest",
+        "wall_50000_force_error_at_rest",
+        "50 000 N/m: force at rest minus that of the springs in series",
     ),
-    magnitude("arm7-wall", "observed_10000_felt", "no force sensor, 10 000 N/m: the same"),
-    row("arm7-wall", "observed_2000_settled", "no force sensor, 2000 N/m: until the force stays within 1 N"),
-    row("arm7-wall", "observed_10000_settled", "no force sensor, 10 000 N/m: the same"),
+    magnitude(
+        "arm7-wall",
+        "observed_2000_estimation_error",
+        "no force sensor, 2000 N/m: estimated minus true force at rest",
+    ),
+    magnitude("arm7-wall", "observed_10000_estimation_error", "no force sensor, 10 000 N/m: the same"),
+    row("arm7-wall", "observed_2000_settling_time", "no force sensor, 2000 N/m: settling time of the force"),
+    row("arm7-wall", "observed_10000_settling_time", "no force sensor, 10 000 N/m: the same"),
 ];
 
 const STRAIGHT: &[Row] = &[
-    row("arm7-straight", "arm_angle_speed", "largest speed of a joint, elbow led by arm angle"),
-    row("arm7-straight", "yaw_speed", "the same, by shoulder yaw"),
-    row("arm7-straight", "arm_angle_torque", "largest torque of a joint, by arm angle"),
-    row("arm7-straight", "yaw_torque", "the same, by shoulder yaw"),
-    row("arm7-straight", "arm_angle_back", "error of the tool after coming back, by arm angle"),
-    row("arm7-straight", "yaw_back", "the same, by shoulder yaw"),
+    row("arm7-straight", "arm_angle_joint_speed_peak", "largest joint speed, elbow driven by arm angle"),
+    row("arm7-straight", "yaw_joint_speed_peak", "the same, by shoulder yaw"),
+    row("arm7-straight", "arm_angle_torque_peak", "largest joint torque, by arm angle"),
+    row("arm7-straight", "yaw_torque_peak", "the same, by shoulder yaw"),
+    row("arm7-straight", "arm_angle_error_after_return", "position error after the return, by arm angle"),
+    row("arm7-straight", "yaw_error_after_return", "the same, by shoulder yaw"),
 ];
 
 const FOLLOW: &[Row] = &[
-    row("arm7-follow", "ours_largest", "largest error, sine"),
-    row("arm7-follow", "ours_reversals", "the same along x at the reversals"),
-    row("arm7-follow", "ours_rest", "error at rest"),
-    row("arm7-follow", "strokes_largest", "largest error, strokes of minimum jerk up to 0.25 m/s"),
-    row("arm7-follow", "strokes_rest", "error at rest after them"),
-    row("arm7-follow", "tremor_largest", "largest error with twice the tremor"),
-    row("arm7-follow", "loss_largest", "largest error, 20 % lost in bursts of six, 20 ms of jitter"),
-    row("arm7-follow", "clutch_closed", "largest error from 0.5 s after the clutch was closed in motion"),
-    row("arm7-follow", "ours_acceleration", "largest acceleration of the set-point, sine"),
-    row("arm7-follow", "paper_reversals", "the paper's law: along x at the reversals"),
-    row("arm7-follow", "paper_rest_x", "the paper's law: along x at rest"),
+    row("arm7-follow", "ours_error_peak", "largest error, sine"),
+    row("arm7-follow", "ours_error_at_reversals", "the same along x at the reversals"),
+    row("arm7-follow", "ours_error_at_rest", "error at rest"),
+    row("arm7-follow", "strokes_error_peak", "largest error, minimum-jerk strokes up to 0.25 m/s"),
+    row("arm7-follow", "strokes_error_at_rest", "error at rest after them"),
+    row("arm7-follow", "tremor_error_peak", "largest error with twice the tremor"),
+    row("arm7-follow", "loss_error_peak", "largest error, 20 % lost in bursts of six, 20 ms of jitter"),
+    row(
+        "arm7-follow",
+        "clutch_error_after_closing",
+        "largest error later than 0.5 s after closing the clutch in motion",
+    ),
+    row("arm7-follow", "ours_acceleration_peak", "largest acceleration of the set-point, sine"),
+    row("arm7-follow", "paper_error_at_reversals", "the paper's law: along x at the reversals"),
+    row("arm7-follow", "paper_error_at_rest_x", "the paper's law: along x at rest"),
 ];
 
 const BILATERAL: &[Row] = &[
-    row("arm7-bilateral", "wall_200_delay_0_settled", "200 N/m, no delay: until the handle rests"),
-    row("arm7-bilateral", "wall_200_delay_20_settled", "200 N/m, 20 ms each way"),
-    row("arm7-bilateral", "wall_200_delay_50_settled", "200 N/m, 50 ms each way"),
-    row("arm7-bilateral", "wall_2000_delay_0_settled", "2000 N/m, no delay"),
-    row("arm7-bilateral", "wall_2000_delay_20_settled", "2000 N/m, 20 ms"),
-    row("arm7-bilateral", "wall_2000_delay_50_settled", "2000 N/m, 50 ms"),
-    row("arm7-bilateral", "wall_50000_delay_0_settled", "50 000 N/m, no delay"),
-    row("arm7-bilateral", "wall_50000_delay_20_settled", "50 000 N/m, 20 ms"),
-    row("arm7-bilateral", "wall_50000_delay_50_settled", "50 000 N/m, 50 ms"),
-    row("arm7-bilateral", "wall_200_delay_50_made", "200 N/m, 50 ms: energy made"),
-    row("arm7-bilateral", "wall_2000_delay_50_made", "2000 N/m, 50 ms: energy made"),
-    row("arm7-bilateral", "wall_50000_delay_0_made", "50 000 N/m, no delay: energy made"),
-    row("arm7-bilateral", "wall_50000_delay_20_made", "50 000 N/m, 20 ms: energy made"),
-    row("arm7-bilateral", "wall_50000_delay_50_made", "50 000 N/m, 50 ms: energy made"),
+    row("arm7-bilateral", "wall_200_delay_0_settling_time", "200 N/m, no delay: settling time of the handle"),
+    row("arm7-bilateral", "wall_200_delay_20_settling_time", "200 N/m, 20 ms in each direction"),
+    row("arm7-bilateral", "wall_200_delay_50_settling_time", "200 N/m, 50 ms in each direction"),
+    row("arm7-bilateral", "wall_2000_delay_0_settling_time", "2000 N/m, no delay"),
+    row("arm7-bilateral", "wall_2000_delay_20_settling_time", "2000 N/m, 20 ms"),
+    row("arm7-bilateral", "wall_2000_delay_50_settling_time", "2000 N/m, 50 ms"),
+    row("arm7-bilateral", "wall_50000_delay_0_settling_time", "50 000 N/m, no delay"),
+    row("arm7-bilateral", "wall_50000_delay_20_settling_time", "50 000 N/m, 20 ms"),
+    row("arm7-bilateral", "wall_50000_delay_50_settling_time", "50 000 N/m, 50 ms"),
+    row("arm7-bilateral", "wall_200_delay_50_energy_generated", "200 N/m, 50 ms: energy generated"),
+    row("arm7-bilateral", "wall_2000_delay_50_energy_generated", "2000 N/m, 50 ms: energy generated"),
+    row("arm7-bilateral", "wall_50000_delay_0_energy_generated", "50 000 N/m, no delay: energy generated"),
+    row("arm7-bilateral", "wall_50000_delay_20_energy_generated", "50 000 N/m, 20 ms: energy generated"),
+    row("arm7-bilateral", "wall_50000_delay_50_energy_generated", "50 000 N/m, 50 ms: energy generated"),
     row(
         "arm7-bilateral",
-        "wall_2000_delay_50_unguarded_settled",
-        "2000 N/m, 50 ms, no passivity control: until at rest",
+        "wall_2000_delay_50_without_passivity_control_settling_time",
+        "2000 N/m, 50 ms, no passivity control: settling time",
     ),
-    row("arm7-bilateral", "wall_2000_delay_50_unguarded_made", "the same: energy made"),
+    row(
+        "arm7-bilateral",
+        "wall_2000_delay_50_without_passivity_control_energy_generated",
+        "the same: energy generated",
+    ),
 ];
 
 #[cfg(test)]

@@ -115,8 +115,8 @@ mod tests {
         let development = Set::Development.seeds_without(&[1007, 1101]);
         assert_eq!(development, (1..=20).chain([1007, 1101]).collect::<Vec<_>>());
         let evaluation = Set::Evaluation.seeds_without(&[1007, 1101]);
-        let wanted: Vec<u64> = (1001..=1006).chain(1008..=1100).chain([1102]).collect();
-        assert_eq!((evaluation.len(), evaluation), (100, wanted));
+        let expected: Vec<u64> = (1001..=1006).chain(1008..=1100).chain([1102]).collect();
+        assert_eq!((evaluation.len(), evaluation), (100, expected));
     }
 
     #[test]

@@ -90,9 +90,9 @@ mod tests {
     #[test]
     fn a_machine_without_a_value_is_the_worst_and_misses_the_limit() {
         let sweep = sweep(Some(1.0), &[Some(0.25), None, Some(0.75), Some(2.0)]);
-        let wanted =
+        let expected =
             Statistics { median: 1.375, percentile_95: f64::INFINITY, met: Some(2), machines: 4, exempt: 0 };
-        assert_eq!(of(&row(Bound::AtMost), &sweep).unwrap(), wanted);
+        assert_eq!(of(&row(Bound::AtMost), &sweep).unwrap(), expected);
     }
 
     #[test]
@@ -100,18 +100,18 @@ mod tests {
         let mut sweep = sweep(Some(1.0), &[Some(0.25), Some(3.0), Some(0.75)]);
         sweep.machines[1].missed.clear();
         sweep.machines[1].exempt.push("error".into());
-        let wanted = Statistics { median: 0.75, percentile_95: 3.0, met: Some(2), machines: 3, exempt: 1 };
-        assert_eq!(of(&row(Bound::AtMost), &sweep).unwrap(), wanted);
+        let expected = Statistics { median: 0.75, percentile_95: 3.0, met: Some(2), machines: 3, exempt: 1 };
+        assert_eq!(of(&row(Bound::AtMost), &sweep).unwrap(), expected);
     }
 
     #[test]
     fn magnitudes_and_lower_bounds() {
         let signed = sweep(None, &[Some(-3.0), Some(1.0), Some(2.0)]);
-        let wanted = Statistics { median: 2.0, percentile_95: 3.0, met: None, machines: 3, exempt: 0 };
-        assert_eq!(of(&row(Bound::Within), &signed).unwrap(), wanted);
+        let expected = Statistics { median: 2.0, percentile_95: 3.0, met: None, machines: 3, exempt: 0 };
+        assert_eq!(of(&row(Bound::Within), &signed).unwrap(), expected);
         // The worst of a value that should be large is the smallest.
-        let wanted = Statistics { median: 1.0, percentile_95: -3.0, met: None, machines: 3, exempt: 0 };
-        assert_eq!(of(&row(Bound::AtLeast), &signed).unwrap(), wanted);
+        let expected = Statistics { median: 1.0, percentile_95: -3.0, met: None, machines: 3, exempt: 0 };
+        assert_eq!(of(&row(Bound::AtLeast), &signed).unwrap(), expected);
     }
 
     #[test]

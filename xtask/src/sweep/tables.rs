@@ -106,13 +106,13 @@ fn caption(sweeps: &BTreeMap<&str, Option<Sweep>>) -> String {
         .collect();
     let mut text = format!("\n{all} evaluation machines");
     if !missing.is_empty() {
-        text += " wanted";
+        text += " planned";
     }
     if !commits.is_empty() {
         text += &format!(", commit {}", commits.join(", "));
     }
     if !missing.is_empty() {
-        text += &format!("; so far only {}", missing.join(", "));
+        text += &format!("; recorded so far: {}", missing.join(", "));
     }
     text + ".\n"
 }
@@ -182,18 +182,21 @@ mod tests {
     fn a_table_by_hand() {
         let folder = tempfile::tempdir().unwrap();
         let missing = generate(&TABLE, folder.path()).unwrap();
-        assert!(missing.contains("100 evaluation machines wanted; so far only 0 of `arm`."), "{missing}");
+        assert!(
+            missing.contains("100 evaluation machines planned; recorded so far: 0 of `arm`."),
+            "{missing}"
+        );
         assert!(missing.contains("| Error | – | – | – | not yet run |\n"), "{missing}");
         let mut three = sweep(Some(1.0), &[Some(0.25), Some(0.5), Some(1.004)]);
         three.save(folder.path()).unwrap();
-        let wanted = "
-100 evaluation machines wanted, commit 0123abc; so far only 3 of `arm`.
+        let expected = "
+100 evaluation machines planned, commit 0123abc; recorded so far: 3 of `arm`.
 
 | | limit | median | 95th percentile | machines within the limit |
 |---|---|---|---|---|
 | Error | ≤ 1 mm | 0.500 mm | 1.004 mm | **2** of 3 |
 ";
-        assert_eq!(generate(&TABLE, folder.path()).unwrap(), wanted);
+        assert_eq!(generate(&TABLE, folder.path()).unwrap(), expected);
         three.machines[2].missed.clear();
         three.machines[2].exempt.push("error".into());
         three.metrics[0].paper = Some("1–2 mm".into());
@@ -209,9 +212,9 @@ mod tests {
     #[test]
     fn only_what_is_between_the_markers_changes() {
         let text = "head\n<!-- sweep:begin arm -->\nold\n<!-- sweep:end -->\ntail\n";
-        let wanted = "head\n<!-- sweep:begin arm -->\nnew\n<!-- sweep:end -->\ntail\n";
-        assert_eq!(replace(text, "arm", "new\n").unwrap(), wanted);
-        assert_eq!(replace(wanted, "arm", "new\n").unwrap(), wanted);
+        let expected = "head\n<!-- sweep:begin arm -->\nnew\n<!-- sweep:end -->\ntail\n";
+        assert_eq!(replace(text, "arm", "new\n").unwrap(), expected);
+        assert_eq!(replace(expected, "arm", "new\n").unwrap(), expected);
         assert!(replace(text, "hand", "new\n").is_err());
         assert!(replace("<!-- sweep:begin arm -->\nold\n", "arm", "new\n").is_err());
         assert!(check_markers("made-up.md", text).is_err());

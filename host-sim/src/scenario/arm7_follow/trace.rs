@@ -1,4 +1,4 @@
-//! Hand and tool at the same times.
+//! Trajectories of the operator's hand and of the tool, sample by sample.
 
 use std::ops::Range;
 
@@ -8,12 +8,12 @@ use tesaki::kinematics::PosePoint;
 use crate::operator::OperatorHandState;
 use crate::report::{Column, csv};
 use crate::scenario::arm::{ArmLog, ArmSample, YAW};
-use crate::scenario::grasping::T;
+use crate::scenario::common::T;
 
-/// A hand slower than this turns round [m/s].
-const SLOW: f64 = 0.01;
+/// Below this speed the hand reverses [m/s].
+const REVERSAL_SPEED: f64 = 0.01;
 
-/// What the person does, and what the set-point is.
+/// State of the operator, and acceleration of the arm's set-point.
 #[derive(Clone, Debug)]
 struct OperatorSample {
     hand: Vector3<f64>,
@@ -22,51 +22,51 @@ struct OperatorSample {
     acceleration: f64,
 }
 
-/// A tick each.
+/// One sample per tick of operator and arm.
 pub struct Trace {
     from: f64,
     operator: Vec<OperatorSample>,
     samples: Vec<ArmSample>,
 }
 
-/// Both at one time, in mm and mrad.
+/// Operator and arm at the same time.
 pub struct Moment<'a> {
     operator: &'a OperatorSample,
     sample: &'a ArmSample,
-    /// Of the set-point [m/s²].
+    /// Acceleration of the set-point [m/s²].
     pub acceleration: f64,
 }
 
 impl Moment<'_> {
-    /// The tool less the hand.
+    /// Position of the tool minus that of the hand [mm].
     pub fn error(&self) -> Vector3<f64> {
         (self.sample.position() - self.operator.hand) * 1e3
     }
 
-    /// The set-point less the hand.
-    pub fn predicted(&self) -> Vector3<f64> {
+    /// Set-point minus position of the hand [mm].
+    pub fn prediction_error(&self) -> Vector3<f64> {
         (self.sample.target - self.operator.hand) * 1e3
     }
 
-    /// The tool less the set-point.
-    pub fn own(&self) -> Vector3<f64> {
+    /// Position of the tool minus set-point [mm].
+    pub fn tracking_error(&self) -> Vector3<f64> {
         (self.sample.position() - self.sample.target) * 1e3
     }
 
-    /// The shoulder's yaw less the elbow's tilt.
-    pub fn elbow(&self) -> f64 {
+    /// Shoulder yaw minus tilt of the operator's elbow [mrad].
+    pub fn elbow_error(&self) -> f64 {
         (self.sample.joints[usize::from(YAW)] - self.operator.elbow) * 1e3
     }
 }
 
 impl Trace {
-    /// From a time of the session's log on [s].
+    /// An empty trace that begins at a time of the arm's log [s].
     pub fn new(from: f64) -> Self {
         Self { from, operator: Vec::new(), samples: Vec::new() }
     }
 
-    /// The hand of the next tick.
-    pub fn hand(&mut self, hand: &OperatorHandState, elbow: &[f64; 3], point: &PosePoint) {
+    /// Adds the operator's state and the set-point of a tick.
+    pub fn push(&mut self, hand: &OperatorHandState, elbow: &[f64; 3], point: &PosePoint) {
         let [x, y, z, ..] = point.acceleration.map(f64::from);
         self.operator.push(OperatorSample {
             hand: hand.pose.translation.vector,
@@ -76,8 +76,8 @@ impl Trace {
         });
     }
 
-    /// With what the session recorded.
-    pub fn end(&mut self, mut log: ArmLog) {
+    /// Adds the arm's log.
+    pub fn add_arm_log(&mut self, mut log: ArmLog) {
         self.samples = log.0.split_off((self.from / T).round() as usize);
     }
 
@@ -95,44 +95,44 @@ impl Trace {
         self.all().skip(from).take(to - from)
     }
 
-    /// The largest of a value; not a number if there is none.
+    /// The maximum of a value in a time span; NaN if the span is empty.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Moment<'_>) -> f64) -> f64 {
         self.during(span).map(|moment| value(&moment)).fold(f64::NAN, f64::max)
     }
 
-    /// The largest error along x where the hand turns round [mm].
+    /// The largest error along x where the hand reverses [mm].
     pub fn reversals(&self, span: &Range<f64>) -> f64 {
-        let turning = self.during(span).filter(|moment| moment.operator.velocity.x.abs() < SLOW);
-        turning.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
+        let reversing = self.during(span).filter(|moment| moment.operator.velocity.x.abs() < REVERSAL_SPEED);
+        reversing.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
     }
 
-    /// [mm]
+    /// Mean error in a time span [mm].
     pub fn mean_error(&self, span: &Range<f64>) -> Vector3<f64> {
         let sum: Vector3<f64> = self.during(span).map(|moment| moment.error()).sum();
         sum / self.during(span).count() as f64
     }
 
-    /// The largest error beside the mean one of another time [mm].
-    pub fn largest_beside(&self, span: &Range<f64>, mean: &Range<f64>) -> f64 {
+    /// The largest error relative to the mean error of another time span [mm].
+    pub fn largest_relative_to_mean(&self, span: &Range<f64>, mean: &Range<f64>) -> f64 {
         let mean = self.mean_error(mean);
         self.largest(span, |moment| (moment.error() - mean).norm())
     }
 
-    /// How far the tool gets from where it is at first [mm].
-    pub fn wander(&self, span: &Range<f64>) -> f64 {
-        let place = |moment: &Moment<'_>| moment.sample.position();
-        let Some(first) = self.during(span).next().map(|moment| place(&moment)) else { return f64::NAN };
-        self.largest(span, |moment| 1e3 * (place(moment) - first).norm())
+    /// The largest displacement of the tool since the start of a time span [mm].
+    pub fn tool_displacement(&self, span: &Range<f64>) -> f64 {
+        let position = |moment: &Moment<'_>| moment.sample.position();
+        let Some(first) = self.during(span).next().map(|moment| position(&moment)) else { return f64::NAN };
+        self.largest(span, |moment| 1e3 * (position(moment) - first).norm())
     }
 
-    /// The largest change of a motor's torque [N·m/s].
+    /// The largest rate of a motor torque [N·m/s].
     pub fn torque_rate(&self, span: &Range<f64>) -> f64 {
         let torques: Vec<&[f64]> = self.during(span).map(|moment| moment.sample.torques.as_slice()).collect();
         let steps = torques.windows(2).flat_map(|two| two[0].iter().zip(two[1]));
         steps.map(|(before, after)| (after - before).abs() / T).fold(f64::NAN, f64::max)
     }
 
-    /// Along an axis [mm].
+    /// Error along an axis, tick by tick [mm].
     pub fn errors(&self, axis: usize) -> Vec<f64> {
         self.all().map(|moment| moment.error()[axis]).collect()
     }
@@ -166,11 +166,11 @@ impl Trace {
     }
 }
 
-/// Hand and tool off the hand's start along an axis [mm].
-pub fn sides(trace: &Trace, axis: usize) -> [Vec<f64>; 2] {
+/// Displacements of hand and tool along an axis from the start of the hand [mm].
+pub fn displacements(trace: &Trace, axis: usize) -> [Vec<f64>; 2] {
     let start = trace.operator.first().map_or(0.0, |operator| operator.hand[axis]);
-    let off = |place: f64| 1e3 * (place - start);
-    let hand = trace.all().map(|moment| off(moment.operator.hand[axis])).collect();
-    let tool = trace.all().map(|moment| off(moment.sample.position()[axis])).collect();
+    let displacement = |position: f64| 1e3 * (position - start);
+    let hand = trace.all().map(|moment| displacement(moment.operator.hand[axis])).collect();
+    let tool = trace.all().map(|moment| displacement(moment.sample.position()[axis])).collect();
     [hand, tool]
 }

@@ -1,4 +1,4 @@
-//! The identification of a hand's joints, as its user would do it.
+//! Identification of the joints of a simulated hand, as `tesaki identify` does it.
 
 use tesaki::protocol::{Request, Stream};
 use tesaki::task::grasping::GraspTelemetry;
@@ -6,17 +6,16 @@ use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::FingerBoard;
 use tesaki_supervisor::identify::{Identification, Machine, Sense, Settings, identified, identify};
 
-use super::T;
 use super::rig::{GraspRig, GraspedObject};
 use super::trial::REST;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
-use crate::scenario::common::{introduce, stopped};
+use crate::scenario::common::{T, fault_error, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
-/// A board with a simulated machine.
-struct Simulated<'a, 'b> {
+/// A controller with a simulated machine.
+struct SimulatedMachine<'a, 'b> {
     controller: &'a mut Watched<'b>,
     plant: Plant,
     motion: &'a mut Motion,
@@ -24,7 +23,7 @@ struct Simulated<'a, 'b> {
     duration: f64,
 }
 
-impl Simulated<'_, '_> {
+impl SimulatedMachine<'_, '_> {
     fn advance(&mut self) -> Result<(), ScenarioError> {
         let sequence = self.motion.tick(&self.plant.truth());
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
@@ -33,7 +32,7 @@ impl Simulated<'_, '_> {
     }
 }
 
-impl Machine for Simulated<'_, '_> {
+impl Machine for SimulatedMachine<'_, '_> {
     type Error = ScenarioError;
 
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), ScenarioError> {
@@ -48,7 +47,7 @@ impl Machine for Simulated<'_, '_> {
         self.controller.post(request)?;
         loop {
             self.advance()?;
-            // Lost frames only make it wait.
+            // A lost frame only costs another tick.
             let news = self.controller.listen()?;
             if let (Some(telemetry), Some(tips)) = (news.telemetry, news.tips) {
                 return Ok(Sense { telemetry, tips });
@@ -61,8 +60,8 @@ impl Machine for Simulated<'_, '_> {
     }
 }
 
-/// Identifies the joints of the machine that `held` is in front of, and has the bench's controller use what
-/// was found from now on. Returns it.
+/// Identifies the joints of the machine that grasps `held`. Later trials of the rig use the identified model.
+/// Returns the identification.
 pub fn calibrate(
     setting: &mut Setting<'_, '_>,
     rig: &mut GraspRig,
@@ -71,7 +70,7 @@ pub fn calibrate(
     let (plan, plant) = rig.set_up(held)?;
     let model = rig.robot.model.clone();
     introduce(setting.controller, &model)?;
-    let mut machine = Simulated {
+    let mut machine = SimulatedMachine {
         controller: &mut *setting.controller,
         plant,
         motion: &mut rig.motion,
@@ -96,16 +95,9 @@ pub fn calibrate(
     let found = match found {
         Err(ScenarioError::Identify(error)) => {
             let time = f64::from(rig.motion.ticks()) * T;
-            let why = stopped(setting.controller, &model, held.label, time);
-            return Err(
-                if let ScenarioError::Fault { fault, .. } = &why
-                    && !fault.is_empty()
-                {
-                    why
-                } else {
-                    error.into()
-                },
-            );
+            let fault = fault_error(setting.controller, &model, held.label, time);
+            let is_known = matches!(&fault, ScenarioError::Fault { fault, .. } if !fault.is_empty());
+            return Err(if is_known { fault } else { error.into() });
         }
         found => found?,
     };

@@ -1,4 +1,4 @@
-//! Lines that several figures have.
+//! Lines that several figures share.
 
 use std::ops::Range;
 
@@ -45,16 +45,16 @@ pub fn component_targets(
     })
 }
 
-/// Displacement of the object since the start of `span` along an axis of the hand: time from there [s], true
+/// Displacement of the object along an axis of the hand since the start of `span`: time since then [s], true
 /// displacement and its reference [mm].
-pub fn moved(log: &GraspLog, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
+pub fn displacements(log: &GraspLog, span: &Range<f64>, axis: usize) -> [Vec<f64>; 3] {
     let samples = log.during(span);
     let start = samples.first();
-    let place = |sample: &GraspSample| sample.position()[axis];
+    let position = |sample: &GraspSample| sample.position()[axis];
     let target = |sample: &GraspSample| sample.target[0][axis];
-    let from = |value: &dyn Fn(&GraspSample) -> f64| {
+    let change = |value: &dyn Fn(&GraspSample) -> f64| {
         let zero = start.map_or(f64::NAN, value);
         samples.iter().map(|sample| 1e3 * (value(sample) - zero)).collect()
     };
-    [samples.iter().map(|sample| sample.time - span.start).collect(), from(&place), from(&target)]
+    [samples.iter().map(|sample| sample.time - span.start).collect(), change(&position), change(&target)]
 }

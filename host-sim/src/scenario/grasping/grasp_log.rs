@@ -4,25 +4,25 @@ use std::ops::Range;
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
-use super::T;
 use crate::plant::{ContactTruth, ObjectTruth};
 use crate::report::{Column, csv};
+use crate::scenario::common::T;
 use tesaki::task::grasping::Phase;
 
-/// The state at the start of a control period, as the physics has it where nothing else is said.
+/// The true state at the start of a control period, and the controller's targets.
 #[derive(Clone, Debug)]
 pub struct GraspSample {
     /// Time since the controller was enabled [s].
     pub time: f64,
     pub object: ObjectTruth,
-    /// A finger each.
+    /// One per finger.
     pub contacts: Vec<ContactTruth>,
     /// Joint angles [rad].
     pub joints: Vec<f64>,
     /// Target force of each finger on the object, as last reported by the controller [N].
     pub target_forces: [Vector3<f64>; 3],
-    /// How far the object should have moved since it was grasped [m], and turned [rad, rotation vector]; not
-    /// a number where that is not known.
+    /// Target displacement [m] and target rotation vector [rad] of the object since it was grasped; NaN where
+    /// they are not known.
     pub target: [Vector3<f64>; 2],
 }
 
@@ -31,18 +31,18 @@ impl GraspSample {
         self.object.position.into()
     }
 
-    pub fn turn(&self) -> UnitQuaternion<f64> {
+    pub fn orientation(&self) -> UnitQuaternion<f64> {
         let [x, y, z, w] = self.object.orientation;
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
     }
 
     /// Roll, pitch and yaw of the object [rad].
     pub fn angles(&self) -> [f64; 3] {
-        let (roll, pitch, yaw) = self.turn().euler_angles();
+        let (roll, pitch, yaw) = self.orientation().euler_angles();
         [roll, pitch, yaw]
     }
 
-    /// Force of a finger on the object [N]; not a number for a finger that is none.
+    /// Force of a finger on the object [N]; NaN for a finger that does not exist.
     pub fn force(&self, finger: usize) -> Vector3<f64> {
         self.contacts.get(finger).map_or(Vector3::repeat(f64::NAN), |contact| contact.force.into())
     }
@@ -52,13 +52,13 @@ impl GraspSample {
 #[derive(Clone, Debug, Default)]
 pub struct GraspLog {
     pub samples: Vec<GraspSample>,
-    /// When the hand began to hold the object [s]; not a number if it never did.
+    /// When the hand began to hold the object [s]; NaN if it never did.
     pub held: f64,
     /// Why and when the object was lost.
     pub lost: Option<String>,
     /// When the controller was first seen in each phase of the grasp [s].
     pub phases: Vec<(f64, Phase)>,
-    /// Coefficient of friction that the hand counts on, when it was last asked.
+    /// Coefficient of friction, as last reported by the controller.
     pub friction: f64,
 }
 
@@ -68,31 +68,30 @@ impl GraspLog {
         self.samples.len() as f64 * T
     }
 
-    /// The sample at `time`; the last one before it if there is none. `None` if the record ended more than a
-    /// tick before.
+    /// The sample at `time`; the last sample if the log ends at that tick. `None` if it ended earlier.
     pub fn at(&self, time: f64) -> Option<&GraspSample> {
         let index = (time / T).round() as usize;
         self.samples.get(index).or_else(|| (index == self.samples.len()).then(|| self.samples.last())?)
     }
 
-    /// The samples of a stretch of time [s]; empty if it was not recorded to its end.
+    /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[GraspSample] {
         let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
         self.samples.get(from..to).unwrap_or(&[])
     }
 
-    /// The largest of a value in a stretch of time; not a number if it was not recorded to its end.
+    /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) -> f64 {
         self.during(span).iter().map(value).fold(f64::NAN, f64::max)
     }
 
-    /// How far the object came from where it was at the start of a stretch of time [m].
+    /// The largest displacement of the object since the start of a time span [m].
     pub fn motion(&self, span: &Range<f64>) -> f64 {
         let start = self.at(span.start).map_or(Vector3::repeat(f64::NAN), GraspSample::position);
         self.largest(span, |sample| (sample.position() - start).norm())
     }
 
-    /// The farthest that a fingertip slid in a stretch of time [m].
+    /// The longest path that a fingertip slid in a time span [m].
     pub fn sliding(&self, span: &Range<f64>) -> f64 {
         let all = self.during(span);
         let (Some(first), Some(last)) = (all.first(), all.last()) else { return f64::NAN };
@@ -109,7 +108,7 @@ impl GraspLog {
     }
 }
 
-/// The record as CSV: object, weights, contacts.
+/// The log as CSV: object, weights, contacts.
 pub fn table(log: &GraspLog) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", log.times())];

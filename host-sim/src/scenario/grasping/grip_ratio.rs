@@ -1,4 +1,5 @@
-//! How firm a grip is, against the least that would do with the true friction.
+//! The grip ratio: normal forces of a grip over those of the least grip, which is the solution of the grip
+//! optimisation with the true load and the true friction.
 
 use rapier3d::na::{Vector3, Vector6};
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFingers};
@@ -8,19 +9,19 @@ use tesaki::model::RobotModel;
 use super::GraspSample;
 use crate::plant::ContactTruth;
 
-/// A grip against the least one that holds the same load with the true friction.
+/// A grip compared with the least grip for the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripRatio {
-    /// Sum of the normal forces over that of the least grip.
+    /// Sum of the normal forces, divided by that of the least grip.
     pub ratio: f64,
-    /// Largest joint torque that the least grip takes, without the weight of the fingers [N·m].
+    /// Largest joint torque of the least grip, without the weight of the fingers [N·m].
     pub torque: f64,
-    /// Whether any forces within the limit hold the load; `ratio` and `torque` are no numbers where not.
+    /// Whether any forces within the limit hold the load; if not, `ratio` and `torque` are NaN.
     pub possible: bool,
 }
 
-/// The grip of a sample for the load that it has and `added` [N; N·m about the base frame's origin], with at
-/// most `limit` of normal force at a contact [N]. `None` unless all fingers touch the object.
+/// The grip ratio of a sample, for its own load plus the wrench `added` [N; N·m about the origin of the base
+/// frame]. The normal force of a contact is at most `limit` [N]. `None` unless all fingers touch the object.
 pub fn grip_ratio(
     model: &RobotModel,
     sample: &GraspSample,
@@ -32,8 +33,8 @@ pub fn grip_ratio(
     let grip = LeastGrip::try_new(0.0, 0.0).ok()?;
     match grip.solve(&map, &load, &mut GripState::default()) {
         Ok(grip) => {
-            let pushes = grip.forces.iter().zip(map.contacts());
-            let least: f32 = pushes.map(|(force, contact)| force.dot(contact.normal())).sum();
+            let contacts = grip.forces.iter().zip(map.contacts());
+            let least: f32 = contacts.map(|(force, contact)| force.dot(contact.normal())).sum();
             let sum: f64 = sample.contacts.iter().map(ContactTruth::normal_force).sum();
             let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
             Some(GripRatio { ratio: sum / f64::from(least), torque, possible: true })
@@ -45,7 +46,7 @@ pub fn grip_ratio(
     }
 }
 
-/// The part of each finger's force that moves nothing [N].
+/// The internal force of each finger: the null-space part of the contact forces [N].
 pub fn internal_forces(sample: &GraspSample) -> [Vector3<f64>; 3] {
     let unknown = [Vector3::repeat(f64::NAN); 3];
     let Some(map) = grasp_map(sample, f64::from(f32::MAX)) else { return unknown };
@@ -69,15 +70,16 @@ fn grasp_map(sample: &GraspSample, limit: f64) -> Option<GraspMap> {
     GraspMap::try_new(&contacts, Vector3::zeros()).ok()
 }
 
-/// The largest joint torque for these forces of the fingers [N·m].
+/// The largest joint torque for these fingertip forces [N·m].
 fn largest_torque(model: &RobotModel, sample: &GraspSample, forces: &[Vector3<f32>; 3]) -> f64 {
     let mut fingers = Vec::new();
-    for ((chain, range), contact) in model.chains.iter().zip(model.chain_ranges()).zip(&sample.contacts) {
+    let chains = model.chains.iter().zip(model.chain_ranges());
+    for ((chain, joints), contact) in chains.zip(&sample.contacts) {
         let angles: Vec<f32> =
-            sample.joints.get(range.clone()).unwrap_or(&[]).iter().map(|&q| q as f32).collect();
-        let posture = Chain::new(&model.joints[range], &chain.tip).posture(&angles);
-        let arm = Vector3::from(contact.point).map(|part| part as f32) - posture.tip().translation.vector;
-        fingers.push((posture.jacobian(), arm));
+            sample.joints.get(joints.clone()).unwrap_or(&[]).iter().map(|&q| q as f32).collect();
+        let posture = Chain::new(&model.joints[joints], &chain.tip).posture(&angles);
+        let lever = Vector3::from(contact.point).map(|part| part as f32) - posture.tip().translation.vector;
+        fingers.push((posture.jacobian(), lever));
     }
     let Ok(fingers) = fingers.try_into() else { return f64::NAN };
     let torques = ThreeFingers::new(&fingers).torques(forces);

@@ -1,4 +1,4 @@
-//! A hand with open fingers around something that stands nearly where it is thought to be.
+//! A hand with open fingers around an object near its nominal position.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
@@ -11,33 +11,32 @@ use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
 
-/// The object stands off the place where it is thought to be by at most this much along each axis of its
-/// support [m].
-const OFFSET: f64 = 0.005;
+/// Largest distance of the object from its nominal position along each axis of its support [m].
+const MAX_OFFSET: f64 = 0.005;
 
-/// The paper's law. The paper gives no gains; these bring its errors near those that it reports.
+/// Gains of the paper's law. The paper gives none; with these the errors come close to those it reports.
 const PAPER_GAINS: WrenchGains =
     WrenchGains { position: [2000.0, 1000.0], orientation: [20.0, 10.0], damping: 0.1, compensated: false };
-/// Largest of the paper's forces along the normals [N].
+/// Largest of the paper's normal forces [N].
 pub const PAPER_STRENGTH: f64 = 4.0;
 
-/// What is in the hand in a part of a scenario, and how it is held.
+/// The object of a trial, and how the hand holds it.
 pub struct GraspedObject<'a> {
-    /// For people.
+    /// Name of the trial in the recording.
     pub label: &'a str,
-    /// The name of its files in `objects/` and `grasps/`.
+    /// The name of the object's files in `objects/` and `grasps/`.
     pub object: &'a str,
-    /// Changes what the grasp file says.
+    /// Changes the grasp that was read from the file.
     pub change: &'a dyn Fn(&mut PlacedGrasp),
-    /// Whether the joints have the friction that the paper's losses imply, and the object is held under the
-    /// paper's law.
+    /// Whether the object is held under the paper's law, with the joint friction that the paper's loss of
+    /// force implies.
     pub paper: bool,
 }
 
-/// What all parts of a scenario share.
+/// Robot, plant values and recording that all trials of a scenario share.
 pub struct GraspRig {
     pub robot: RobotFolder,
-    /// The machine's motors and encoders, as its maker sold them.
+    /// The machine's motors and encoders, with nominal values.
     drives: Vec<Drive>,
     pub values: PlantValues,
     pub motion: Motion,
@@ -53,7 +52,7 @@ impl GraspRig {
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, drives, motion, seed: setting.seed })
     }
 
-    /// The link that carries all others.
+    /// Name of the base link.
     pub fn base(&self) -> &str {
         self.robot.urdf.base()
     }
@@ -63,7 +62,7 @@ impl GraspRig {
         Ok(load_placed(&self.robot.path.join(format!("grasps/{object}.toml")))?)
     }
 
-    /// The grasp, and a machine with what is to be grasped.
+    /// The grasp plan, and a machine with the object on its support.
     pub fn set_up(&self, held: &GraspedObject<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
         let mut grasp = self.grasp(held.object)?;
         if held.paper {
@@ -76,7 +75,7 @@ impl GraspRig {
         let text = std::fs::read_to_string(&path)
             .map_err(|error| PlantError::Read { path, reason: error.to_string() })?;
         let mut options = PlantOptions::mismatched(self.seed);
-        options.object = Some(self.standing(ObjectValues::from_toml(&text)?, &grasp));
+        options.object = Some(self.place_object(ObjectValues::from_toml(&text)?, &grasp));
         options.posture = Some(open_posture(&self.robot.model, &grasp.plan)?);
         if held.paper {
             options.coulomb = Some(self.values.friction.paper);
@@ -86,15 +85,15 @@ impl GraspRig {
         Ok((grasp.plan, plant))
     }
 
-    /// The object on its support, off the place where it should be.
-    fn standing(&self, object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
+    /// The object on its support, with a seeded offset from its nominal position.
+    fn place_object(&self, object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
         let [x, y, z, w] = grasp.orientation;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
         let mut rng = Purpose::Placement.rng(self.seed);
-        let offset = turn * Vector3::new(OFFSET * rng.symmetric(), OFFSET * rng.symmetric(), 0.0);
+        let offset = rotation * Vector3::new(MAX_OFFSET * rng.symmetric(), MAX_OFFSET * rng.symmetric(), 0.0);
         let object = on_support(object, grasp);
-        let place = Vector3::from(object.position) + offset;
-        object.at(place.into(), grasp.orientation)
+        let position = Vector3::from(object.position) + offset;
+        object.at(position.into(), grasp.orientation)
     }
 }
 
@@ -104,7 +103,7 @@ mod tests {
     use super::*;
     use crate::controller::{Native, Watched};
 
-    /// PerFinger object has a grasp that the hand can wait in front of, and stands clear of the open fingers.
+    /// Each object has a reachable open posture, and stands clear of the open fingers.
     #[test]
     fn the_open_hand_touches_nothing() {
         let robot = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
@@ -122,7 +121,7 @@ mod tests {
                 assert!(plant.contacts().iter().all(|contact| contact.depth <= 0.0), "{object} {seed}");
                 let [x, y, z] = plant.object().unwrap().position;
                 let off = (Vector3::new(x, y, z) - Vector3::new(0.090, 0.0, 0.085)).norm();
-                assert!(off > 0.0 && off < OFFSET * 2f64.sqrt() + 1e-6, "{object} {seed}: {off}");
+                assert!(off > 0.0 && off < MAX_OFFSET * 2f64.sqrt() + 1e-6, "{object} {seed}: {off}");
             }
         }
     }

@@ -8,40 +8,40 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::rig::{GraspRig, GraspedObject};
-use super::{GraspLog, GraspSample, T, UP};
+use super::{GraspLog, GraspSample, LIFT};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
 use crate::plant::Plant;
-use crate::scenario::common::introduce;
+use crate::scenario::common::{T, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
-/// Ticks from one message to the next: the controller gives up only after ten without.
-const TALK_EVERY: usize = 5;
-/// From homing to the tare, for the force sensors' first readings [s].
+/// Ticks between two messages to the controller, which stops after ten ticks without one.
+const MESSAGE_INTERVAL: usize = 5;
+/// Time from homing to the tare, for the first readings of the force sensors [s].
 pub(super) const REST: f64 = 1.0;
-/// Most time from the command to grasp until the object is held [s].
-const GRASP_TIME: f64 = 20.0;
+/// Time limit from the command to grasp until the object is held [s].
+const MAX_GRASP_TIME: f64 = 20.0;
 /// Time of each motion of an object [s].
 pub const MOVE: f64 = 1.0;
 
-/// A commanded motion of the object.
+/// A commanded motion of the object: displacement [m] and rotation vector [rad].
 #[derive(Clone, Copy)]
-struct ObjectPath {
+struct ObjectTrajectory {
     from: [Vector3<f64>; 2],
     to: [Vector3<f64>; 2],
     begin: f64,
 }
 
-impl ObjectPath {
+impl ObjectTrajectory {
     fn at(&self, time: f64) -> [Vector3<f64>; 2] {
         let [fraction, ..] = minimum_jerk((time - self.begin) / MOVE);
         [0, 1].map(|part| self.from[part] + (self.to[part] - self.from[part]) * fraction)
     }
 }
 
-/// One object, from the open hand to the end of what is done with it.
+/// A trial with one object, from the open hand to switching off.
 ///
-/// When the object is lost everything that follows is left out: the log ends there.
+/// When the object is lost, the log ends and the remaining commands have no effect.
 pub struct GraspTrial<'a, 'b> {
     controller: &'a mut Watched<'b>,
     rig: &'a mut GraspRig,
@@ -52,7 +52,7 @@ pub struct GraspTrial<'a, 'b> {
     enabled: bool,
     phase: Phase,
     target_forces: [Vector3<f64>; 3],
-    way: ObjectPath,
+    trajectory: ObjectTrajectory,
     note: Option<String>,
 }
 
@@ -75,7 +75,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             enabled: false,
             phase: Phase::Ready,
             target_forces: [Vector3::repeat(f64::NAN); 3],
-            way: ObjectPath { from: zero, to: zero, begin: 0.0 },
+            trajectory: ObjectTrajectory { from: zero, to: zero, begin: 0.0 },
             note: Some(held.label.to_owned()),
         };
         introduce(grasp_trial.controller, &grasp_trial.rig.robot.model)?;
@@ -87,21 +87,21 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         grasp_trial.controller.enable(TaskConfig::Grasping(()))?;
         (grasp_trial.enabled, grasp_trial.log.samples) = (true, Vec::new());
         grasp_trial.send("grasp", GraspCommand::Grasp(plan))?;
-        grasp_trial.wait_for_phase(Phase::Hold, GRASP_TIME)?;
+        grasp_trial.wait_for_phase(Phase::Hold, MAX_GRASP_TIME)?;
         if grasp_trial.log.lost.is_none() {
             grasp_trial.log.held = grasp_trial.log.now();
         }
         Ok(grasp_trial)
     }
 
-    /// The same, and then what it stands on is taken away.
+    /// Homes, tares and grasps, and then removes the support.
     pub fn without_support(
         setting: &'a mut Setting<'_, 'b>,
         rig: &'a mut GraspRig,
         held: &GraspedObject<'_>,
     ) -> Result<Self, ScenarioError> {
         let mut grasp_trial = Self::begin(setting, rig, held)?;
-        grasp_trial.note("the support is taken away");
+        grasp_trial.note("the support is removed");
         grasp_trial.plant.remove_support();
         Ok(grasp_trial)
     }
@@ -115,7 +115,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         let sequence = self.rig.motion.ticks();
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
-        if self.enabled && self.log.samples.len().is_multiple_of(TALK_EVERY) {
+        if self.enabled && self.log.samples.len().is_multiple_of(MESSAGE_INTERVAL) {
             match self.controller.keep() {
                 Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => return self.record_loss(),
                 other => other?,
@@ -126,7 +126,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Writes down what is so now.
+    /// Adds the current state to the log and the recording.
     fn record(&mut self) {
         let truth = self.plant.truth();
         let Some(object) = self.plant.object() else { return };
@@ -146,7 +146,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             contacts: self.plant.contacts(),
             joints: truth.positions,
             target_forces: self.target_forces,
-            target: self.way.at(time),
+            target: self.trajectory.at(time),
         });
     }
 
@@ -183,16 +183,17 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(())
     }
 
-    /// Lets time pass until the hand is in `phase`; if it is not within `max` [s], the object counts as lost.
+    /// Simulates until the hand is in `phase`. If it is not within `max` [s], the object counts as lost.
     pub fn wait_for_phase(&mut self, phase: Phase, max: f64) -> Result<(), ScenarioError> {
         let end = self.log.now() + max;
-        // A new command is seen in the first answer after it.
-        self.wait(TALK_EVERY as f64 * T)?;
+        // The first telemetry after a command shows its phase.
+        self.wait(MESSAGE_INTERVAL as f64 * T)?;
         while self.log.lost.is_none() && self.phase != phase {
-            let over = self.log.now() > end || (phase != Phase::Ready && self.phase == Phase::Ready);
-            if over {
-                let Self { phase: now, .. } = self;
-                self.log.lost = Some(format!("at {:.2} s: the hand {now} and not as asked", self.log.now()));
+            let is_over = self.log.now() > end || (phase != Phase::Ready && self.phase == Phase::Ready);
+            if is_over {
+                let Self { phase: current, .. } = self;
+                let time = self.log.now();
+                self.log.lost = Some(format!("at {time:.2} s: the hand {current}, not as commanded"));
             }
             self.tick()?;
         }
@@ -208,37 +209,41 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         match self.controller.grasp(command) {
             Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => self.record_loss(),
             Err(BoardError::Refused { refusal: Refusal::Task(refusal), .. }) => {
-                self.log.lost = Some(format!("at {:.2} s: asked to {note}: {refusal}", self.log.now()));
+                self.log.lost = Some(format!("at {:.2} s: {note} refused: {refusal}", self.log.now()));
                 Ok(())
             }
             other => Ok(other?),
         }
     }
 
-    /// Has the object brought to where it is so far from where it was grasped [m, rad], and returns when this
-    /// begins [s].
-    pub fn move_object(&mut self, shift: [f64; 3], turn: [f64; 3]) -> Result<f64, ScenarioError> {
+    /// Commands a displacement [m] and a rotation vector [rad] of the object relative to where it was
+    /// grasped. Returns when the motion begins [s].
+    pub fn move_object(&mut self, translation: [f64; 3], rotation: [f64; 3]) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
-        self.way = ObjectPath { from: self.way.at(begin), to: [shift.into(), turn.into()], begin };
+        self.trajectory = ObjectTrajectory {
+            from: self.trajectory.at(begin),
+            to: [translation.into(), rotation.into()],
+            begin,
+        };
         let single = |values: [f64; 3]| values.map(|value| value as f32);
-        let (translation, rotation) = (single(shift), single(turn));
+        let (translation, rotation) = (single(translation), single(rotation));
         self.send("move", GraspCommand::Move { translation, rotation, duration: MOVE as f32 })?;
         Ok(begin)
     }
 
-    /// Lifts the object off what it stands on and lets it come to rest; returns how far that is [m].
+    /// Lifts the object off its support and waits until it is at rest. Returns its displacement [m].
     pub fn lift(&mut self) -> Result<[f64; 3], ScenarioError> {
         let gravity = Vector3::from(self.rig.values.gravity);
-        let up = (gravity * (-UP / gravity.norm())).into();
+        let up = (gravity * (-LIFT / gravity.norm())).into();
         self.move_object(up, [0.0; 3])?;
         self.wait(MOVE + 1.0)?;
         Ok(up)
     }
 
-    /// Where it should be is not known from now on.
-    pub fn forget_aim(&mut self) {
+    /// Makes the target of the object unknown from now on.
+    pub fn clear_target(&mut self) {
         let unknown = [Vector3::repeat(f64::NAN); 2];
-        self.way = ObjectPath { from: unknown, to: unknown, begin: 0.0 };
+        self.trajectory = ObjectTrajectory { from: unknown, to: unknown, begin: 0.0 };
     }
 
     /// Writes a line into the recording.
@@ -246,7 +251,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         self.note = Some(text.to_owned());
     }
 
-    /// Switches the hand off; what was recorded.
+    /// Switches the hand off and returns the log.
     pub fn end(self) -> Result<GraspLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.log)

@@ -21,7 +21,7 @@ pub use impedance::{Hold, Impedance};
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done
-  1  failed: unreadable file, invalid robot folder, recording that differs, or a problem found by the doctor
+  1  failed: unreadable file, invalid robot folder, differing recording, problem found by `doctor`
   2  invalid arguments
   3  no device found, or it cannot be opened
   4  the board and this program use different versions of the protocol
@@ -36,7 +36,7 @@ No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
 #[derive(Parser)]
 #[command(version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "Options of every command")]
     pub options: Options,
     #[command(subcommand)]
     pub command: Command,
@@ -94,7 +94,7 @@ pub enum Command {
     Grasp(Grasp),
     /// Identify torque constants and friction of a hand's joints from free and loaded motion
     Identify(Identify),
-    /// Cartesian impedance control of an arm: the tool yields like a mass on a spring and a damper
+    /// Cartesian impedance control of an arm: the tool behaves as a mass with a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),
     /// Set the current joint angles (homing of relative encoders)
@@ -122,7 +122,7 @@ pub enum Command {
     },
     /// Compute kinematics and dynamics of a robot, or the least grip of contacts, for every row of a table;
     /// needs no board
-    #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|grip")]
+    #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|rnea|mass|bias|grip")]
     Eval(Eval),
     /// Show the faults since power-on
     Faults {
@@ -276,17 +276,17 @@ fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
     match Duration::try_from_secs_f64(seconds) {
         Ok(duration) if !duration.is_zero() => Ok(duration),
-        _ => Err(format!("{text} s: the time must be positive")),
+        _ => Err(format!("{text} s: expected a time above 0 s")),
     }
 }
 
 fn joint_angle(text: &str) -> Result<(String, f32), String> {
     let (name, angle) = text
         .split_once('=')
-        .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example f1_base=0.3"))?;
+        .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example finger1_swing=0.3"))?;
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
-        _ => Err(format!("{angle:?} is not an angle")),
+        _ => Err(format!("{angle:?} is not an angle: expected a finite number")),
     }
 }
 

@@ -1,5 +1,6 @@
 //! The short commands: list, info, disable, stop, faults, share.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
@@ -9,10 +10,11 @@ use tesaki::task::TaskKind;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{self, Address, Reopening};
+use tesaki_supervisor::troubleshooting;
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, hex, interrupted, version, words};
-use crate::failure::{Failure, TROUBLESHOOTING};
+use crate::board_session::{BoardSession, describe, hex, interrupted, version};
+use crate::failure::Failure;
 use crate::output;
 
 pub fn list(options: &Options) -> Result<(), Failure> {
@@ -123,7 +125,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let list: Vec<_> = log
         .faults
         .iter()
-        .map(|fault| json!({ "number": fault.cause.number(), "fault": output::exact(fault), "text": words(fault, model.as_ref()) }))
+        .map(|fault| json!({ "number": fault.cause.number(), "fault": output::exact(fault), "text": describe(fault, model.as_ref()) }))
         .collect();
     if clear {
         session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
@@ -132,7 +134,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     output::result(options, &json!({ "total": log.total, "faults": list, "mode": mode }), || {
         let mut text = String::new();
         for fault in &log.faults {
-            let _ = writeln!(text, "{}", words(fault, model.as_ref()));
+            let _ = writeln!(text, "{}", describe(fault, model.as_ref()));
         }
         let dropped = log.total as usize - log.faults.len().min(log.total as usize);
         if dropped > 0 {
@@ -141,8 +143,10 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         let cleared = if clear { "; cleared" } else { "" };
         let faults = if log.total == 1 { "fault" } else { "faults" };
         let _ = write!(text, "{} {faults} since power-on{cleared}. The board is {mode}.", log.total);
-        if log.total > 0 {
-            let _ = write!(text, " See {TROUBLESHOOTING}");
+        for entry in
+            log.faults.iter().map(|fault| troubleshooting::fault(fault.cause)).collect::<BTreeSet<_>>()
+        {
+            let _ = write!(text, "\nSee {entry}");
         }
         text
     })

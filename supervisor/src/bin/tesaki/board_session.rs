@@ -12,20 +12,21 @@ use tesaki::protocol::{
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::Reopening;
+use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
 use crate::failure::Failure;
 
 /// The link to the board: reopened when it is lost, with injected faults if requested.
-pub type Line = FaultyLink<Reopening>;
+pub type BoardLink = FaultyLink<Reopening>;
 
 /// [`tesaki::protocol::LEASE`] as a duration.
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
 /// A board that has answered the greeting.
 pub struct BoardSession {
-    pub board: LinkBoard<Line>,
+    pub board: LinkBoard<BoardLink>,
     pub identity: Identity,
     /// The address of its port.
     pub port: String,
@@ -35,12 +36,12 @@ pub struct BoardSession {
     commands: bool,
 }
 
-/// The next client need not wait for the lease to expire.
+/// Releases command, so that the next client does not wait for the lease to expire.
 impl Drop for BoardSession {
     fn drop(&mut self) {
         if self.commands {
             self.board.set_timeout(Duration::from_millis(300));
-            // An enabled board refuses; its command timeout ends that.
+            // An enabled board refuses this; its command timeout then disables it.
             let _ = self.board.ask("release command", Request::ReleaseCommand);
         }
     }
@@ -97,10 +98,14 @@ impl BoardSession {
         }
     }
 
-    /// Description of the last fault, with the joint's name if the model is known.
+    /// Description of the last fault, with the joint's name if the model is known, and the entry of the
+    /// document that explains it.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        Ok(log.faults.last().map_or_else(|| "no fault is recorded".to_owned(), |fault| words(fault, model)))
+        Ok(log.faults.last().map_or_else(
+            || "no fault is recorded".to_owned(),
+            |fault| format!("{}\nSee {}", describe(fault, model), troubleshooting::fault(fault.cause)),
+        ))
     }
 
     /// Fails when the board is in fault.
@@ -110,7 +115,7 @@ impl BoardSession {
 
     /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether
     /// it answered.
-    pub fn revive(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
+    pub fn reconnect(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
         self.board.set_timeout(Duration::from_millis(200));
         let mut ask = || {
             self.board.hello()?;
@@ -174,20 +179,20 @@ pub fn refused(reply: &Reply) -> Result<(), Failure> {
 }
 
 /// Opens the port.
-pub fn dial(options: &Options) -> Result<LinkBoard<Line>, Failure> {
+pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
     let link = FaultyLink::new(Reopening::open(options.port.clone())?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
 
 /// The address of the board's port.
-pub fn port_address(board: &LinkBoard<Line>) -> String {
+pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
     let port = board.link().get_ref().port();
     port.map_or_else(String::new, |port| port.address().to_string())
 }
 
 /// Description of a fault.
-pub fn words(fault: &Fault, model: Option<&RobotModel>) -> String {
+pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
     model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 

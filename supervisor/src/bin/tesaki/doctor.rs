@@ -12,11 +12,11 @@ use tesaki::protocol::{
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{Line, dial, port_address, version};
-use crate::failure::{Failure, TROUBLESHOOTING};
+use crate::board_session::{BoardLink, dial, port_address, version};
+use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
 
@@ -29,7 +29,7 @@ const MAX_STACK_USE: f32 = 0.9;
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Weight {
     Good,
-    /// Works, but deserves attention.
+    /// Works, but needs attention.
     Warning,
     /// Does not work.
     Bad,
@@ -110,7 +110,7 @@ impl Doctor {
 }
 
 /// Checks the ports and the link, up to a board that answers.
-fn check_link(options: &Options, doctor: &mut Doctor) -> Option<LinkBoard<Line>> {
+fn check_link(options: &Options, doctor: &mut Doctor) -> Option<LinkBoard<BoardLink>> {
     let found = port::list();
     if found.is_empty() {
         doctor.warning("no ports found", "connect a board, or start a simulated one with `cargo sim serve`");
@@ -149,7 +149,11 @@ fn check_latency(address: &str, doctor: &mut Doctor) {
 }
 
 /// Whether the board has answered in the same version of the protocol.
-fn check_answer(board: &LinkBoard<Line>, answer: Result<Identity, BoardError>, doctor: &mut Doctor) -> bool {
+fn check_answer(
+    board: &LinkBoard<BoardLink>,
+    answer: Result<Identity, BoardError>,
+    doctor: &mut Doctor,
+) -> bool {
     match answer {
         Ok(identity) => {
             let (here, there) = (env!("CARGO_PKG_VERSION"), version(identity.firmware));
@@ -194,7 +198,11 @@ fn check_answer(board: &LinkBoard<Line>, answer: Result<Identity, BoardError>, d
 }
 
 /// Checks the board, its model and its joints.
-fn check_board(mut board: LinkBoard<Line>, robot: Option<&Path>, doctor: &mut Doctor) -> Result<(), Failure> {
+fn check_board(
+    mut board: LinkBoard<BoardLink>,
+    robot: Option<&Path>,
+    doctor: &mut Doctor,
+) -> Result<(), Failure> {
     let Status { node, board: state } = board.status()?;
     check_round_trip(board.round_trip(), doctor);
     check_microcontroller(&state, doctor);
@@ -216,11 +224,16 @@ fn check_board(mut board: LinkBoard<Line>, robot: Option<&Path>, doctor: &mut Do
     check_homing(node.homed, &model, doctor);
     if node.mode == Mode::Fault {
         let log = board.faults()?;
-        let text = log.faults.last().map_or_else(String::new, |fault| fault.named(&model).to_string());
+        let last = log.faults.last();
+        let text = last.map_or_else(String::new, |fault| fault.named(&model).to_string());
+        let entry = last.map_or_else(
+            || troubleshooting::DOCUMENT.to_owned(),
+            |fault| troubleshooting::fault(fault.cause),
+        );
         doctor.bad(
             5,
             format!("the board is in fault: {text}"),
-            format!("see {TROUBLESHOOTING}; clear it with `tesaki faults --clear`"),
+            format!("see {entry}; clear it with `tesaki faults --clear`"),
         );
     } else if !node.faults_read {
         doctor.warning(format!("{} faults since power-on, some unread", node.faults), "tesaki faults");
@@ -306,7 +319,7 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) -> 
     Ok(())
 }
 
-fn check_control(board: &mut LinkBoard<Line>, doctor: &mut Doctor) -> Result<(), Failure> {
+fn check_control(board: &mut LinkBoard<BoardLink>, doctor: &mut Doctor) -> Result<(), Failure> {
     board.set_rate(Stream::Telemetry, 1)?;
     let deadline = Instant::now() + Duration::from_millis(500);
     let mut alive = false;

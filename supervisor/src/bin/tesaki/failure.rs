@@ -18,9 +18,7 @@ use tesaki_description::urdf::UrdfError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 use tesaki_supervisor::port::PortError;
-
-/// Documentation of faults and refusals.
-pub const TROUBLESHOOTING: &str = "docs/troubleshooting.md";
+use tesaki_supervisor::troubleshooting;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -40,10 +38,8 @@ pub enum Failure {
     /// The board has no model yet.
     #[error("the board has no robot model: push one with `tesaki model push robots/NAME`")]
     NoModel,
-    /// The board is in fault.
-    #[error(
-        "the board is in fault: {0}\nSee {TROUBLESHOOTING}. `tesaki faults --clear` shows and clears the faults"
-    )]
+    /// The board is in fault: description, and the reference to the document.
+    #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
     /// A timeout.
     #[error("{0}")]
@@ -64,7 +60,7 @@ pub enum Failure {
     #[error(transparent)]
     Identify(#[from] IdentifyError),
     /// The grasp failed.
-    #[error("{0}\nSee {TROUBLESHOOTING}")]
+    #[error("{0}\nSee {document}", document = troubleshooting::DOCUMENT)]
     Grasp(String),
     /// An invalid URDF.
     #[error(transparent)]
@@ -100,7 +96,7 @@ fn hint(error: &BoardError) -> String {
         }
         _ => "",
     };
-    format!("{hint}\nSee {TROUBLESHOOTING}")
+    format!("{hint}\nSee {}", troubleshooting::refusal(refusal))
 }
 
 impl Failure {

@@ -59,7 +59,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
     rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
-    let mut line = Line {
+    let mut machine = BoardMachine {
         session,
         options,
         model: &model,
@@ -67,8 +67,8 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         seen_enabled: false,
         telemetry: None,
     };
-    let found = identify(&mut line, &model, &plan, &settings);
-    let mut session = line.session;
+    let found = identify(&mut machine, &model, &plan, &settings);
+    let mut session = machine.session;
     if found.is_err() {
         let _ = session.board.disable();
     }
@@ -183,7 +183,7 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
 }
 
 /// A connected board.
-struct Line<'a> {
+struct BoardMachine<'a> {
     session: BoardSession,
     options: &'a Options,
     model: &'a RobotModel,
@@ -194,7 +194,7 @@ struct Line<'a> {
     telemetry: Option<Telemetry>,
 }
 
-impl Machine for Line<'_> {
+impl Machine for BoardMachine<'_> {
     type Error = Failure;
 
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Failure> {
@@ -212,7 +212,9 @@ impl Machine for Line<'_> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Other("interrupted: disabled; nothing was identified".to_owned()));
+                return Err(Failure::Other(
+                    "interrupted: the board is disabled; nothing was identified".to_owned(),
+                ));
             }
             self.session.board.post(request.clone())?;
             let deadline = Instant::now() + RETRY;
@@ -238,7 +240,7 @@ impl Machine for Line<'_> {
             }
         }
         Err(Failure::Late(format!(
-            "no data from the board for {} s; its command timeout has stopped it by now",
+            "no data from the board for {} s: its command timeout has stopped it. Check cable and power (`tesaki doctor`)",
             GONE.as_secs()
         )))
     }

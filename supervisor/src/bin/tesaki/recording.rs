@@ -20,7 +20,7 @@ use tesaki_recording::{LogLevel, McapError, Recording};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};
-use crate::board_session::{BoardSession, hex, interrupted, version, words};
+use crate::board_session::{BoardSession, describe, hex, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -116,7 +116,7 @@ impl<'a> Recorder<'a> {
                 self.log_path.display()
             )));
         }
-        if now - self.heard > REPORT && session.revive(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
+        if now - self.heard > REPORT && session.reconnect(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
             session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
@@ -133,7 +133,7 @@ impl<'a> Recorder<'a> {
         if telemetry.faults != viewer.faults {
             viewer.faults = telemetry.faults;
             let fault = session.board.faults()?.faults.last().copied();
-            let text = fault.map_or_else(String::new, |fault| words(&fault, log.robot()));
+            let text = fault.map_or_else(String::new, |fault| describe(&fault, log.robot()));
             viewer.fault(telemetry, &text).map_err(mcap_failure(mcap_path))?;
             output::notice(self.options, &text);
         }

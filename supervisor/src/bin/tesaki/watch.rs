@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Request, Status, Stream, Telemetry};
 use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, State, View};
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, version, words};
+use crate::board_session::{BoardSession, describe, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -61,7 +61,7 @@ fn stream(session: &mut BoardSession) -> Result<(), Failure> {
         match session.telemetry(Duration::from_secs(1)) {
             Ok(telemetry) => output::line(&serde_json::to_string(&telemetry).unwrap_or_default())?,
             Err(Failure::Late(_)) => {
-                session.revive(&[(Stream::Telemetry, EVERY)])?;
+                session.reconnect(&[(Stream::Telemetry, EVERY)])?;
             }
             Err(failure) => return Err(failure),
         }
@@ -78,6 +78,8 @@ struct Watch {
     frames: u32,
     second: Instant,
     known_faults: Option<u32>,
+    /// The entry of the document that explains the last fault.
+    entry: String,
 }
 
 impl Watch {
@@ -94,8 +96,16 @@ impl Watch {
         let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
         let view = View { title, joints: joints.collect(), link, ..View::default() };
         let now = Instant::now();
-        let mut watch =
-            Self { model, view, heard: now, last_tick: None, frames: 0, second: now, known_faults: None };
+        let mut watch = Self {
+            model,
+            view,
+            heard: now,
+            last_tick: None,
+            frames: 0,
+            second: now,
+            known_faults: None,
+            entry: troubleshooting::DOCUMENT.to_owned(),
+        };
         for &(stream, every) in STREAMS {
             session.board.set_rate(stream, every)?;
         }
@@ -133,7 +143,7 @@ impl Watch {
             } else {
                 "the port has disappeared: reconnect it, and this view resumes".to_owned()
             };
-            session.revive(STREAMS)?;
+            session.reconnect(STREAMS)?;
         }
         if self.known_faults.is_none() && silence < SILENCE {
             self.read_faults(session)?;
@@ -158,10 +168,9 @@ impl Watch {
         (self.view.state, self.view.hint) = match telemetry.mode {
             Mode::Disabled => (State::Disabled, String::new()),
             Mode::Enabled(_) => (State::Enabled, "space stops the robot".to_owned()),
-            Mode::Fault => (
-                State::Fault,
-                "see docs/troubleshooting.md; `tesaki faults --clear` clears the fault".to_owned(),
-            ),
+            Mode::Fault => {
+                (State::Fault, format!("see {}; `tesaki faults --clear` clears the fault", self.entry))
+            }
         };
         for (view, joint) in self.view.joints.iter_mut().zip(&telemetry.joints) {
             view.remember(joint.position);
@@ -182,8 +191,12 @@ impl Watch {
     fn read_faults(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         match session.board.faults() {
             Ok(log) => {
-                self.view.faults = log.faults.iter().map(|fault| words(fault, Some(&self.model))).collect();
+                self.view.faults =
+                    log.faults.iter().map(|fault| describe(fault, Some(&self.model))).collect();
                 self.known_faults = Some(log.total);
+                if let Some(last) = log.faults.last() {
+                    self.entry = troubleshooting::fault(last.cause);
+                }
                 Ok(())
             }
             Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => Ok(()),

@@ -15,16 +15,16 @@ Columns of the table, in any order; contacts i = 1 to 6, at least 2 in each row:
   ox, oy, oz     reference point of the moment [m]; default: 0
 
 Columns of the results:
-  verdict        held, cannot-hold (proven), or open (neither forces nor a proof: a borderline case)
+  verdict        held, cannot-hold (proven), or open (borderline: neither forces nor a proof)
   fix, fiy, fiz  minimum-norm contact forces on the object [N]
   normali        normal force [N]
   usedi          used fraction of the friction limit, 0 to 1
   rest           relative residual of the load
   rank           rank of the grasp map: 5 if the contacts are collinear, else 6
   condition      condition number of the grasp map
-  vx … wz        cannot-hold: a separating twist about the contacts' centroid, on which the load has more
-                 power than any admissible contact forces
-  proof          cannot-hold: the separating twist verified in double precision, checked or failed";
+  vx … wz        cannot-hold: a separating twist about the centroid of the contacts: the load has
+                 more power on it than any admissible contact forces
+  proof          cannot-hold: checked or failed, the twist verified in double precision";
 
 const RNEA_COLUMNS: &str = "\
 Columns of the table, in any order; all but the angles default to 0 unless stated otherwise:
@@ -91,11 +91,11 @@ pub struct Kinematics {
     /// Link where the chains start and whose frame is used; default: the robot's base
     #[arg(long, value_name = "LINK")]
     pub base: Option<String>,
-    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw;
-    /// further columns are listed below; - reads stdin
+    /// CSV with a header: joint angles [rad] by name; for ik TIP.x, .y, .z [m] and .qx, .qy, .qz, .qw.
+    /// The help of rnea, mass and bias lists further columns. - reads standard input
     #[arg(long = "in", value_name = "CSV")]
     pub input: PathBuf,
-    /// CSV file for the results; - writes to stdout
+    /// CSV file for the results; - writes to standard output
     #[arg(long = "out", value_name = "CSV", default_value = "-")]
     pub output: PathBuf,
 }
@@ -103,10 +103,10 @@ pub struct Kinematics {
 #[derive(Args)]
 #[command(after_help = GRIP_COLUMNS)]
 pub struct Grip {
-    /// CSV with a header, contacts and a load in every row, see below; - reads stdin
+    /// CSV with a header, contacts and a load in every row, see below; - reads standard input
     #[arg(long = "in", value_name = "CSV")]
     pub input: PathBuf,
-    /// CSV file for the results; - writes to stdout
+    /// CSV file for the results; - writes to standard output
     #[arg(long = "out", value_name = "CSV", default_value = "-")]
     pub output: PathBuf,
     /// Fraction of the friction limit to keep in reserve, at least 0 and less than 1

@@ -113,7 +113,7 @@ fn answer(grip: &LeastGrip, grasp: &Grasp, table: &Table, row: &Row) -> Result<A
     }
 }
 
-/// The forces of every contact that has columns, with normal force and share of the friction.
+/// The forces of every contact that has columns, with normal force and used fraction of the friction limit.
 fn forces(columns: &Columns<'_>, grasp: &Grasp, answer: &Answer, values: &mut Vec<String>) {
     for contact in &columns.contacts {
         let index = grasp.numbers.iter().position(|&number| number == contact.number);

@@ -173,7 +173,7 @@ fn solver(path: &SerialPath) -> Result<InverseKinematics, InvalidJoint> {
         match (leader(joint.drive), drive.and_then(|drive| drive.limits)) {
             // It never moves.
             (None, _) => (joint.offset, joint.offset),
-            // What it follows, away from this path, has limits of its own.
+            // The joint that it mimics, which is not in this path, has limits of its own.
             (Some(leader), Some(drive)) if leader == index => {
                 let ends = [drive.0, drive.1].map(|angle| joint.multiplier * angle + joint.offset);
                 (lower.max(ends[0].min(ends[1])), upper.min(ends[0].max(ends[1])))

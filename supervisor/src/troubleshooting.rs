@@ -1,0 +1,119 @@
+//! References to the entries of `docs/troubleshooting.md`, which explains every fault and every refusal.
+
+use core::fmt::Debug;
+
+use tesaki::fault::FaultCause;
+use tesaki::protocol::Refusal;
+use tesaki::task::TaskRefusal;
+use tesaki::task::grasping::GraspRefusal;
+use tesaki::task::impedance::ImpedanceRefusal;
+use tesaki::task::joint_servo::JointServoRefusal;
+
+/// The document.
+pub const DOCUMENT: &str = "docs/troubleshooting.md";
+const TEXT: &str = include_str!("../../docs/troubleshooting.md");
+
+/// The entry of a fault, such as `docs/troubleshooting.md#fault-3-followingerror`.
+pub fn fault(cause: FaultCause) -> String {
+    entry("FaultCause", &cause)
+}
+
+/// The entry of a refusal. For a refusal that contains another one, the entry of the inner one.
+pub fn refusal(refusal: &Refusal) -> String {
+    match refusal {
+        Refusal::Limit(limit) => entry("LimitRefusal", limit),
+        Refusal::Model(error) => entry("Problem", &error.problem),
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(limit))) => {
+            entry("LimitRefusal", limit)
+        }
+        Refusal::Task(TaskRefusal::JointServo(refusal)) => entry("JointServoRefusal", refusal),
+        Refusal::Task(TaskRefusal::Grasping(refusal)) => grasp_refusal(refusal),
+        Refusal::Task(TaskRefusal::Impedance(refusal)) => impedance_refusal(refusal),
+        other => entry("Refusal", other),
+    }
+}
+
+/// The entry of a refused grasp command.
+pub fn grasp_refusal(refusal: &GraspRefusal) -> String {
+    match refusal {
+        GraspRefusal::Plan(plan) => entry("InvalidPlan", plan),
+        other => entry("GraspRefusal", other),
+    }
+}
+
+fn impedance_refusal(refusal: &ImpedanceRefusal) -> String {
+    match refusal {
+        ImpedanceRefusal::Settings(settings) => entry("InvalidSettings", settings),
+        ImpedanceRefusal::Setpoint(setpoint) => entry("SetpointError", setpoint),
+        other => entry("ImpedanceRefusal", other),
+    }
+}
+
+/// The entry of a variant in the section of its enumeration; the document alone if there is no such entry.
+fn entry(section: &str, variant: &impl Debug) -> String {
+    let debug = format!("{variant:?}");
+    let name = debug.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
+    let mut is_in_section = false;
+    for heading in headings(TEXT) {
+        match heading.level {
+            2 => is_in_section = heading.name == section,
+            _ if is_in_section && heading.name == name => return format!("{DOCUMENT}#{}", heading.anchor),
+            _ => {}
+        }
+    }
+    DOCUMENT.to_owned()
+}
+
+struct Heading<'a> {
+    level: usize,
+    /// The text between backticks.
+    name: &'a str,
+    anchor: String,
+}
+
+/// The headings of a Markdown document with the anchors that GitHub gives them: lower case, without
+/// punctuation, spaces as hyphens; a repeated anchor is numbered.
+fn headings(text: &str) -> Vec<Heading<'_>> {
+    let mut slugs: Vec<String> = Vec::new();
+    let mut headings = Vec::new();
+    for line in text.lines().filter(|line| line.starts_with('#')) {
+        let title = line.trim_start_matches('#');
+        let level = line.len() - title.len();
+        let kept = title.trim().to_lowercase().replace(' ', "-");
+        let slug: String = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, '-' | '_')).collect();
+        let repeats = slugs.iter().filter(|other| **other == slug).count();
+        let anchor = if repeats == 0 { slug.clone() } else { format!("{slug}-{repeats}") };
+        slugs.push(slug);
+        headings.push(Heading { level, name: title.split('`').nth(1).unwrap_or_default(), anchor });
+    }
+    headings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_and_refusals_lead_to_their_entries() {
+        let fault_entry = fault(FaultCause::FollowingError);
+        assert_eq!(fault_entry, "docs/troubleshooting.md#fault-3-followingerror");
+        assert_eq!(refusal(&Refusal::NoModel), "docs/troubleshooting.md#nomodel");
+        let grasping = TaskRefusal::Grasping(GraspRefusal::NotAHand);
+        assert_eq!(refusal(&Refusal::Task(grasping)), "docs/troubleshooting.md#notahand");
+        // The name occurs in several sections.
+        let grasping = TaskRefusal::Grasping(GraspRefusal::NotFinite);
+        assert_eq!(refusal(&Refusal::Task(grasping)), "docs/troubleshooting.md#notfinite-1");
+        let impedance = TaskRefusal::Impedance(ImpedanceRefusal::NoForceSensor);
+        assert_eq!(refusal(&Refusal::Task(impedance)), "docs/troubleshooting.md#noforcesensor-1");
+    }
+
+    #[test]
+    fn anchors_are_unique() {
+        let mut anchors: Vec<String> = headings(TEXT).into_iter().map(|heading| heading.anchor).collect();
+        let count = anchors.len();
+        anchors.sort_unstable();
+        anchors.dedup();
+        assert_eq!(anchors.len(), count);
+        assert!(count > 90, "{count}");
+    }
+}
