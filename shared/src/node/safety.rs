@@ -19,7 +19,7 @@ impl Node {
     /// Records a fault and reacts to it.
     pub(super) fn fail(&mut self, fault: Fault) {
         let reaction = match self.robot.loaded() {
-            Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
+            Some(robot) if fault.cause.leaves_sensors_valid() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };
         match self.state.mode {
@@ -31,7 +31,7 @@ impl Node {
                 if reaction == Reaction::Hold {
                     // Where no servo was at work, there is no reference to come to rest along.
                     let no_servo = self.state.targets.actuation != Actuation::Servo;
-                    let at_once = no_servo || fault.cause.means_motion_is_wrong();
+                    let at_once = no_servo || fault.cause.invalidates_reference();
                     self.state.targets.actuation = Actuation::Servo;
                     joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(at_once));
                 }

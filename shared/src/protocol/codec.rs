@@ -381,10 +381,10 @@ mod tests {
     #[test]
     fn the_longest_messages_fit() {
         use crate::control::JointPoint;
+        use crate::fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
         use crate::model::MAX_JOINTS;
         use crate::protocol::{
-            Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply,
-            ReplyFrame, Telemetry,
+            FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply, ReplyFrame, Telemetry,
         };
         let value = f32::MIN;
         let joint = JointTelemetry { position: value, velocity: value, reference: value, torque: value };
@@ -399,11 +399,11 @@ mod tests {
         let torques = [value; MAX_JOINTS].into_iter().collect();
         use crate::task::TaskCommand;
         use crate::task::joint_servo::JointCommand;
-        let request = Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }));
+        let request = Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques { points, torques }));
         let record = LogRecord::Request(RequestFrame { client, sequence, request });
         encoded(&FromBoard::Log(LogEntry { index: u32::MAX, record }));
         let mut log = FaultLog::new();
-        for _ in 0..crate::protocol::MAX_FAULTS {
+        for _ in 0..MAX_FAULTS {
             log.record(Fault {
                 cause: FaultCause::Stop,
                 joint: Some(255),

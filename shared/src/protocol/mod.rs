@@ -17,7 +17,6 @@ mod request;
 mod status;
 mod telemetry;
 
-pub use crate::fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
 pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use longest::longest;
 pub use refusal::Refusal;
