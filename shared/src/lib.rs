@@ -50,6 +50,8 @@ pub mod robot;
 pub mod signal;
 pub mod task;
 pub mod teleop;
+#[cfg(any(test, feature = "test-support"))]
+pub mod test_support;
 
 /// The control period `T` [s].
 pub const TICK: f32 = 0.01;

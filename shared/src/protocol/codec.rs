@@ -315,6 +315,8 @@ fn copy(to: &mut [u8], from: &[u8]) {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 mod tests {
+    use tesaki_rng::Rng;
+
     use super::*;
     use crate::protocol::{ActuatorFrame, Request, RequestFrame};
 
@@ -417,14 +419,10 @@ mod tests {
         encoded(&FromBoard::Reply(reply));
     }
 
-    /// Bytes with about as many zeros as asked for.
+    /// Random bytes with this percentage of zeros.
     fn noise(length: usize, zeros: u32, seed: u64) -> Vec<u8> {
-        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as u32
-        };
-        (0..length).map(|_| if next() % 100 < zeros { 0 } else { (next() % 255 + 1) as u8 }).collect()
+        let mut rng = Rng::new(seed, 0);
+        (0..length).map(|_| if rng.below(100) < zeros { 0 } else { (rng.below(255) + 1) as u8 }).collect()
     }
 
     #[test]

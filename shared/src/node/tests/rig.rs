@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use crate::control::ServoMode;
 use crate::fault::Fault;
-use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety, test_joint};
+use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety};
 use crate::node::Node;
 use crate::protocol::{
     ActuatorFrame, BoardStatus, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
@@ -12,6 +12,7 @@ use crate::protocol::{
 };
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
+use crate::test_support::joint as test_joint;
 
 pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 

@@ -8,13 +8,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance};
 use crate::kinematics::{Chain, ElbowSetpoint, Jacobian, PosePoint};
-use crate::model::{
-    ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety, test_joint,
-};
+use crate::model::{ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety};
 use crate::task::impedance::redundancy::Joints;
 use crate::task::impedance::{
     Arm, ArmMeasurement, ArmOutput, ForceSource, ImpedanceSettings, ImpedanceState, Law, Redundancy,
 };
+use crate::test_support::joint as test_joint;
 
 /// The shape of `robots/arm7`, in round numbers.
 pub fn arm7() -> RobotModel {
