@@ -1,5 +1,5 @@
-//! Executed instructions of the core's hot paths, on the emulated Cortex-M4F with `-icount shift=0`: one instruction is
-//! one nanosecond, and SysTick counts at 168 MHz. Prints `name instructions` a line.
+//! Executed instructions of the core's hot paths, on the emulated Cortex-M4F with `-icount shift=0`: one instruction is one
+//! nanosecond, and SysTick counts at 168 MHz. Prints `name instructions`, one per line.
 
 #![no_std]
 #![no_main]
@@ -30,7 +30,7 @@ use tesaki_firmware as _;
 
 mod support;
 
-/// The command timeout of the model used is long enough for this many ticks.
+/// Calls per measurement. The command timeout of the model is longer than this many ticks.
 const CALLS: u32 = 200;
 
 /// SysTick counts down in 24 bits: a run must be shorter than 0.1 s of virtual time.
@@ -68,13 +68,13 @@ impl Stopwatch {
 
 #[inline(never)]
 fn pid_step(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
-    let wanted = pid.output(state, reference, measured);
-    let applied = math::clamp(wanted, -0.6, 0.6);
-    pid.integrate(state, wanted, applied, false);
+    let requested = pid.output(state, reference, measured);
+    let applied = math::clamp(requested, -0.6, 0.6);
+    pid.integrate(state, requested, applied, false);
     applied
 }
 
-/// The call of [`pid_step`] without what it does; likewise below.
+/// An empty function with the signature of [`pid_step`]: the baseline of its measurement; likewise below.
 #[inline(never)]
 fn no_pid(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
     // SAFETY: an empty statement that the compiler must take for a use of all arguments.
@@ -380,7 +380,7 @@ fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
-/// A node with three chains of three joints, armed and moving.
+/// Tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
     let board = BoardStatus::default();
     let mut sequence = 0;
