@@ -1,12 +1,13 @@
-//! Interface of the control task to sensors and drives. Drivers for encoders and amplifiers implement [`Board`].
+//! Interface of the control task to sensors and drives. Drivers for encoders and amplifiers implement
+//! [`Board`].
 
 use embedded_hal::digital::InputPin;
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 /// Sensors and drives.
 pub trait Board {
-    /// Whether the board controls power stages. Such a board never uses the plant link, where torques are for a
-    /// simulation.
+    /// Whether the board controls power stages. Such a board never uses the plant link, where torques are for
+    /// a simulation.
     const OWNS_GATE_DRIVERS: bool;
 
     /// Reads all sensors in period `sequence`; `None` while they are not ready.
@@ -37,7 +38,8 @@ impl Board for BareBoard {
 /// The board of this image.
 pub type ThisBoard = BareBoard;
 
-/// Whether sensors and drives are on the plant link: the strap is grounded at boot, and the board has no power stages.
+/// Whether sensors and drives are on the plant link: the strap is grounded at boot, and the board has no
+/// power stages.
 pub fn uses_plant_link<B: Board>(strap: &mut impl InputPin) -> bool {
     !B::OWNS_GATE_DRIVERS && strap.is_low().unwrap_or(false)
 }

@@ -4,8 +4,8 @@ use tesaki::protocol::ClockSource;
 
 use crate::pac;
 
-/// Polls before an oscillator counts as failed: about 60 ms at 16 MHz and ten cycles per poll. A crystal starts within
-/// 2 to 5 ms, the PLL within 1 ms.
+/// Polls before an oscillator counts as failed: about 60 ms at 16 MHz and ten cycles per poll. A crystal
+/// starts within 2 to 5 ms, the PLL within 1 ms.
 const MAX_POLLS: u32 = 100_000;
 
 /// Clock source and frequencies [Hz].
@@ -23,8 +23,8 @@ pub struct Clocks {
     pub baud: u32,
 }
 
-/// Starts the PLL with 168 MHz from the 8 MHz crystal or, if that fails, from the internal oscillator. Without PLL the
-/// clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then run at 115 200.
+/// Starts the PLL with 168 MHz from the 8 MHz crystal or, if that fails, from the internal oscillator.
+/// Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then run at 115 200.
 pub fn bring_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
     let fast =
         |source| Clocks { source, usart1: 84_000_000, usart2: 42_000_000, timer: 84_000_000, baud: 921_600 };

@@ -10,9 +10,9 @@
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
 //! | 0 | idle | sleep; on the plant link, feeding the watchdog |
 //!
-//! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud the next
-//! one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per byte, which delays a
-//! tick by less than 3 %. The sampling instant is not delayed.
+//! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud
+//! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
+//! byte, which delays a tick by less than 3 %. The sampling instant is not delayed.
 
 #![no_std]
 

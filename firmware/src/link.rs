@@ -1,7 +1,7 @@
 //! UARTs, and the queues between their interrupts and the RTIC tasks.
 //!
-//! The interrupt owns the UART; an RTIC task owns the other ends of two queues and pends the interrupt with `rtic::pend`. A
-//! full queue drops further data and counts it.
+//! The interrupt owns the UART; an RTIC task owns the other ends of two queues and pends the interrupt with
+//! `rtic::pend`. A full queue drops further data and counts it.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -118,8 +118,8 @@ pub struct UartIsr<U> {
 }
 
 impl<U: Uart> UartIsr<U> {
-    /// Receives a byte and sends queued bytes. Returns whether a frame ended. Bounded: at most one byte in and one queue
-    /// out; a real UART accepts two bytes at a time.
+    /// Receives a byte and sends queued bytes. Returns whether a frame ended. Bounded: at most one byte in
+    /// and one queue out; a real UART accepts two bytes at a time.
     pub fn on_interrupt(&mut self) -> bool {
         let (byte, lost) = self.uart.receive();
         if lost {

@@ -1,4 +1,5 @@
-//! The firmware image: an RTIC application around [`tesaki::node::Node`]. The library describes the priorities.
+//! The firmware image: an RTIC application around [`tesaki::node::Node`]. The library describes the
+//! priorities.
 
 #![no_std]
 #![no_main]

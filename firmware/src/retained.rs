@@ -40,8 +40,8 @@ static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
 fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
     cortex_m::interrupt::free(|_| {
-        // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique. Every field
-        // is made of integers, for which any bits are a value; the memory is always readable.
+        // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique.
+        // Every field is made of integers, for which any bits are a value; the memory is always readable.
         body(unsafe { (*addr_of_mut!(RETAINED)).assume_init_mut() })
     })
 }

@@ -1,7 +1,7 @@
 //! The independent watchdog: resets the board unless it is fed every 100 ms.
 //!
-//! With sensors and drives on the board, each control tick in its own period feeds it. On the plant link the host
-//! controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs.
+//! With sensors and drives on the board, each control tick in its own period feeds it. On the plant link the
+//! host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs.
 
 use crate::pac;
 

@@ -94,7 +94,8 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
         times.sort_by(f64::total_cmp);
         let mean = times.iter().sum::<f64>() / 1000.0;
         println!(
-            "{name:<16} {label:<24} {:>6.1} % reached, median {:>6.2} us, mean {:>6.2} us, 99 % {:>7.2} us, {:.1} iterations",
+            "{name:<16} {label:<24} {:>6.1} % reached, median {:>6.2} us, mean {:>6.2} us, 99 % {:>7.2} us, \
+             {:.1} iterations",
             f64::from(reached) / 10.0,
             times[500] / 1e3,
             mean / 1e3,

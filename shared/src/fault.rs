@@ -25,8 +25,8 @@ pub enum FaultCause {
     FollowingError,
     /// 4: an angle changed faster in one tick than the joint can move. Value and limit in rad.
     EncoderJump,
-    /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the torque;
-    /// limit: the torque that moves the joint [N·m].
+    /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the
+    /// torque; limit: the torque that moves the joint [N·m].
     EncoderStuck,
     /// 6: a computed torque is not finite. Value: NaN.
     NotFinite,
@@ -60,11 +60,11 @@ pub enum FaultCause {
     ForceStuck,
     /// 20: the force on a tip exceeds its limit. Value and limit in N.
     ForceLimit,
-    /// 21: a finger lost contact with the object in the hand; the joint is the last of the finger. Value: its normal
-    /// force; limit: the minimum normal force of a contact [N].
+    /// 21: a finger lost contact with the object in the hand; the joint is the last of the finger. Value: its
+    /// normal force; limit: the minimum normal force of a contact [N].
     ObjectLost,
-    /// 22: the object slid between the fingers, or something moved it. Value: displacement, infinite when the fingertips
-    /// are collinear; limit: maximum displacement [m].
+    /// 22: the object slid between the fingers, or something moved it. Value: displacement, infinite when the
+    /// fingertips are collinear; limit: maximum displacement [m].
     ObjectMoved,
     /// 23: the tool of an arm is too far from its set-point. Value and limit in m.
     ToolPositionError,
@@ -78,8 +78,8 @@ impl FaultCause {
         self as u8
     }
 
-    /// Whether angles and velocities are still valid after this fault. If not, the outputs are switched off, whatever the
-    /// configured reaction.
+    /// Whether angles and velocities are still valid after this fault. If not, the outputs are switched off,
+    /// whatever the configured reaction.
     pub const fn leaves_sensors_valid(self) -> bool {
         !matches!(
             self,
@@ -93,7 +93,8 @@ impl FaultCause {
         )
     }
 
-    /// Whether the joints deviate from their references, so that they must stop at once instead of along the reference.
+    /// Whether the joints deviate from their references, so that they must stop at once instead of along the
+    /// reference.
     pub const fn invalidates_reference(self) -> bool {
         matches!(self, Self::PositionLimit | Self::VelocityLimit | Self::FollowingError)
     }

@@ -1,6 +1,7 @@
-//! Replays a recorded run on the emulated board: reads the file named on the semihosting command line, feeds the node with
-//! the recorded requests and sensor frames, and compares the actuator frames bit for bit. Prints the executed
-//! instructions of the longest tick (with `-icount shift=0`: one instruction is one nanosecond of virtual time).
+//! Replays a recorded run on the emulated board: reads the file named on the semihosting command line, feeds
+//! the node with the recorded requests and sensor frames, and compares the actuator frames bit for bit.
+//! Prints the executed instructions of the longest tick (with `-icount shift=0`: one instruction is one
+//! nanosecond of virtual time).
 
 #![no_std]
 #![no_main]

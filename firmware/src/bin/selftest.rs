@@ -31,7 +31,8 @@ fn main() -> ! {
             FaultCause::Panic,
             77,
             format_args!(
-                "a message that is {} characters long and more than fits into the place that is kept for the last words of the firmware",
+                "a message that is {} characters long and more than fits into the place that is kept for the \
+                 last words of the firmware",
                 120
             ),
         );

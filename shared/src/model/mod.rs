@@ -1,7 +1,8 @@
 //! The robot as data: joints, chains, motors, encoders, limits, gains.
 //!
 //! A [`RobotModel`] is stored and sent to a board. Its values may be invalid; [`RobotModel::validate`]
-//! reports the first invalid joint and field. Only a validated model becomes a [`crate::node::Robot`].
+//! reports the first invalid joint and field. Only a validated model becomes a
+//! [`Robot`](crate::robot::Robot).
 //!
 //! Glossary
 //! - *joint*: one rotary degree of freedom together with the link that it moves;
@@ -154,7 +155,8 @@ pub struct Friction {
     pub viscous: f32,
 }
 
-/// The angle sensor of a joint. Angle = (count − `zero`) · `direction` · 2π / `counts_per_turn`.
+/// The angle sensor of a joint. Angle = (count − `zero`) · 2π / `counts_per_turn`, negated if
+/// `reversed`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Encoder {
     /// Counts for one turn of the *joint*.

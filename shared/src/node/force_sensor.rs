@@ -9,10 +9,11 @@ use crate::kinematics::Posture;
 use crate::math::{self, abs};
 use crate::model::ForceSensor;
 
-/// Ticks without a change of any count after which the sensor is dead: noise alone changes those of a live sensor.
+/// Ticks without a change of any count after which the sensor is dead: noise alone changes those of a live
+/// sensor.
 const STUCK_TICKS: u16 = 50;
-/// Gain of the low-pass filter for the tare: a time constant of 16 ticks. A smaller one suppresses more noise and
-/// requires a longer time without contact.
+/// Gain of the low-pass filter for the tare: a time constant of 16 ticks. A smaller one suppresses more noise
+/// and requires a longer time without contact.
 const TARE_FILTER_GAIN: f32 = 1.0 / 16.0;
 
 /// State of a force sensor.
@@ -40,8 +41,8 @@ impl ForceSensorState {
         Self { counts: [i32::MIN; 6], unchanged: u16::MAX, ..Self::new() }
     }
 
-    /// Reads the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns the external wrench on
-    /// the tip, in base axes [N, N·m], and a fault: cause, value, limit.
+    /// Reads the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns the
+    /// external wrench on the tip, in base axes [N, N·m], and a fault: cause, value, limit.
     pub fn read(
         &mut self,
         sensor: &ForceSensor,

@@ -8,7 +8,8 @@ use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Tar
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// Ticks without a change of the count, under a torque that overcomes stiction, after which the encoder is stuck.
+/// Ticks without a change of the count, under a torque that overcomes stiction, after which the encoder is
+/// stuck.
 const STUCK_TICKS: u16 = 10;
 
 /// State of a joint: encoder and servo.
@@ -232,7 +233,8 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
-    /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction compensation.
+    /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
+    /// compensation.
     #[inline(never)]
     pub fn push(&mut self, damping: f32, compensated: bool, model_torque: f32) {
         let compensation = if compensated {
@@ -245,15 +247,17 @@ impl Joint<'_> {
         self.state.effort = 0.0;
     }
 
-    /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction` fed forward.
-    /// Returns the acceleration that the limits added [rad/s²], and the mean torque until the next tick [N·m].
+    /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`
+    /// fed forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the
+    /// next tick [N·m].
     #[inline(never)]
     pub fn accelerate(&mut self, friction: f32, links: f32) -> [f32; 2] {
         let servo = &self.config.servo;
         let of_friction = friction * servo.friction(&self.state.servo, self.reference.velocity);
         let desired =
             links + servo.rotor_torque(self.reference.acceleration) + of_friction + self.target.feedforward;
-        // Lag compensation: the last torque still acts for a fraction of the period. The mean becomes the desired torque.
+        // Lag compensation: the last torque still acts for a fraction of the period. The mean becomes the
+        // desired torque.
         let (before, lag) =
             (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_COMPENSATED_LAG));
         let ahead = desired + (desired - before) * (lag / (1.0 - lag));

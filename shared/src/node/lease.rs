@@ -9,9 +9,9 @@ const MAX_REPETITION_AGE: u16 = 1 << 14;
 
 /// The lease of the commander, and its last command.
 ///
-/// Commands are idempotent: a repeated command, whose reply was lost, gets the same reply and is not executed again; a
-/// command that arrives after a newer one is refused. So clients may repeat requests, and links may delay and duplicate
-/// them.
+/// Commands are idempotent: a repeated command, whose reply was lost, gets the same reply and is not executed
+/// again; a command that arrives after a newer one is refused. So clients may repeat requests, and links may
+/// delay and duplicate them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Lease {
     held: bool,
@@ -50,8 +50,9 @@ impl Lease {
             return;
         }
         self.last_request = now;
-        // Requests other than commands use sequence numbers, too. After half of the numbers the next command would appear
-        // older than the last one, so the last one is moved up. This request may itself be a command.
+        // Requests other than commands use sequence numbers, too. After half of the numbers the next command
+        // would appear older than the last one, so the last one is moved up. This request may itself be a
+        // command.
         if (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
             (self.sequence, self.refusal) = (sequence.wrapping_sub(1), Optional::None);
         }
@@ -106,7 +107,8 @@ impl Lease {
         self.held = false;
     }
 
-    /// Whether `sequence` is older than the last command: up to half of the numbers behind it, with wrap-around.
+    /// Whether `sequence` is older than the last command: up to half of the numbers behind it, with
+    /// wrap-around.
     fn is_older(&self, sequence: u16) -> bool {
         sequence.wrapping_sub(self.sequence).cast_signed() < 0
     }

@@ -8,11 +8,12 @@
 //!     └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`](crate::model::Reaction); `Disable` switches them off, but the
-//! fault remains until it was read and cleared.
+//! In `Fault` the outputs follow the configured [`Reaction`](crate::model::Reaction); `Disable` switches them
+//! off, but the fault remains until it was read and cleared.
 //!
 //! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
-//! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
+//! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last
+//! tick.
 
 mod export;
 mod force_sensor;
@@ -115,7 +116,8 @@ impl Node {
         self.state.tick
     }
 
-    /// The message of `stream` after the last tick; `None` when it is not due. Log entries are sent one by one, not here.
+    /// The message of `stream` after the last tick; `None` when it is not due. Log entries are sent one by
+    /// one, not here.
     pub fn due(&self, stream: Stream, board: &BoardStatus) -> Option<FromBoard> {
         if !self.is_due(stream) {
             return None;
@@ -151,7 +153,8 @@ impl Node {
         *self = Self::new();
     }
 
-    /// Restores `state`, the postcard encoding of a [`State`]. Returns `false`, without change, if it is invalid.
+    /// Restores `state`, the postcard encoding of a [`State`]. Returns `false`, without change, if it is
+    /// invalid.
     #[inline(never)]
     fn restore(&mut self, state: &[u8]) -> bool {
         match postcard::take_from_bytes(state) {

@@ -154,8 +154,8 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     counts.into_iter().find(|(got, expected)| got != expected)
 }
 
-/// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration of the sensors
-/// [m/s²].
+/// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration
+/// of the sensors [m/s²].
 fn read_forces(
     robot: &Robot,
     states: &mut [ForceSensorState],

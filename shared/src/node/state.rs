@@ -15,15 +15,16 @@ use crate::task::TaskState;
 /// Number of clients with a matching schema key that the node remembers, besides the commander.
 const CLIENTS: usize = 4;
 
-/// Increment it when the *meaning* of the state changes: the hash of [`STATE_KEY`] covers only names and structure.
+/// Increment it when the *meaning* of the state changes: the hash of [`STATE_KEY`] covers only names and
+/// structure.
 macro_rules! revision {
     () => {
         "tesaki/state/1"
     };
 }
 
-/// Identifies layout and meaning of an exported [`State`]. Only a core with the same key can replay a log that begins with a
-/// state.
+/// Identifies layout and meaning of an exported [`State`]. Only a core with the same key can replay a log
+/// that begins with a state.
 pub const STATE_KEY: u64 = {
     let hash = u64::from_le_bytes(postcard_schema::key::Key::for_path::<State>(revision!()).to_bytes());
     // The hash does not cover the capacities of lists.
@@ -31,8 +32,8 @@ pub const STATE_KEY: u64 = {
 };
 
 /// The state of a [`Node`](super::Node). Together with the model it determines all further outputs.
-// `repr(C)` and this order: the fields of every tick are within the immediate offset of a load. A new state is all zero, which
-// places a node in a static in `.bss`.
+// `repr(C)` and this order: the fields of every tick are within the immediate offset of a load. A new state
+// is all zero, which places a node in a static in `.bss`.
 #[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {

@@ -15,8 +15,8 @@ pub struct Measured {
     pub positions: [f32; MAX_JOINTS],
     /// Joint velocities [rad/s].
     pub velocities: [f32; MAX_JOINTS],
-    /// External wrench on each chain's tip: force and moment about the tip's origin in base axes, without the weight on
-    /// the force sensor [N, N·m]; 0 without a sensor.
+    /// External wrench on each chain's tip: force and moment about the tip's origin in base axes, without the
+    /// weight on the force sensor [N, N·m]; 0 without a sensor.
     pub wrenches: [[f32; 6]; MAX_CHAINS],
     /// Bit `i` is set once the force sensor of chain `i` was tared.
     pub tared: u8,

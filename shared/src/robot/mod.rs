@@ -19,8 +19,8 @@ use crate::control::ErrorObserver;
 use crate::kinematics::{Chain, Finger};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, RobotModel, Safety};
 
-/// Gains of the tracking feedback under [`Actuation::Acceleration`]. It acts on accelerations: inertia 1. A higher
-/// bandwidth tracks more closely and amplifies more measurement noise.
+/// Gains of the tracking feedback under [`Actuation::Acceleration`]. It acts on accelerations: inertia 1. A
+/// higher bandwidth tracks more closely and amplifies more measurement noise.
 const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 
 /// A validated model, preprocessed for computation; without joints before the first model.

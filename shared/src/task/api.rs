@@ -57,7 +57,8 @@ pub trait Task {
     /// The first one that does not hold.
     fn check(robot: &Robot, measured: &Measured, config: &Self::Config) -> Result<(), Self::Refusal>;
 
-    /// Begins at rest at the robot's present position. Called on [`IDLE`](Self::IDLE), after a successful [`check`](Self::check).
+    /// Begins at rest at the robot's present position. Called on [`IDLE`](Self::IDLE), after a successful
+    /// [`check`](Self::check).
     fn begin(&mut self, io: Io<'_>, config: &Self::Config);
 
     /// Carries out a command between two ticks.
@@ -72,8 +73,8 @@ pub trait Task {
     /// The fault that stops the task.
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault>;
 
-    /// Feedback of the torques that [`Actuation::Acceleration`](crate::robot::Actuation) applied: mean motor torques until
-    /// the next tick [N·m], and the accelerations that the limits added [rad/s²].
+    /// Feedback of the torques that [`Actuation::Acceleration`](crate::robot::Actuation) applied: mean motor
+    /// torques until the next tick [N·m], and the accelerations that the limits added [rad/s²].
     fn applied(&mut self, _robot: &Robot, _torques: &[f32; MAX_JOINTS], _added: &[f32; MAX_JOINTS]) {}
 
     /// Tares the force estimate of the task. `false` if the task estimates no forces.

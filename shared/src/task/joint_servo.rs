@@ -27,8 +27,8 @@ pub enum JointCommand {
         /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
     },
-    /// 2: one trajectory point of each fingertip. The closed-form inverse kinematics gives the joints, with the solution
-    /// nearest to the last one.
+    /// 2: one trajectory point of each fingertip. The closed-form inverse kinematics gives the joints, with
+    /// the solution nearest to the last one.
     StreamTips {
         /// Point of each chain's tip.
         tips: Vec<TipPoint, MAX_CHAINS>,

@@ -15,8 +15,8 @@ use crate::robot::{Concerns, Measured, Postures, Robot};
 
 /// Generates the enumerations over all tasks, and their dispatch.
 ///
-/// A task's position is its number on the wire and its bit in [`Identity`](crate::protocol::Identity), so new tasks come
-/// last. The idle state of the first task is all zero, which places a new node in `.bss`.
+/// A task's position is its number on the wire and its bit in [`Identity`](crate::protocol::Identity), so new
+/// tasks come last. The idle state of the first task is all zero, which places a new node in `.bss`.
 macro_rules! tasks {
     (@first $first:ident($task:ty) $($rest:tt)*) => { Self::$first(<$task as Task>::IDLE) };
     ($($(#[$doc:meta])* $name:ident($task:ty) = $number:literal: $words:literal),* $(,)?) => {
@@ -157,7 +157,12 @@ macro_rules! tasks {
             }
 
             /// See [`Task::telemetry`].
-            pub fn telemetry(&self, robot: &Robot, measured: &Measured, postures: &Postures) -> TaskTelemetry {
+            pub fn telemetry(
+                &self,
+                robot: &Robot,
+                measured: &Measured,
+                postures: &Postures,
+            ) -> TaskTelemetry {
                 match self {
                     $(Self::$name(task) => TaskTelemetry::$name(task.telemetry(robot, measured, postures))),*
                 }

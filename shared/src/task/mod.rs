@@ -1,7 +1,8 @@
 //! What an enabled node does: one module per task.
 //!
-//! A task computes [`Targets`](crate::robot::Targets) for the joints from the [`Measured`](crate::robot::Measured) state, once
-//! per tick. Messages, modes and limits belong to the [node](crate::node), which does not know the individual tasks.
+//! A task computes [`Targets`](crate::robot::Targets) for the joints from the
+//! [`Measured`](crate::robot::Measured) state, once per tick. Messages, modes and limits belong to the
+//! [node](crate::node), which does not know the individual tasks.
 //!
 //! | task | module | what it does |
 //! |---|---|---|

@@ -35,8 +35,8 @@ impl Instant {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// Limits the age to [`MAX_KEPT_AGE`], so that wrap-around of the clock cannot make an old time a future one. A
-    /// time that far in the future, possible only after the clock was set, is limited likewise.
+    /// Limits the age to [`MAX_KEPT_AGE`], so that wrap-around of the clock cannot make an old time a future
+    /// one. A time that far in the future, possible only after the clock was set, is limited likewise.
     fn limit_age(&mut self, now: Self) {
         if !(-MAX_KEPT_AGE..=MAX_KEPT_AGE).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
             self.0 = now.0.wrapping_sub(MAX_KEPT_AGE.cast_unsigned());
@@ -390,8 +390,8 @@ impl Follower {
         if elapsed <= 0.0 { Err(FollowerError::OutOfOrder { by: -elapsed }) } else { Ok(Some(elapsed)) }
     }
 
-    /// Innovation gate: the estimate to update with a sample `elapsed` after the last one [s]; `None` if the estimator
-    /// must restart.
+    /// Innovation gate: the estimate to update with a sample `elapsed` after the last one [s]; `None` if the
+    /// estimator must restart.
     fn gate(
         &self,
         state: &FollowerState,

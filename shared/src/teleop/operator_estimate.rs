@@ -28,8 +28,8 @@ const REST_TIME: f32 = 0.08;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OperatorModel {
-    /// Diffusion of the jerk: its standard deviation after one second [m/s³, rad/s³]; after `t` it is `√t` of it. A larger
-    /// one detects a new motion sooner and follows more of the tremor. 0.01 to 10⁴.
+    /// Diffusion of the jerk: its standard deviation after one second [m/s³, rad/s³]; after `t` it is `√t` of
+    /// it. A larger one detects a new motion sooner and follows more of the tremor. 0.01 to 10⁴.
     pub jerk_diffusion: f32,
     /// Root mean square of the tremor [m, rad]; rather too large than too small. 10⁻⁶ to 0.1.
     pub tremor: f32,
@@ -55,10 +55,11 @@ pub(super) struct Motion<const N: usize> {
     pub acceleration: SVector<f32, N>,
 }
 
-/// Kalman filter of the operator's motion. The axes share one covariance, because they are measured at the same times.
+/// Kalman filter of the operator's motion. The axes share one covariance, because they are measured at the
+/// same times.
 ///
-/// States: position, velocity, acceleration and jerk, driven by white noise; and the tremor, a damped oscillation with
-/// its quadrature, driven by white noise. A sample is the sum of position, tremor and noise.
+/// States: position, velocity, acceleration and jerk, driven by white noise; and the tremor, a damped
+/// oscillation with its quadrature, driven by white noise. A sample is the sum of position, tremor and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OperatorEstimate<const N: usize> {
     mean: SMatrix<f32, SIZE, N>,
@@ -131,7 +132,8 @@ impl<const N: usize> OperatorEstimate<N> {
         position
     }
 
-    /// Predicts the motion `time` after the last sample [s], without tremor. Beyond the horizon it comes to rest.
+    /// Predicts the motion `time` after the last sample [s], without tremor. Beyond the horizon it comes to
+    /// rest.
     pub fn predict(&self, time: f32) -> Motion<N> {
         let [position, velocity, acceleration, jerk] = [0, 1, 2, 3].map(|row| self.mean.row(row).transpose());
         let near = math::clamp(time, 0.0, HORIZON);

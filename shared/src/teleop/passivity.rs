@@ -150,7 +150,8 @@ mod tests {
 
     const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
 
-    /// Amplitude of a mass on a spring over a link with 60 ms of delay: unstable without the ports, passive with them.
+    /// Amplitude of a mass on a spring over a link with 60 ms of delay: unstable without the ports, passive
+    /// with them.
     fn amplitude(passive: bool) -> f32 {
         let (mass, stiffness, delay) = (1.5_f32, 300.0_f32, 3);
         let (mut position, mut velocity) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());

@@ -307,7 +307,8 @@ fn fault_by_force(wrench: [f32; 6]) -> IdealArm {
     arm
 }
 
-/// Torques in ticks 1 and 100 after the fault, with a displacement of a joint [rad] and counts of the force sensor.
+/// Torques in ticks 1 and 100 after the fault, with a displacement of a joint [rad] and counts of the force
+/// sensor.
 fn holding_torques(
     wrench: [f32; 6],
     joint: usize,
@@ -344,8 +345,8 @@ fn a_deviation_beyond_the_maximum_is_a_fault_and_the_arm_holds() {
         // It no longer yields: the torques do not depend on the force.
         let still = holding_torques(wrench, 0, 0.0, [0; 6]);
         assert_eq!(holding_torques(wrench, 0, 0.0, [3000, -2000, 4000, 0, 500, -500]), still);
-        // It holds its position: a displaced joint has at least the stiffness of the servo's bandwidth, in the first
-        // tick at most that of a dead-beat controller, and more with integral action.
+        // It holds its position: a displaced joint has at least the stiffness of the servo's bandwidth, in
+        // the first tick at most that of a dead-beat controller, and more with integral action.
         let observer = arm7().joints[0].servo.observer;
         let min_stiffness = observer.inertia * observer.bandwidth * observer.bandwidth;
         for (joint, displacement) in [(0, 0.02), (1, -0.02), (3, 0.02), (3, -0.02), (6, 0.02)] {

@@ -1,4 +1,5 @@
-//! Impedance control with a force estimate from the motor torques, in closed loop with a simulation of the model.
+//! Impedance control with a force estimate from the motor torques, in closed loop with a simulation of the
+//! model.
 
 use nalgebra::{SVector, Vector3, Vector6};
 

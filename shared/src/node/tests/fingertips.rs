@@ -48,9 +48,9 @@ pub fn references(rig: &Rig) -> std::vec::Vec<JointPoint> {
     rig.node.state.references[..6].to_vec()
 }
 
-/// Fingertips at [`ANGLES`]: at (0.1, 0.5, 0.8) r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm and
-/// z = 39 + 46 cos 0.5 + 51.78 cos 1.3 = 93.2199 mm. The second finger, 0.1 m beside the first, has the same r and z
-/// on the other flexion branch.
+/// Fingertips at [`ANGLES`]: at (0.1, 0.5, 0.8) r = 46 sin 0.5 + 51.78 sin 1.3 = 71.9466 mm and z = 39 + 46
+/// cos 0.5 + 51.78 cos 1.3 = 93.2199 mm. The second finger, 0.1 m beside the first, has the same r and z on
+/// the other flexion branch.
 pub const TIPS: [[f32; 3]; 2] =
     [[0.071_587_2, 0.007_182_7, 0.093_219_9], [0.070_512_5, 0.085_706_5, 0.093_219_9]];
 
@@ -59,8 +59,8 @@ pub const ANGLES: [f32; 6] = [0.1, 0.5, 0.8, -0.2, 1.349_97, -0.8];
 #[test]
 fn points_of_fingertips_become_positions_velocities_and_accelerations_of_joints() {
     let mut rig = fingers_at(ANGLES);
-    // The first tip rotates about the root axis at 0.5 rad/s, with the centripetal acceleration ω² r: only joint 1
-    // moves. The second tip is at rest.
+    // The first tip rotates about the root axis at 0.5 rad/s, with the centripetal acceleration ω² r: only
+    // joint 1 moves. The second tip is at rest.
     let [x, y, _] = TIPS[0];
     let rotating = TipPoint {
         position: TIPS[0],

@@ -19,7 +19,8 @@ pub const SENSOR: ForceSensor = ForceSensor {
     center_of_mass: [0.0, 0.0, 0.02],
 };
 
-/// Two fingers with force sensors. Each tip has 10 g, with the centre of mass 20 mm along z; gravity along −z.
+/// Two fingers with force sensors. Each tip has 10 g, with the centre of mass 20 mm along z; gravity along
+/// −z.
 pub fn fingers_with_force_sensors(counts: [[i32; 6]; 2]) -> Rig {
     let mut model = fingers();
     model.chains.iter_mut().for_each(|chain| chain.force_sensor = Some(SENSOR));
@@ -35,8 +36,9 @@ pub fn fingers_with_force_sensors(counts: [[i32; 6]; 2]) -> Rig {
 
 #[test]
 fn weight_of_the_tip_and_offset_of_the_sensor_are_compensated() {
-    // The first finger's last link is at 1.3 rad from z: gravity in the tip's frame is 9.81 (sin 1.3, 0, −cos 1.3). The
-    // tip's weight of 98.1 mN reads (94.53, 0, −26.24) mN, with the moment 20 mm · 94.53 mN = 1.8905 mN·m about y.
+    // The first finger's last link is at 1.3 rad from z: gravity in the tip's frame is 9.81 (sin 1.3, 0, −cos
+    // 1.3). The tip's weight of 98.1 mN reads (94.53, 0, −26.24) mN, with the moment 20 mm · 94.53 mN =
+    // 1.8905 mN·m about y.
     let weight = [95, 0, -26, 0, 189, 0];
     let mut rig = fingers_with_force_sensors([weight, [0; 6]]);
     let tips = rig.node.tips();
@@ -44,7 +46,8 @@ fn weight_of_the_tip_and_offset_of_the_sensor_are_compensated() {
     assert!(near(first.position, TIPS[0], 2e-5), "{first:?}");
     assert!(near(first.force, [0.0; 3], 1e-3) && near(first.torque, [0.0; 3], 2e-5), "{first:?}");
     assert!(!first.tared && second.force.iter().any(|force| force.abs() > 0.05), "{second:?}");
-    // The tare removes an offset of 0.3 N along the tip's x. Then 1 N along its z has the direction of the link.
+    // The tare removes an offset of 0.3 N along the tip's x. Then 1 N along its z has the direction of the
+    // link.
     rig.sensors.forces = [[weight[0] + 300, 0, -26, 0, 189, 0], [300, 0, 0, 0, 0, 0]].into_iter().collect();
     (0..100).for_each(|_| drop(rig.tick()));
     assert_eq!(rig.ask(Request::Tare), Reply::Done);

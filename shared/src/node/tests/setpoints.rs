@@ -89,7 +89,8 @@ fn a_stream_is_followed_exactly_and_a_goal_continues_without_a_jump() {
     }
     rig.goal([0.0, position, 0.0]);
     rig.tick();
-    // The trajectory filter continues with the stream's velocity: 0.5 rad/s · 10 ms · e^(−0.05) in the first tick.
+    // The trajectory filter continues with the stream's velocity: 0.5 rad/s · 10 ms · e^(−0.05) in the first
+    // tick.
     let step = rig.node.telemetry().joints[1].reference - position;
     assert!((step - 0.004_756).abs() < 1e-5, "{step}");
 }

@@ -41,7 +41,8 @@ pub struct ArmMeasurement {
     pub angles: [f32; MAX_CHAIN_JOINTS],
     /// Joint velocities [rad/s].
     pub velocities: [f32; MAX_CHAIN_JOINTS],
-    /// External wrench on the tool from the force sensor: force and moment about the tip's origin, base axes [N, N·m].
+    /// External wrench on the tool from the force sensor: force and moment about the tip's origin, base axes
+    /// [N, N·m].
     pub wrench: [f32; 6],
 }
 

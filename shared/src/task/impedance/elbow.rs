@@ -10,9 +10,9 @@ const SHOULDER: usize = 0;
 const ELBOW: usize = 3;
 const WRIST: usize = 5;
 
-/// The arm angle (swivel angle) of a seven-joint arm: the rotation of the plane through shoulder, elbow and wrist about
-/// the line from shoulder to wrist, relative to the vertical plane through that line (Kreutz-Delgado, Long and Seraji
-/// 1992).
+/// The arm angle (swivel angle) of a seven-joint arm: the rotation of the plane through shoulder, elbow and
+/// wrist about the line from shoulder to wrist, relative to the vertical plane through that line
+/// (Kreutz-Delgado, Long and Seraji 1992).
 #[derive(Clone, Copy, Debug)]
 pub struct ArmAngle {
     /// The angle [rad]: 0 with the elbow down, positive about the direction from shoulder to wrist.
@@ -22,8 +22,9 @@ pub struct ArmAngle {
 }
 
 impl ArmAngle {
-    /// The arm angle of a seven-joint arm in `posture`; `down` is a vector along gravity. `None` for another number of
-    /// joints, and where the line from shoulder to wrist is vertical: there is no unique vertical plane then.
+    /// The arm angle of a seven-joint arm in `posture`; `down` is a vector along gravity. `None` for another
+    /// number of joints, and where the line from shoulder to wrist is vertical: there is no unique vertical
+    /// plane then.
     pub fn of(posture: &Posture, down: &Vector3<f32>) -> Option<Self> {
         let [shoulder, elbow, wrist] = [SHOULDER, ELBOW, WRIST].map(|joint| posture.joint(joint));
         let (shoulder, elbow, wrist) = (shoulder?.1, elbow?.1, wrist?.1);
@@ -43,8 +44,8 @@ impl ArmAngle {
         let angle = math::atan2(axis.dot(&vertical.cross(&offset)), vertical.dot(&offset));
         let distance = math::sqrt(offset.norm_squared());
         let distance = if distance > MIN_ELBOW_OFFSET { distance } else { MIN_ELBOW_OFFSET };
-        // Gradients of the angle by the positions of elbow and wrist. A motion of the wrist rotates the line, and with it
-        // the vertical plane.
+        // Gradients of the angle by the positions of elbow and wrist. A motion of the wrist rotates the line,
+        // and with it the vertical plane.
         let by_elbow = axis.cross(&offset) / (distance * distance);
         let by_wrist =
             axis.cross(&vertical) * (slope / (vertical_squared * length)) - by_elbow * (along / length);

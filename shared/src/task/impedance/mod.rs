@@ -1,18 +1,18 @@
 //! Cartesian impedance control with redundancy resolution (Arm7, sections 2.1 and 2.2).
 //!
 //! ```text
-//!  set-point ─► target impedance ─► redundancy resolution ─► joint accelerations ─► inverse dynamics ─► torques
-//!                   ▲      ▲                                  │
-//!     force sensor ─┘      └─────── reference arm ◄───────────┘
-//!                                       │ tracking error
-//!                                       └─► disturbance observer ─► feedback accelerations
+//!  set-point ─► target impedance ─► redundancy ─► joint accelerations ─► inverse dynamics ─► torques
+//!                   ▲      ▲        resolution      │       ▲
+//!     force sensor ─┘      └── reference arm ◄──────┘       │ feedback
+//!                                  │ tracking error         │
+//!                                  └─► disturbance observer ┘
 //! ```
 //!
-//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. [`Law::ModelFollowing`] adds a
-//! *reference arm*: joint angles and velocities that follow the target impedance exactly. The real arm tracks them under
-//! a disturbance observer, so that friction and model errors do not change the motion of the tool in free space. During
-//! *contact* the reference arm is reset to the measured state: the tool then has the target impedance, and the
-//! environment may be stiff.
+//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. [`Law::ModelFollowing`]
+//! adds a *reference arm*: joint angles and velocities that follow the target impedance exactly. The real arm
+//! tracks them under a disturbance observer, so that friction and model errors do not change the motion of
+//! the tool in free space. During *contact* the reference arm is reset to the measured state: the tool then
+//! has the target impedance, and the environment may be stiff.
 //!
 //! [`ImpedanceState::tick`] is a function of the state and of one measurement.
 

@@ -11,16 +11,16 @@ use crate::{TICK, math};
 /// Number of angle samples in the second difference.
 const SAMPLES: u8 = 3;
 
-/// Momentum observer (De Luca and Mattone 2005): external joint torques without a force sensor. The residual is the
-/// change of momentum that motor torques, gravity, Coriolis torques and friction do not explain, after a first-order
-/// low-pass filter.
+/// Momentum observer (De Luca and Mattone 2005): external joint torques without a force sensor. The residual
+/// is the change of momentum that motor torques, gravity, Coriolis torques and friction do not explain, after
+/// a first-order low-pass filter.
 ///
-/// In discrete time: over the last two periods the angles `q₀, q₁, q₂` had the mean acceleration `(q₂ − 2q₁ + q₀)/T²`,
-/// exact for torques held over a period, and the motors applied the mean of both periods' torques. The inverse dynamics at
-/// `q₁` give the torques that the motion required.
+/// In discrete time: over the last two periods the angles `q₀, q₁, q₂` had the mean acceleration `(q₂ − 2q₁ +
+/// q₀)/T²`, exact for torques held over a period, and the motors applied the mean of both periods' torques.
+/// The inverse dynamics at `q₁` give the torques that the motion required.
 ///
-/// Errors of the model, such as wrong masses or friction, appear as external torques. A tare at rest removes the
-/// gravity error of that posture.
+/// Errors of the model, such as wrong masses or friction, appear as external torques. A tare at rest removes
+/// the gravity error of that posture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct MomentumObserver {
     /// Last and second-last joint angles [rad].
@@ -55,8 +55,9 @@ impl MomentumObserver {
         self.torques = [*torques, self.torques[0]];
     }
 
-    /// Updates the residual with the joint `angles` [rad]. Friction is computed from `velocities` [rad/s]; `bandwidth` is
-    /// that of the filter [rad/s]. After [`REST_TICKS`] successive ticks `at_rest` the observer tares itself, once.
+    /// Updates the residual with the joint `angles` [rad]. Friction is computed from `velocities` [rad/s];
+    /// `bandwidth` is that of the filter [rad/s]. After [`REST_TICKS`] successive ticks `at_rest` the
+    /// observer tares itself, once.
     pub fn update(
         &mut self,
         arm: &Arm<'_>,

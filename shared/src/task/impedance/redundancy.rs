@@ -8,16 +8,18 @@ use crate::model::MAX_CHAIN_JOINTS;
 /// One value per joint; 0 beyond the arm's joints.
 pub(super) type Joints = SVector<f32, MAX_CHAIN_JOINTS>;
 
-/// Damped least-squares inverse of the tool's Jacobian (Nakamura and Hanafusa 1986). The damping grows from 0 as the
-/// smallest singular value falls below a threshold, so the inverse is exact away from singular postures.
+/// Damped least-squares inverse of the tool's Jacobian (Nakamura and Hanafusa 1986). The damping grows from 0
+/// as the smallest singular value falls below a threshold, so the inverse is exact away from singular
+/// postures.
 pub(super) struct Resolver {
     jacobian: Jacobian,
     factors: Ldlt<6>,
 }
 
 impl Resolver {
-    /// For `jacobian` without the column of the driven joint. Improves the estimates of the smallest singular value
-    /// `sigma_min` and of its left singular vector, a unit vector, by one step of the inverse iteration.
+    /// For `jacobian` without the column of the driven joint. Improves the estimates of the smallest singular
+    /// value `sigma_min` and of its left singular vector, a unit vector, by one step of the inverse
+    /// iteration.
     pub fn new(
         mut jacobian: Jacobian,
         driven: Option<usize>,

@@ -20,11 +20,11 @@ pub struct ImpedanceSettings {
     pub elbow_bandwidth: f32,
     /// Source of the external wrench.
     pub force: ForceSource,
-    /// Contact begins above this external force and ends below two thirds of it [N]. It must exceed the error of the force
-    /// measurement in free space.
+    /// Contact begins above this external force and ends below two thirds of it [N]. It must exceed the error
+    /// of the force measurement in free space.
     pub contact_force: f32,
-    /// Maximum distance and angle of the tool from its set-point [m, rad]. A larger deviation is a fault; a set-point
-    /// beyond it is refused.
+    /// Maximum distance and angle of the tool from its set-point [m, rad]. A larger deviation is a fault; a
+    /// set-point beyond it is refused.
     pub max_deviation: [f32; 2],
 }
 
@@ -47,8 +47,9 @@ impl ImpedanceSettings {
 pub enum ForceSource {
     /// 0: the force sensor behind the tip.
     Sensor,
-    /// 1: a momentum observer (De Luca and Mattone 2005) of the motor torques. Unmodelled friction and weight appear as
-    /// external forces; the observer tares them once the arm has been at rest for 0.4 s. Until then the force is 0.
+    /// 1: a momentum observer (De Luca and Mattone 2005) of the motor torques. Unmodelled friction and weight
+    /// appear as external forces; the observer tares them once the arm has been at rest for 0.4 s. Until then
+    /// the force is 0.
     Observer {
         /// Bandwidth of its filter [rad/s]: 10 to 50.
         bandwidth: f32,
@@ -61,7 +62,8 @@ pub enum ForceSource {
 pub enum Law {
     /// 0: the paper's loop on the measured state, without discretisation and friction compensation.
     Direct,
-    /// 1: the arm tracks a reference arm with the target impedance; during contact the loop uses the measured state.
+    /// 1: the arm tracks a reference arm with the target impedance; during contact the loop uses the measured
+    /// state.
     ModelFollowing,
 }
 
@@ -71,14 +73,15 @@ pub enum Law {
 pub enum Redundancy {
     /// 0: none. Seven joints then have the minimum-norm solution, with damped null-space motion.
     None,
-    /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move the tool
-    /// (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance of wrist and shoulder.
+    /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move
+    /// the tool (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance
+    /// of wrist and shoulder.
     DrivenJoint {
         /// Index of the driven joint.
         joint: u8,
     },
-    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by null-space
-    /// motion of all seven joints.
+    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by
+    /// null-space motion of all seven joints.
     ArmAngle,
 }
 

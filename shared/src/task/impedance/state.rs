@@ -128,8 +128,8 @@ impl ImpedanceState {
         Ok(())
     }
 
-    /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial force of the
-    /// tool's own mass under it.
+    /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
+    /// force of the tool's own mass under it.
     pub fn acceleration(&self) -> Vector3<f32> {
         self.tool_acceleration.into()
     }
@@ -178,8 +178,8 @@ impl ImpedanceState {
         Ok(output)
     }
 
-    /// Closes the tick: accelerations that the limits added to those of the joints [rad/s²], and mean motor torques
-    /// until the next tick [N·m].
+    /// Closes the tick: accelerations that the limits added to those of the joints [rad/s²], and mean motor
+    /// torques until the next tick [N·m].
     pub fn applied(
         &mut self,
         arm: &Arm<'_>,
@@ -218,8 +218,8 @@ impl ImpedanceState {
         if self.estimates_force() { self.estimated_wrench.into() } else { measurement.wrench.into() }
     }
 
-    /// Detects contact, with hysteresis. Returns whether the reference arm takes the measured state: during contact, and
-    /// once more when it ends.
+    /// Detects contact, with hysteresis. Returns whether the reference arm takes the measured state: during
+    /// contact, and once more when it ends.
     fn update_contact(&mut self, settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> bool {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
@@ -232,8 +232,8 @@ impl ImpedanceState {
         core::mem::replace(&mut self.contact, contact) || contact
     }
 
-    /// Updates the disturbance observers with the tracking error of the reference arm. With `use_measured_state` the
-    /// reference arm takes the measured state.
+    /// Updates the disturbance observers with the tracking error of the reference arm. With
+    /// `use_measured_state` the reference arm takes the measured state.
     fn update_reference(
         &mut self,
         arm: &Arm<'_>,
@@ -298,8 +298,8 @@ impl ImpedanceState {
             }
     }
 
-    /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so the
-    /// difference quotient of the velocity is used.
+    /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so
+    /// the difference quotient of the velocity is used.
     fn update_tool_motion(&mut self, velocity: &Vector6<f32>, command: &Vector6<f32>, loaded: bool) {
         let velocity = velocity.fixed_rows::<3>(0).into_owned();
         let acceleration = if loaded {
@@ -310,8 +310,8 @@ impl ImpedanceState {
         (self.tool_velocity, self.tool_acceleration) = (velocity.into(), acceleration.into());
     }
 
-    /// Resolves the redundancy (Arm7 step 4): joint accelerations for the acceleration `tool`, without its bias
-    /// `J̇ q̇`, and for the elbow's control law.
+    /// Resolves the redundancy (Arm7 step 4): joint accelerations for the acceleration `tool`, without its
+    /// bias `J̇ q̇`, and for the elbow's control law.
     fn resolve(
         &mut self,
         arm: &Arm<'_>,
@@ -356,7 +356,8 @@ impl ImpedanceState {
         accelerations
     }
 
-    /// Critically damped control of the elbow: its acceleration [rad/s²] at `angle` [rad] and `velocity` [rad/s].
+    /// Critically damped control of the elbow: its acceleration [rad/s²] at `angle` [rad] and `velocity`
+    /// [rad/s].
     fn elbow_acceleration(&self, settings: &ImpedanceSettings, angle: f32, velocity: f32) -> f32 {
         let (setpoint, bandwidth) = (&self.elbow_setpoint, settings.elbow_bandwidth);
         setpoint.acceleration

@@ -13,14 +13,15 @@ pub struct ImpedanceTelemetry {
     pub position: [f32; 3],
     /// Measured orientation of the tool as a unit quaternion, `[x, y, z, w]`.
     pub rotation: [f32; 4],
-    /// Pose error in the last tick of the control: displacement of the tool from its set-point, translation and rotation
-    /// vector [m, rad].
+    /// Pose error in the last tick of the control: displacement of the tool from its set-point, translation
+    /// and rotation vector [m, rad].
     pub error: [f32; 6],
     /// External wrench on the tool, in base axes, from the source that the settings name [N, N·m].
     pub wrench: [f32; 6],
     /// Whether the last tick of the control detected contact.
     pub contact: bool,
-    /// Smallest singular value of the tool's Jacobian in the last tick of the control; nearly singular below 0.06.
+    /// Smallest singular value of the tool's Jacobian in the last tick of the control; nearly singular below
+    /// 0.06.
     pub sigma_min: f32,
     /// Elbow angle: of the driven joint, or the arm angle [rad].
     pub elbow: f32,

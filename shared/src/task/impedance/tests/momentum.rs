@@ -6,8 +6,8 @@ use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::momentum::MomentumObserver;
 use crate::task::impedance::redundancy::Joints;
 
-/// Per tick: joint angles, motor torques of the next period, and external joint torques half a period ago behind a filter
-/// of 30 rad/s (`tests/oracles/momentum.py`).
+/// Per tick: joint angles, motor torques of the next period, and external joint torques half a period ago
+/// behind a filter of 30 rad/s (`tests/oracles/momentum.py`).
 type Sample = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS]);
 
 #[allow(clippy::excessive_precision, reason = "the digits of the script")]
@@ -23,7 +23,8 @@ fn external_torques_are_estimated_from_motor_torques() {
     let (mut max_error, mut max_torque, mut last) = (0.0_f32, 0.0_f32, SAMPLES[0].0);
     for (tick, (angles, torques, expected)) in SAMPLES.iter().enumerate() {
         let velocities = core::array::from_fn(|joint| (angles[joint] - last[joint]) / TICK);
-        // At rest by its argument, the observer tares at sample 42; the external torques begin after sample 50.
+        // At rest by its argument, the observer tares at sample 42; the external torques begin after sample
+        // 50.
         observer.update(&fixture.arm(), angles, &velocities, 30.0, true);
         // An earlier tare has no effect.
         if tick < 42 {
