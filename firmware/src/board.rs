@@ -1,25 +1,26 @@
-//! What a board must offer to the control task. Drivers for real encoders and amplifiers implement [`Board`].
+//! Interface of the control task to sensors and drives. Drivers for encoders and amplifiers implement
+//! [`Board`].
 
 use embedded_hal::digital::InputPin;
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 /// Sensors and drives.
 pub trait Board {
-    /// Whether the board switches the supply of its power stages. Such a board never takes part in the plant link,
-    /// where torques come from a simulation.
+    /// Whether the board controls power stages. Such a board never uses the plant link, where torques are for
+    /// a simulation.
     const OWNS_GATE_DRIVERS: bool;
 
-    /// Reads all sensors at the instant numbered `sequence`; `None` while they do not work.
+    /// Reads all sensors in period `sequence`; `None` while they are not ready.
     fn read(&mut self, sequence: u32) -> Option<SensorFrame>;
 
-    /// Passes the torques on to the drives: as currents, torque over `motor.torque_constant` of the model.
+    /// Sets the torques of the drives. Current: torque divided by `motor.torque_constant` of the model.
     fn write(&mut self, actuators: &ActuatorFrame);
 
-    /// Puts the power stages off, from any context: panic and CPU faults end here.
+    /// Switches the power stages off. Called from any context, also after a panic or a CPU fault.
     fn outputs_off();
 }
 
-/// The microcontroller alone: no sensors, so that its node is never armed, and no drives.
+/// The microcontroller alone, without drives and without sensors, so its node cannot be enabled.
 pub struct BareBoard;
 
 impl Board for BareBoard {
@@ -34,11 +35,11 @@ impl Board for BareBoard {
     fn outputs_off() {}
 }
 
-/// The board that this image is for.
+/// The board of this image.
 pub type ThisBoard = BareBoard;
 
-/// Whether sensors and drives are on the plant link: the strap is tied to ground at boot, and the board has no power
-/// stages of its own.
-pub fn wants_plant_link<B: Board>(strap: &mut impl InputPin) -> bool {
+/// Whether sensors and drives are on the plant link: the strap is grounded at boot, and the board has no
+/// power stages.
+pub fn uses_plant_link<B: Board>(strap: &mut impl InputPin) -> bool {
     !B::OWNS_GATE_DRIVERS && strap.is_low().unwrap_or(false)
 }

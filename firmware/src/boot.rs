@@ -7,7 +7,7 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
-use tesaki_firmware::board::{Board, ThisBoard, wants_plant_link};
+use tesaki_firmware::board::{Board, ThisBoard, uses_plant_link};
 use tesaki_firmware::identity::identity;
 use tesaki_firmware::watchdog::Watchdog;
 use tesaki_firmware::{clock, retained, start_uart};
@@ -15,7 +15,7 @@ use tesaki_firmware::{clock, retained, start_uart};
 static PLANT_LINK: AtomicBool = AtomicBool::new(false);
 static PERIOD: AtomicU32 = AtomicU32::new(0);
 
-/// Whether the boot found the strap; latched until the next reset.
+/// Whether the strap selected the plant link at boot.
 pub fn plant_link() -> bool {
     PLANT_LINK.load(Ordering::Relaxed)
 }
@@ -25,12 +25,12 @@ pub fn period() -> u32 {
     PERIOD.load(Ordering::Relaxed)
 }
 
-/// Counts on.
+/// Sets the number of control periods since boot.
 pub fn set_period(period: u32) {
     PERIOD.store(period, Ordering::Relaxed);
 }
 
-/// What the tasks get.
+/// Resources of the RTIC tasks.
 pub struct Started {
     pub usart1: pac::USART1,
     pub usart2: pac::USART2,
@@ -39,7 +39,7 @@ pub struct Started {
     pub status: BoardStatus,
 }
 
-/// Brings up clock, watchdog, pins, UARTs and timer, and tells `node` what happened before.
+/// Initialises clock, watchdog, pins, UARTs and timer, and records the cause of the reset in `node`.
 pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     let watchdog = Watchdog::start(device.IWDG);
     let clocks = clock::bring_up(&device.RCC, &device.FLASH);
@@ -56,10 +56,10 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     let gpio_b = device.GPIOB.split(&mut rcc);
     let _usart1_pins = (gpio_a.pa9.into_alternate::<7>(), gpio_a.pa10.into_alternate::<7>());
     let _usart2_pins = (gpio_a.pa2.into_alternate::<7>(), gpio_a.pa3.into_alternate::<7>());
-    // To ground: plant link. Open: pulled up, the board's own sensors and drives.
+    // Grounded: plant link. Open, with pull-up: sensors and drives of the board.
     let mut strap = gpio_b.pb12.into_pull_up_input();
-    cortex_m::asm::delay(1000); // the pull-up needs a moment
-    let plant_link = wants_plant_link::<ThisBoard>(&mut strap);
+    cortex_m::asm::delay(1000); // settling time of the pull-up
+    let plant_link = uses_plant_link::<ThisBoard>(&mut strap);
     PLANT_LINK.store(plant_link, Ordering::Relaxed);
     identity.capabilities |= if plant_link { Identity::PLANT_LINK } else { 0 };
     identity.capabilities |= if ThisBoard::OWNS_GATE_DRIVERS { Identity::POWER_STAGES } else { 0 };
@@ -71,10 +71,10 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
         start_timer(&timer, clocks.timer);
     }
 
-    let death = retained::take_death();
-    let reset = match &death {
+    let crash = retained::take_crash();
+    let reset = match &crash {
         _ if by_watchdog => ResetCause::Watchdog,
-        Some(death) if death.cause() == FaultCause::Panic => ResetCause::Panic,
+        Some(crash) if crash.cause() == FaultCause::Panic => ResetCause::Panic,
         Some(_) => ResetCause::HardFault,
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
@@ -83,25 +83,25 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
         node.restore_faults(log);
     }
     let mut record = |cause, value: u32| {
-        #[expect(clippy::cast_precision_loss, reason = "a line number or an address, for people")]
+        #[expect(clippy::cast_precision_loss, reason = "a line number or an address, for display")]
         node.record_fault(Fault { cause, joint: None, value: value as f32, limit: 0.0, tick: 0 });
     };
     if by_watchdog {
         record(FaultCause::WatchdogReset, 0);
     }
-    if let Some(death) = &death {
-        record(death.cause(), death.place);
+    if let Some(crash) = &crash {
+        record(crash.cause(), crash.place);
     }
     if clocks.source != ClockSource::Crystal && !plant_link {
         record(FaultCause::ClockFallback, clocks.source as u32);
     }
-    retained::keep_faults(node.faults());
-    let words = death.as_ref().map_or("", |death| death.words());
+    retained::retain_faults(node.faults());
+    let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
         clock: clocks.source,
         reset,
-        last_words: words.try_into().unwrap_or_default(),
+        last_words: text.try_into().unwrap_or_default(),
         stack_used: 0,
         stack_size: 0,
         supervisor_link: LinkStatistics::default(),
@@ -110,7 +110,7 @@ pub fn start(device: pac::Peripherals, node: &mut Node) -> Started {
     Started { usart1: device.USART1, usart2: device.USART2, timer, watchdog, status }
 }
 
-/// An interrupt every 10 ms.
+/// Starts the timer interrupt with a period of 10 ms.
 fn start_timer(timer: &pac::TIM2, clock: u32) {
     timer.psc().write(|w| w.psc().set((clock / 1_000_000 - 1) as u16));
     timer.arr().write(|w| w.arr().set(9_999));

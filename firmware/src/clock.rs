@@ -1,30 +1,30 @@
-//! Clock bring-up with bounded waits: a board with a broken crystal still starts, and says so.
+//! Clock initialisation with bounded waits: a board with a broken crystal still starts and reports it.
 
 use tesaki::protocol::ClockSource;
 
 use crate::pac;
 
-/// Polls before an oscillator counts as dead. At 16 MHz and some ten cycles a poll about 60 ms; a crystal needs 2 to 5,
-/// the PLL less than one.
-const PATIENCE: u32 = 100_000;
+/// Polls before an oscillator counts as failed: about 60 ms at 16 MHz and ten cycles per poll. A crystal
+/// starts within 2 to 5 ms, the PLL within 1 ms.
+const MAX_POLLS: u32 = 100_000;
 
-/// What runs at which frequency [Hz].
+/// Clock source and frequencies [Hz].
 #[derive(Clone, Copy, Debug)]
 pub struct Clocks {
-    /// Where the clock comes from.
+    /// The source.
     pub source: ClockSource,
-    /// Of `USART1` (APB2).
+    /// Clock of `USART1` (APB2).
     pub usart1: u32,
-    /// Of `USART2` (APB1).
+    /// Clock of `USART2` (APB1).
     pub usart2: u32,
-    /// Of `TIM2`.
+    /// Clock of `TIM2`.
     pub timer: u32,
-    /// What the UARTs run at [baud].
+    /// Rate of the UARTs [baud].
     pub baud: u32,
 }
 
-/// Brings the clock up to 168 MHz from the 8 MHz crystal, else from the internal oscillator; else stays at the internal
-/// oscillator's 16 MHz, too slow to divide to 921 600 baud, and falls back to 115 200.
+/// Starts the PLL with 168 MHz from the 8 MHz crystal or, if that fails, from the internal oscillator.
+/// Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then run at 115 200.
 pub fn bring_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
     let fast =
         |source| Clocks { source, usart1: 84_000_000, usart2: 42_000_000, timer: 84_000_000, baud: 921_600 };
@@ -48,7 +48,7 @@ pub fn bring_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Clocks {
     }
 }
 
-/// 1 MHz into the PLL, ×336, /2 = 168 MHz; AHB undivided, APB1 a quarter, APB2 a half.
+/// PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half.
 fn start_pll(rcc: &pac::RCC, flash: &pac::FLASH, crystal: bool) -> bool {
     rcc.cr().modify(|_, w| w.pllon().clear_bit());
     rcc.pllcfgr().write(|w| {
@@ -61,7 +61,7 @@ fn start_pll(rcc: &pac::RCC, flash: &pac::FLASH, crystal: bool) -> bool {
         rcc.cr().modify(|_, w| w.pllon().clear_bit());
         return false;
     }
-    // Flash is slower than the core: five wait states at 168 MHz, before the switch.
+    // The flash needs five wait states at 168 MHz, set before the switch.
     flash.acr().write(|w| w.latency().ws5().prften().set_bit().icen().set_bit().dcen().set_bit());
     rcc.cfgr().modify(|_, w| w.ppre1().div4().ppre2().div2());
     rcc.cfgr().modify(|_, w| w.sw().pll());
@@ -69,5 +69,5 @@ fn start_pll(rcc: &pac::RCC, flash: &pac::FLASH, crystal: bool) -> bool {
 }
 
 fn wait(ready: impl Fn() -> bool) -> bool {
-    (0..PATIENCE).any(|_| ready())
+    (0..MAX_POLLS).any(|_| ready())
 }

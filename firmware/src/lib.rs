@@ -1,18 +1,18 @@
-//! The parts of the firmware: clock, links, retained memory, board. `main.rs` puts them together.
+//! Parts of the firmware: clock, links, retained memory, board. `main.rs` is the RTIC application.
 //!
-//! Who may interrupt whom, highest first:
+//! RTIC tasks by priority, highest first:
 //!
-//! | priority | task | does |
+//! | priority | RTIC task | does |
 //! |---|---|---|
-//! | 4 | `TIM2` | marks the 10 ms instant, wakes the control task |
-//! | 3 | `USART1`, `USART2` | move bytes between UART and queue |
+//! | 4 | `TIM2` | 10 ms timer: pends the control task |
+//! | 3 | `USART1`, `USART2` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
-//! | 0 | idle | sleeps; on the plant link feeds the watchdog |
+//! | 0 | idle | sleep; on the plant link, feeding the watchdog |
 //!
-//! The UARTs stand above the control task because they hold one byte and no more: at 921 600 baud the next one comes
-//! after 10.8 µs, and a tick takes several times as long. Their handlers take a few dozen instructions a byte, which
-//! delays a tick by less than 3 %; a tick above them would lose bytes. The instant of sampling is not delayed.
+//! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud
+//! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
+//! byte, which delays a tick by less than 3 %. The sampling instant is not delayed.
 
 #![no_std]
 

@@ -1,7 +1,7 @@
-//! UARTs and the queues between their interrupts and the tasks.
+//! UARTs, and the queues between their interrupts and the RTIC tasks.
 //!
-//! The interrupt owns the UART; a task owns the other ends of two queues and wakes the interrupt with `rtic::pend`. A
-//! queue that is full loses what does not fit, counts it, and goes on.
+//! The interrupt owns the UART; an RTIC task owns the other ends of two queues and pends the interrupt with
+//! `rtic::pend`. A full queue drops further data and counts it.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -13,9 +13,9 @@ use tesaki::protocol::codec::{Decoder, FrameError, MAX_FRAME, encode};
 
 use crate::pac;
 
-/// Bytes that wait for a task, less one: three of the longest frames.
+/// Capacity plus one of the receive queue [bytes]: three of the longest frames.
 pub const RECEIVE_QUEUE: usize = 1024;
-/// Bytes that wait for the UART, less one.
+/// Capacity plus one of the send queue [bytes].
 pub const SEND_QUEUE: usize = 1024;
 
 /// The memory of a link.
@@ -25,7 +25,7 @@ pub struct Storage {
     counters: Counters,
 }
 
-/// What an interrupt counts.
+/// Error counters of an interrupt.
 #[derive(Default)]
 struct Counters {
     overflow: AtomicU32,
@@ -45,26 +45,26 @@ impl Storage {
         Self { receive: Queue::new(), send: Queue::new(), counters }
     }
 
-    /// The interrupt's end and the task's end.
-    pub fn split<U: Uart>(&'static mut self, uart: U) -> (Port<U>, Endpoint) {
+    /// The ends of the interrupt and of the RTIC task.
+    pub fn split<U: Uart>(&'static mut self, uart: U) -> (UartIsr<U>, Endpoint) {
         let (received, incoming) = self.receive.split();
         let (outgoing, waiting) = self.send.split();
         let counters = &self.counters;
         let endpoint = Endpoint { incoming, outgoing, counters, decoder: Decoder::new(), send_overflow: 0 };
-        (Port { uart, received, waiting, counters }, endpoint)
+        (UartIsr { uart, received, waiting, counters }, endpoint)
     }
 }
 
-/// What the UARTs of the chip have in common.
+/// Interface of the UARTs.
 pub trait Uart {
-    /// The status register and, when it shows a byte, that byte: `(byte, whether bytes were lost)`.
+    /// Reads a received byte, and whether bytes were lost: `(byte, lost)`.
     fn receive(&mut self) -> (Option<u8>, bool);
     /// Whether the next byte may be written.
     fn ready(&self) -> bool;
     /// Sends a byte.
     fn send(&mut self, byte: u8);
-    /// Whether to interrupt when ready.
-    fn interrupt_when_ready(&mut self, wanted: bool);
+    /// Enables the interrupt for a free transmit register.
+    fn interrupt_when_ready(&mut self, enabled: bool);
 }
 
 macro_rules! uart {
@@ -88,8 +88,8 @@ macro_rules! uart {
                 self.dr().write(|w| unsafe { w.bits(byte.into()) });
             }
 
-            fn interrupt_when_ready(&mut self, wanted: bool) {
-                self.cr1().modify(|_, w| w.txeie().bit(wanted));
+            fn interrupt_when_ready(&mut self, enabled: bool) {
+                self.cr1().modify(|_, w| w.txeie().bit(enabled));
             }
         }
     };
@@ -98,7 +98,7 @@ macro_rules! uart {
 uart!(USART1);
 uart!(USART2);
 
-/// Sets a UART up: 8 data bits, no parity, one stop bit, interrupt on each received byte.
+/// Configures a UART: 8 data bits, no parity, one stop bit, interrupt on each received byte.
 #[macro_export]
 macro_rules! start_uart {
     ($uart:expr, $clock:expr, $baud:expr) => {{
@@ -109,17 +109,17 @@ macro_rules! start_uart {
     }};
 }
 
-/// The interrupt's end.
-pub struct Port<U> {
+/// The interrupt's half of a UART.
+pub struct UartIsr<U> {
     uart: U,
     received: Producer<'static, u8>,
     waiting: Consumer<'static, u8>,
     counters: &'static Counters,
 }
 
-impl<U: Uart> Port<U> {
-    /// Moves what there is to move; returns whether a frame ended. Bounded: at most one byte in, and at most a queue
-    /// out (on a real UART two bytes, as it takes no more at a time).
+impl<U: Uart> UartIsr<U> {
+    /// Receives a byte and sends queued bytes. Returns whether a frame ended. Bounded: at most one byte in
+    /// and one queue out; a real UART accepts two bytes at a time.
     pub fn on_interrupt(&mut self) -> bool {
         let (byte, lost) = self.uart.receive();
         if lost {
@@ -145,7 +145,7 @@ impl<U: Uart> Port<U> {
     }
 }
 
-/// The task's end: messages instead of bytes.
+/// The RTIC task's half of a link: messages instead of bytes.
 pub struct Endpoint {
     incoming: Consumer<'static, u8>,
     outgoing: Producer<'static, u8>,
@@ -155,7 +155,7 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// The next message among the bytes that wait, or what was wrong with it; `None` when no whole frame is left.
+    /// The next received message, or its error; `None` without a complete frame.
     pub fn receive<T: DeserializeOwned>(&mut self) -> Option<Result<T, FrameError>> {
         while let Some(byte) = self.incoming.dequeue() {
             if let Some(result) = self.decoder.push(byte) {
@@ -165,7 +165,7 @@ impl Endpoint {
         None
     }
 
-    /// Queues a message whole, or not at all. The caller then wakes the interrupt.
+    /// Queues a complete message, or drops it. The caller then pends the interrupt.
     pub fn send<T: Serialize>(&mut self, message: &T) -> bool {
         let mut frame = [0; MAX_FRAME];
         let frame = match encode(message, &mut frame) {
@@ -178,13 +178,13 @@ impl Endpoint {
             return false;
         }
         for &byte in frame {
-            // Cannot fail: there is room, and nobody else adds.
+            // Cannot fail: the space was checked, and this is the only producer.
             let _ = self.outgoing.enqueue(byte);
         }
         true
     }
 
-    /// What the link has seen.
+    /// Statistics of the link.
     pub fn statistics(&self) -> LinkStatistics {
         LinkStatistics {
             frames: self.decoder.counts(),

@@ -1,10 +1,11 @@
-//! The image that is flashed: an RTIC application around [`tesaki::node::Node`]. See the library for the priorities.
+//! The firmware image: an RTIC application around [`tesaki::node::Node`]. The library describes the
+//! priorities.
 
 #![no_std]
 #![no_main]
 
 mod boot;
-mod last_words;
+mod crash;
 
 use stm32f4xx_hal::pac;
 
@@ -17,22 +18,22 @@ mod app {
         ActuatorFrame, BoardStatus, FromBoard, LogEntry, LogRecord, RequestFrame, SensorFrame, Stream,
     };
     use tesaki_firmware::board::{Board, ThisBoard};
-    use tesaki_firmware::link::{Endpoint, Port, Storage};
+    use tesaki_firmware::link::{Endpoint, Storage, UartIsr};
     use tesaki_firmware::watchdog::Watchdog;
     use tesaki_firmware::{retained, stack};
 
     use super::{boot, pac};
     use pac::Interrupt;
 
-    /// A tick for the log: the index of its second entry, what went in, what came out.
-    type Tick = (u32, SensorFrame, ActuatorFrame);
-    /// Ticks that wait for the log to be sent, less one. One every 10 ms; sending the longest takes 3 ms.
-    const TICKS: usize = 8;
+    /// Log entries of a tick: index of the second one, input, output.
+    type TickLog = (u32, SensorFrame, ActuatorFrame);
+    /// Capacity plus one of the queue of log entries. One tick every 10 ms; sending the longest takes 3 ms.
+    const TICK_LOGS: usize = 8;
 
     #[shared]
     struct Shared {
         node: &'static mut Node,
-        /// The plant link as the control task sees it, for the status.
+        /// Statistics of the plant link, for the status.
         plant_statistics: tesaki::protocol::LinkStatistics,
         watchdog: Watchdog,
     }
@@ -42,31 +43,31 @@ mod app {
         timer: pac::TIM2,
         /// Control periods since boot.
         periods: u32,
-        supervisor_port: Port<pac::USART1>,
+        supervisor_uart_isr: UartIsr<pac::USART1>,
         supervisor: Endpoint,
-        plant_port: Port<pac::USART2>,
+        plant_uart_isr: UartIsr<pac::USART2>,
         plant: Endpoint,
         board: ThisBoard,
-        /// Control periods that the control task has seen.
+        /// Last control period of the control task.
         last_period: u32,
         status: BoardStatus,
-        kept_faults: u32,
+        retained_faults: u32,
         plant_link: bool,
-        ticks_in: Producer<'static, Tick>,
-        ticks_out: Consumer<'static, Tick>,
+        ticks_in: Producer<'static, TickLog>,
+        ticks_out: Consumer<'static, TickLog>,
     }
 
     #[init(local = [
         node: Node = Node::new(),
         supervisor_link: Storage = Storage::new(),
         plant_storage: Storage = Storage::new(),
-        ticks: Queue<Tick, TICKS> = Queue::new(),
+        ticks: Queue<TickLog, TICK_LOGS> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
         let boot::Started { usart1, usart2, timer, watchdog, status } = boot::start(cx.device, cx.local.node);
-        let (supervisor_port, supervisor) = cx.local.supervisor_link.split(usart1);
-        let (plant_port, plant) = cx.local.plant_storage.split(usart2);
+        let (supervisor_uart_isr, supervisor) = cx.local.supervisor_link.split(usart1);
+        let (plant_uart_isr, plant) = cx.local.plant_storage.split(usart2);
         defmt::info!(
             "tesaki: capabilities {}, clock {}, reset {}",
             status.identity.capabilities,
@@ -75,20 +76,20 @@ mod app {
         );
         let plant_link = boot::plant_link();
         let (ticks_in, ticks_out) = cx.local.ticks.split();
-        let kept_faults = cx.local.node.faults().total;
+        let retained_faults = cx.local.node.faults().total;
         (
             Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog },
             Local {
                 timer,
                 periods: 0,
-                supervisor_port,
+                supervisor_uart_isr,
                 supervisor,
-                plant_port,
+                plant_uart_isr,
                 plant,
                 board: tesaki_firmware::board::BareBoard,
                 last_period: 0,
                 status,
-                kept_faults,
+                retained_faults,
                 plant_link,
                 ticks_in,
                 ticks_out,
@@ -98,7 +99,7 @@ mod app {
 
     #[idle(shared = [watchdog])]
     fn idle(mut cx: idle::Context) -> ! {
-        // The strap is latched: what the boot found stays.
+        // Latched at boot.
         let plant_link = boot::plant_link();
         loop {
             if plant_link {
@@ -108,7 +109,7 @@ mod app {
         }
     }
 
-    /// The 10 ms instant.
+    /// The 10 ms timer.
     #[task(binds = TIM2, priority = 4, local = [timer, periods])]
     fn instant(cx: instant::Context) {
         cx.local.timer.sr().modify(|_, w| w.uif().clear_bit());
@@ -117,21 +118,21 @@ mod app {
         rtic::pend(Interrupt::EXTI0);
     }
 
-    #[task(binds = USART1, priority = 3, local = [supervisor_port])]
+    #[task(binds = USART1, priority = 3, local = [supervisor_uart_isr])]
     fn supervisor_uart(cx: supervisor_uart::Context) {
-        if cx.local.supervisor_port.on_interrupt() {
+        if cx.local.supervisor_uart_isr.on_interrupt() {
             rtic::pend(Interrupt::EXTI1);
         }
     }
 
-    #[task(binds = USART2, priority = 3, local = [plant_port])]
+    #[task(binds = USART2, priority = 3, local = [plant_uart_isr])]
     fn plant_uart(cx: plant_uart::Context) {
-        if cx.local.plant_port.on_interrupt() {
+        if cx.local.plant_uart_isr.on_interrupt() {
             rtic::pend(Interrupt::EXTI0);
         }
     }
 
-    /// One control period: of the board's own timer, or of the plant link.
+    /// One control period, of the timer or of the plant link.
     #[task(binds = EXTI0, priority = 2, shared = [node, plant_statistics, watchdog],
            local = [board, plant, last_period, plant_link, ticks_in])]
     fn control(mut cx: control::Context) {
@@ -151,7 +152,7 @@ mod app {
         let on_time = period == cx.local.last_period.wrapping_add(1);
         *cx.local.last_period = period;
         if let Some(sensors) = cx.local.board.read(period) {
-            // A period that was missed shows in the sequence number, and the node makes a fault of it.
+            // The sequence number reveals a missed period; the node raises a fault.
             let actuators = cx.shared.node.lock(|node| tick(node, sensors, cx.local.ticks_in));
             cx.local.board.write(&actuators);
         }
@@ -160,15 +161,15 @@ mod app {
         }
     }
 
-    fn tick(node: &mut Node, sensors: SensorFrame, log: &mut Producer<'static, Tick>) -> ActuatorFrame {
+    fn tick(node: &mut Node, sensors: SensorFrame, log: &mut Producer<'static, TickLog>) -> ActuatorFrame {
         let faults = node.faults().total;
         let actuators = node.tick(&sensors);
         if node.faults().total != faults {
-            retained::keep_faults(node.faults());
+            retained::retain_faults(node.faults());
         }
         let logged = node.is_logged();
         if logged {
-            // When it is full, the gap in the indices tells the receiver how much is missing.
+            // If the queue is full, the gap in the indices tells the receiver how many entries are missing.
             let _ = log.enqueue((node.records(), sensors, actuators.clone()));
         }
         if logged || Stream::ALL.into_iter().any(|stream| node.is_due(stream)) {
@@ -179,7 +180,7 @@ mod app {
 
     /// Requests, telemetry and log.
     #[task(binds = EXTI1, priority = 1, shared = [node, plant_statistics],
-           local = [supervisor, status, kept_faults, ticks_out, told: Option<u32> = None])]
+           local = [supervisor, status, retained_faults, ticks_out, sent_tick: Option<u32> = None])]
     fn supervisor(mut cx: supervisor::Context) {
         let link = cx.local.supervisor;
         let ticks = cx.local.ticks_out;
@@ -194,12 +195,12 @@ mod app {
                 refresh(status, link, plant);
                 let (reply, faults, index, logged) = cx.shared.node.lock(|node| {
                     let reply = node.handle(&request, status);
-                    if node.faults().total != *cx.local.kept_faults {
-                        retained::keep_faults(node.faults());
+                    if node.faults().total != *cx.local.retained_faults {
+                        retained::retain_faults(node.faults());
                     }
                     (reply, node.faults().total, node.records(), node.is_logged())
                 });
-                *cx.local.kept_faults = faults;
+                *cx.local.retained_faults = faults;
                 link.send(&FromBoard::Reply(reply));
                 if logged {
                     send_ticks(link, ticks, index);
@@ -212,13 +213,13 @@ mod app {
             let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
             refresh(status, link, plant);
         }
-        // All of one tick, and each tick once.
-        let told = &mut *cx.local.told;
+        // All streams of one tick, and each tick once.
+        let sent_tick = &mut *cx.local.sent_tick;
         let (messages, index) = cx.shared.node.lock(|node| {
             let mut messages = Vec::<FromBoard, { Stream::ALL.len() }>::new();
-            if told.replace(node.last_tick()) != Some(node.last_tick()) {
+            if sent_tick.replace(node.last_tick()) != Some(node.last_tick()) {
                 for message in Stream::ALL.into_iter().filter_map(|stream| node.due(stream, status)) {
-                    // Cannot fail: there is a place for each stream.
+                    // Cannot fail: the capacity is the number of streams.
                     let _ = messages.push(message);
                 }
             }
@@ -231,8 +232,8 @@ mod app {
         rtic::pend(Interrupt::USART1);
     }
 
-    /// Sends the ticks that came before entry `index` of the log: entries go out in their order.
-    fn send_ticks(link: &mut Endpoint, ticks: &mut Consumer<'static, Tick>, index: u32) {
+    /// Sends the ticks before log entry `index`, so that entries are sent in order.
+    fn send_ticks(link: &mut Endpoint, ticks: &mut Consumer<'static, TickLog>, index: u32) {
         while let Some(&(last, ..)) = ticks.peek()
             && index.wrapping_sub(last).cast_signed() >= 0
             && let Some((last, sensors, actuators)) = ticks.dequeue()

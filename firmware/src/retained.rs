@@ -1,6 +1,6 @@
-//! Memory that a reset leaves alone: the faults so far, and why the firmware died.
+//! Memory that a reset does not clear: the fault log, and the cause of a crash.
 //!
-//! After power-on it holds noise; checksums tell. Everything is copied out before anything is written.
+//! After power-on its content is random; checksums detect that.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -11,28 +11,28 @@ use tesaki::protocol::codec::checksum;
 
 /// Longest postcard encoding of a [`FaultLog`].
 const LOG: usize = 320;
-/// Longest message that is kept.
-pub const WORDS: usize = 96;
+/// Maximum length of a retained message [bytes].
+pub const MAX_TEXT: usize = 96;
 
 #[repr(C)]
 struct Retained {
     log_checksum: u32,
     log_length: u32,
     log: [u8; LOG],
-    death_checksum: u32,
-    death: Death,
+    crash_checksum: u32,
+    crash: Crash,
 }
 
-/// Why the firmware died.
+/// Cause of a crash.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub struct Death {
+pub struct Crash {
     /// Number of the [`FaultCause`].
     cause: u32,
     /// Line of the panic, or program counter of the CPU fault.
     pub place: u32,
     length: u32,
-    words: [u8; WORDS],
+    text: [u8; MAX_TEXT],
 }
 
 #[unsafe(link_section = ".uninit.RETAINED")]
@@ -40,14 +40,14 @@ static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
 fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
     cortex_m::interrupt::free(|_| {
-        // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique. Every field
-        // is made of integers, for which any bits are a value; the memory is always readable.
+        // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique.
+        // Every field is made of integers, for which any bits are a value; the memory is always readable.
         body(unsafe { (*addr_of_mut!(RETAINED)).assume_init_mut() })
     })
 }
 
-/// Keeps `log` for the time after a reset.
-pub fn keep_faults(log: &FaultLog) {
+/// Retains the fault log over a reset.
+pub fn retain_faults(log: &FaultLog) {
     with(|retained| {
         if let Ok(bytes) = postcard::to_slice(log, &mut retained.log) {
             retained.log_length = bytes.len() as u32;
@@ -56,7 +56,7 @@ pub fn keep_faults(log: &FaultLog) {
     });
 }
 
-/// The faults from before the reset, if there are any.
+/// The fault log from before the reset, if valid.
 pub fn faults() -> Option<FaultLog> {
     with(|retained| {
         let bytes = retained.log.get(..retained.log_length as usize)?;
@@ -65,29 +65,29 @@ pub fn faults() -> Option<FaultLog> {
     })
 }
 
-/// Keeps why the firmware is about to reset itself.
-pub fn keep_death(cause: FaultCause, place: u32, words: fmt::Arguments<'_>) {
+/// Retains the cause of a crash over the reset.
+pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
     with(|retained| {
-        let mut text = Text { bytes: [0; WORDS], length: 0 };
-        // Too long a text is cut, which is no error here.
-        let _ = text.write_fmt(words);
+        let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
+        // A longer text is truncated.
+        let _ = text.write_fmt(message);
         let length = text.length as u32;
-        retained.death = Death { cause: u32::from(cause.number()), place, length, words: text.bytes };
-        retained.death_checksum = retained.death.checksum();
+        retained.crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
+        retained.crash_checksum = retained.crash.checksum();
     });
 }
 
-/// Why the firmware died before this start; told once.
-pub fn take_death() -> Option<Death> {
+/// The crash before this start, if any. Later calls return `None`.
+pub fn take_crash() -> Option<Crash> {
     with(|retained| {
-        let intact = retained.death_checksum == retained.death.checksum();
-        retained.death_checksum = !retained.death.checksum();
-        intact.then_some(retained.death)
+        let intact = retained.crash_checksum == retained.crash.checksum();
+        retained.crash_checksum = !retained.crash.checksum();
+        intact.then_some(retained.crash)
     })
 }
 
-impl Death {
-    /// Panic or CPU fault.
+impl Crash {
+    /// Panic or CPU fault, as a fault cause.
     pub fn cause(&self) -> FaultCause {
         if self.cause == u32::from(FaultCause::Panic.number()) {
             FaultCause::Panic
@@ -97,13 +97,13 @@ impl Death {
     }
 
     /// The message.
-    pub fn words(&self) -> &str {
-        let bytes = self.words.get(..self.length as usize).unwrap_or_default();
+    pub fn text(&self) -> &str {
+        let bytes = self.text.get(..self.length as usize).unwrap_or_default();
         core::str::from_utf8(bytes).unwrap_or_default()
     }
 
     fn checksum(&self) -> u32 {
-        checksum(&self.words)
+        checksum(&self.text)
             ^ self.cause.rotate_left(8)
             ^ self.place.rotate_left(16)
             ^ self.length
@@ -111,9 +111,9 @@ impl Death {
     }
 }
 
-/// As much of a text as fits, whole characters only.
+/// A text that is truncated to whole characters.
 struct Text {
-    bytes: [u8; WORDS],
+    bytes: [u8; MAX_TEXT],
     length: usize,
 }
 
@@ -122,8 +122,8 @@ impl Write for Text {
         for character in text.chars() {
             let mut buffer = [0; 4];
             let encoded = character.encode_utf8(&mut buffer).as_bytes();
-            let place = self.bytes.get_mut(self.length..self.length + encoded.len()).ok_or(fmt::Error)?;
-            place.copy_from_slice(encoded);
+            let free = self.bytes.get_mut(self.length..self.length + encoded.len()).ok_or(fmt::Error)?;
+            free.copy_from_slice(encoded);
             self.length += encoded.len();
         }
         Ok(())

@@ -1,16 +1,15 @@
-//! The independent watchdog: resets the board when nobody says for 100 ms that the control is well.
+//! The independent watchdog: resets the board unless it is fed every 100 ms.
 //!
-//! On a board that owns its sensors and drives only a control tick that ran in its own period feeds it. On the plant
-//! link the host decides when time passes, and may pause for as long as it likes; there the idle loop feeds it, which
-//! shows that no task hangs.
+//! With sensors and drives on the board, each control tick in its own period feeds it. On the plant link the
+//! host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs.
 
 use crate::pac;
 
-/// Started once, never stopped.
+/// A running watchdog. It cannot be stopped.
 pub struct Watchdog(pac::IWDG);
 
 impl Watchdog {
-    /// Starts it: LSI (32 kHz) through 32, 100 counts.
+    /// Starts the watchdog: LSI (32 kHz) divided by 32, 100 counts.
     pub fn start(iwdg: pac::IWDG) -> Self {
         // SAFETY: these are the keys and values of the reference manual (RM0090, 21.4).
         unsafe {
@@ -22,7 +21,7 @@ impl Watchdog {
         Self(iwdg)
     }
 
-    /// All is well.
+    /// Reloads the counter.
     pub fn feed(&self) {
         // SAFETY: the key that reloads the counter.
         self.0.kr().write(|w| unsafe { w.bits(0xAAAA) });

@@ -6,7 +6,7 @@
 //! elbow_bandwidth = 12.0                # rad/s
 //! force = "sensor"                      # or { observer = 30.0 }: from motor torques, bandwidth in rad/s
 //! contact_force = 1.5                   # N
-//! reach = { translation = 0.3, rotation = 1.5 }                 # m, rad
+//! max_deviation = { translation = 0.3, rotation = 1.5 }         # m, rad
 //!
 //! # Along and about x, y, z of the base frame: one number, or one for each axis.
 //! mass = { translation = 1.5, rotation = 0.008 }                # kg, kg·m²
@@ -65,7 +65,7 @@ struct File {
     #[serde(default)]
     force: FileForce,
     contact_force: f32,
-    reach: Reach,
+    max_deviation: MaxDeviation,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -108,7 +108,7 @@ enum FileRedundancy {
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Reach {
+struct MaxDeviation {
     translation: f32,
     rotation: f32,
 }
@@ -164,7 +164,7 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, Impeda
             FileForce::Observer(bandwidth) => ForceSource::Observer { bandwidth },
         },
         contact_force: file.contact_force,
-        reach: [file.reach.translation, file.reach.rotation],
+        max_deviation: [file.max_deviation.translation, file.max_deviation.rotation],
     };
     settings
         .validate(model.joints.len())

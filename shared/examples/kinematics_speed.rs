@@ -2,13 +2,19 @@
 //! `cargo run --release -p tesaki --example kinematics_speed`. `tests/oracles/peers_kinematics.py` measures
 //! other libraries on the same arms.
 
-#![allow(clippy::type_complexity, clippy::cast_precision_loss, clippy::unwrap_used, reason = "a measurement")]
+#![allow(
+    clippy::type_complexity,
+    clippy::cast_possible_truncation,
+    clippy::unwrap_used,
+    reason = "a measurement"
+)]
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use tesaki::kinematics::{Chain, InverseKinematics, SolverOptions, Target};
 use tesaki::model::{Inertial, Pose};
+use tesaki_rng::Rng;
 
 type Joint = ([f32; 3], [f32; 4], [f32; 3]);
 type State = (&'static [f32], &'static [f32], [f64; 3], [f64; 9], &'static [f64], [f64; 6]);
@@ -25,7 +31,7 @@ fn chain(name: &str) -> Chain {
     Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 })
 }
 
-/// Nanoseconds of one of `count` calls, the best of several rounds.
+/// Nanoseconds per call over `count` calls; the minimum of several rounds.
 fn time(count: u32, mut body: impl FnMut(u32)) -> f64 {
     let mut best = f64::INFINITY;
     for _ in 0..15 {
@@ -36,22 +42,17 @@ fn time(count: u32, mut body: impl FnMut(u32)) -> f64 {
     best
 }
 
-struct Random(u64);
-
-impl Random {
-    fn between(&mut self, lower: f32, upper: f32) -> f32 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        lower + (upper - lower) * ((self.0 >> 40) as f32 / 16_777_216.0)
-    }
+fn between(rng: &mut Rng, lower: f32, upper: f32) -> f32 {
+    lower + (upper - lower) * rng.uniform() as f32
 }
 
 fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular: &[usize]) {
     let chain = chain(name);
     let n = chain.len();
     let limits = vec![(-limit, limit); n];
-    let mut random = Random(7);
+    let mut rng = Rng::new(7, 0);
     let goals: Vec<Vec<f32>> =
-        (0..1000).map(|_| (0..n).map(|_| random.between(-limit, limit)).collect()).collect();
+        (0..1000).map(|_| (0..n).map(|_| between(&mut rng, -limit, limit)).collect()).collect();
     let goals: Vec<Vec<f32>> = goals
         .into_iter()
         .map(|mut q| {
@@ -68,7 +69,7 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
         .collect();
     let near: Vec<Vec<f32>> = goals
         .iter()
-        .map(|q| q.iter().map(|q| (q + random.between(-0.1, 0.1)).clamp(-limit, limit)).collect())
+        .map(|q| q.iter().map(|q| (q + between(&mut rng, -0.1, 0.1)).clamp(-limit, limit)).collect())
         .collect();
     for (label, restarts) in [("fixed start, no restart", 0), ("fixed start", 100), ("near start", 100)] {
         let solver = InverseKinematics::try_new(&limits)
@@ -93,7 +94,8 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
         times.sort_by(f64::total_cmp);
         let mean = times.iter().sum::<f64>() / 1000.0;
         println!(
-            "{name:<16} {label:<24} {:>6.1} % reached, median {:>6.2} us, mean {:>6.2} us, 99 % {:>7.2} us, {:.1} iterations",
+            "{name:<16} {label:<24} {:>6.1} % reached, median {:>6.2} us, mean {:>6.2} us, 99 % {:>7.2} us, \
+             {:.1} iterations",
             f64::from(reached) / 10.0,
             times[500] / 1e3,
             mean / 1e3,

@@ -1,7 +1,7 @@
 //! tesaki: the control core of robot hands and arms.
 //!
-//! One core, written once, `no_std`, without allocation, free of I/O and of clocks. A board, a simulator and a replay
-//! tool call the same code and get the same bits:
+//! One core, written once, `no_std`, without allocation, free of I/O and of clocks. A board, a simulator and
+//! a replay tool call the same code and get the same bits:
 //!
 //! ```text
 //!          bytes                    Request                   SensorFrame
@@ -15,22 +15,22 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`math`] | the one door to elementary functions |
+//! | [`math`] | elementary functions, SO(3), small solvers |
 //! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter |
-//! | [`model`] | what a robot is, as data |
-//! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
+//! | [`model`] | the robot as data |
+//! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterative |
 //! | [`dynamics`] | Newton–Euler, mass matrix |
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
-//! | [`teleop`] | an operator's hand that leads an arm over a link, and a link that makes no energy |
+//! | [`teleop`] | unilateral master-slave control over a delayed link, passivity of bilateral links |
 //! | [`fault`] | causes of faults, and their log |
-//! | [`robot`] | the model made ready for control; what is measured, what the joints are to do |
+//! | [`robot`] | preprocessed model, measured state, targets of the joints |
 //! | [`task`] | what an enabled node does: joint servo, grasping, impedance control |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!
-//! *Configuration* (checked once by a `try_new`, immutable) and *state* are different types throughout. SI units;
-//! single precision; period [`TICK`].
+//! *Configuration* (validated once, immutable) and *state* are separate types. SI units, single precision,
+//! period [`TICK`].
 //!
 //! `examples/minimal_node.rs` is a node that moves one joint, in one file.
 //!
@@ -50,6 +50,8 @@ pub mod robot;
 pub mod signal;
 pub mod task;
 pub mod teleop;
+#[cfg(any(test, feature = "test-support"))]
+pub mod test_support;
 mod zip;
 
 /// The control period `T` [s].

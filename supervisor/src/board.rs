@@ -238,7 +238,7 @@ pub trait Board {
     /// When the board refuses.
     fn reach(&mut self, tips: &[TipPoint]) -> Result<(), BoardError> {
         let tips = heapless::Vec::from_slice(tips).map_err(|_| BoardError::TooManyTips(tips.len()))?;
-        self.ask("move its tips", Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips })))
+        self.ask("move its tips", Request::Task(TaskCommand::JointServo(JointCommand::StreamTips { tips })))
     }
 
     /// Sends a grasp command.

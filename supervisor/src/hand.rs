@@ -3,7 +3,7 @@
 //! Each board controls the three joints of its finger
 //! ([`chain_model`]) and reads its fingertip's force sensor. In each
 //! tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board joint set-points
-//! and feedforward torques ([`JointCommand::Guide`]), which take effect one tick later than on a single
+//! and feedforward torques ([`JointCommand::StreamTorques`]), which take effect one tick later than on a single
 //! board.
 //!
 //! When a board is in fault, disabled or silent, the others are stopped at once and no more set-points are
@@ -252,7 +252,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         let fingers = hand.fingers.iter().zip(command.points.iter().zip(&command.torques));
         for (guide, (finger, (points, torques))) in guides.iter_mut().zip(fingers) {
             let torques = torques.iter().zip(&finger.torque_limits);
-            *guide = Request::Task(TaskCommand::JointServo(JointCommand::Guide {
+            *guide = Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques {
                 points: points.iter().copied().collect(),
                 // A board refuses torques beyond the limits; the servo of a single board would saturate them.
                 torques: torques.map(|(torque, limit)| torque.clamp(-limit, *limit)).collect(),

@@ -114,10 +114,10 @@ def joint_servo():
         "joints-goal": goal([0.5, -0.25, 0.125]),
         "joints-stream": joints(1, map(reals, points)),
         "joints-stream-16": joints(1, [reals([LOWEST] * 3)] * 16),
-        "joints-reach": joints(2, [reals(tip), reals([0.0] * 9)]),
-        "joints-reach-6": joints(2, [reals([LOWEST] * 9)] * 6),
-        "joints-guide": joints(3, map(reals, points), map(real, [0.125, -0.0625])),
-        "joints-guide-16": joints(3, [reals([LOWEST] * 3)] * 16, [real(LOWEST)] * 16),
+        "joints-stream-tips": joints(2, [reals(tip), reals([0.0] * 9)]),
+        "joints-stream-tips-6": joints(2, [reals([LOWEST] * 9)] * 6),
+        "joints-stream-torques": joints(3, map(reals, points), map(real, [0.125, -0.0625])),
+        "joints-stream-torques-16": joints(3, [reals([LOWEST] * 3)] * 16, [real(LOWEST)] * 16),
     }
 
 

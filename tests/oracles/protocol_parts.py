@@ -149,10 +149,10 @@ def observer(bandwidth):
     return uint(1) + real(bandwidth)
 
 
-def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, reach):
+def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, max_deviation):
     """How an arm is to behave. Six numbers each for the impedance."""
     return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
-            + force + real(contact_force) + reals(reach))
+            + force + real(contact_force) + reals(max_deviation))
 
 
 def target(position, rotation, velocity, acceleration, elbow):
@@ -184,9 +184,9 @@ INVALID_SETTINGS = {
     "no-arm-angle": uint(2),
     "elbow-bandwidth": uint(3) + reals([60.0, 50.0]),
     "contact-force": uint(4) + real(-1.0),
-    "reach": uint(5) + real(0.0),
+    "max-deviation": uint(5) + real(0.0),
     "force-bandwidth": uint(6) + reals([60.0, 50.0]),
-    "no-free-joint": uint(7),
+    "no-redundant-joint": uint(7),
 }
 LIMITS = {
     "joint-count": uint(0) + byte(2) + byte(9),

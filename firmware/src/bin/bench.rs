@@ -1,5 +1,5 @@
-//! Executed instructions of the core's hot paths, on the emulated Cortex-M4F with `-icount shift=0`: one instruction is
-//! one nanosecond, and SysTick counts at 168 MHz. Prints `name instructions` a line.
+//! Executed instructions of the core's hot paths, on the emulated Cortex-M4F with `-icount shift=0`: one
+//! instruction is one nanosecond, and SysTick counts at 168 MHz. Prints `name instructions`, one per line.
 
 #![no_std]
 #![no_main]
@@ -30,7 +30,7 @@ use tesaki_firmware as _;
 
 mod support;
 
-/// The command timeout of the model used is long enough for this many ticks.
+/// Calls per measurement. The command timeout of the model is longer than this many ticks.
 const CALLS: u32 = 200;
 
 /// SysTick counts down in 24 bits: a run must be shorter than 0.1 s of virtual time.
@@ -44,8 +44,8 @@ impl Stopwatch {
         });
     }
 
-    /// Executed instructions by which a call of `body` exceeds one of `baseline`. With a baseline that calls an empty
-    /// function in the same way, what remains is the function's own.
+    /// Executed instructions by which a call of `body` exceeds one of `baseline`. With a baseline that calls
+    /// an empty function in the same way, what remains is the function's own.
     fn compare(&mut self, name: &str, mut body: impl FnMut(f32), mut baseline: impl FnMut(f32)) {
         let empty = self.run(&mut baseline);
         let full = self.run(&mut body);
@@ -68,13 +68,13 @@ impl Stopwatch {
 
 #[inline(never)]
 fn pid_step(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
-    let wanted = pid.output(state, reference, measured);
-    let applied = math::clamp(wanted, -0.6, 0.6);
-    pid.integrate(state, wanted, applied, false);
+    let requested = pid.output(state, reference, measured);
+    let applied = math::clamp(requested, -0.6, 0.6);
+    pid.integrate(state, requested, applied, false);
     applied
 }
 
-/// The call of [`pid_step`] without what it does; likewise below.
+/// An empty function with the signature of [`pid_step`]: the baseline of its measurement; likewise below.
 #[inline(never)]
 fn no_pid(pid: &Pid, state: &mut PidState, reference: &JointPoint, measured: f32) -> f32 {
     // SAFETY: an empty statement that the compiler must take for a use of all arguments.
@@ -283,7 +283,8 @@ fn held(count: usize, x: f32, friction: f32) -> GraspMap {
     GraspMap::try_new(&contacts, Vector3::new(0.11, 0.0, 0.1)).expect("a grasp")
 }
 
-/// Grasp map, its inverse, and the least grip: from the last tick's, from nothing, and when nothing holds the load.
+/// Grasp map, its inverse, and the least grip: from the last tick's, from nothing, and when nothing holds the
+/// load.
 fn grasp(watch: &mut Stopwatch) {
     watch.measure("grasp_map_3", |x| {
         black_box(held(3, black_box(x), 0.6));
@@ -331,8 +332,8 @@ type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-/// The calls that take most when the least grip is searched for in slices, from nothing: when forces hold the load, when
-/// nothing does, and over all stored grasps by the number of their contacts.
+/// The calls that take most when the least grip is searched for in slices, from nothing: when forces hold the
+/// load, when nothing does, and over all stored grasps by the number of their contacts.
 fn slices() {
     let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
     let load = Vector6::new(1.0, 0.0, 1.2, 0.01, -0.01, 0.0);
@@ -380,7 +381,7 @@ fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
-/// A node with three chains of three joints, armed and moving.
+/// Tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
     let board = BoardStatus::default();
     let mut sequence = 0;

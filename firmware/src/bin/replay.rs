@@ -1,6 +1,7 @@
-//! Repeats a recorded run on the emulated board: reads the file named on the semihosting command line, gives the node
-//! the recorded requests and sensor frames, and compares each actuator frame with the recorded one, bit for bit. Says how
-//! many instructions the longest tick took (with `-icount shift=0`, where one takes a nanosecond of virtual time).
+//! Replays a recorded run on the emulated board: reads the file named on the semihosting command line, feeds
+//! the node with the recorded requests and sensor frames, and compares the actuator frames bit for bit.
+//! Prints the executed instructions of the longest tick (with `-icount shift=0`: one instruction is one
+//! nanosecond of virtual time).
 
 #![no_std]
 #![no_main]
@@ -55,14 +56,14 @@ enum Failure {
     Replay(ReplayError),
 }
 
-/// What was replayed.
+/// Result of a replay.
 struct Run {
     ticks: u32,
     /// Instructions of the longest tick.
     longest: u32,
 }
 
-/// Counts down at 168 MHz, in 24 bits.
+/// Starts the counter: 24 bits, down, 168 MHz.
 fn start_counter() -> Option<SYST> {
     let mut counter = cortex_m::Peripherals::take()?.SYST;
     counter.set_clock_source(SystClkSource::Core);
@@ -110,7 +111,7 @@ fn open() -> Option<usize> {
     (handle != usize::MAX).then_some(handle)
 }
 
-/// Fills the buffer from the file; returns how much of it.
+/// Reads from the file into the buffer. Returns the number of bytes.
 fn read(file: usize, buffer: &mut [u8]) -> usize {
     // SAFETY: SYS_READ writes at most that many bytes into the buffer and returns how many it did *not* read.
     let missing = unsafe { syscall!(READ, file, buffer.as_mut_ptr() as usize, buffer.len()) };

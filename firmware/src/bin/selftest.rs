@@ -1,4 +1,4 @@
-//! Unit tests on the emulated board: what a host cannot show. Prints a line a test, and `N passed, N failed` at the end.
+//! Tests that require the emulated board. Prints one line per test, then `N passed, N failed`.
 
 #![no_std]
 #![no_main]
@@ -14,24 +14,25 @@ use tesaki_firmware::{retained, stack};
 
 mod support;
 
-/// What is tested, and whether it passes.
+/// Name of a test, and its function.
 type Test = (&'static str, fn() -> bool);
 
 #[entry]
 fn main() -> ! {
     stack::paint();
-    // The tests of the retained memory need a reset between their halves; the second start finds what the first left.
+    // The tests of retained memory need a reset: the second start checks what the first one retained.
     let second_start = retained::faults().is_some_and(|log| log.total == 2 && log.faults.len() == 2);
     if !second_start {
         let mut log = FaultLog::new();
         log.record(fault(FaultCause::EncoderJump, Some(4), 0.25));
         log.record(fault(FaultCause::CommandTimeout, None, 0.11));
-        retained::keep_faults(&log);
-        retained::keep_death(
+        retained::retain_faults(&log);
+        retained::retain_crash(
             FaultCause::Panic,
             77,
             format_args!(
-                "a message that is {} characters long and more than fits into the place that is kept for the last words of the firmware",
+                "a message that is {} characters long and more than fits into the place that is kept for the \
+                 last words of the firmware",
                 120
             ),
         );
@@ -39,7 +40,7 @@ fn main() -> ! {
     }
     let tests: &[Test] = &[
         ("faults survive a reset", faults_survive),
-        ("the last words survive a reset, cut to what fits, and are told once", last_words_survive),
+        ("the message of a crash survives a reset, truncated, and is returned once", crash_message_survives),
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
         ("square root and arc tangent have the bits that the host computed", libm_has_the_hosts_bits),
         ("the checksum is CRC-32", || checksum(b"123456789") == 0xcbf4_3926),
@@ -72,14 +73,14 @@ fn faults_survive() -> bool {
     })
 }
 
-fn last_words_survive() -> bool {
-    let Some(death) = retained::take_death() else { return false };
+fn crash_message_survives() -> bool {
+    let Some(crash) = retained::take_crash() else { return false };
     let start = "a message that is 120 characters long and more than fits";
-    death.cause() == FaultCause::Panic
-        && death.place == 77
-        && death.words().starts_with(start)
-        && death.words().len() == retained::WORDS
-        && retained::take_death().is_none()
+    crash.cause() == FaultCause::Panic
+        && crash.place == 77
+        && crash.text().starts_with(start)
+        && crash.text().len() == retained::MAX_TEXT
+        && retained::take_crash().is_none()
 }
 
 /// Bits as computed on x86-64 by the same functions (see `tests/tests/target_bits.rs`).
@@ -105,13 +106,13 @@ fn libm_has_the_hosts_bits() -> bool {
 
 include!("../../../tests/target_bits.in");
 
-/// A UART that reads what a test puts there and is never ready to send.
-struct Script {
+/// A simulated UART that receives one byte repeatedly and is never ready to send.
+struct FakeUart {
     next: u8,
     lost: bool,
 }
 
-impl Uart for Script {
+impl Uart for FakeUart {
     fn receive(&mut self) -> (Option<u8>, bool) {
         (Some(self.next), self.lost)
     }
@@ -131,23 +132,23 @@ macro_rules! link {
 }
 
 fn overflow_is_counted() -> bool {
-    let (mut port, endpoint) = link!(Script { next: 7, lost: false });
+    let (mut isr, endpoint) = link!(FakeUart { next: 7, lost: false });
     for _ in 0..RECEIVE_QUEUE + 9 {
-        port.on_interrupt();
+        isr.on_interrupt();
     }
     endpoint.statistics().receive_overflow == 10
 }
 
 fn noise_is_counted() -> bool {
-    let (mut port, mut endpoint) = link!(Script { next: 0, lost: true });
+    let (mut isr, mut endpoint) = link!(FakeUart { next: 0, lost: true });
     for _ in 0..3 {
-        port.on_interrupt();
+        isr.on_interrupt();
     }
     endpoint.receive::<u8>().is_none() && endpoint.statistics().receive_errors == 3
 }
 
 fn no_partial_frames() -> bool {
-    let (_port, mut endpoint) = link!(Script { next: 0, lost: false });
+    let (_isr, mut endpoint) = link!(FakeUart { next: 0, lost: false });
     // 128 bytes make a frame of some 140; seven fit into a queue that nobody empties.
     let message: heapless::Vec<u8, 128> = core::iter::repeat_n(1, 128).collect();
     let sent = (0..9).filter(|_| endpoint.send(&message)).count();

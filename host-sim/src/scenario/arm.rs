@@ -34,7 +34,7 @@ pub const fn settings(damping: f32) -> ImpedanceSettings {
         elbow_bandwidth: 12.0,
         force: ForceSource::Sensor,
         contact_force: 1.5,
-        reach: [0.3, 1.5],
+        max_deviation: [0.3, 1.5],
     }
 }
 

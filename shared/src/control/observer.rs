@@ -155,7 +155,7 @@ mod tests {
         let inertia = 2.1e-4;
         let gains = ObserverGains { inertia, bandwidth: 50.0, observer_bandwidth: 120.0 };
         // An inner loop without lag, as the oracle has it.
-        let motor = Motor { bandwidth: 1e9, delay: 0.0, ..crate::model::test_joint("joint").motor };
+        let motor = Motor { bandwidth: 1e9, delay: 0.0, ..crate::test_support::joint("joint").motor };
         let observer = ErrorObserver::new(&gains, &motor);
         let mut state = ObserverState::new();
         for &(error, effort) in RESPONSE {
@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn counts_the_lag_of_the_inner_loop() {
         // 0.3 ms and 1/(2π·300 Hz) = 0.5305 ms of 10 ms.
-        let joint = crate::model::test_joint("joint");
+        let joint = crate::test_support::joint("joint");
         let observer = ErrorObserver::new(&joint.servo.observer, &joint.motor);
         assert!((observer.delay_fraction - 0.083_05).abs() < 1e-5);
     }

@@ -4,7 +4,8 @@ use nalgebra::{Vector3, Vector6};
 
 use super::MassMatrix;
 use crate::kinematics::Chain;
-use crate::model::{Inertial, Pose, test_joint};
+use crate::model::{Inertial, Pose};
+use crate::test_support::joint as test_joint;
 
 /// Frame, axis, mass, centre of mass, inertia, rotor inertia.
 type Joint = ([f32; 3], [f32; 4], [f32; 3], f32, [f32; 3], [f32; 6], f32);

@@ -1,7 +1,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::model::{JointModel, Pose, test_joint};
+use crate::model::{JointModel, Pose};
+use crate::test_support::joint as test_joint;
 
 const FREE: [(f32, f32); 3] = [(-PI, PI); 3];
 

@@ -1,31 +1,29 @@
 use super::*;
+use tesaki_rng::Rng;
+
 use crate::kinematics::tests::chain_of;
 
-/// The same numbers everywhere.
-struct Random(u32);
-
-impl Random {
-    fn between(&mut self, lower: f32, upper: f32) -> f32 {
-        self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-        lower + (upper - lower) * f32::from((self.0 >> 16) as u16) / 65_536.0
-    }
+/// A number from `lower` to `upper`.
+fn between(rng: &mut Rng, lower: f32, upper: f32) -> f32 {
+    lower + (upper - lower) * rng.uniform() as f32
 }
 
-/// How many of 1000 targets are reached from `start` and from nearby, and that none that is said to be is
-/// missed.
+/// Numbers of targets out of 1000 that are reached from a fixed start and from a start nearby. Checks each
+/// solution.
 fn reached(name: &str, limit: f32, position_only: bool, singular: &[usize]) -> (u32, u32) {
     let chain = chain_of(name);
     let limits = vec![(-limit, limit); chain.len()];
     let solver = InverseKinematics::try_new(&limits).unwrap();
-    let mut random = Random(7);
+    let mut rng = Rng::new(7, 0);
     let (mut fixed, mut near) = (0, 0);
     for _ in 0..1000 {
-        let mut goal: std::vec::Vec<f32> = (0..chain.len()).map(|_| random.between(-limit, limit)).collect();
+        let mut goal: std::vec::Vec<f32> =
+            (0..chain.len()).map(|_| between(&mut rng, -limit, limit)).collect();
         singular.iter().for_each(|&joint| goal[joint] *= 0.003);
         let pose = *chain.posture(&goal).tip();
         let target =
             if position_only { Target::Position(pose.translation.vector) } else { Target::Pose(pose) };
-        let beside: std::vec::Vec<f32> = goal.iter().map(|q| q + random.between(-0.1, 0.1)).collect();
+        let beside: std::vec::Vec<f32> = goal.iter().map(|q| q + between(&mut rng, -0.1, 0.1)).collect();
         for (count, mut q) in [(&mut fixed, vec![0.3; chain.len()]), (&mut near, beside)] {
             if solver.solve(&chain, &target, &mut q).is_err() {
                 continue;
@@ -41,7 +39,7 @@ fn reached(name: &str, limit: f32, position_only: bool, singular: &[usize]) -> (
 }
 
 #[test]
-fn reaches_what_can_be_reached_near_singular_postures_too() {
+fn reachable_targets_are_reached_also_near_singular_postures() {
     for (name, limit, position_only, singular) in [
         ("ur5e", 3.1, false, &[][..]),
         ("ur5e", 3.1, false, &[2, 4]),
@@ -56,18 +54,18 @@ fn reaches_what_can_be_reached_near_singular_postures_too() {
 }
 
 #[test]
-fn joints_that_follow_others_do() {
-    // As in tests/robots/inspire_right.urdf: yaw, pitch, and two joints that follow the pitch.
+fn mimic_joints_follow_their_joint() {
+    // As in tests/robots/inspire_right.urdf: yaw, pitch, and two mimic joints of the pitch.
     let chain = chain_of("inspire_thumb");
     let solver = InverseKinematics::try_new(&[(-0.1, 1.3), (0.0, 0.6), (0.0, 0.8), (0.0, 1.2)]).unwrap();
     let solver = solver.with_mimic(2, 1, 1.6, 0.0).unwrap().with_mimic(3, 1, 2.4, 0.0).unwrap();
-    // 0.8 / 1.6 = 1.2 / 2.4 = 0.5: the pitch may not use all of its own range.
+    // 0.8 / 1.6 = 1.2 / 2.4 = 0.5: the mimic joints restrict the range of the pitch.
     assert_eq!((solver.joints[1].lower, solver.joints[1].upper), (0.0, 0.5));
-    let mut random = Random(3);
+    let mut rng = Rng::new(3, 0);
     for _ in 0..300 {
         let mut goal = [0.0; MAX_CHAIN_JOINTS];
         for (angle, joint) in goal.iter_mut().zip(&solver.joints) {
-            *angle = random.between(joint.lower, joint.upper);
+            *angle = between(&mut rng, joint.lower, joint.upper);
         }
         solver.limit(&mut goal);
         let goal = &goal[..4];
@@ -79,7 +77,7 @@ fn joints_that_follow_others_do() {
 }
 
 #[test]
-fn out_of_reach_ends_at_the_nearest_place() {
+fn a_target_out_of_reach_ends_at_the_nearest_pose() {
     let chain = chain_of("allegro_index");
     let limits = [(-0.5, 0.5), (-0.2, 1.6), (-0.2, 1.7), (-0.2, 1.6)];
     let solver = InverseKinematics::try_new(&limits).unwrap();
@@ -92,22 +90,22 @@ fn out_of_reach_ends_at_the_nearest_place() {
     };
     let distance = |q: &[f32]| (chain.posture(q).tip().translation.vector - far).norm();
     assert!(abs(distance(&q) - nearest.position_error) < 1e-5);
-    let mut random = Random(5);
-    let least = (0..20_000)
-        .map(|_| distance(&limits.map(|(lower, upper)| random.between(lower, upper))))
+    let mut rng = Rng::new(5, 0);
+    let min = (0..20_000)
+        .map(|_| distance(&limits.map(|(lower, upper)| between(&mut rng, lower, upper))))
         .fold(f32::INFINITY, f32::min);
-    assert!(nearest.position_error < least + 1e-5, "{} {least}", nearest.position_error);
+    assert!(nearest.position_error < min + 1e-5, "{} {min}", nearest.position_error);
 }
 
 #[test]
-fn few_iterations_that_reach_the_target_are_enough() {
+fn a_target_that_was_reached_is_not_reported_as_missed() {
     let chain = chain_of("hand3_finger1");
     let options = SolverOptions { restarts: 0, ..SolverOptions::default() };
     let solver = InverseKinematics::try_new(&[(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]).unwrap();
     let solver = solver.with_options(options);
-    let mut random = Random(11);
+    let mut rng = Rng::new(11, 0);
     for _ in 0..1000 {
-        let goal = [random.between(-1.0, 1.0), random.between(-1.2, 1.7), random.between(-0.1, 2.4)];
+        let goal = [between(&mut rng, -1.0, 1.0), between(&mut rng, -1.2, 1.7), between(&mut rng, -0.1, 2.4)];
         let target = Target::Position(chain.posture(&goal).tip().translation.vector);
         let result = solver.solve(&chain, &target, &mut [0.0, 0.3, 1.0]);
         let Err(InverseKinematicsError::NotReached(nearest)) = result else { continue };
@@ -118,7 +116,7 @@ fn few_iterations_that_reach_the_target_are_enough() {
 }
 
 #[test]
-fn bad_input_is_refused_by_name() {
+fn invalid_input_is_refused_by_name() {
     let chain = chain_of("allegro_index");
     let refused = |limits: &[(f32, f32)]| InverseKinematics::try_new(limits).unwrap_err();
     assert_eq!(refused(&[(0.0, 1.0), (1.0, 0.0)]), InvalidJoint::Limits { joint: 1 });

@@ -8,7 +8,8 @@ pub(crate) struct Ldlt<const M: usize> {
 }
 
 impl<const M: usize> Ldlt<M> {
-    /// Pivots are at min_pivot `min_pivot`: rounding may have eaten a nearly singular matrix's last one.
+    /// Pivots below `min_pivot` are replaced by it: rounding can make the last pivot of a nearly singular
+    /// matrix negative.
     #[inline]
     pub(crate) fn new(matrix: &SMatrix<f32, M, M>, min_pivot: f32) -> Self {
         let mut lower = *matrix;
@@ -56,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn solves_what_it_factors() {
+    fn the_solution_satisfies_the_equation() {
         let lower = SMatrix::<f32, 3, 3>::new(2.0, 0.0, 0.0, 1.0, 3.0, 0.0, -1.0, 0.5, 1.0);
         let (matrix, x) = (lower * lower.transpose(), SVector::<f32, 3>::new(1.0, -2.0, 3.0));
         assert!((Ldlt::new(&matrix, 1e-6).solve(&(matrix * x)) - x).norm() < 1e-5);

@@ -10,7 +10,8 @@ const NEARLY_HALF_A_TURN: f32 = 0.05;
 /// formula.
 ///
 /// ```
-/// let quarter = tesaki::math::rotation_matrix(&nalgebra::Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2));
+/// let vector = nalgebra::Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2);
+/// let quarter = tesaki::math::rotation_matrix(&vector);
 /// assert!((quarter * nalgebra::Vector3::x() - nalgebra::Vector3::y()).norm() < 1e-6);
 /// ```
 pub fn rotation_matrix(vector: &Vector3<f32>) -> Matrix3<f32> {

@@ -1,7 +1,8 @@
 //! The robot as data: joints, chains, motors, encoders, limits, gains.
 //!
 //! A [`RobotModel`] is stored and sent to a board. Its values may be invalid; [`RobotModel::validate`]
-//! reports the first invalid joint and field. Only a validated model becomes a [`crate::node::Robot`].
+//! reports the first invalid joint and field. Only a validated model becomes a
+//! [`Robot`](crate::robot::Robot).
 //!
 //! Glossary
 //! - *joint*: one rotary degree of freedom together with the link that it moves;
@@ -154,7 +155,8 @@ pub struct Friction {
     pub viscous: f32,
 }
 
-/// The angle sensor of a joint. Angle = (count − `zero`) · `direction` · 2π / `counts_per_turn`.
+/// The angle sensor of a joint. Angle = (count − `zero`) · 2π / `counts_per_turn`, negated if
+/// `reversed`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Encoder {
     /// Counts for one turn of the *joint*.
@@ -263,44 +265,5 @@ impl RobotModel {
             first = range.end;
             range
         })
-    }
-}
-
-/// A joint of ordinary values, for tests to change.
-#[cfg(test)]
-pub(crate) fn test_joint(name: &str) -> JointModel {
-    JointModel {
-        name: name.try_into().expect("a short name"),
-        origin: Pose::IDENTITY,
-        axis: [0.0, 0.0, 1.0],
-        link: Inertial {
-            mass: 0.02,
-            center_of_mass: [0.02, 0.0, 0.0],
-            inertia: [1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0],
-        },
-        motor: Motor {
-            rotor_inertia: 2e-4,
-            torque_constant: 0.5,
-            current_limit: 1.5,
-            current_resolution: 1e-3,
-            bandwidth: 300.0,
-            delay: 3e-4,
-        },
-        friction: Friction { coulomb: 0.02, viscous: 0.002 },
-        encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },
-        limits: JointLimits {
-            lower: -1.5,
-            upper: 1.5,
-            velocity: 8.0,
-            torque: 0.6,
-            torque_rate: 200.0,
-            following_error: 0.2,
-        },
-        servo: ServoGains {
-            filter_time: 0.2,
-            pid: PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 },
-            observer: ObserverGains { inertia: 2.1e-4, bandwidth: 50.0, observer_bandwidth: 100.0 },
-            rest_error: 5e-4,
-        },
     }
 }

@@ -220,7 +220,7 @@ impl Check {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::test_joint;
+    use crate::test_support::joint as test_joint;
 
     fn refused(mass: f32, inertia: [f32; 6]) -> Option<ModelError> {
         let joint =

@@ -10,10 +10,10 @@ use crate::protocol::{EXPORT_CHUNK, Refusal, Reply, codec, longest};
 pub const MAX_STATE: usize = longest(State::SCHEMA);
 /// Longest postcard encoding of a [`RobotModel`] in bytes.
 pub const MAX_MODEL: usize = longest(RobotModel::SCHEMA);
-/// Longest export.
+/// Longest export in bytes.
 const MAX_EXPORT: usize = if MAX_STATE > MAX_MODEL { MAX_STATE } else { MAX_MODEL };
 
-/// A copy of something the node has, to be read piece by piece while the node goes on.
+/// A copy of the model or the state, read in chunks while the node continues.
 #[derive(Clone, Debug)]
 pub(super) struct Export {
     bytes: [u8; MAX_EXPORT],
@@ -30,14 +30,14 @@ impl Export {
     #[inline(never)]
     pub fn begin<T: Serialize>(&mut self, item: &T, index: u32, key: u64) -> Result<Reply, Refusal> {
         self.length = 0;
-        // Cannot fail: the buffer has the length of the longest item by its type.
+        // Cannot fail: the buffer has the length of the longest encoding.
         let bytes =
             postcard::to_slice(item, &mut self.bytes).map_err(|_| Refusal::NotExported { length: 0 })?;
         self.length = bytes.len();
         Ok(Reply::Exported { length: self.length as u32, checksum: codec::checksum(bytes), index, key })
     }
 
-    /// The piece at `offset`.
+    /// The chunk at `offset`.
     pub fn chunk(&self, offset: u32) -> Result<Reply, Refusal> {
         let refused = Refusal::NotExported { length: self.length as u32 };
         let first = usize::try_from(offset).map_err(|_| refused)?;

@@ -9,38 +9,40 @@ use crate::kinematics::Posture;
 use crate::math::{self, abs};
 use crate::model::ForceSensor;
 
-/// Ticks without a change of any of the six counts: noise alone changes those of a live sensor.
+/// Ticks without a change of any count after which the sensor is dead: noise alone changes those of a live
+/// sensor.
 const STUCK_TICKS: u16 = 50;
-/// Share of a new reading in the mean that taring takes: some 16 ticks.
-const MEAN_SHARE: f32 = 1.0 / 16.0;
+/// Gain of the low-pass filter for the tare: a time constant of 16 ticks. A smaller one suppresses more noise
+/// and requires a longer time without contact.
+const TARE_FILTER_GAIN: f32 = 1.0 / 16.0;
 
-/// What the force sensor of a tip reads.
+/// State of a force sensor.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct ForceSensorState {
     counts: [i32; 6],
-    /// Ticks since one of the counts changed.
-    still: u16,
-    /// Mean of the latest readings less the weight of what the sensor carries [N, N·m].
+    /// Ticks since a count changed.
+    unchanged: u16,
+    /// Low-pass filtered reading without the weight on the sensor [N, N·m].
     mean: [f32; 6],
-    /// What is taken off: the mean when the sensor was tared.
+    /// Offset: the filtered reading at the tare [N, N·m].
     tare: [f32; 6],
     /// Whether there was a reading.
-    read: bool,
+    initialized: bool,
 }
 
 impl ForceSensorState {
     pub const fn new() -> Self {
-        Self { counts: [0; 6], still: 0, mean: [0.0; 6], tare: [0.0; 6], read: false }
+        Self { counts: [0; 6], unchanged: 0, mean: [0.0; 6], tare: [0.0; 6], initialized: false }
     }
 
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { counts: [i32::MIN; 6], still: u16::MAX, ..Self::new() }
+        Self { counts: [i32::MIN; 6], unchanged: u16::MAX, ..Self::new() }
     }
 
-    /// Takes over the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns force and torque
-    /// of the world on the tip, in base axes [N, N·m], and what is wrong with them: cause, value, limit.
+    /// Reads the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns the
+    /// external wrench on the tip, in base axes [N, N·m], and a fault: cause, value, limit.
     pub fn read(
         &mut self,
         sensor: &ForceSensor,
@@ -49,8 +51,8 @@ impl ForceSensorState {
         gravity: &Vector3<f32>,
         tared: bool,
     ) -> ([f32; 6], Option<(FaultCause, f32, f32)>) {
-        let same = self.read && self.counts == *counts;
-        self.still = if same { self.still.saturating_add(1) } else { 0 };
+        let same = self.initialized && self.counts == *counts;
+        self.unchanged = if same { self.unchanged.saturating_add(1) } else { 0 };
         self.counts = *counts;
 
         let rotation = &posture.tip().rotation;
@@ -62,42 +64,42 @@ impl ForceSensorState {
             let scale = if axis < 3 { sensor.force_resolution } else { sensor.torque_resolution };
             counts.get(axis).map_or(0.0, |&count| count as f32 * scale) - own.get(axis).unwrap_or(&0.0)
         });
-        let share = if self.read { MEAN_SHARE } else { 1.0 };
+        let gain = if self.initialized { TARE_FILTER_GAIN } else { 1.0 };
         for (mean, reading) in self.mean.iter_mut().zip(&reading) {
-            *mean += share * (reading - *mean);
+            *mean += gain * (reading - *mean);
         }
-        self.read = true;
+        self.initialized = true;
         let mut wrench = reading;
         wrench.iter_mut().zip(&self.tare).for_each(|(value, tare)| *value -= tare);
         let [fx, fy, fz, tx, ty, tz] = wrench;
         let (force, torque) = (rotation * Vector3::new(fx, fy, fz), rotation * Vector3::new(tx, ty, tz));
         let wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z];
-        (wrench, self.inspect(sensor, &force, tared))
+        (wrench, self.check(sensor, &force, tared))
     }
 
-    /// What is wrong with the last reading.
-    fn inspect(
+    /// Checks the last reading. Returns a fault: cause, value, limit.
+    fn check(
         &self,
         sensor: &ForceSensor,
         force: &Vector3<f32>,
         tared: bool,
     ) -> Option<(FaultCause, f32, f32)> {
-        #[expect(clippy::cast_precision_loss, reason = "figures for people")]
+        #[expect(clippy::cast_precision_loss, reason = "for display")]
         {
             if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
                 return Some((FaultCause::ForceSaturated, abs(count as f32), sensor.saturation as f32));
             }
-            if self.still >= STUCK_TICKS {
-                return Some((FaultCause::ForceStuck, self.still.into(), STUCK_TICKS.into()));
+            if self.unchanged >= STUCK_TICKS {
+                return Some((FaultCause::ForceStuck, self.unchanged.into(), STUCK_TICKS.into()));
             }
         }
         let size = math::sqrt(force.norm_squared());
-        let beyond = tared && size > sensor.force_limit;
-        beyond.then_some((FaultCause::ForceLimit, size, sensor.force_limit))
+        let overload = tared && size > sensor.force_limit;
+        overload.then_some((FaultCause::ForceLimit, size, sensor.force_limit))
     }
 
-    /// What it reads now is what it reads without contact.
-    pub fn take_tare(&mut self) {
+    /// Takes the filtered reading as the offset without contact.
+    pub fn tare(&mut self) {
         self.tare = self.mean;
     }
 }

@@ -13,10 +13,10 @@ use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{TaskCommand, TaskConfig, TaskState};
 
 impl Node {
-    /// Answers one request. A refused request changes nothing. `board` is what the board knows of itself.
+    /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
         self.state.records = self.state.records.wrapping_add(1);
-        self.state.lease.notice(frame.client, frame.sequence, self.state.tick);
+        self.state.lease.register(frame.client, frame.sequence, self.state.tick);
         let reply = self.answer(frame, board).unwrap_or_else(Reply::Refused);
         ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
@@ -25,13 +25,13 @@ impl Node {
         let client = frame.client;
         match &frame.request {
             Request::Hello { schema } => {
-                self.state.agree(client, *schema == SCHEMA_KEY);
+                self.state.set_accepted(client, *schema == SCHEMA_KEY);
                 return Ok(Reply::Hello { schema: SCHEMA_KEY, identity: board.identity });
             }
-            // From any client, also one of another version: these only make the machine safer.
+            // From any client, also of another version: these requests only make the machine safer.
             Request::Disable => self.disable(),
             Request::Stop => self.stop(),
-            _ if !self.state.agrees(client) => {
+            _ if !self.state.is_accepted(client) => {
                 return Err(Refusal::SchemaMismatch { board: SCHEMA_KEY, firmware: board.identity.firmware });
             }
             Request::TakeCommand { by_force } => {
@@ -46,7 +46,7 @@ impl Node {
             Request::ReadStatus | Request::ReadFaults | Request::ReadTask => return self.read(frame, board),
             Request::Export(item) => return self.export(*item),
             Request::ReadExport { offset } => return self.export.chunk(*offset),
-            // Spelled out, so that the compiler asks where a new request belongs.
+            // No wildcard: the compiler then reports each new request.
             Request::ModelBegin { .. }
             | Request::ModelChunk { .. }
             | Request::ModelCommit
@@ -68,7 +68,7 @@ impl Node {
         Ok(Reply::Done)
     }
 
-    /// Answers what changes nothing that matters to the control.
+    /// Answers requests that only read.
     fn read(&mut self, frame: &RequestFrame, board: &BoardStatus) -> Result<Reply, Refusal> {
         match frame.request {
             Request::ReadFaults => {
@@ -91,7 +91,7 @@ impl Node {
         }
     }
 
-    /// Carries out what only the commander may ask for.
+    /// Executes a request of the commander.
     fn command(&mut self, request: &Request) -> Result<(), Refusal> {
         match request {
             Request::ModelBegin { length, checksum } => {
@@ -102,7 +102,7 @@ impl Node {
                 self.require_disabled()?;
                 self.transfer.chunk(*offset, data)
             }
-            Request::ModelCommit => self.use_model(),
+            Request::ModelCommit => self.commit_model(),
             Request::Home { positions } => self.home(positions),
             Request::Tare => self.tare(),
             Request::Enable(config) => self.enable(config),
@@ -120,7 +120,7 @@ impl Node {
         }
     }
 
-    fn use_model(&mut self) -> Result<(), Refusal> {
+    fn commit_model(&mut self) -> Result<(), Refusal> {
         self.require_disabled()?;
         let Committed { checksum, same_encoders } = self.transfer.commit(&mut self.robot)?;
         self.model_checksum = checksum;
@@ -159,14 +159,14 @@ impl Node {
         let sensors = robot.model().chains.iter().zip(&mut self.state.force_sensors);
         for (index, (chain, sensor)) in sensors.enumerate() {
             if chain.force_sensor.is_some() {
-                sensor.take_tare();
+                sensor.tare();
                 self.state.measured.tared |= 1 << index;
             }
         }
         Ok(())
     }
 
-    /// Outputs off. A fault stays until it was read and cleared.
+    /// Switches the outputs off. A fault remains until it was read and cleared.
     fn disable(&mut self) {
         self.state.reaction = Reaction::Off;
         if self.state.mode != Mode::Fault {
@@ -252,7 +252,7 @@ impl Node {
         Ok(())
     }
 
-    /// The state of node and board.
+    /// Status of node and board.
     pub fn status(&self, board: &BoardStatus) -> Status {
         let (mut model, mut homed) = (heapless::String::new(), 0);
         if let Some(robot) = self.robot.loaded() {
@@ -276,7 +276,7 @@ impl Node {
     }
 }
 
-/// The joints of `robot` in `state`.
+/// The joints of `robot` with their `state`.
 pub(super) const fn joints<'a>(robot: &'a Robot, state: &'a mut State) -> Joints<'a> {
     Joints {
         robot,

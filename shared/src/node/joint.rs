@@ -6,29 +6,30 @@ use crate::fault::FaultCause;
 use crate::math::{self, abs};
 use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
 
-/// Largest lag of a drive that is compensated, as a fraction of the period.
-const MAX_CARRY: f32 = 0.3;
-/// Ticks without a change of the count under a torque that should move the joint.
+/// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
+const MAX_COMPENSATED_LAG: f32 = 0.3;
+/// Ticks without a change of the count, under a torque that overcomes stiction, after which the encoder is
+/// stuck.
 const STUCK_TICKS: u16 = 10;
 
-/// Encoder and servo of a joint.
+/// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct JointState {
-    /// Count at angle 0; of meaning once homed.
+    /// Count at angle 0; valid once homed.
     zero: i32,
     homed: bool,
     count: i32,
     /// Change of the angle in the last tick [rad].
     change: f32,
-    /// Torque of the last tick [N·m], and the part of it that the feed-forward does not explain.
+    /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
     /// Ticks since the count changed.
-    still: u16,
+    unchanged: u16,
     pub servo: JointServoState,
 }
 
-/// All that belongs to one joint.
+/// Configuration, state and targets of one joint.
 pub(super) struct Joint<'a> {
     pub config: &'a JointConfig,
     pub state: &'a mut JointState,
@@ -39,7 +40,7 @@ pub(super) struct Joint<'a> {
     pub target: &'a mut JointTarget,
 }
 
-/// What the joints of a robot need in a tick, list by list.
+/// Configuration, state and targets of all joints, as lists.
 pub(super) struct Joints<'a> {
     pub robot: &'a Robot,
     pub states: &'a mut [JointState],
@@ -49,13 +50,13 @@ pub(super) struct Joints<'a> {
 }
 
 impl Joints<'_> {
-    /// All joints, one after the other.
+    /// Iterates over all joints.
     #[inline]
     pub fn each(&mut self) -> impl Iterator<Item = Joint<'_>> {
         self.range(0, self.robot.joints().len())
     }
 
-    /// The joints from number `first` on, so many.
+    /// Iterates over `length` joints from joint `first`.
     #[inline]
     pub fn range(&mut self, first: usize, length: usize) -> impl Iterator<Item = Joint<'_>> {
         let range = first..first + length;
@@ -89,7 +90,7 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
-            still: 0,
+            unchanged: 0,
             servo: JointServoState::at(0.0),
         }
     }
@@ -97,14 +98,14 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, still: u16::MAX, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, ..Self::new() }
     }
 
-    /// A joint that was just given its model. It stays homed if it is `the_same` joint with the same encoder.
-    pub fn configured(&self, config: &JointConfig, the_same: bool) -> Self {
+    /// The state under a new model. The joint stays homed if name and encoder are unchanged.
+    pub fn configured(&self, config: &JointConfig, unchanged: bool) -> Self {
         let (zero, homed) = match config.zero {
             Some(zero) => (zero, true),
-            None if the_same => (self.zero, self.homed),
+            None if unchanged => (self.zero, self.homed),
             None => (0, false),
         };
         Self { zero, homed, ..Self::new() }
@@ -118,13 +119,13 @@ impl JointState {
     fn angle(&self, config: &JointConfig, count: i32) -> f32 {
         #[expect(
             clippy::cast_precision_loss,
-            reason = "exact up to 2²⁴ counts from zero, and no joint turns further"
+            reason = "exact up to 2²⁴ counts from zero, beyond the range of a joint"
         )]
         let counts = count.wrapping_sub(self.zero) as f32;
         counts * config.radians_per_count
     }
 
-    /// No torque.
+    /// Sets the torque to 0.
     pub fn release(&mut self) {
         (self.torque, self.effort) = (0.0, 0.0);
         self.servo.clear_torque();
@@ -132,7 +133,7 @@ impl JointState {
 }
 
 impl Joint<'_> {
-    /// The joint stands at `position` [rad] now.
+    /// Homes the joint: its present angle is `position` [rad].
     pub fn home(&mut self, position: f32) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -144,7 +145,7 @@ impl Joint<'_> {
         self.restart();
     }
 
-    /// Takes the encoder's count for the first time, or anew after a pause: no change, no velocity.
+    /// Reads the encoder for the first time, without change and velocity.
     pub fn first_read(&mut self, count: i32) {
         self.state.count = count;
         self.restart();
@@ -153,15 +154,15 @@ impl Joint<'_> {
     fn restart(&mut self) {
         *self.position = self.state.angle(self.config, self.state.count);
         *self.velocity = 0.0;
-        (self.state.change, self.state.still) = (0.0, 0);
+        (self.state.change, self.state.unchanged) = (0.0, 0);
         self.hold_still();
     }
 
-    /// Takes the encoder's count of this tick.
+    /// Reads the encoder in a tick.
     #[inline]
     pub fn read(&mut self, count: i32) {
         let state = &mut *self.state;
-        state.still = if count == state.count { state.still.saturating_add(1) } else { 0 };
+        state.unchanged = if count == state.count { state.unchanged.saturating_add(1) } else { 0 };
         state.count = count;
         let position = state.angle(self.config, count);
         state.change = position - *self.position;
@@ -169,9 +170,9 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// What is wrong with the joint's readings, if anything: cause, value, limit.
+    /// Checks the measurements. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn inspect(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
+    pub fn check_measurement(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
         let (config, state, position) = (self.config, &self.state, *self.position);
         if abs(state.change) > config.jump {
             return Some((FaultCause::EncoderJump, state.change, config.jump));
@@ -184,32 +185,32 @@ impl Joint<'_> {
         if abs(*self.velocity) > config.limits.velocity {
             return Some((FaultCause::VelocityLimit, *self.velocity, config.limits.velocity));
         }
-        if state.homed && position < config.lowest {
+        if state.homed && position < config.min_angle {
             return Some((FaultCause::PositionLimit, position, config.limits.lower));
         }
-        if state.homed && position > config.highest {
+        if state.homed && position > config.max_angle {
             return Some((FaultCause::PositionLimit, position, config.limits.upper));
         }
         None
     }
 
-    /// What is wrong with the joint under control, if anything: cause, value, limit.
+    /// Checks the control. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn supervise(&self) -> Option<(FaultCause, f32, f32)> {
+    pub fn check_control(&self) -> Option<(FaultCause, f32, f32)> {
         let (config, state) = (self.config, &self.state);
         let error = self.reference.position - *self.position;
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
-        // A joint that presses on an object stands still under torque.
-        let presses = self.target.feedforward != 0.0;
-        if state.still >= STUCK_TICKS && abs(state.effort) > config.breakaway && !presses {
+        // A contact force keeps the joint at rest under torque.
+        let in_contact = self.target.feedforward != 0.0;
+        if state.unchanged >= STUCK_TICKS && abs(state.effort) > config.breakaway && !in_contact {
             return Some((FaultCause::EncoderStuck, state.effort, config.breakaway));
         }
         None
     }
 
-    /// Takes the target of this tick for the reference, by way of the trajectory filter where it is a goal.
+    /// Computes the reference of this tick from the target; goals pass the trajectory filter.
     #[inline]
     pub fn advance(&mut self) {
         if self.target.restart {
@@ -222,63 +223,67 @@ impl Joint<'_> {
         };
     }
 
-    /// The torque of this tick by the servo, given the model's torque for the reference [N·m].
+    /// Computes the torque by the servo. `model_torque` is the inverse dynamics at the reference [N·m].
     #[inline]
     pub fn control(&mut self, mode: ServoMode, model_torque: f32) {
-        let known = model_torque + self.target.feedforward;
+        let feedforward = model_torque + self.target.feedforward;
         let servo = &mut self.state.servo;
-        let output = self.config.servo.update(servo, mode, self.reference, *self.position, known);
+        let output = self.config.servo.update(servo, mode, self.reference, *self.position, feedforward);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }
 
-    /// The torque of this tick without the servo: the task's own and damping, and for `compensated` links the model's.
+    /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
+    /// compensation.
     #[inline(never)]
     pub fn push(&mut self, damping: f32, compensated: bool, model_torque: f32) {
-        let known = if compensated {
+        let compensation = if compensated {
             model_torque + self.config.servo.friction(&self.state.servo, self.reference.velocity)
         } else {
             0.0
         };
-        let desired = known + self.target.feedforward - damping * *self.velocity;
+        let desired = compensation + self.target.feedforward - damping * *self.velocity;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
         self.state.effort = 0.0;
     }
 
-    /// The torque of this tick from the torque of the chain's links for the reference, with this fraction of the friction fed
-    /// forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the next tick [N·m].
+    /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`
+    /// fed forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the
+    /// next tick [N·m].
     #[inline(never)]
     pub fn accelerate(&mut self, friction: f32, links: f32) -> [f32; 2] {
         let servo = &self.config.servo;
         let of_friction = friction * servo.friction(&self.state.servo, self.reference.velocity);
         let desired =
             links + servo.rotor_torque(self.reference.acceleration) + of_friction + self.target.feedforward;
-        // The rest of the last torque is compensated, so that the mean over the period is the desired torque.
-        let (before, carry) = (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_CARRY));
-        let ahead = desired + (desired - before) * (carry / (1.0 - carry));
+        // Lag compensation: the last torque still acts for a fraction of the period. The mean becomes the
+        // desired torque.
+        let (before, lag) =
+            (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_COMPENSATED_LAG));
+        let ahead = desired + (desired - before) * (lag / (1.0 - lag));
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
         self.state.effort = 0.0;
-        let mean = self.state.torque + carry * (before - self.state.torque);
+        let mean = self.state.torque + lag * (before - self.state.torque);
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// The torque against the motion.
+    /// Computes a damping torque.
     pub fn damp(&mut self, damping: f32) {
         self.state.torque = self.config.servo.limit(&mut self.state.servo, -damping * *self.velocity);
         self.state.effort = 0.0;
     }
 
-    /// At rest where the joint is, everything learnt but the friction forgotten.
+    /// Sets target and reference to the present position at rest. Keeps only the adapted friction.
     pub fn hold_still(&mut self) {
         let position = *self.position;
         *self.target = JointTarget::at(position);
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
         state.servo.restart(position);
-        (state.torque, state.effort, state.still) = (0.0, 0.0, 0);
+        (state.torque, state.effort, state.unchanged) = (0.0, 0.0, 0);
     }
 
-    /// Comes to rest: where the joint is, or else along the reference. The task's torque stays.
+    /// Brings the joint to rest: `at_once`, or along the reference. Keeps the feed-forward torque.
     pub fn hold(&mut self, at_once: bool) {
         let goal = if at_once { *self.position } else { self.state.servo.resting_point() };
         self.target.setpoint = JointSetpoint::Goal(goal);

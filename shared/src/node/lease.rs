@@ -4,60 +4,61 @@ use serde::{Deserialize, Serialize};
 use super::optional::Optional;
 use crate::protocol::{LEASE, Refusal};
 
-/// A command so many numbers back is not sent again.
-const FORGOTTEN: u16 = 1 << 14;
+/// A command this many numbers back is not repeated any more.
+const MAX_REPETITION_AGE: u16 = 1 << 14;
 
-/// Who commands, and which of their requests was the last.
+/// The lease of the commander, and its last command.
 ///
-/// A request that comes again, because its reply was lost, gets the reply that it had and is not carried out twice; one
-/// that comes late, after a newer one, is refused. So a client may send again as often as it likes, and a link may
-/// delay and duplicate.
+/// Commands are idempotent: a repeated command, whose reply was lost, gets the same reply and is not executed
+/// again; a command that arrives after a newer one is refused. So clients may repeat requests, and links may
+/// delay and duplicate them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Lease {
     held: bool,
-    /// The client that commands, or did last.
+    /// The commander, or the last one.
     client: Option<u32>,
-    /// Its last command, and why that was refused.
+    /// Its last command, and the refusal of it.
     sequence: u16,
     refusal: Optional<Refusal>,
     /// The tick of its last request.
-    seen: u32,
+    last_request: u32,
 }
 
-/// What to do with a command.
+/// Whether to execute a command.
 #[derive(Debug, PartialEq)]
 pub(super) enum Admitted {
-    /// Carry it out.
+    /// Execute it.
     New,
-    /// It was carried out, with this result.
+    /// It was executed before, with this result.
     Repeated(Result<(), Refusal>),
 }
 
 impl Lease {
-    /// Nobody commands.
+    /// No commander.
     pub const fn new() -> Self {
-        Self { held: false, client: None, sequence: 0, refusal: Optional::None, seen: 0 }
+        Self { held: false, client: None, sequence: 0, refusal: Optional::None, last_request: 0 }
     }
 
-    /// The client that commands.
+    /// The commander.
     pub const fn commander(&self) -> Option<u32> {
         if self.held { self.client } else { None }
     }
 
-    /// A request of any kind came.
-    pub fn notice(&mut self, client: u32, sequence: u16, now: u32) {
+    /// Registers a request of any kind.
+    pub fn register(&mut self, client: u32, sequence: u16, now: u32) {
         if self.client != Some(client) {
             return;
         }
-        self.seen = now;
-        // Other requests use up numbers, too: without this the next command, after half of all of them, would look older
-        // than the last one. The last one cannot come again any more, but this one may be a command.
-        if (FORGOTTEN..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
+        self.last_request = now;
+        // Requests other than commands use sequence numbers, too. After half of the numbers the next command
+        // would appear older than the last one, so the last one is moved up. This request may itself be a
+        // command.
+        if (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
             (self.sequence, self.refusal) = (sequence.wrapping_sub(1), Optional::None);
         }
     }
 
-    /// The client wants to command. `enabled`: the commander cannot be replaced.
+    /// Gives the lease to `client`. While `enabled` the commander cannot be replaced.
     pub fn take(
         &mut self,
         client: u32,
@@ -69,18 +70,19 @@ impl Lease {
         if self.client == Some(client) && self.is_older(sequence) {
             return Err(Refusal::Stale { latest: self.sequence });
         }
-        let expired = now.wrapping_sub(self.seen) > LEASE;
+        let expired = now.wrapping_sub(self.last_request) > LEASE;
         if let Some(by) = self.commander()
             && by != client
             && (enabled || !(by_force || expired))
         {
             return Err(Refusal::Commanded { by });
         }
-        *self = Self { held: true, client: Some(client), sequence, refusal: Optional::None, seen: now };
+        *self =
+            Self { held: true, client: Some(client), sequence, refusal: Optional::None, last_request: now };
         Ok(())
     }
 
-    /// A command came.
+    /// Decides whether to execute a command.
     pub fn admit(&self, client: u32, sequence: u16) -> Result<Admitted, Refusal> {
         if self.client == Some(client) && self.sequence == sequence {
             return Ok(Admitted::Repeated(self.refusal.get().map_or(Ok(()), Err)));
@@ -95,17 +97,18 @@ impl Lease {
         Ok(Admitted::New)
     }
 
-    /// The command was carried out, or refused.
+    /// Stores the result of a command.
     pub fn remember(&mut self, sequence: u16, result: Result<(), Refusal>) {
         (self.sequence, self.refusal) = (sequence, result.err().into());
     }
 
-    /// Nobody commands from now on.
+    /// Ends the lease.
     pub fn release(&mut self) {
         self.held = false;
     }
 
-    /// Numbers wrap: what lies up to half of them behind the last one is older.
+    /// Whether `sequence` is older than the last command: up to half of the numbers behind it, with
+    /// wrap-around.
     fn is_older(&self, sequence: u16) -> bool {
         sequence.wrapping_sub(self.sequence).cast_signed() < 0
     }
@@ -122,12 +125,12 @@ mod tests {
     }
 
     #[test]
-    fn a_second_client_waits_for_silence_or_takes_by_force_but_never_from_an_enabled_one() {
+    fn a_second_client_gets_the_lease_after_expiry_or_by_force_but_not_while_enabled() {
         let mut lease = commanded_by(1);
         let refused = Err(Refusal::Commanded { by: 1 });
         assert_eq!(lease.take(2, 0, false, false, LEASE), refused);
         assert_eq!(lease.take(2, 0, true, true, 10 * LEASE), refused);
-        lease.notice(1, 11, 50);
+        lease.register(1, 11, 50);
         assert_eq!(lease.take(2, 0, false, false, LEASE + 50), refused);
         assert_eq!(lease.clone().take(2, 0, true, false, 51), Ok(()));
         assert_eq!(lease.take(2, 0, false, false, LEASE + 51), Ok(()));
@@ -137,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_carried_out_once_however_often_it_comes() {
+    fn a_repeated_command_is_executed_once() {
         let mut lease = commanded_by(1);
         assert_eq!(lease.admit(1, 11), Ok(Admitted::New));
         lease.remember(11, Err(Refusal::NoModel));
@@ -147,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_wrap() {
+    fn sequence_numbers_wrap_around() {
         let mut lease = commanded_by(1);
         lease.remember(65_535, Ok(()));
         assert_eq!(lease.admit(1, 0), Ok(Admitted::New));
@@ -156,21 +159,21 @@ mod tests {
     }
 
     #[test]
-    fn a_commander_may_ask_other_things_as_often_as_it_likes() {
+    fn other_requests_do_not_make_the_next_command_stale() {
         #[expect(clippy::cast_possible_truncation, reason = "numbers wrap")]
         let number = |asked| (10 + asked) as u16;
         let mut lease = commanded_by(1);
         for asked in 1..200_000_u32 {
-            lease.notice(1, number(asked), 0);
+            lease.register(1, number(asked), 0);
         }
         let next = number(200_000);
-        lease.notice(1, next, 0);
+        lease.register(1, next, 0);
         assert_eq!(lease.admit(1, next), Ok(Admitted::New));
         assert_eq!(lease.take(1, next, false, false, 0), Ok(()));
     }
 
     #[test]
-    fn nobody_has_commanded_a_new_board() {
+    fn a_new_node_has_no_commander() {
         assert_eq!(Lease::new().admit(0, 0), Err(Refusal::NotCommander));
     }
 

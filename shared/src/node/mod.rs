@@ -1,4 +1,4 @@
-//! Everything that a controller board decides: modes, limits, faults, tick.
+//! The node: state machine, limits, faults and control tick of a controller board.
 //!
 //! ```text
 //!              Enable                   fault, Stop
@@ -8,11 +8,12 @@
 //!     └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off there, too, but the fault
-//! stays until it was read and cleared.
+//! In `Fault` the outputs follow the configured [`Reaction`](crate::model::Reaction); `Disable` switches them
+//! off, but the fault remains until it was read and cleared.
 //!
-//! A [`Node`] never reads a clock, waits or touches a pin. [`Node::tick`] is a function of its state, one
-//! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last tick.
+//! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
+//! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last
+//! tick.
 
 mod export;
 mod force_sensor;
@@ -54,14 +55,14 @@ use export::Export;
 use joint::JointState;
 use transfer::Transfer;
 
-/// The controller of one board: configuration (the [`Robot`]), state, and the rules between them.
+/// The controller of one board: configuration (the [`Robot`]) and state.
 #[derive(Clone, Debug)]
 pub struct Node {
     robot: Robot,
     model_checksum: u32,
     transfer: Transfer,
     export: Export,
-    /// Follows from the state, and is no part of it.
+    /// A cache that depends on the state only.
     postures: Postures,
     state: State,
 }
@@ -90,7 +91,7 @@ impl Node {
         self.state.mode
     }
 
-    /// The robot, once a model was accepted.
+    /// The robot; `None` before the first model.
     pub fn robot(&self) -> Option<&Robot> {
         self.robot.loaded()
     }
@@ -100,12 +101,12 @@ impl Node {
         &self.state.faults
     }
 
-    /// Takes over the faults from before a reset and adds what the board found at boot. Before the first tick.
+    /// Restores the faults from before a reset. Call it before the first tick.
     pub fn restore_faults(&mut self, log: FaultLog) {
         self.state.faults = log;
     }
 
-    /// Adds a fault that the board found and that does not concern the mode, for instance the cause of a reset.
+    /// Records a fault of the board that does not change the mode, for instance the cause of a reset.
     pub fn record_fault(&mut self, fault: Fault) {
         self.state.faults.record(fault);
     }
@@ -115,7 +116,8 @@ impl Node {
         self.state.tick
     }
 
-    /// What `stream` sends after the last tick; `None` when it is not due. The log is sent entry by entry, not here.
+    /// The message of `stream` after the last tick; `None` when it is not due. Log entries are sent one by
+    /// one, not here.
     pub fn due(&self, stream: Stream, board: &BoardStatus) -> Option<FromBoard> {
         if !self.is_due(stream) {
             return None;
@@ -140,18 +142,19 @@ impl Node {
         self.state.rates[Stream::Log as usize] != 0
     }
 
-    /// How many requests and frames there were: the index of the last entry of the log. A tick makes two entries.
+    /// Number of requests and frames so far: the index of the last log entry. A tick has two entries.
     pub const fn records(&self) -> u32 {
         self.state.records
     }
 
-    /// As after power-on.
+    /// Resets the node to its state after power-on.
     #[inline(never)]
     fn reset(&mut self) {
         *self = Self::new();
     }
 
-    /// Goes on from `state`, the postcard encoding of a [`State`]; `false`, and no change, when it is none.
+    /// Restores `state`, the postcard encoding of a [`State`]. Returns `false`, without change, if it is
+    /// invalid.
     #[inline(never)]
     fn restore(&mut self, state: &[u8]) -> bool {
         match postcard::take_from_bytes(state) {
@@ -164,7 +167,7 @@ impl Node {
         }
     }
 
-    /// The state after the last tick.
+    /// Telemetry of the joints after the last tick.
     pub fn telemetry(&self) -> Telemetry {
         let mut joints = Vec::new();
         let State { measured, references, .. } = &self.state;
@@ -172,13 +175,13 @@ impl Node {
         let states = self.state.joints.iter().zip(references).zip(measured);
         for ((state, reference), (&position, &velocity)) in states.take(self.robot.joints().len()) {
             let reference = reference.position;
-            // Cannot fail: there are no more joints than places.
+            // Cannot fail: the capacity is that of the robot.
             let _ = joints.push(JointTelemetry { position, velocity, reference, torque: state.torque });
         }
         Telemetry { tick: self.state.tick, mode: self.state.mode, faults: self.state.faults.total, joints }
     }
 
-    /// The tips after the last tick.
+    /// Telemetry of the tips after the last tick.
     pub fn tips(&self) -> Tips {
         let mut tips = Vec::new();
         let measured = &self.state.measured;
@@ -186,13 +189,13 @@ impl Node {
             let Some(posture) = self.postures.of(&self.robot, measured, chain) else { break };
             let position = posture.tip().translation.vector.into();
             let (force, torque, tared) = ([fx, fy, fz], [tx, ty, tz], measured.is_tared(chain));
-            // Cannot fail: there are no more chains than places.
+            // Cannot fail: the capacity is that of the robot.
             let _ = tips.push(TipTelemetry { position, force, torque, tared });
         }
         Tips { tick: self.state.tick, tips }
     }
 
-    /// The running task after the last tick, or the one that ran last; `None` before the first.
+    /// Telemetry of the running task, or of the last one; `None` before the first.
     pub fn task_report(&self) -> Option<TaskReport> {
         let state = &self.state;
         let telemetry =
@@ -200,7 +203,7 @@ impl Node {
         Some(TaskReport { tick: state.tick, telemetry })
     }
 
-    /// The task, and what it reads and writes.
+    /// The task with its inputs and outputs.
     fn task_and_io(&mut self) -> (&mut TaskState, Io<'_>) {
         let Self { robot, postures, state, .. } = self;
         let State { measured, references, targets, task, .. } = state;
@@ -211,7 +214,7 @@ impl Node {
     fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
         let mut list = Vec::new();
         for state in self.state.joints.iter().take(self.robot.joints().len()) {
-            // Cannot fail: there are no more states than places. (`collect` would bring in a panic.)
+            // Cannot fail: one place per state. (`collect` would add a panic.)
             let _ = list.push(value(state));
         }
         list

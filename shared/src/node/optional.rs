@@ -1,8 +1,8 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// An [`Option`] whose `None` is all zero: one that a niche of `T` encodes may not be, and a single byte that is not zero
-/// would put the whole node into `.data`, and so into flash.
+/// An [`Option`] whose `None` is all zero. A `None` in a niche of `T` may not be, and one nonzero byte would
+/// place the whole node in `.data`, and so in flash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub(super) enum Optional<T> {

@@ -6,49 +6,49 @@ use super::export::MAX_STATE;
 use super::{Node, STATE_KEY};
 use crate::protocol::{ActuatorFrame, BoardStatus, LogRecord, SCHEMA_KEY, codec};
 
-/// Repeats a recorded run: gives a node what it was given, and compares what it answers, bit for bit.
+/// Replays a recorded run: feeds a node with the recorded inputs and compares its outputs bit for bit.
 #[derive(Debug)]
 pub struct Replay<'a> {
     node: &'a mut Node,
     board: BoardStatus,
-    /// Pieces of a state.
+    /// Chunks of a state.
     state: Vec<u8, MAX_STATE>,
-    /// The answer to the last sensors.
+    /// Output for the last sensor frame.
     computed: Option<ActuatorFrame>,
-    /// Whether the node is in the state that the recorded one had.
-    in_step: bool,
+    /// Whether the node has the state of the recorded one.
+    synchronized: bool,
 }
 
-/// Why a recording cannot be repeated.
+/// Why a replay fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReplayError {
-    /// The node answered differently.
+    /// The outputs differ.
     Different {
-        /// In this tick.
+        /// Tick of the difference.
         tick: u32,
-        /// In this.
+        /// The difference.
         difference: Difference,
     },
-    /// It was recorded with another version of the protocol.
+    /// The recording has another schema key.
     Schema {
-        /// The recording's.
+        /// Key of the recording.
         recorded: u64,
     },
-    /// It begins with the state of another version of the control core.
+    /// The recording begins with a state of another key.
     StateKey {
-        /// The recording's.
+        /// Key of the recording.
         recorded: u64,
     },
-    /// The pieces of a state do not make one.
+    /// The state is incomplete or damaged.
     State,
-    /// Actuators without sensors.
+    /// An actuator frame without its sensor frame.
     Order,
 }
 
-/// In what a recorded and a computed answer differ.
+/// Difference of a recorded and a computed output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Difference {
-    /// The tick that is answered.
+    /// The tick of the output.
     Sequence {
         /// As computed now.
         computed: u32,
@@ -79,10 +79,12 @@ pub enum Difference {
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Sequence { computed } => write!(f, "the answer is to tick {computed}"),
-            Self::Enabled { computed: true } => write!(f, "the outputs were off, are on"),
-            Self::Enabled { computed: false } => write!(f, "the outputs were on, are off"),
-            Self::Joints { recorded, computed } => write!(f, "there were {recorded} torques, are {computed}"),
+            Self::Sequence { computed } => write!(f, "the output is that of tick {computed}"),
+            Self::Enabled { computed: true } => write!(f, "the outputs are on; recorded: off"),
+            Self::Enabled { computed: false } => write!(f, "the outputs are off; recorded: on"),
+            Self::Joints { recorded, computed } => {
+                write!(f, "there are {computed} torques; recorded: {recorded}")
+            }
             Self::Torque { joint, recorded, computed } => write!(
                 f,
                 "torque of joint {joint} was {recorded} ({:#010x}), is {computed} ({:#010x}) N·m",
@@ -108,7 +110,7 @@ impl fmt::Display for ReplayError {
                  program of the version that ran on the board"
             ),
             Self::State => write!(f, "the state in the recording is incomplete or damaged"),
-            Self::Order => write!(f, "the recording has an answer without the sensors that it answers"),
+            Self::Order => write!(f, "the recording has an actuator frame without its sensor frame"),
         }
     }
 }
@@ -118,13 +120,13 @@ impl core::error::Error for ReplayError {}
 impl<'a> Replay<'a> {
     /// A replay on `node`.
     pub fn new(node: &'a mut Node) -> Self {
-        Self { node, board: BoardStatus::default(), state: Vec::new(), computed: None, in_step: true }
+        Self { node, board: BoardStatus::default(), state: Vec::new(), computed: None, synchronized: true }
     }
 
-    /// Repeats one entry; says whether it was an answer that was compared and found the same.
+    /// Replays one entry. Returns whether it was an output that was compared and equal.
     ///
     /// # Errors
-    /// Why it cannot be repeated, or how the answers differ.
+    /// Why the replay fails, or how the outputs differ.
     pub fn feed(&mut self, record: &LogRecord) -> Result<bool, ReplayError> {
         match record {
             LogRecord::Start(start) if start.schema != SCHEMA_KEY => {
@@ -132,9 +134,9 @@ impl<'a> Replay<'a> {
             }
             LogRecord::Start(_) => {
                 self.node.reset();
-                self.in_step = true;
+                self.synchronized = true;
             }
-            LogRecord::Gap { .. } => self.in_step = false,
+            LogRecord::Gap { .. } => self.synchronized = false,
             LogRecord::State { offset, data } => {
                 if *offset == 0 {
                     self.state.clear();
@@ -154,13 +156,13 @@ impl<'a> Replay<'a> {
                 if !whole || !self.node.restore(&self.state) {
                     return Err(ReplayError::State);
                 }
-                self.in_step = true;
+                self.synchronized = true;
             }
             LogRecord::Request(request) => {
                 self.node.handle(request, &self.board);
             }
             LogRecord::Sensors(sensors) => self.computed = Some(self.node.tick(sensors)),
-            LogRecord::Actuators(recorded) if self.in_step => {
+            LogRecord::Actuators(recorded) if self.synchronized => {
                 let computed = self.computed.take().ok_or(ReplayError::Order)?;
                 return match compare(recorded, &computed) {
                     None => Ok(true),

@@ -1,4 +1,4 @@
-//! What is wrong, and what is done about it.
+//! Fault detection and reactions.
 
 use nalgebra::Vector3;
 
@@ -13,25 +13,25 @@ use crate::protocol::{Mode, SensorFrame};
 use crate::robot::{Actuation, Measured, Postures, Robot, count};
 
 /// A fault of the sensors: joint, cause, value, limit.
-type Found = Option<(u8, (FaultCause, f32, f32))>;
+type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
 
 impl Node {
     /// Records a fault and reacts to it.
     pub(super) fn fail(&mut self, fault: Fault) {
         let reaction = match self.robot.loaded() {
-            Some(robot) if fault.cause.leaves_sensors_trustworthy() => robot.model().safety.reaction,
+            Some(robot) if fault.cause.leaves_sensors_valid() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };
         match self.state.mode {
             Mode::Disabled => return,
-            // A fault is answered once; only one that takes more away counts after it.
+            // Only the first fault has a reaction, unless a later one switches the outputs off.
             Mode::Fault if reaction != Reaction::Off || self.state.reaction == Reaction::Off => return,
             Mode::Fault => {}
             Mode::Enabled(_) => {
                 if reaction == Reaction::Hold {
-                    // Where no servo was at work, there is no reference to come to rest along.
+                    // Without a servo there is no reference to follow to rest.
                     let no_servo = self.state.targets.actuation != Actuation::Servo;
-                    let at_once = no_servo || fault.cause.means_motion_is_wrong();
+                    let at_once = no_servo || fault.cause.invalidates_reference();
                     self.state.targets.actuation = Actuation::Servo;
                     joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(at_once));
                 }
@@ -42,8 +42,8 @@ impl Node {
         self.state.reaction = reaction;
     }
 
-    /// Takes over the sensors and says what is wrong with them.
-    pub(super) fn observe(&mut self, sensors: &SensorFrame) -> Option<Fault> {
+    /// Reads the sensors and checks them.
+    pub(super) fn read_sensors(&mut self, sensors: &SensorFrame) -> Option<Fault> {
         let tick = sensors.sequence;
         let last = core::mem::replace(&mut self.state.tick, tick);
         self.state.supply = sensors.supply;
@@ -60,16 +60,16 @@ impl Node {
             self.read_force_sensors(sensors);
             return None;
         }
-        let mut of_joint = None;
+        let mut joint_fault = None;
         for (index, ((mut joint, &count), &current)) in
             (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
         {
             joint.read(count);
-            if of_joint.is_none() {
-                of_joint = joint.inspect(current).map(|found| (index, found));
+            if joint_fault.is_none() {
+                joint_fault = joint.check_measurement(current).map(|fault| (index, fault));
             }
         }
-        let of_tip = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
+        let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
         let robot = self.robot.loaded()?;
         let safety = &robot.model().safety;
         let supply = f32::from(sensors.supply) / 1000.0;
@@ -82,25 +82,25 @@ impl Node {
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
         }
-        if let Some((index, (cause, value, limit))) = of_joint.or(of_tip) {
+        if let Some((index, (cause, value, limit))) = joint_fault.or(tip_fault) {
             return fault(cause, Some(index), value, limit);
         }
         let elapsed = tick.wrapping_sub(last);
         if elapsed != 1 {
-            #[expect(clippy::cast_precision_loss, reason = "a figure for people")]
+            #[expect(clippy::cast_precision_loss, reason = "for display")]
             return fault(FaultCause::LateTick, None, elapsed.cast_signed() as f32, 1.0);
         }
         None
     }
 
-    /// What is wrong with the control so far, while enabled.
-    pub(super) fn watch(&mut self) -> Option<Fault> {
+    /// Checks the control and the command timeout, while enabled.
+    pub(super) fn check_control(&mut self) -> Option<Fault> {
         let (Mode::Enabled(_), Some(robot)) = (self.state.mode, self.robot.loaded()) else {
             return None;
         };
         let tick = self.state.tick;
         for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.supervise() {
+            if let Some((cause, value, limit)) = joint.check_control() {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
         }
@@ -126,11 +126,11 @@ impl Node {
         })
     }
 
-    /// Reads the force sensors of the tips; says what is wrong with the first that is wrong, by the last joint of its chain.
+    /// Reads the force sensors of the tips. Returns the first fault, with the last joint of its chain.
     #[inline(never)]
-    fn read_force_sensors(&mut self, sensors: &SensorFrame) -> Found {
+    fn read_force_sensors(&mut self, sensors: &SensorFrame) -> SensorFault {
         let state = &mut self.state;
-        // What the sensor of an arm carries is accelerated, too.
+        // The sensor also measures the inertial force of the mass on it.
         let gravity = match state.mode {
             Mode::Enabled(_) => self.robot.gravity() - state.task.acceleration(),
             _ => *self.robot.gravity(),
@@ -146,7 +146,7 @@ impl Node {
     }
 }
 
-/// A number of sensors that does not fit the robot: that number, and the robot's.
+/// A number of sensors that differs from the robot's: that number, and the robot's.
 fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     let (joints, forces) = (robot.joints().len(), robot.force_sensors());
     let counts =
@@ -154,8 +154,8 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     counts.into_iter().find(|(got, expected)| got != expected)
 }
 
-/// Reads all force sensors into `measured`, under `gravity` less what accelerates them [m/s²], and keeps the postures that this
-/// takes.
+/// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration
+/// of the sensors [m/s²].
 fn read_forces(
     robot: &Robot,
     states: &mut [ForceSensorState],
@@ -163,8 +163,8 @@ fn read_forces(
     postures: &mut Postures,
     sensors: &SensorFrame,
     gravity: &Vector3<f32>,
-) -> Found {
-    let mut found = None;
+) -> SensorFault {
+    let mut first_fault = None;
     let mut forces = sensors.forces.iter();
     let chains = robot.chains().iter().zip(&robot.model().chains).zip(states);
     for (index, ((config, model), state)) in chains.enumerate() {
@@ -173,11 +173,11 @@ fn read_forces(
         let joints = config.joints();
         let last = count(joints.end) - 1;
         let Some(posture) = postures.update(index, &config.chain, measured.angles(joints)) else { break };
-        let (wrench, wrong) = state.read(sensor, counts, posture, gravity, measured.is_tared(index));
-        if let Some(place) = measured.wrenches.get_mut(index) {
-            *place = wrench;
+        let (wrench, fault) = state.read(sensor, counts, posture, gravity, measured.is_tared(index));
+        if let Some(entry) = measured.wrenches.get_mut(index) {
+            *entry = wrench;
         }
-        found = found.or(wrong.map(|wrong| (last, wrong)));
+        first_fault = first_fault.or(fault.map(|fault| (last, fault)));
     }
-    found
+    first_fault
 }

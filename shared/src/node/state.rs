@@ -12,44 +12,44 @@ use crate::protocol::{Mode, Stream};
 use crate::robot::{Measured, Targets};
 use crate::task::TaskState;
 
-/// How many clients, the commander aside, the node remembers to have agreed on the schema.
+/// Number of clients with a matching schema key that the node remembers, besides the commander.
 const CLIENTS: usize = 4;
 
-/// Raise it when the *meaning* of the state changes: the hash behind [`STATE_KEY`] sees names and structure only.
+/// Increment it when the *meaning* of the state changes: the hash of [`STATE_KEY`] covers only names and
+/// structure.
 macro_rules! revision {
     () => {
         "tesaki/state/1"
     };
 }
 
-/// Identifies layout and meaning of an exported [`State`]. A log that begins with a state can be replayed by a core with the
-/// same key.
+/// Identifies layout and meaning of an exported [`State`]. Only a core with the same key can replay a log
+/// that begins with a state.
 pub const STATE_KEY: u64 = {
     let hash = u64::from_le_bytes(postcard_schema::key::Key::for_path::<State>(revision!()).to_bytes());
-    // The hash does not see the capacities of lists.
+    // The hash does not cover the capacities of lists.
     hash ^ (MAX_JOINTS as u64) << 8 ^ (MAX_CHAINS as u64) << 16 ^ (CLIENTS as u64) << 24
 };
 
-/// Everything that a [`Node`](super::Node) knows beside the robot's model. Together with the model, whose configuration
-/// is fixed, it decides what the node does from here on.
-// In this order in memory: what every tick needs is within reach of a load's immediate offset. A new state is all zero, so
-// that a node in a static lies in `.bss`.
+/// The state of a [`Node`](super::Node). Together with the model it determines all further outputs.
+// `repr(C)` and this order: the fields of every tick are within the immediate offset of a load. A new state
+// is all zero, which places a node in a static in `.bss`.
 #[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {
-    /// The clients that said hello with our schema key, the latest first.
-    agreed: [Option<u32>; CLIENTS],
+    /// The clients whose hello had our schema key, the latest first.
+    accepted: [Option<u32>; CLIENTS],
     pub(super) lease: Lease,
     pub(super) mode: Mode,
     /// What the outputs do in [`Mode::Fault`].
     pub(super) reaction: Reaction,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
-    /// Whether the joints were read since the model was taken into use.
+    /// Whether the joints were read since the commit of the model.
     pub(super) sensed: bool,
     /// Supply voltage of the last sensor frame [mV].
     pub(super) supply: u16,
-    /// What the last sensor frame showed that would be a fault when enabled.
+    /// State of the last sensor frame that is a fault when enabled.
     pub(super) alarm: Optional<Fault>,
     /// Ticks since the last accepted command of a running task.
     pub(super) silence: u32,
@@ -60,22 +60,22 @@ pub struct State {
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) force_sensors: [ForceSensorState; MAX_CHAINS],
     pub(super) faults: FaultLog,
-    /// The total of the faults when they were read last.
+    /// Total number of faults at the last read.
     pub(super) faults_read: u32,
-    /// Ticks from one message to the next, by [`Stream`].
+    /// Period of each [`Stream`] [ticks]; 0: off.
     pub(super) rates: [u16; Stream::ALL.len()],
-    /// Requests and frames so far: numbers the entries of the log.
+    /// Number of requests and frames so far: the index of the log.
     pub(super) records: u32,
-    /// Whether a task was enabled since the model was taken into use, so that there is telemetry of it.
+    /// Whether a task was enabled since the commit of the model, so that its telemetry exists.
     pub(super) has_task: bool,
     pub(super) task: TaskState,
 }
 
 impl State {
-    /// Disabled, and nothing known.
+    /// Disabled, without model.
     pub const fn new() -> Self {
         Self {
-            agreed: [None; CLIENTS],
+            accepted: [None; CLIENTS],
             lease: Lease::new(),
             mode: Mode::Disabled,
             reaction: Reaction::Off,
@@ -98,21 +98,21 @@ impl State {
         }
     }
 
-    /// Whether the client speaks our protocol. That of the commander is never forgotten, however many others say hello.
-    pub fn agrees(&self, client: u32) -> bool {
-        self.agreed.contains(&Some(client)) || self.lease.commander() == Some(client)
+    /// Whether the client has our schema key. The commander's hello is never dropped.
+    pub fn is_accepted(&self, client: u32) -> bool {
+        self.accepted.contains(&Some(client)) || self.lease.commander() == Some(client)
     }
 
-    /// The client speaks our protocol, or does not.
-    pub fn agree(&mut self, client: u32, agrees: bool) {
-        for place in &mut self.agreed {
-            if *place == Some(client) {
-                *place = None;
+    /// Stores whether the client's hello had our schema key.
+    pub fn set_accepted(&mut self, client: u32, accepted: bool) {
+        for entry in &mut self.accepted {
+            if *entry == Some(client) {
+                *entry = None;
             }
         }
-        if agrees {
-            self.agreed.rotate_right(1);
-            self.agreed[0] = Some(client);
+        if accepted {
+            self.accepted.rotate_right(1);
+            self.accepted[0] = Some(client);
         }
     }
 }

@@ -7,23 +7,23 @@ use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint};
 
 impl Node {
-    /// One control period: reads `sensors`, looks for faults, computes the torques.
+    /// One control period: reads the sensors, checks for faults, runs the task, computes the torques.
     ///
-    /// Bounded, without allocation, and without a way to panic.
+    /// Bounded in time, without allocation and without panics.
     pub fn tick(&mut self, sensors: &SensorFrame) -> ActuatorFrame {
         self.state.records = self.state.records.wrapping_add(2);
-        let found = self.observe(sensors);
-        self.state.alarm = Optional::from(found);
-        if let Some(fault) = found {
+        let alarm = self.read_sensors(sensors);
+        self.state.alarm = Optional::from(alarm);
+        if let Some(fault) = alarm {
             self.fail(fault);
         }
-        if let Some(fault) = self.watch() {
+        if let Some(fault) = self.check_control() {
             self.fail(fault);
         }
         if let Some(fault) = self.tick_task() {
             self.fail(fault);
         }
-        self.act();
+        self.compute_torques();
         if let Some(fault) = self.find_not_finite() {
             self.fail(fault);
             self.release();
@@ -50,7 +50,7 @@ impl Node {
     }
 
     /// Computes the torques.
-    fn act(&mut self) {
+    fn compute_torques(&mut self) {
         let reaction = match self.state.mode {
             Mode::Disabled => Reaction::Off,
             Mode::Enabled(_) => Reaction::Hold,
@@ -120,7 +120,7 @@ impl Node {
         self.state.task.applied(&self.robot, &mean, &added);
     }
 
-    /// No torque.
+    /// Sets all torques to 0.
     fn release(&mut self) {
         self.state.joints.iter_mut().for_each(super::joint::JointState::release);
         self.state.targets.joints.iter_mut().for_each(|target| target.feedforward = 0.0);

@@ -10,7 +10,7 @@ use crate::model::RobotModel;
 use crate::protocol::{Refusal, codec};
 use crate::robot::Robot;
 
-/// A model on its way to the board, chunk by chunk.
+/// Transfer of a model to the board in chunks.
 #[derive(Clone, Debug)]
 pub(super) struct Transfer {
     bytes: Vec<u8, MAX_MODEL>,
@@ -23,7 +23,7 @@ impl Transfer {
         Self { bytes: Vec::new(), length: 0, checksum: 0 }
     }
 
-    /// A model of `length` bytes follows.
+    /// Begins the transfer of `length` bytes.
     pub fn begin(&mut self, length: u32, checksum: u32) -> Result<(), Refusal> {
         let limit = MAX_MODEL as u32;
         if length == 0 || length > limit {
@@ -34,19 +34,19 @@ impl Transfer {
         Ok(())
     }
 
-    /// Takes the piece at `offset`; one that is there already is taken again.
+    /// Adds the chunk at `offset`. A repeated chunk replaces the first one.
     pub fn chunk(&mut self, offset: u32, data: &[u8]) -> Result<(), Refusal> {
         let received = self.bytes.len() as u32;
-        let out_of_step = Refusal::ModelTransfer { received, announced: self.length };
-        let end = offset.checked_add(data.len() as u32).ok_or(out_of_step)?;
+        let refusal = Refusal::ModelTransfer { received, announced: self.length };
+        let end = offset.checked_add(data.len() as u32).ok_or(refusal)?;
         if end > self.length || offset > received {
-            return Err(out_of_step);
+            return Err(refusal);
         }
         self.bytes.truncate(offset as usize);
-        self.bytes.extend_from_slice(data).map_err(|_| out_of_step)
+        self.bytes.extend_from_slice(data).map_err(|_| refusal)
     }
 
-    /// Makes `robot` that of the finished model.
+    /// Checks the complete model and configures `robot` with it.
     #[inline(never)]
     pub fn commit(&self, robot: &mut Robot) -> Result<Committed, Refusal> {
         let length = self.bytes.len() as u32;
@@ -71,10 +71,10 @@ impl Transfer {
     }
 }
 
-/// What [`Transfer::commit`] found.
+/// Result of [`Transfer::commit`].
 pub(super) struct Committed {
     /// The model's checksum.
     pub checksum: u32,
-    /// Bit `i` is set when joint `i` has the name and the encoder that it had before.
+    /// Bit `i` is set when name and encoder of joint `i` are unchanged.
     pub same_encoders: u16,
 }

@@ -1,8 +1,8 @@
 //! Framing: `COBS(postcard(message) ‖ CRC-32) ‖ 0x00`.
 //!
-//! The CRC (CRC-32/ISO-HDLC, little endian) is checked before a byte of the message is interpreted. A zero byte
-//! ends a frame and occurs nowhere else, so a receiver that joins in the middle, or that lost bytes, is in step again
-//! at the next zero. Damaged frames are counted by kind and dropped.
+//! The CRC (CRC-32/ISO-HDLC, little endian) is checked before the message is interpreted. A zero byte ends a
+//! frame and occurs nowhere else, so a receiver synchronises at the next zero after a late start or lost
+//! bytes. Damaged frames are counted by kind and dropped.
 
 use core::mem::take;
 
@@ -138,7 +138,7 @@ fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
     }
 }
 
-/// Where the first zero is. Eight bytes a turn.
+/// Position of the first zero. Eight bytes per iteration.
 #[inline]
 fn find_zero(bytes: &[u8]) -> Option<usize> {
     // Sets the top bit of each byte that is zero, and perhaps of bytes above the first such one.
@@ -171,7 +171,7 @@ pub enum FrameError {
     Malformed,
 }
 
-/// What a [`Decoder`] has seen since it was made.
+/// Counts of a [`Decoder`] since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameCounts {
@@ -214,15 +214,15 @@ impl Decoder {
         }
     }
 
-    /// Takes one received byte. `None` until a frame ends; then its message, or what was wrong with it.
+    /// Adds one received byte. Returns the message or its error at the end of a frame, else `None`.
     #[inline]
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
         // Split so that the many bytes that end no frame never touch a place for a message.
         if self.collect(&[byte]) { Some(self.message()) } else { None }
     }
 
-    /// Takes received bytes up to the end of the first frame among them, whose message is then to be taken with
-    /// [`message`](Self::message), and leaves the others in `bytes`. `false` when no frame ends in them.
+    /// Takes received bytes up to the end of the first frame among them, whose message is then to be taken
+    /// with [`message`](Self::message), and leaves the others in `bytes`. `false` when no frame ends in them.
     pub fn take(&mut self, bytes: &mut &[u8]) -> bool {
         while let Some((frame, rest)) = find_zero(bytes).and_then(|end| bytes.split_at_checked(end)) {
             *bytes = rest.get(1..).unwrap_or_default();
@@ -235,7 +235,7 @@ impl Decoder {
         false
     }
 
-    /// Keeps a part of a frame, or takes notice of its end, a zero; says whether there is a frame to decode.
+    /// Stores a part of a frame, or registers its end, a zero. Returns whether a frame is complete.
     #[inline]
     fn collect(&mut self, bytes: &[u8]) -> bool {
         if let [0] = bytes {
@@ -252,7 +252,7 @@ impl Decoder {
         false
     }
 
-    /// The message of the frame that [`take`](Self::take) found, or what was wrong with it.
+    /// Decodes the frame that [`take`](Self::take) completed.
     ///
     /// # Errors
     /// How the frame was damaged; without a frame, [`FrameError::Framing`].
@@ -285,7 +285,7 @@ impl Decoder {
         Err(error)
     }
 
-    /// What has been received so far.
+    /// Counts of the received frames.
     pub const fn counts(&self) -> FrameCounts {
         self.counts
     }
@@ -298,8 +298,8 @@ fn open(frame: &mut [u8]) -> Result<&[u8], FrameError> {
     if checksum(message) == u32::from_le_bytes(*crc) { Ok(message) } else { Err(FrameError::Checksum) }
 }
 
-/// Copies slices of equal length, four bytes a turn: what `copy_from_slice` calls on the microcontroller goes byte by
-/// byte when the two are not aligned alike.
+/// Copies slices of equal length, four bytes per iteration: `copy_from_slice` copies byte by byte on the
+/// microcontroller when the alignments differ.
 #[inline]
 fn copy(to: &mut [u8], from: &[u8]) {
     let (to, to_rest) = to.as_chunks_mut::<4>();
@@ -315,6 +315,8 @@ fn copy(to: &mut [u8], from: &[u8]) {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 mod tests {
+    use tesaki_rng::Rng;
+
     use super::*;
     use crate::protocol::{ActuatorFrame, Request, RequestFrame};
 
@@ -336,8 +338,8 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_bytes_worked_out_by_hand() {
-        // Client 1, sequence 9, request 1 (Disable), each a varint: 01 09 01; CRC-32 of them from Python's zlib, low
-        // byte first: fa 38 46 58; no zero among the seven bytes, so COBS puts an 8 in front.
+        // Client 1, sequence 9, request 1 (Disable), each a varint: 01 09 01; CRC-32 of them from Python's
+        // zlib, low byte first: fa 38 46 58; no zero among the seven bytes, so COBS puts an 8 in front.
         let bytes = encoded(&RequestFrame { client: 1, sequence: 9, request: Request::Disable });
         assert_eq!(bytes, [8, 1, 9, 1, 0xfa, 0x38, 0x46, 0x58, 0]);
         // The check value of CRC-32/ISO-HDLC.
@@ -381,10 +383,10 @@ mod tests {
     #[test]
     fn the_longest_messages_fit() {
         use crate::control::JointPoint;
+        use crate::fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
         use crate::model::MAX_JOINTS;
         use crate::protocol::{
-            Fault, FaultCause, FaultLog, FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply,
-            ReplyFrame, Telemetry,
+            FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply, ReplyFrame, Telemetry,
         };
         let value = f32::MIN;
         let joint = JointTelemetry { position: value, velocity: value, reference: value, torque: value };
@@ -399,11 +401,11 @@ mod tests {
         let torques = [value; MAX_JOINTS].into_iter().collect();
         use crate::task::TaskCommand;
         use crate::task::joint_servo::JointCommand;
-        let request = Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }));
+        let request = Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques { points, torques }));
         let record = LogRecord::Request(RequestFrame { client, sequence, request });
         encoded(&FromBoard::Log(LogEntry { index: u32::MAX, record }));
         let mut log = FaultLog::new();
-        for _ in 0..crate::protocol::MAX_FAULTS {
+        for _ in 0..MAX_FAULTS {
             log.record(Fault {
                 cause: FaultCause::Stop,
                 joint: Some(255),
@@ -417,14 +419,10 @@ mod tests {
         encoded(&FromBoard::Reply(reply));
     }
 
-    /// Bytes with about as many zeros as asked for.
+    /// Random bytes with this percentage of zeros.
     fn noise(length: usize, zeros: u32, seed: u64) -> Vec<u8> {
-        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as u32
-        };
-        (0..length).map(|_| if next() % 100 < zeros { 0 } else { (next() % 255 + 1) as u8 }).collect()
+        let mut rng = Rng::new(seed, 0);
+        (0..length).map(|_| if rng.below(100) < zeros { 0 } else { (rng.below(255) + 1) as u8 }).collect()
     }
 
     #[test]

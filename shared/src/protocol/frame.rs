@@ -7,22 +7,22 @@ use super::request::RequestFrame;
 use super::status::Identity;
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 
-/// What the sensors of all joints read at one instant. Raw counts: SI conversion happens once, in the node.
+/// Sensor values of all joints at one instant, as raw counts. The node converts them to SI units.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorFrame {
-    /// Counts control periods; every tick is one more than the last.
+    /// Number of the control period; increments by one per tick.
     pub sequence: u32,
-    /// Switches and states.
+    /// Flags of switches.
     pub flags: SensorFlags,
     /// Supply voltage [mV].
     pub supply: u16,
-    /// Encoder counts, a joint each.
+    /// Encoder counts, one per joint.
     pub encoders: Vec<i32, MAX_JOINTS>,
-    /// Motor currents in counts of [`crate::model::Motor::current_resolution`], a joint each.
+    /// Motor currents in counts of [`crate::model::Motor::current_resolution`], one per joint.
     pub currents: Vec<i16, MAX_JOINTS>,
-    /// Counts of the force sensors, one for each chain that has one: forces along x, y, z of the tip's frame in counts of
-    /// [`crate::model::ForceSensor::force_resolution`], then torques.
+    /// Counts of the force sensors, one for each chain that has one: forces along x, y, z of the tip's frame
+    /// in counts of [`crate::model::ForceSensor::force_resolution`], then torques.
     pub forces: Vec<[i32; 6], MAX_CHAINS>,
 }
 
@@ -41,11 +41,11 @@ impl SensorFlags {
     }
 }
 
-/// What the drives of all joints are to do until the next tick.
+/// Commands to the drives of all joints for one period.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ActuatorFrame {
-    /// [`SensorFrame::sequence`] of the sensors that it answers.
+    /// [`SensorFrame::sequence`] of the sensor frame of this tick.
     pub sequence: u32,
     /// Whether the power stages are on. Off, a joint moves freely.
     pub enabled: bool,
@@ -53,8 +53,7 @@ pub struct ActuatorFrame {
     pub torques: Vec<f32, MAX_JOINTS>,
 }
 
-/// One entry of a recording from which a run can be repeated: what the node was told and what it answered, in order.
-/// [`crate::node::Replay`] repeats it.
+/// One entry of a recording: inputs and outputs of the node, in order. [`crate::node::Replay`] replays it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum LogRecord {
     /// 0: a request that was handled before the next tick.
@@ -63,16 +62,16 @@ pub enum LogRecord {
     Sensors(SensorFrame),
     /// 2: the tick's output.
     Actuators(ActuatorFrame),
-    /// 3: what made the recording; the first entry of a file.
+    /// 3: header of the recording; the first entry of a file.
     Start(LogStart),
-    /// 4: a piece of a [`crate::node::State`], for a recording that starts while the node runs.
+    /// 4: a chunk of a [`crate::node::State`], for a recording that starts while the node runs.
     State {
-        /// Where the piece begins.
+        /// Offset of the chunk.
         offset: u32,
         /// The bytes.
         data: Vec<u8, EXPORT_CHUNK>,
     },
-    /// 5: the pieces are complete: from here on the node is in that state.
+    /// 5: the chunks are complete: the node has this state from here on.
     Restore {
         /// Length of the state in bytes.
         length: u32,
@@ -81,14 +80,14 @@ pub enum LogRecord {
         /// Its [`STATE_KEY`](crate::node::STATE_KEY).
         key: u64,
     },
-    /// 6: entries are missing here; what follows can be repeated from the next [`LogRecord::Restore`] on.
+    /// 6: entries are missing here; a replay continues at the next [`LogRecord::Restore`].
     Gap {
-        /// How many.
+        /// Number of missing entries.
         missing: u32,
     },
 }
 
-/// What made a recording, and when. Its layout never changes.
+/// Header of a recording. Its layout never changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LogStart {

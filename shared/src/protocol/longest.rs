@@ -14,11 +14,11 @@ const fn varint(bits: usize) -> usize {
     bits.div_ceil(7)
 }
 
-/// The longest postcard encoding of a model or a state in bytes, by its schema: with it the size of a buffer follows from the
-/// types at compile time.
+/// The longest postcard encoding of a model or a state in bytes, by its schema: with it the size of a buffer
+/// follows from the types at compile time.
 ///
-/// A schema does not know the capacities of lists and strings: each counts as the longest that a model or a state has.
-/// Types whose encoding has no bound stop the compilation.
+/// A schema does not know the capacities of lists and strings: each counts as the longest that a model or a
+/// state has. Types whose encoding has no bound stop the compilation.
 pub const fn longest(of: &NamedType) -> usize {
     match of.ty {
         DataModelType::Bool | DataModelType::U8 | DataModelType::I8 => 1,
@@ -94,7 +94,8 @@ mod tests {
         choice: Choice,
     }
 
-    /// Worked by hand: 1 + 32, 3 · 5, 1 + 16 · (3 + 4), 1 + (5 + 1 + 1); and the longest value has just that length.
+    /// Worked by hand: 1 + 32, 3 · 5, 1 + 16 · (3 + 4), 1 + (5 + 1 + 1); and the longest value has just that
+    /// length.
     #[test]
     fn bound_is_that_of_the_longest_value() {
         let mut name = String::new();

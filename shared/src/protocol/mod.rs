@@ -1,12 +1,13 @@
-//! Everything that goes over a wire, and its framing.
+//! Messages of both links, and their framing.
 //!
-//! There are two links. The *supervisor link* carries [`RequestFrame`]s to the board and [`FromBoard`] messages back.
-//! The *plant link* carries [`SensorFrame`]s to the board and [`ActuatorFrame`]s back, in lock step; on a board that
-//! owns its sensors and drives the same two types pass between drivers and node without a wire.
+//! The *supervisor link* carries [`RequestFrame`]s to the board and [`FromBoard`] messages back. The *plant
+//! link* carries [`SensorFrame`]s to the board and [`ActuatorFrame`]s back, in lock step; on a board with its
+//! own sensors and drives the same two types connect drivers and node.
 //!
-//! One message is one frame, see [`codec`]. Enumerations are sent as the position of the variant, which each
-//! variant's documentation states: variants are added at the end, never reordered, and a number is never used again.
-//! [`SCHEMA_KEY`] changes with any change of a message; only [`Request::Hello`] keeps its layout for ever.
+//! One message is one frame, see [`codec`]. An enumeration is sent as the position of the variant, which each
+//! variant's documentation states: variants are added at the end, never reordered, and a number is never
+//! reused. [`SCHEMA_KEY`] changes with any change of a message; only the layout of [`Request::Hello`] never
+//! changes.
 
 pub mod codec;
 mod frame;
@@ -17,7 +18,6 @@ mod request;
 mod status;
 mod telemetry;
 
-pub use crate::fault::{Fault, FaultCause, FaultLog, MAX_FAULTS};
 pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use longest::longest;
 pub use refusal::Refusal;
@@ -26,16 +26,16 @@ pub use request::{Item, MODEL_CHUNK, Request, RequestFrame};
 pub use status::{BoardStatus, ClockSource, Identity, LinkStatistics, Mode, NodeStatus, ResetCause, Status};
 pub use telemetry::{JointTelemetry, Stream, TaskReport, Telemetry, TipTelemetry, Tips};
 
-/// Ticks of silence after which a commander that has enabled nothing can be replaced: 1 s.
+/// Ticks without a request after which a commander can be replaced while the node is not enabled: 1 s.
 pub const LEASE: u32 = 100;
 
-/// Identifies the layout of all messages. Two programs whose keys differ can exchange nothing but
-/// [`Request::Hello`].
+/// Identifies the layout of all messages. Programs with different keys can exchange only [`Request::Hello`],
+/// `Disable` and `Stop`.
 pub const SCHEMA_KEY: u64 = {
     const fn key<T: postcard_schema::Schema>() -> u64 {
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<T>("tesaki").to_bytes())
     }
-    // The model travels as the payload of chunks and therefore counts too. A state has a key of its own.
+    // The model is the payload of chunks and therefore included. The state has a key of its own.
     key::<RequestFrame>()
         ^ key::<FromBoard>().rotate_left(13)
         ^ key::<SensorFrame>().rotate_left(26)

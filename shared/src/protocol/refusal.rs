@@ -9,41 +9,41 @@ use crate::model::ModelError;
 use crate::robot::{Concerns, LimitRefusal};
 use crate::task::{TaskKind, TaskRefusal};
 
-/// Why a request was refused, with what it takes to mend it.
+/// Why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// 0: no hello with the board's own schema key came from this client.
+    /// 0: the client has sent no hello with the board's schema key.
     SchemaMismatch {
         /// The board's key.
         board: u64,
         /// The board's firmware version.
         firmware: [u8; 3],
     },
-    /// 1: not in this mode.
+    /// 1: not possible in this mode.
     WrongMode(Mode),
     /// 2: another client commands.
     Commanded {
-        /// Which.
+        /// The commander.
         by: u32,
     },
-    /// 3: only the commander may ask for this, and nobody commands.
+    /// 3: the request requires command, and there is no commander.
     NotCommander,
-    /// 4: the commander has sent a later request already: this one came late, or twice.
+    /// 4: the commander has sent a later request: this one is late or repeated.
     Stale {
         /// Sequence number of the later one.
         latest: u16,
     },
-    /// 5: there are faults that were not read.
+    /// 5: not all faults were read.
     FaultsUnread {
         /// Their number since power-on.
         total: u32,
     },
     /// 6: the board has no robot model.
     NoModel,
-    /// 7: the model is not plausible.
+    /// 7: the model is invalid.
     Model(ModelError),
-    /// 8: a chunk that does not continue the transfer, or none was begun.
+    /// 8: the chunk does not continue a transfer.
     ModelTransfer {
         /// Bytes received so far.
         received: u32,
@@ -52,7 +52,7 @@ pub enum Refusal {
     },
     /// 9: the model arrived damaged.
     ModelChecksum {
-        /// Checksum of what arrived.
+        /// Checksum of the received bytes.
         received: u32,
         /// Checksum announced.
         announced: u32,
@@ -61,12 +61,12 @@ pub enum Refusal {
     ModelUnreadable {
         /// Bytes.
         length: u32,
-        /// Largest number of bytes.
+        /// Maximum number of bytes.
         limit: u32,
     },
-    /// 11: no sensor frame has come yet.
+    /// 11: no sensor frame has arrived yet.
     NoSensors,
-    /// 12: the last sensor frame shows a state that would be a fault at once.
+    /// 12: the last sensor frame shows a state that is a fault while enabled.
     Unsafe(Fault),
     /// 13: a relative encoder that was not homed since power-on.
     NotHomed {
@@ -75,16 +75,16 @@ pub enum Refusal {
     },
     /// 14: no chain of the robot has a force sensor.
     NoForceSensor,
-    /// 15: nothing was exported, or not so much.
+    /// 15: the export has no such chunk.
     NotExported {
         /// Bytes of the export; 0 without one.
         length: u32,
     },
-    /// 16: a joint's limit.
+    /// 16: a joint limit.
     Limit(LimitRefusal),
-    /// 17: no task was enabled since the model was taken into use.
+    /// 17: no task was enabled since the commit of the model.
     NoTask,
-    /// 18: the command is for another task than the one that runs.
+    /// 18: the command is for another task than the running one.
     OtherTask(TaskKind),
     /// 19: the task refuses.
     Task(TaskRefusal),
@@ -147,7 +147,8 @@ impl fmt::Display for Refusal {
             ),
             Self::ModelChecksum { received, announced } => write!(
                 f,
-                "the model arrived damaged (checksum {received:08x}, announced {announced:08x}): push it again"
+                "the model arrived damaged (checksum {received:08x}, announced {announced:08x}): push it \
+                 again"
             ),
             Self::ModelUnreadable { length, limit } => {
                 write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")

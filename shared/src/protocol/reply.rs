@@ -10,10 +10,10 @@ use super::telemetry::{TaskReport, Telemetry, Tips};
 use super::{Request, RequestFrame};
 use crate::fault::FaultLog;
 
-/// Most bytes of an export in one [`Reply::Chunk`].
+/// Maximum number of bytes in one [`Reply::Chunk`].
 pub const EXPORT_CHUNK: usize = 192;
 
-/// Everything that a board sends to the supervisor.
+/// Messages of the board to the supervisor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum FromBoard {
     /// 0: the answer to a request.
@@ -30,10 +30,10 @@ pub enum FromBoard {
     Task(TaskReport),
 }
 
-/// An entry of the log of what goes into the node and comes out of it.
+/// A log entry: input or output of the node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct LogEntry {
-    /// One more than that of the last entry. A step of more than one shows how many were lost on the way.
+    /// Increments by one per entry. A larger step shows the number of lost entries.
     pub index: u32,
     /// The entry.
     pub record: LogRecord,
@@ -59,12 +59,12 @@ pub enum Reply {
     Hello {
         /// The board's [`super::SCHEMA_KEY`].
         schema: u64,
-        /// What it runs on and what it can do.
+        /// Identity of the board.
         identity: Identity,
     },
-    /// 1: done.
+    /// 1: executed.
     Done,
-    /// 2: not done, and nothing changed.
+    /// 2: refused; nothing has changed.
     Refused(Refusal),
     /// 3: answers [`Request::ReadStatus`].
     Status(Status),
@@ -84,7 +84,7 @@ pub enum Reply {
     },
     /// 6: answers [`Request::ReadExport`].
     Chunk {
-        /// Where the piece begins.
+        /// Offset of the chunk.
         offset: u32,
         /// The bytes; fewer than [`EXPORT_CHUNK`] at the end.
         data: Vec<u8, EXPORT_CHUNK>,

@@ -6,101 +6,100 @@ use super::telemetry::Stream;
 use crate::model::MAX_JOINTS;
 use crate::task::{TaskCommand, TaskConfig};
 
-/// Most bytes of a model in one [`Request::ModelChunk`].
+/// Maximum number of bytes in one [`Request::ModelChunk`].
 pub const MODEL_CHUNK: usize = 192;
 
-/// A request, who asks, and the number by which its reply is known. Like [`Request::Hello`], the two numbers never
-/// change their layout.
+/// A request with client and sequence number. The layout of these two numbers never changes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RequestFrame {
-    /// Chosen at random by each program that talks to the board, and repeated in its replies.
+    /// Random number of the client program, repeated in its replies.
     pub client: u32,
-    /// One more than that of the client's last request; the same when a request is sent again because its reply did
-    /// not come. Repeated in the reply.
+    /// Incremented with each request of the client, unchanged when a request is repeated because its reply
+    /// was lost. Repeated in the reply.
     pub sequence: u16,
     /// The request.
     pub request: Request,
 }
 
-/// What the supervisor asks of the board. Every request has one [`Reply`](super::Reply).
+/// Requests of the supervisor. Every request has one [`Reply`](super::Reply).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Request {
-    /// 0: who are you? Its layout never changes. Answered by [`Reply::Hello`](super::Reply::Hello).
+    /// 0: asks for the identity. Its layout never changes. Answered by [`Reply::Hello`](super::Reply::Hello).
     Hello {
         /// The sender's [`super::SCHEMA_KEY`].
         schema: u64,
     },
-    /// 1: outputs off. Always granted.
+    /// 1: switches the outputs off. Always granted.
     Disable,
-    /// 2: stop now: fault [`FaultCause::Stop`](crate::fault::FaultCause::Stop) with the configured reaction. Always granted.
+    /// 2: stops at once: fault [`FaultCause::Stop`](crate::fault::FaultCause::Stop) with the configured
+    /// reaction. Always granted.
     Stop,
-    /// 3: be the one that commands. Granted when nobody commands, or when the commander has been silent for
+    /// 3: takes command. Granted without a commander, or when the commander has sent no request for
     /// [`super::LEASE`] and the node is not enabled.
     TakeCommand {
-        /// Also when another commands, unless the node is enabled.
+        /// Replaces another commander, unless the node is enabled.
         by_force: bool,
     },
-    /// 4: command no longer. Not while enabled.
+    /// 4: releases command. Not while enabled.
     ReleaseCommand,
-    /// 5: a robot model follows in chunks. Only while disabled; the model in use stays until the commit.
+    /// 5: begins the transfer of a model. Only while disabled; the old model remains in use until the commit.
     ModelBegin {
         /// Length of the model's postcard encoding in bytes.
         length: u32,
         /// Its [`super::codec::checksum`].
         checksum: u32,
     },
-    /// 6: a piece of the model; pieces come in order, and one that came already may come again.
+    /// 6: a chunk of the model. Chunks are in order; repetitions are accepted.
     ModelChunk {
-        /// Where it belongs.
+        /// Offset of the chunk.
         offset: u32,
         /// The bytes.
         data: Vec<u8, MODEL_CHUNK>,
     },
-    /// 7: check the model and use it from now on.
+    /// 7: validates the model and takes it into use.
     ModelCommit,
-    /// 8: the joints stand at these angles now [rad]. Homes relative encoders; only while disabled.
+    /// 8: homes the joints: their present angles are these. Only while disabled.
     Home {
-        /// An angle for each joint.
+        /// Angle of each joint [rad].
         positions: Vec<f32, MAX_JOINTS>,
     },
-    /// 9: nothing touches the tips: what their force sensors read now is what they read without contact.
+    /// 9: tares the force sensors. Nothing may touch the tips.
     Tare,
-    /// 10: start a task, at rest where the robot is; outputs on. Only while disabled.
+    /// 10: starts a task at rest at the present position, and switches the outputs on. Only while disabled.
     Enable(TaskConfig),
-    /// 11: what the running task should do. Says all of it, so it may be repeated; it also tells the node that the
-    /// supervisor lives.
+    /// 11: a command to the running task. It may be repeated, and resets the command timeout.
     Task(TaskCommand),
-    /// 12: go on as before: only tells that the supervisor lives.
+    /// 12: resets the command timeout only.
     Keep,
-    /// 13: answered by [`Reply::Task`](super::Reply::Task).
+    /// 13: reads the telemetry of the task. Answered by [`Reply::Task`](super::Reply::Task).
     ReadTask,
-    /// 14: answered by [`Reply::Status`](super::Reply::Status).
+    /// 14: reads the status. Answered by [`Reply::Status`](super::Reply::Status).
     ReadStatus,
-    /// 15: answered by [`Reply::Faults`](super::Reply::Faults).
+    /// 15: reads the faults. Answered by [`Reply::Faults`](super::Reply::Faults).
     ReadFaults,
-    /// 16: leave the fault mode. Needs proof that the faults were read.
+    /// 16: leaves the fault mode. Requires the number of faults that were read.
     ClearFaults {
         /// [`FaultLog::total`](crate::fault::FaultLog::total) as read.
         total: u32,
     },
-    /// 17: send a stream every so many ticks; 0 stops it. For all clients: the last word counts.
+    /// 17: sets the period of a stream; 0 stops it. The rate is the same for all clients.
     SetRate {
-        /// Which.
+        /// The stream.
         stream: Stream,
-        /// Ticks from one message to the next.
+        /// Period [ticks].
         every: u16,
     },
-    /// 18: keep a copy of what the node has, to be read piece by piece. Answered by
+    /// 18: copies an item, to be read in chunks. Answered by
     /// [`Reply::Exported`](super::Reply::Exported).
     Export(Item),
-    /// 19: a piece of the copy. Answered by [`Reply::Chunk`](super::Reply::Chunk).
+    /// 19: reads a chunk of the copy. Answered by [`Reply::Chunk`](super::Reply::Chunk).
     ReadExport {
-        /// Where the piece begins.
+        /// Offset of the chunk.
         offset: u32,
     },
 }
 
-/// What can be exported.
+/// Items for export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Item {

@@ -8,8 +8,8 @@ use super::codec::FrameCounts;
 use crate::model::MAX_NAME;
 use crate::task::TaskKind;
 
-/// What the node is doing.
-// With a tag of its own, so that `Disabled` is all zero, as a new node must be to lie in `.bss`.
+/// Mode of the node.
+// An explicit tag makes `Disabled` all zero, which places a new node in `.bss`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
@@ -18,7 +18,7 @@ pub enum Mode {
     Disabled,
     /// 1: a task runs.
     Enabled(TaskKind),
-    /// 2: something was wrong; the outputs follow [`crate::model::Reaction`] until the fault is cleared.
+    /// 2: a fault occurred; the outputs follow [`crate::model::Reaction`] until it is cleared.
     Fault,
 }
 
@@ -54,9 +54,9 @@ pub struct NodeStatus {
     pub homed: u16,
     /// Faults since power-on.
     pub faults: u32,
-    /// Whether they were all read.
+    /// Whether all faults were read.
     pub faults_read: bool,
-    /// The client that commands.
+    /// The commander.
     pub commander: Option<u32>,
     /// The last tick.
     pub tick: u32,
@@ -67,17 +67,17 @@ pub struct NodeStatus {
 /// The board's part of [`Status`]. The simulator and the replay tool report [`BoardStatus::default`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BoardStatus {
-    /// Who it is.
+    /// Identity.
     pub identity: Identity,
-    /// Where the clock comes from.
+    /// Clock source.
     pub clock: ClockSource,
-    /// Why the board started last.
+    /// Cause of the last reset.
     pub reset: ResetCause,
     /// Message of the panic or CPU fault before the last reset; empty if there was none.
     pub last_words: String<96>,
-    /// Most stack ever used since the last reset, and its size, in bytes.
+    /// Maximum stack usage since the last reset [bytes].
     pub stack_used: u32,
-    /// Size of the stack in bytes.
+    /// Size of the stack [bytes].
     pub stack_size: u32,
     /// The link to the supervisor.
     pub supervisor_link: LinkStatistics,
@@ -104,7 +104,7 @@ impl Default for BoardStatus {
     }
 }
 
-/// What a link of the board has seen since the last reset.
+/// Statistics of a link since the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkStatistics {
@@ -118,19 +118,19 @@ pub struct LinkStatistics {
     pub send_overflow: u32,
 }
 
-/// Where the board's clock comes from.
+/// Clock source of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ClockSource {
     /// 0: crystal and PLL, 168 MHz.
     Crystal,
-    /// 1: internal oscillator and PLL, 168 MHz, 1 % exact.
+    /// 1: internal oscillator and PLL, 168 MHz, accuracy 1 %.
     InternalPll,
     /// 2: internal oscillator alone, 16 MHz.
     Internal,
 }
 
-/// Why the board started.
+/// Cause of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
@@ -142,22 +142,22 @@ pub enum ResetCause {
     Panic,
     /// 3: a CPU fault.
     HardFault,
-    /// 4: asked for by software or the debugger.
+    /// 4: software or the debugger.
     Software,
 }
 
-/// Who a board is. Its layout never changes.
+/// Identity of a board. Its layout never changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
-    /// The first bytes of the image's build id, a hash of the whole image; 0 for a node that is in no image.
+    /// The first bytes of the image's build id, a hash of the whole image; 0 outside an image.
     pub image: [u8; 8],
     /// The microcontroller's unique number; 0 when it has none.
     pub board: [u8; 12],
-    /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. From bit 2 on: the
-    /// tasks, by the numbers of [`TaskKind`]. The others are 0.
+    /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. From
+    /// bit 2 on: the tasks, by the numbers of [`TaskKind`]. The others are 0.
     pub capabilities: u32,
 }
 
@@ -166,7 +166,7 @@ impl Identity {
     pub const PLANT_LINK: u32 = 1;
     /// See [`Identity::capabilities`].
     pub const POWER_STAGES: u32 = 2;
-    /// The tasks that every node can do.
+    /// The tasks of every node.
     pub const TASKS: u32 = {
         let (mut bits, mut index) = (0, 0);
         while index < TaskKind::ALL.len() {

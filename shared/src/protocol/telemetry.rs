@@ -8,7 +8,7 @@ use super::status::Mode;
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 use crate::task::TaskTelemetry;
 
-/// What a board sends unasked.
+/// Periodic messages of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stream {
@@ -16,17 +16,16 @@ pub enum Stream {
     Telemetry,
     /// 1: [`FromBoard::Status`].
     Status,
-    /// 2: [`FromBoard::Log`]: everything that goes into the node and comes out of it. Complete whatever the rate is,
-    /// unless that is 0.
+    /// 2: [`FromBoard::Log`]: all inputs and outputs of the node. Complete for any period except 0.
     Log,
     /// 3: [`FromBoard::Tips`].
     Tips,
-    /// 4: [`FromBoard::Task`], once a task was enabled.
+    /// 4: [`FromBoard::Task`], after the first task was enabled.
     Task,
 }
 
 impl Stream {
-    /// All of them.
+    /// All streams.
     pub const ALL: [Self; 5] = [Self::Telemetry, Self::Status, Self::Log, Self::Tips, Self::Task];
 }
 
@@ -56,11 +55,11 @@ pub struct Tips {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TipTelemetry {
-    /// Where it is [m].
+    /// Position [m].
     pub position: [f32; 3],
-    /// Force of the world on it, without the weight of what the sensor carries [N]; 0 without a sensor.
+    /// External force, without the weight on the sensor [N]; 0 without a sensor.
     pub force: [f32; 3],
-    /// Torque likewise, about the tip [N·m].
+    /// External torque, about the tip [N·m].
     pub torque: [f32; 3],
     /// Whether its force sensor was tared.
     pub tared: bool,
@@ -80,11 +79,11 @@ pub struct JointTelemetry {
     pub torque: f32,
 }
 
-/// The running task after a tick, or the one that ran last.
+/// Telemetry of the running task after a tick, or of the last task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct TaskReport {
     /// The tick.
     pub tick: u32,
-    /// What the task says.
+    /// Telemetry of the task.
     pub telemetry: TaskTelemetry,
 }

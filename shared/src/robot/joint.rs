@@ -7,16 +7,16 @@ use crate::math::abs;
 use crate::model::{JointLimits, JointModel};
 use crate::signal::PseudoDifferentiator;
 
-/// Cut-off frequency of the velocity that is supervised and shown [rad/s].
+/// Cut-off frequency of the measured velocity [rad/s]. A higher one has less lag and more quantisation noise.
 const VELOCITY_CUTOFF: f32 = 100.0;
-/// Counts by which a sound encoder may err between two ticks.
+/// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
-/// A motion this many times faster than the velocity limit is the encoder's, not the joint's.
+/// An apparent velocity of this multiple of the velocity limit is an encoder error.
 const JUMP_FACTOR: f32 = 2.0;
-/// A current sensor may read a little more than the current loop was asked for.
+/// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
 const CURRENT_MARGIN: f32 = 1.25;
 
-/// A joint's model made ready for the tick.
+/// A joint of a validated model, preprocessed for the tick.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
     /// Its servo.
@@ -25,40 +25,40 @@ pub struct JointConfig {
     pub limits: JointLimits,
     /// Radians per encoder count; negative for a reversed encoder.
     pub(crate) radians_per_count: f32,
-    /// A current beyond it, in counts, is a fault.
+    /// Larger currents are a fault [counts].
     pub(crate) current_limit: f32,
     pub(crate) amperes_per_count: f32,
-    /// A change of the angle beyond it in one tick is the encoder's, not the joint's [rad].
+    /// Larger changes of the angle in one tick are an encoder error [rad].
     pub(crate) jump: f32,
-    /// Angles beyond these are a fault: the limits, and room for a permitted following error [rad].
-    pub(crate) lowest: f32,
-    pub(crate) highest: f32,
+    /// Angles beyond these are a fault: the limits with a margin of the permitted following error [rad].
+    pub(crate) min_angle: f32,
+    pub(crate) max_angle: f32,
     /// Count at angle 0 of an absolute encoder.
     pub(crate) zero: Option<i32>,
     pub(crate) velocity: PseudoDifferentiator,
-    /// Torque beyond the feed-forward that surely moves the joint [N·m].
+    /// Torque beyond the feed-forward that overcomes stiction [N·m].
     pub(crate) breakaway: f32,
 }
 
 impl JointConfig {
     pub(super) fn new(joint: &JointModel) -> Self {
-        let turn = TAU / joint.encoder.counts_per_turn;
+        let radians_per_count = TAU / joint.encoder.counts_per_turn;
         Self {
             servo: JointServo::new(joint),
             limits: joint.limits,
-            radians_per_count: if joint.encoder.reversed { -turn } else { turn },
+            radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },
             current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             amperes_per_count: joint.motor.current_resolution,
-            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * turn,
-            lowest: joint.limits.lower - joint.limits.following_error,
-            highest: joint.limits.upper + joint.limits.following_error,
+            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * radians_per_count,
+            min_angle: joint.limits.lower - joint.limits.following_error,
+            max_angle: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
         }
     }
 
-    /// Checks an angle [rad] of joint number `joint`.
+    /// Checks an angle [rad] of joint `joint`.
     ///
     /// # Errors
     /// It is not finite, or outside the limits.
@@ -73,10 +73,10 @@ impl JointConfig {
         }
     }
 
-    /// Checks a streamed point of joint number `joint` that is to follow `reference`.
+    /// Checks a streamed point of joint `joint` after `reference`.
     ///
     /// # Errors
-    /// The first limit that it breaks.
+    /// The first limit that the point exceeds.
     pub fn check_point(
         &self,
         joint: u8,
@@ -101,10 +101,10 @@ impl JointConfig {
         Ok(())
     }
 
-    /// Checks a feed-forward torque [N·m] of joint number `joint`.
+    /// Checks a feed-forward torque [N·m] of joint `joint`.
     ///
     /// # Errors
-    /// It is not finite, or beyond the joint's limit.
+    /// It is not finite, or exceeds the torque limit.
     pub fn check_torque(&self, joint: u8, value: f32) -> Result<(), LimitRefusal> {
         let limit = self.servo.torque_limit();
         if !value.is_finite() {

@@ -3,18 +3,18 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// Why the robot's limits refuse a number that was asked of a joint.
+/// A joint value outside the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LimitRefusal {
-    /// 0: a list with the wrong number of joints.
+    /// 0: wrong number of joints.
     JointCount {
         /// Joints in the request.
         got: u8,
         /// Joints of the robot.
         expected: u8,
     },
-    /// 1: a number that is not finite.
+    /// 1: a value is not finite.
     NotFinite {
         /// The joint.
         joint: u8,
@@ -30,7 +30,7 @@ pub enum LimitRefusal {
         /// The upper limit.
         upper: f32,
     },
-    /// 3: a speed beyond the limit [rad/s].
+    /// 3: a speed above the limit [rad/s].
     TooFast {
         /// The joint.
         joint: u8,
@@ -48,7 +48,7 @@ pub enum LimitRefusal {
         /// The limit.
         limit: f32,
     },
-    /// 5: an acceleration that takes more torque than the joint has, by its own inertia [rad/s²].
+    /// 5: an acceleration that requires more than the maximum torque, by the joint's own inertia [rad/s²].
     TooMuchAcceleration {
         /// The joint.
         joint: u8,
@@ -57,7 +57,7 @@ pub enum LimitRefusal {
         /// The limit.
         limit: f32,
     },
-    /// 6: a torque beyond the limit [N·m].
+    /// 6: a torque above the limit [N·m].
     TooMuchTorque {
         /// The joint.
         joint: u8,
@@ -68,7 +68,7 @@ pub enum LimitRefusal {
     },
 }
 
-/// Which part of the robot a refusal concerns.
+/// The part of the robot that a refusal concerns.
 pub trait Concerns {
     /// Index of the joint, if it concerns one.
     fn joint(&self) -> Option<u8> {
@@ -99,7 +99,7 @@ impl fmt::Display for LimitRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::JointCount { got, expected } => write!(f, "{got} joints given, the robot has {expected}"),
-            Self::NotFinite { joint } => write!(f, "joint {joint}: not a finite number"),
+            Self::NotFinite { joint } => write!(f, "joint {joint}: the value is not finite"),
             Self::OutsideLimits { joint, value, lower, upper } => {
                 write!(f, "joint {joint}: {value} rad is outside its limits {lower} to {upper} rad")
             }
@@ -108,13 +108,13 @@ impl fmt::Display for LimitRefusal {
             }
             Self::Jump { joint, value, limit } => write!(
                 f,
-                "joint {joint}: the point is {value} rad from the reference, at most {limit} rad is followed: \
-                 start a stream where the joint is"
+                "joint {joint}: the point is {value} rad from the reference, at most {limit} rad is allowed: \
+                 start the stream at the joint's position"
             ),
             Self::TooMuchAcceleration { joint, value, limit } => write!(
                 f,
-                "joint {joint}: {value} rad/s² takes more torque than it has, which gives {limit} rad/s²: use a \
-                 slower trajectory"
+                "joint {joint}: {value} rad/s² exceeds the {limit} rad/s² of its maximum torque: use a slower \
+                 trajectory"
             ),
             Self::TooMuchTorque { joint, value, limit } => {
                 write!(f, "joint {joint}: {value} N·m is beyond its limit of {limit} N·m")

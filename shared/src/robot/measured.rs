@@ -8,22 +8,22 @@ use super::Robot;
 use crate::kinematics::{Chain, Posture};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 
-/// What the sensors say in this tick, in SI units: the only place of joint angles, velocities and tip wrenches.
+/// Measured state of the robot in this tick, in SI units.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct Measured {
     /// Joint angles [rad].
     pub positions: [f32; MAX_JOINTS],
     /// Joint velocities [rad/s].
     pub velocities: [f32; MAX_JOINTS],
-    /// Force and torque of the world on each chain's tip, about its origin in base axes, without the weight of what the
-    /// force sensor carries [N, N·m]; 0 without a sensor.
+    /// External wrench on each chain's tip: force and moment about the tip's origin in base axes, without the
+    /// weight on the force sensor [N, N·m]; 0 without a sensor.
     pub wrenches: [[f32; 6]; MAX_CHAINS],
     /// Bit `i` is set once the force sensor of chain `i` was tared.
     pub tared: u8,
 }
 
 impl Measured {
-    /// Nothing was measured.
+    /// Before the first measurement.
     pub const NONE: Self = Self {
         positions: [0.0; MAX_JOINTS],
         velocities: [0.0; MAX_JOINTS],
@@ -41,7 +41,7 @@ impl Measured {
         self.velocities.get(joints).unwrap_or_default()
     }
 
-    /// Force of the world on the tip of a chain, in base axes [N].
+    /// External force on the tip of a chain, in base axes [N].
     pub fn force(&self, chain: usize) -> Vector3<f32> {
         self.wrenches.get(chain).map_or_else(Vector3::zeros, |&[x, y, z, ..]| Vector3::new(x, y, z))
     }
@@ -60,30 +60,30 @@ impl Measured {
     }
 }
 
-/// Postures at the measured angles, of the chains with a force sensor, whose readings need them in every tick.
+/// Postures at the measured angles of the chains with a force sensor, which need them in every tick.
 ///
-/// A cache outside the state: it follows from the angles, and is empty when they have changed by other means than a tick.
+/// A cache outside the state: it depends on the angles only, and is cleared when these change between ticks.
 #[derive(Clone, Debug)]
 pub struct Postures([Option<Posture>; MAX_CHAINS]);
 
 impl Postures {
-    /// None.
+    /// Empty.
     pub const NONE: Self = Self([const { None }; MAX_CHAINS]);
 
-    /// Computes the posture of `chain`, the robot's chain number `index`, at `angles` [rad], and keeps it.
+    /// Computes the posture of `chain`, the chain number `index` of the robot, at `angles` [rad], and stores it.
     pub(crate) fn update(&mut self, index: usize, chain: &Chain, angles: &[f32]) -> Option<&Posture> {
-        let place = self.0.get_mut(index)?;
-        let Some(posture) = place else { return Some(place.insert(chain.posture(angles))) };
+        let entry = self.0.get_mut(index)?;
+        let Some(posture) = entry else { return Some(entry.insert(chain.posture(angles))) };
         chain.update_posture(angles, posture);
         Some(posture)
     }
 
-    /// Forgets all postures: the angles are others now.
+    /// Clears the cache, because the angles have changed.
     pub(crate) fn clear(&mut self) {
         self.0.iter_mut().for_each(|posture| *posture = None);
     }
 
-    /// The posture of a chain, if it is kept.
+    /// The cached posture of a chain.
     pub fn kept(&self, chain: usize) -> Option<&Posture> {
         self.0.get(chain)?.as_ref()
     }

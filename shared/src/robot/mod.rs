@@ -1,4 +1,4 @@
-//! A robot made ready for control: its validated model, what its sensors say, and what a task wants of its joints.
+//! The robot at run time: preprocessed model, measured state, and targets of its joints.
 
 mod joint;
 mod limit;
@@ -19,12 +19,13 @@ use crate::control::ErrorObserver;
 use crate::kinematics::{Chain, Finger};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, RobotModel, Safety};
 
-/// Error feedback of a joint under [`Actuation::Acceleration`]: on accelerations, so with an inertia of 1.
+/// Gains of the tracking feedback under [`Actuation::Acceleration`]. It acts on accelerations: inertia 1. A
+/// higher bandwidth tracks more closely and amplifies more measurement noise.
 const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 
-/// A validated model, made ready for computing; without joints until there is one.
+/// A validated model, preprocessed for computation; without joints before the first model.
 ///
-/// It takes some 16 kB, so it is set up in place and never moved.
+/// Its size is about 16 kB, so it is configured in place and never moved.
 #[derive(Clone, Debug)]
 pub struct Robot {
     model: RobotModel,
@@ -35,12 +36,12 @@ pub struct Robot {
     tracking: Option<ErrorObserver>,
 }
 
-/// A chain made ready for computing.
+/// A chain, preprocessed for computation.
 #[derive(Clone, Debug)]
 pub struct ChainConfig {
-    /// Its kinematics and dynamics.
+    /// Kinematics and dynamics.
     pub chain: Chain,
-    /// The inverse kinematics in closed form, if it has the shape of a three-joint finger.
+    /// Closed-form inverse kinematics, if the chain is a three-joint finger.
     pub finger: Option<Finger>,
     first: usize,
 }
@@ -53,7 +54,7 @@ impl ChainConfig {
 }
 
 impl Robot {
-    /// No robot yet.
+    /// No robot.
     pub const NONE: Self = Self {
         model: RobotModel {
             name: String::new(),
@@ -75,16 +76,16 @@ impl Robot {
         tracking: None,
     };
 
-    /// Becomes the robot of `model`, or stays what it was.
+    /// Takes over `model` if it is valid.
     ///
     /// # Errors
-    /// The first thing that is wrong with the model, by joint and field.
+    /// The first invalid field; the robot is unchanged then.
     #[inline(never)]
     pub fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         model.validate()?;
         self.chains.clear();
         self.joints.clear();
-        // No list can overflow: the capacities are the model's own.
+        // No list can overflow: the capacities are those of the model.
         for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
             let first = range.start;
             let joints = model.joints.get(range).unwrap_or_default();
@@ -108,7 +109,7 @@ impl Robot {
         Ok(())
     }
 
-    /// Itself, once it has a model.
+    /// The robot; `None` before the first model.
     pub fn loaded(&self) -> Option<&Self> {
         if self.joints.is_empty() { None } else { Some(self) }
     }
@@ -138,7 +139,7 @@ impl Robot {
         self.force_sensors
     }
 
-    /// Error feedback for joints under [`Actuation::Acceleration`]; `None` before there is a model.
+    /// Tracking feedback of joints under [`Actuation::Acceleration`]; `None` before the first model.
     pub const fn tracking(&self) -> Option<&ErrorObserver> {
         self.tracking.as_ref()
     }
@@ -146,7 +147,7 @@ impl Robot {
     /// Checks that a list has one entry for each joint.
     ///
     /// # Errors
-    /// Both numbers.
+    /// The list has another length.
     pub fn check_count(&self, got: usize) -> Result<(), LimitRefusal> {
         let expected = self.joints.len();
         if got == expected {
@@ -157,7 +158,7 @@ impl Robot {
     }
 }
 
-/// A number of joints or chains as it goes over the wire.
+/// A number of joints or chains in the type of the wire.
 #[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
 pub(crate) const fn count(number: usize) -> u8 {
     number as u8

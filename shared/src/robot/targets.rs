@@ -4,39 +4,39 @@ use serde::{Deserialize, Serialize};
 use crate::control::{JointPoint, ServoMode};
 use crate::model::MAX_JOINTS;
 
-/// What a task wants of the joints until its next tick: the only way from a task to the drives.
+/// Targets of the joints for one period: the only path from a task to the drives.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct Targets {
-    /// How torques are made of the targets.
+    /// Control law from targets to torques.
     pub actuation: Actuation,
-    /// How the joint servos damp and learn, under [`Actuation::Servo`].
+    /// Feedback law of the joint servos under [`Actuation::Servo`].
     pub servo_mode: ServoMode,
-    /// A target for each joint.
+    /// Target of each joint.
     pub joints: [JointTarget; MAX_JOINTS],
 }
 
-/// What a task wants of a joint.
+/// Target of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct JointTarget {
-    /// Where it should be.
+    /// Set-point.
     pub setpoint: JointSetpoint,
-    /// Torque besides that of the servo, for forces on what the robot touches [N·m].
+    /// Feed-forward torque, for contact forces [N·m].
     pub feedforward: f32,
-    /// Whether the servo begins anew where the joint is, and forgets the disturbance that it has learnt.
+    /// Whether the servo restarts at the joint's position and resets its disturbance estimate.
     pub restart: bool,
 }
 
-/// Where a joint should be.
+/// Set-point of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub enum JointSetpoint {
     /// 0: an angle [rad], approached through the trajectory filter.
     Goal(f32),
-    /// 1: a point of a trajectory, past the trajectory filter.
+    /// 1: a trajectory point, without the trajectory filter.
     Point(JointPoint),
 }
 
-/// How the torques of the joints are made.
+/// Control law from targets to torques.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub enum Actuation {
@@ -46,10 +46,10 @@ pub enum Actuation {
     Torque {
         /// Torque per speed, Hand3 (20), `K_d` [N·m·s/rad].
         damping: f32,
-        /// Whether weight and friction of the links are fed forward.
+        /// Whether gravity and friction are fed forward.
         compensated: bool,
     },
-    /// 2: inverse dynamics of each whole chain for the accelerations of the points, and the feed-forward torques.
+    /// 2: inverse dynamics of each chain for the accelerations of the points, plus the feed-forward torques.
     Acceleration {
         /// Fraction of the friction that is fed forward.
         friction: f32,
@@ -57,7 +57,7 @@ pub enum Actuation {
 }
 
 impl Targets {
-    /// Goals of 0 for servos under PID.
+    /// Goals of 0, servos under PID.
     pub const NONE: Self = Self {
         actuation: Actuation::Servo,
         servo_mode: ServoMode::Pid,

@@ -7,31 +7,31 @@ use crate::fault::FaultCause;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot, Targets};
 
-/// What a task reads and writes. A later input is a further field and changes no task.
+/// Inputs and outputs of a task. A further input is a further field and changes no task.
 #[derive(Debug)]
 pub struct Io<'a> {
     /// The robot.
     pub robot: &'a Robot,
-    /// What its sensors say.
+    /// Its measured state.
     pub measured: &'a Measured,
     /// Postures of its chains at the measured angles.
     pub postures: &'a Postures,
-    /// The reference of each joint in the last tick; entries beyond its joints mean nothing.
+    /// Reference of each joint in the last tick. Entries beyond the robot's joints are meaningless.
     pub references: &'a [JointPoint; MAX_JOINTS],
-    /// What the joints are to do.
+    /// Targets of the joints.
     pub targets: &'a mut Targets,
 }
 
-/// Why a task cannot go on.
+/// A fault that stops a task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskFault {
     /// The cause.
     pub cause: FaultCause,
     /// Index of the joint, if it concerns one.
     pub joint: Option<u8>,
-    /// The offending value, see [`FaultCause`].
+    /// The value that exceeds the limit, see [`FaultCause`].
     pub value: f32,
-    /// The limit that it broke.
+    /// The limit.
     pub limit: f32,
 }
 
@@ -39,53 +39,54 @@ pub struct TaskFault {
 ///
 /// The implementing type is the task's whole state: plain data that can be exported and restored.
 pub trait Task {
-    /// Travels with the request that enables the task.
+    /// Sent with the request that enables the task.
     type Config;
-    /// What a supervisor may ask while the task runs.
+    /// Requests to the running task.
     type Command;
-    /// What a supervisor sees of the task. There from the moment it was enabled, and readable after it was disabled.
+    /// State that the supervisor sees, also after the task was disabled.
     type Telemetry;
-    /// Why a config or a command was refused.
+    /// Why a config or a command is refused.
     type Refusal: Copy + fmt::Display + Concerns;
 
-    /// A task that does nothing yet.
+    /// The state before the task begins.
     const IDLE: Self;
 
-    /// Checks everything for which [`begin`](Self::begin) could be refused.
+    /// Checks all preconditions of [`begin`](Self::begin).
     ///
     /// # Errors
-    /// The first thing that forbids it.
+    /// The first one that does not hold.
     fn check(robot: &Robot, measured: &Measured, config: &Self::Config) -> Result<(), Self::Refusal>;
 
-    /// Begins at rest, where the robot is. Called on [`IDLE`](Self::IDLE), after a successful [`check`](Self::check).
+    /// Begins at rest at the robot's present position. Called on [`IDLE`](Self::IDLE), after a successful
+    /// [`check`](Self::check).
     fn begin(&mut self, io: Io<'_>, config: &Self::Config);
 
     /// Carries out a command between two ticks.
     ///
     /// # Errors
-    /// Why it is refused; nothing has changed then.
+    /// Why it is refused; the state is unchanged then.
     fn command(&mut self, io: Io<'_>, command: &Self::Command) -> Result<(), Self::Refusal>;
 
     /// One control period: sets the targets of this tick.
     ///
     /// # Errors
-    /// The fault that ends the task.
+    /// The fault that stops the task.
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault>;
 
-    /// What became of the targets under [`Actuation::Acceleration`](crate::robot::Actuation): the mean torques of the motors
-    /// until the next tick [N·m], and the accelerations that the limits added [rad/s²].
+    /// Feedback of the torques that [`Actuation::Acceleration`](crate::robot::Actuation) applied: mean motor
+    /// torques until the next tick [N·m], and the accelerations that the limits added [rad/s²].
     fn applied(&mut self, _robot: &Robot, _torques: &[f32; MAX_JOINTS], _added: &[f32; MAX_JOINTS]) {}
 
-    /// Takes the forces that the task estimates itself for zero. `false` if it estimates none.
+    /// Tares the force estimate of the task. `false` if the task estimates no forces.
     fn tare(&mut self) -> bool {
         false
     }
 
-    /// Acceleration of what a force sensor carries, in the base frame [m/s²].
+    /// Acceleration of the mass on the force sensor, in the base frame [m/s²].
     fn acceleration(&self) -> Vector3<f32> {
         Vector3::zeros()
     }
 
-    /// What a supervisor sees.
+    /// The state that the supervisor sees.
     fn telemetry(&self, robot: &Robot, measured: &Measured, postures: &Postures) -> Self::Telemetry;
 }

@@ -1,4 +1,4 @@
-//! Joint servo: every joint follows its own set-point, or every fingertip its own.
+//! Joint servo: set-points for joints or for fingertips.
 
 use core::fmt;
 
@@ -14,60 +14,60 @@ use crate::robot::{
     Actuation, Concerns, JointSetpoint, JointTarget, LimitRefusal, Measured, Postures, Robot, count,
 };
 
-/// Where the joints are to go. Each command says the whole of it, so it may be repeated.
+/// Commands of the joint servo. Each states the set-points of all joints, so it may be repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum JointCommand {
-    /// 0: angles [rad], approached through the trajectory filter.
+    /// 0: goal angles, approached through the trajectory filter.
     Goal {
-        /// An angle for each joint.
+        /// Angle of each joint [rad].
         positions: Vec<f32, MAX_JOINTS>,
     },
-    /// 1: one point of a trajectory that the sender shapes itself, past the trajectory filter. One a tick.
+    /// 1: one point of the sender's own trajectory, without the trajectory filter. One per tick.
     Stream {
-        /// A point for each joint.
+        /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
     },
-    /// 2: the same for the tips of fingers: the joint angles follow in closed form, nearest to those before.
-    Reach {
-        /// A point for the tip of each chain.
+    /// 2: one trajectory point of each fingertip. The closed-form inverse kinematics gives the joints, with
+    /// the solution nearest to the last one.
+    StreamTips {
+        /// Point of each chain's tip.
         tips: Vec<TipPoint, MAX_CHAINS>,
     },
-    /// 3: as 1, with a torque for each joint besides: for forces on an object that several boards hold together.
-    Guide {
-        /// A point for each joint.
+    /// 3: as 1, with feed-forward torques: for forces on an object that several boards hold together.
+    StreamTorques {
+        /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
-        /// Torques that the servo does not make up for as long as nothing moves [N·m].
+        /// Torque of each joint [N·m]. The servo does not compensate it while the joint is at rest.
         torques: Vec<f32, MAX_JOINTS>,
     },
 }
 
-/// Why a set-point of the joints was refused.
+/// Why the joint servo refuses a command.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum JointServoRefusal {
-    /// 0: a joint's limit.
+    /// 0: a joint limit.
     Limit(LimitRefusal),
-    /// 1: a set-point for another number of tips than the robot has.
+    /// 1: wrong number of tips.
     TipCount {
         /// Tips in the request.
         got: u8,
         /// Tips of the robot.
         expected: u8,
     },
-    /// 2: the chain is not of the shape of which the inverse kinematics is known in closed form
-    /// ([`Finger`](crate::kinematics::Finger)).
+    /// 2: the chain has no closed-form inverse kinematics: it is not a [`Finger`](crate::kinematics::Finger).
     NotAFinger {
         /// The chain.
         chain: u8,
     },
-    /// 3: the chain's tip cannot be there.
+    /// 3: the point is out of the chain's reach.
     OutOfReach {
         /// The chain.
         chain: u8,
-        /// The nearest point that it could reach, were it not for the limits of its joints [m, base frame].
+        /// Nearest point within reach, without joint limits [m, base frame].
         nearest: [f32; 3],
     },
-    /// 4: at this point the chain is nearly singular: its tip can hardly move in some direction.
+    /// 4: the posture at this point is nearly singular.
     Singular {
         /// The chain.
         chain: u8,
@@ -108,29 +108,29 @@ impl fmt::Display for JointServoRefusal {
             Self::TipCount { got, expected } => write!(f, "{got} tips given, the robot has {expected}"),
             Self::NotAFinger { chain } => write!(
                 f,
-                "chain {chain} is not a three-joint finger, so the board cannot compute its joint angles: send them \
-                 (`tesaki eval ik` finds them)"
+                "chain {chain} is not a three-joint finger, so the board cannot compute its joint angles: send joint angles \
+                 (`tesaki eval ik` computes them)"
             ),
             Self::OutOfReach { chain, nearest: [x, y, z] } => write!(
                 f,
-                "the tip of chain {chain} cannot reach that point; without its joints' limits the nearest is \
+                "the tip of chain {chain} cannot reach this point; without joint limits the nearest is \
                  ({x}, {y}, {z}) m"
             ),
             Self::Singular { chain } => write!(
                 f,
-                "the tip of chain {chain} can hardly move in some direction there: keep away from the straight finger \
-                 and from the axis of its first joint"
+                "the posture of chain {chain} is nearly singular at this point: avoid the straight finger and the axis \
+                 of its first joint"
             ),
-            Self::TipNotFinite { chain } => write!(f, "the tip of chain {chain}: not a finite position"),
+            Self::TipNotFinite { chain } => write!(f, "the point for the tip of chain {chain} is not finite"),
         }
     }
 }
 
-/// The task. Its set-points are the targets.
+/// The task. The targets hold its set-points.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct JointServoTask {
-    /// Whether points came since the last tick.
-    fresh: bool,
+    /// Whether points arrived since the last tick.
+    updated: bool,
     /// Whether the points of the targets may have a velocity.
     moving: bool,
 }
@@ -140,7 +140,7 @@ impl Task for JointServoTask {
     type Command = JointCommand;
     type Telemetry = ();
     type Refusal = JointServoRefusal;
-    const IDLE: Self = Self { fresh: false, moving: false };
+    const IDLE: Self = Self { updated: false, moving: false };
 
     fn check(_: &Robot, _: &Measured, _: &ServoMode) -> Result<(), JointServoRefusal> {
         Ok(())
@@ -162,11 +162,11 @@ impl Task for JointServoTask {
                 }
             }
             JointCommand::Stream { points } => self.stream(io, points, &[])?,
-            JointCommand::Reach { tips } => {
+            JointCommand::StreamTips { tips } => {
                 let points = joint_points(&io, tips)?;
                 self.stream(io, &points, &[])?;
             }
-            JointCommand::Guide { points, torques } => {
+            JointCommand::StreamTorques { points, torques } => {
                 io.robot.check_count(torques.len())?;
                 for (index, (config, &torque)) in (0..).zip(io.robot.joints().iter().zip(torques)) {
                     config.check_torque(index, torque)?;
@@ -179,11 +179,11 @@ impl Task for JointServoTask {
 
     #[inline]
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
-        if self.fresh {
-            (self.fresh, self.moving) = (false, true);
+        if self.updated {
+            (self.updated, self.moving) = (false, true);
         } else if self.moving {
             self.moving = false;
-            // A point that no other follows is one to stand at.
+            // A point without a successor holds: velocity and acceleration are 0.
             for target in io.targets.joints.iter_mut().take(io.robot.joints().len()) {
                 if let JointSetpoint::Point(point) = &mut target.setpoint {
                     (point.velocity, point.acceleration) = (0.0, 0.0);
@@ -197,7 +197,7 @@ impl Task for JointServoTask {
 }
 
 impl JointServoTask {
-    /// Takes one point for each joint, and torques besides, if there are any.
+    /// Sets one point per joint, and feed-forward torques if there are any.
     fn stream(
         &mut self,
         io: Io<'_>,
@@ -216,12 +216,12 @@ impl JointServoTask {
             target.feedforward = torque;
         }
         io.targets.actuation = Actuation::Servo;
-        self.fresh = true;
+        self.updated = true;
         Ok(())
     }
 }
 
-/// What the joints have to do for the tips.
+/// Joint points for points of the fingertips.
 fn joint_points(io: &Io<'_>, tips: &[TipPoint]) -> Result<Vec<JointPoint, MAX_JOINTS>, JointServoRefusal> {
     let expected = io.robot.chains().len();
     if tips.len() != expected {
@@ -247,7 +247,7 @@ fn joint_points(io: &Io<'_>, tips: &[TipPoint]) -> Result<Vec<JointPoint, MAX_JO
         let motion = config.chain.posture(&angles).joint_motion(tip);
         let (velocities, accelerations) = motion.ok_or(JointServoRefusal::Singular { chain })?;
         for ((position, velocity), acceleration) in angles.into_iter().zip(velocities).zip(accelerations) {
-            // Cannot fail: there are no more joints than places.
+            // Cannot fail: the capacity is that of the robot.
             let _ = points.push(JointPoint { position, velocity, acceleration });
         }
     }

@@ -13,38 +13,38 @@ use super::joint_servo::JointServoTask;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot};
 
-/// Makes the enumerations over all tasks, and their dispatch.
+/// Generates the enumerations over all tasks, and their dispatch.
 ///
-/// A task's position is its number on the wire, and its bit in [`Identity`](crate::protocol::Identity): new tasks come at the
-/// end. The first one's idle state is all zero, so that a node without a task lies in `.bss`.
+/// A task's position is its number on the wire and its bit in [`Identity`](crate::protocol::Identity), so new
+/// tasks come last. The idle state of the first task is all zero, which places a new node in `.bss`.
 macro_rules! tasks {
     (@first $first:ident($task:ty) $($rest:tt)*) => { Self::$first(<$task as Task>::IDLE) };
     ($($(#[$doc:meta])* $name:ident($task:ty) = $number:literal: $words:literal),* $(,)?) => {
-        /// Which task.
+        /// Kind of a task.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum TaskKind { $($(#[$doc])* $name),* }
 
-        /// Enables a task.
+        /// Config that enables a task.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
         pub enum TaskConfig { $($(#[$doc])* $name(<$task as Task>::Config)),* }
 
-        /// Asks something of a running task.
+        /// Command to the running task.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
         pub enum TaskCommand { $($(#[$doc])* $name(<$task as Task>::Command)),* }
 
-        /// What a supervisor sees of a task.
+        /// Telemetry of a task.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
         pub enum TaskTelemetry { $($(#[$doc])* $name(<$task as Task>::Telemetry)),* }
 
-        /// Why a task refused its config or a command.
+        /// Why a task refuses its config or a command.
         #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum TaskRefusal { $($(#[$doc])* $name(<$task as Task>::Refusal)),* }
 
-        /// The state of the task that runs, or ran last.
+        /// State of the running task, or of the last one.
         #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
-        #[expect(clippy::large_enum_variant, reason = "it is kept in place, once, and never moved")]
+        #[expect(clippy::large_enum_variant, reason = "stored once, in place, and never moved")]
         #[repr(u8)]
         pub enum TaskState { $($(#[$doc])* $name($task)),* }
 
@@ -60,7 +60,7 @@ macro_rules! tasks {
         }
 
         impl TaskConfig {
-            /// The task that it enables.
+            /// The task that this config enables.
             pub const fn kind(&self) -> TaskKind {
                 match self { $(Self::$name(_) => TaskKind::$name),* }
             }
@@ -86,7 +86,7 @@ macro_rules! tasks {
             /// The first task, idle.
             pub const NONE: Self = tasks!(@first $($name($task))*);
 
-            /// The task.
+            /// Kind of the task.
             pub const fn kind(&self) -> TaskKind {
                 match self { $(Self::$name(_) => TaskKind::$name),* }
             }
@@ -94,7 +94,7 @@ macro_rules! tasks {
             /// See [`Task::check`].
             ///
             /// # Errors
-            /// What forbids the task.
+            /// The precondition that does not hold.
             pub fn check(robot: &Robot, measured: &Measured, config: &TaskConfig) -> Result<(), TaskRefusal> {
                 match config {
                     $(TaskConfig::$name(config) => {
@@ -108,7 +108,7 @@ macro_rules! tasks {
             pub fn begin(&mut self, io: Io<'_>, config: &TaskConfig) {
                 match config {
                     $(TaskConfig::$name(config) => {
-                        // Copied from a static: by value it would take its size of the stack, several times.
+                        // Copied from a static: by value the compiler needs several copies on the stack.
                         static IDLE: TaskState = TaskState::$name(<$task as Task>::IDLE);
                         self.clone_from(&IDLE);
                         if let Self::$name(task) = self {
@@ -118,10 +118,10 @@ macro_rules! tasks {
                 }
             }
 
-            /// See [`Task::command`].
+            /// See [`Task::command`]. Returns `false` for a command to another task.
             ///
             /// # Errors
-            /// `Ok(false)`: the command is another task's.
+            /// The refusal.
             pub fn command(&mut self, io: Io<'_>, command: &TaskCommand) -> Result<bool, TaskRefusal> {
                 match (self, command) {
                     $((Self::$name(task), TaskCommand::$name(command)) => {
@@ -135,7 +135,7 @@ macro_rules! tasks {
             /// See [`Task::tick`].
             ///
             /// # Errors
-            /// The fault that ends the task.
+            /// The fault that stops the task.
             #[inline]
             pub fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
                 match self { $(Self::$name(task) => task.tick(io)),* }
@@ -157,22 +157,27 @@ macro_rules! tasks {
             }
 
             /// See [`Task::telemetry`].
-            pub fn telemetry(&self, robot: &Robot, measured: &Measured, postures: &Postures) -> TaskTelemetry {
+            pub fn telemetry(
+                &self,
+                robot: &Robot,
+                measured: &Measured,
+                postures: &Postures,
+            ) -> TaskTelemetry {
                 match self {
                     $(Self::$name(task) => TaskTelemetry::$name(task.telemetry(robot, measured, postures))),*
                 }
             }
         }
 
-        $(const _: () = assert!(TaskKind::$name as u8 == $number, "a task's number is its position");)*
+        $(const _: () = assert!(TaskKind::$name as u8 == $number, "a task's number must be its position");)*
     };
 }
 
 tasks! {
-    /// 0: every joint follows its own set-point ([`super::joint_servo`]).
+    /// 0: joint servo ([`super::joint_servo`]).
     JointServo(JointServoTask) = 0: "joint servo",
-    /// 1: three fingers grasp and move an object ([`super::grasping`]).
+    /// 1: grasping with three fingers ([`super::grasping`]).
     Grasping(Grasping) = 1: "grasping",
-    /// 2: an arm yields at its tool ([`super::impedance`]).
+    /// 2: impedance control of an arm ([`super::impedance`]).
     Impedance(ImpedanceControl) = 2: "impedance control",
 }

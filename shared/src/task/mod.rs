@@ -1,14 +1,14 @@
 //! What an enabled node does: one module per task.
 //!
-//! A task turns what is [`Measured`](crate::robot::Measured) into [`Targets`](crate::robot::Targets) for the joints, once a
-//! tick. It knows nothing of messages, modes and limits: those are the [node](crate::node)'s, which knows that there are
-//! tasks, but not which.
+//! A task computes [`Targets`](crate::robot::Targets) for the joints from the
+//! [`Measured`](crate::robot::Measured) state, once per tick. Messages, modes and limits belong to the
+//! [node](crate::node), which does not know the individual tasks.
 //!
 //! | task | module | what it does |
 //! |---|---|---|
-//! | joint servo | [`joint_servo`] | every joint follows its own set-point, or every fingertip its own |
-//! | grasping | [`grasping`] | three fingers find, grasp, hold, move and put down an object |
-//! | impedance | [`impedance`] | an arm's tool yields like a mass on a spring and a damper |
+//! | joint servo | [`joint_servo`] | each joint, or each fingertip, follows a set-point |
+//! | grasping | [`grasping`] | three fingers approach, grasp, hold, move and release an object |
+//! | impedance | [`impedance`] | Cartesian impedance control of an arm |
 //!
 //! A new task is a module that implements [`Task`], and a line in the list (`list.rs`).
 

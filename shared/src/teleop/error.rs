@@ -1,44 +1,43 @@
 use core::fmt;
 
-/// Why a sample was rejected or the clutch stayed open. The state is unchanged.
+/// Why a sample is rejected, or why the clutch stays open. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FollowerError {
-    /// The hand is farther from where it should be than it can be [m]. If all samples are refused so, it is
-    /// elsewhere: open the clutch.
+    /// The position innovation exceeds the gate [m]. If all samples are rejected, open the clutch.
     Distance {
-        /// How far.
+        /// The innovation.
         value: f32,
-        /// The most.
+        /// The gate.
         limit: f32,
     },
-    /// Hand or elbow is turned farther from where it should be than it can be [rad].
+    /// The innovation of the orientation or of the elbow angle exceeds the gate [rad].
     Angle {
-        /// How far.
+        /// The innovation.
         value: f32,
-        /// The most.
+        /// The gate.
         limit: f32,
     },
-    /// The sample is too old, or, negative, from the future: the clocks differ [s].
+    /// The sample is too old, or its time is in the future: the clocks differ [s].
     Age {
-        /// How old.
+        /// The age; negative for a time in the future.
         value: f32,
-        /// The most; of the future, none at all.
+        /// Maximum age.
         limit: f32,
     },
-    /// A later sample was there before [s].
+    /// A later sample arrived before this one [s].
     OutOfOrder {
-        /// By how much it is later.
+        /// Difference of their times.
         by: f32,
     },
     /// A number is not finite.
     NotFinite,
-    /// The orientation is no unit quaternion.
+    /// The orientation is not a unit quaternion.
     NotUnit {
         /// Its norm.
         norm: f32,
     },
-    /// The clutch cannot be closed: nobody knows where the hand is.
+    /// The clutch cannot be closed without a recent sample of the hand.
     NoSample,
 }
 
@@ -48,21 +47,18 @@ impl fmt::Display for FollowerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Distance { value, limit } => {
-                write!(f, "the hand is {value} m from where it should be; at most {limit} m is possible")
+                write!(f, "the hand is {value} m from its prediction; at most {limit} m is accepted")
             }
             Self::Angle { value, limit } => {
-                write!(
-                    f,
-                    "hand or elbow is turned by {value} rad from where it should be; at most {limit} rad is possible"
-                )
+                write!(f, "hand or elbow is {value} rad from its prediction; at most {limit} rad is accepted")
             }
             Self::Age { value, limit } if *value > *limit => {
-                write!(f, "the sample is {value} s old; at most {limit} s is useful")
+                write!(f, "the sample is {value} s old; at most {limit} s is accepted")
             }
             Self::Age { value, .. } => {
-                write!(f, "the sample is {} s ahead of now: the clocks differ", -value)
+                write!(f, "the time of the sample is {} s in the future: the clocks differ", -value)
             }
-            Self::OutOfOrder { by } => write!(f, "a sample that is {by} s later was there before"),
+            Self::OutOfOrder { by } => write!(f, "a sample that is {by} s later arrived before"),
             Self::NotFinite => f.write_str("a number of the sample is not finite"),
             Self::NotUnit { norm } => {
                 write!(f, "the orientation of the sample is a quaternion of norm {norm}; it must be 1")

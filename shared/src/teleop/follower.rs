@@ -35,9 +35,9 @@ impl Instant {
         self.0.wrapping_sub(other.0).cast_signed() as f32 * 1e-6
     }
 
-    /// Limits the age to [`MAX_KEPT_AGE`], so that wrap-around of the clock cannot turn it into the future. A
-    /// time as far ahead, possible only after the clock was set, is limited likewise.
-    fn forget(&mut self, now: Self) {
+    /// Limits the age to [`MAX_KEPT_AGE`], so that wrap-around of the clock cannot make an old time a future
+    /// one. A time that far in the future, possible only after the clock was set, is limited likewise.
+    fn limit_age(&mut self, now: Self) {
         if !(-MAX_KEPT_AGE..=MAX_KEPT_AGE).contains(&now.0.wrapping_sub(self.0).cast_signed()) {
             self.0 = now.0.wrapping_sub(MAX_KEPT_AGE.cast_unsigned());
         }
@@ -56,7 +56,7 @@ pub struct MasterSample {
 }
 
 /// A setting: name, value, minimum and maximum.
-pub(super) type Number = (&'static str, f32, [f32; 2]);
+pub(super) type Setting = (&'static str, f32, [f32; 2]);
 
 /// Settings of a [`Follower`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -114,7 +114,7 @@ pub struct FollowerState {
     elbow: Option<Elbow>,
     /// Offsets; `None` while the clutch is open.
     clutch: Option<ClutchOffset>,
-    place: Vector3<f32>,
+    position: Vector3<f32>,
     rotation: UnitQuaternion<f32>,
     velocity: Vector3<f32>,
     angular_velocity: Vector3<f32>,
@@ -127,9 +127,9 @@ pub struct FollowerState {
 struct OperatorHand {
     time: Instant,
     position: OperatorEstimate<3>,
-    /// Origin of the estimated rotation vector.
+    /// Origin of the rotation vector.
     rotation: UnitQuaternion<f32>,
-    turn: OperatorEstimate<3>,
+    rotation_vector: OperatorEstimate<3>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -142,7 +142,7 @@ struct Elbow {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ClutchOffset {
     /// Tool position minus scaled hand position [m].
-    shift: Vector3<f32>,
+    translation: Vector3<f32>,
     /// Tool orientation in the frame of the hand.
     rotation: UnitQuaternion<f32>,
     /// Elbow offset [rad]; `None` without a sample of the elbow.
@@ -156,7 +156,7 @@ impl FollowerState {
             hand: None,
             elbow: None,
             clutch: None,
-            place: position.into(),
+            position: position.into(),
             rotation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
             velocity: Vector3::zeros(),
             angular_velocity: Vector3::zeros(),
@@ -173,8 +173,8 @@ impl FollowerState {
 
 impl OperatorHand {
     /// Prediction `time` after the last sample [s]: translation, and rotation vector from `rotation`.
-    fn ahead(&self, time: f32) -> (Motion<3>, Motion<3>) {
-        (self.position.ahead(time), self.turn.ahead(time))
+    fn predict(&self, time: f32) -> (Motion<3>, Motion<3>) {
+        (self.position.predict(time), self.rotation_vector.predict(time))
     }
 }
 
@@ -185,9 +185,9 @@ impl Follower {
     /// The first value outside its limits.
     pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
-        let of_models = models.into_iter().flat_map(OperatorModel::numbers);
-        let paces = [&settings.position_limits, &settings.rotation_limits, &settings.elbow_limits];
-        let of_paces = paces.into_iter().flat_map(MotionLimits::numbers);
+        let of_models = models.into_iter().flat_map(OperatorModel::settings);
+        let limits = [&settings.position_limits, &settings.rotation_limits, &settings.elbow_limits];
+        let of_limits = limits.into_iter().flat_map(MotionLimits::settings);
         let [distance, angle] = settings.max_innovation;
         let others = [
             ("scale", settings.scale, [1e-3, 100.0]),
@@ -195,8 +195,8 @@ impl Follower {
             ("innovation of the orientation", angle, [1e-4, 3.0]),
             ("sample age", settings.max_sample_age, [1e-3, 1.0]),
         ];
-        let wrong = |&(_, value, [min, max]): &Number| !(min..=max).contains(&value);
-        match of_models.chain(of_paces).chain(others).find(wrong) {
+        let invalid = |&(_, value, [min, max]): &Setting| !(min..=max).contains(&value);
+        match of_models.chain(of_limits).chain(others).find(invalid) {
             Some((field, value, [min, max])) => Err(InvalidFollowerSettings { field, value, min, max }),
             None => Ok(Self { settings }),
         }
@@ -223,32 +223,32 @@ impl Follower {
             return Err(FollowerError::NotUnit { norm });
         }
         let rotation = UnitQuaternion::new_unchecked(rotation * (1.0 / norm));
-        let place = Vector3::from(sample.position);
-        let passed = self.time_since_last(now, sample.time, state.hand.map(|hand| hand.time))?;
-        let value = math::sqrt(place.norm_squared());
+        let position = Vector3::from(sample.position);
+        let elapsed = self.time_since_last(now, sample.time, state.hand.map(|hand| hand.time))?;
+        let value = math::sqrt(position.norm_squared());
         if value > MAX_DISTANCE {
             return Err(FollowerError::Distance { value, limit: MAX_DISTANCE });
         }
 
-        let known = match (state.hand, passed) {
-            (Some(hand), Some(passed)) => self.known(state, &hand, passed, &place, &rotation)?,
+        let estimate = match (state.hand, elapsed) {
+            (Some(hand), Some(elapsed)) => self.gate(state, &hand, elapsed, &position, &rotation)?,
             _ => None,
         };
         let FollowerSettings { position_model, rotation_model, .. } = &self.settings;
-        let mut hand = known.unwrap_or_else(|| OperatorHand {
+        let mut hand = estimate.unwrap_or_else(|| OperatorHand {
             time: sample.time,
-            position: OperatorEstimate::new(position_model, &place),
+            position: OperatorEstimate::new(position_model, &position),
             rotation,
-            turn: OperatorEstimate::new(rotation_model, &Vector3::zeros()),
+            rotation_vector: OperatorEstimate::new(rotation_model, &Vector3::zeros()),
         });
-        if let (Some(_), Some(passed)) = (known, passed) {
+        if let (Some(_), Some(elapsed)) = (estimate, elapsed) {
             hand.time = sample.time;
-            hand.position.advance(position_model, passed);
-            hand.position.correct(position_model, &place);
-            hand.turn.advance(rotation_model, passed);
-            hand.rotation = rotated_by(&hand.rotation, &hand.turn.rebase());
-            hand.turn.correct(rotation_model, &rotation_between(&hand.rotation, &rotation));
-            hand.rotation = rotated_by(&hand.rotation, &hand.turn.rebase());
+            hand.position.advance(position_model, elapsed);
+            hand.position.correct(position_model, &position);
+            hand.rotation_vector.advance(rotation_model, elapsed);
+            hand.rotation = rotated_by(&hand.rotation, &hand.rotation_vector.rebase());
+            hand.rotation_vector.correct(rotation_model, &rotation_between(&hand.rotation, &rotation));
+            hand.rotation = rotated_by(&hand.rotation, &hand.rotation_vector.rebase());
         }
         state.hand = Some(hand);
         Ok(())
@@ -269,20 +269,20 @@ impl Follower {
             return Err(FollowerError::NotFinite);
         }
         let (model, sample) = (&self.settings.elbow_model, Vector1::new(angle));
-        let passed = self.time_since_last(now, time, state.elbow.map(|elbow| elbow.time))?;
+        let elapsed = self.time_since_last(now, time, state.elbow.map(|elbow| elbow.time))?;
         if math::abs(angle) > MAX_ELBOW_ANGLE {
             return Err(FollowerError::Angle { value: math::abs(angle), limit: MAX_ELBOW_ANGLE });
         }
         let mut estimate = OperatorEstimate::new(model, &sample);
-        if let (Some(elbow), Some(passed)) = (state.elbow, passed) {
-            let value = math::abs(angle - elbow.angle.ahead(passed).place.x);
+        if let (Some(elbow), Some(elapsed)) = (state.elbow, elapsed) {
+            let value = math::abs(angle - elbow.angle.predict(elapsed).position.x);
             let [_, limit] = self.settings.max_innovation;
             if value > limit && state.is_clutch_closed() {
                 return Err(FollowerError::Angle { value, limit });
             }
-            if value <= limit && passed <= MAX_GAP {
+            if value <= limit && elapsed <= MAX_GAP {
                 estimate = elbow.angle;
-                estimate.advance(model, passed);
+                estimate.advance(model, elapsed);
                 estimate.correct(model, &sample);
             }
         }
@@ -301,9 +301,9 @@ impl Follower {
         let hand = state.hand.filter(|hand| recent(hand.time)).ok_or(FollowerError::NoSample)?;
         let elbow = state.elbow.filter(|elbow| recent(elbow.time));
         state.clutch = Some(ClutchOffset {
-            shift: state.place - hand.position.ahead(0.0).place * self.settings.scale,
+            translation: state.position - hand.position.predict(0.0).position * self.settings.scale,
             rotation: hand.rotation.inverse() * state.rotation,
-            elbow: elbow.map(|elbow| state.elbow_angle - elbow.angle.ahead(0.0).place),
+            elbow: elbow.map(|elbow| state.elbow_angle - elbow.angle.predict(0.0).position),
         });
         Ok(())
     }
@@ -320,13 +320,13 @@ impl Follower {
             state.hand.as_mut().map(|hand| &mut hand.time),
             state.elbow.as_mut().map(|elbow| &mut elbow.time),
         ];
-        times.into_iter().flatten().for_each(|time| time.forget(now));
+        times.into_iter().flatten().for_each(|time| time.limit_age(now));
         let (acceleration, angular_acceleration) = match (&state.clutch, &state.hand) {
             (Some(clutch), Some(hand)) => {
-                let (translation, rotation_vector) = hand.ahead(now.since(hand.time));
-                let rotation = rotated_by(&hand.rotation, &rotation_vector.place) * clutch.rotation;
-                let place = MotionTarget {
-                    offset: translation.place * *scale + clutch.shift - state.place,
+                let (translation, rotation_vector) = hand.predict(now.since(hand.time));
+                let rotation = rotated_by(&hand.rotation, &rotation_vector.position) * clutch.rotation;
+                let position = MotionTarget {
+                    offset: translation.position * *scale + clutch.translation - state.position,
                     velocity: translation.velocity * *scale,
                     acceleration: translation.acceleration * *scale,
                 };
@@ -336,7 +336,7 @@ impl Follower {
                     acceleration: rotation_vector.acceleration,
                 };
                 (
-                    position_limits.acceleration(&state.velocity, &place),
+                    position_limits.acceleration(&state.velocity, &position),
                     rotation_limits.acceleration(&state.angular_velocity, &orientation),
                 )
             }
@@ -345,17 +345,18 @@ impl Follower {
         let offset = state.clutch.and_then(|clutch| clutch.elbow);
         let elbow_acceleration = match (offset, &state.elbow) {
             (Some(offset), Some(elbow)) => {
-                let Motion { place, velocity, acceleration } = elbow.angle.ahead(now.since(elbow.time));
-                let aim = MotionTarget { offset: place + offset - state.elbow_angle, velocity, acceleration };
-                elbow_limits.acceleration(&state.elbow_velocity, &aim)
+                let Motion { position, velocity, acceleration } = elbow.angle.predict(now.since(elbow.time));
+                let target =
+                    MotionTarget { offset: position + offset - state.elbow_angle, velocity, acceleration };
+                elbow_limits.acceleration(&state.elbow_velocity, &target)
             }
             _ => elbow_limits.stop(&state.elbow_velocity),
         };
         let point = PosePoint {
-            position: state.place.into(),
+            position: state.position.into(),
             rotation: state.rotation.coords.into(),
-            velocity: joined(&state.velocity, &state.angular_velocity),
-            acceleration: joined(&acceleration, &angular_acceleration),
+            velocity: twist(&state.velocity, &state.angular_velocity),
+            acceleration: twist(&acceleration, &angular_acceleration),
         };
         let elbow = ElbowSetpoint {
             angle: state.elbow_angle.x,
@@ -363,7 +364,7 @@ impl Follower {
             acceleration: elbow_acceleration.x,
         };
         let half = 0.5 * TICK * TICK;
-        state.place += state.velocity * TICK + acceleration * half;
+        state.position += state.velocity * TICK + acceleration * half;
         state.velocity += acceleration * TICK;
         state.rotation =
             rotated_by(&state.rotation, &(state.angular_velocity * TICK + angular_acceleration * half));
@@ -385,38 +386,41 @@ impl Follower {
             return Err(FollowerError::Age { value, limit });
         }
         let Some(last) = last else { return Ok(None) };
-        let passed = time.since(last);
-        if passed <= 0.0 { Err(FollowerError::OutOfOrder { by: -passed }) } else { Ok(Some(passed)) }
+        let elapsed = time.since(last);
+        if elapsed <= 0.0 { Err(FollowerError::OutOfOrder { by: -elapsed }) } else { Ok(Some(elapsed)) }
     }
 
-    /// The estimate to update with a sample `passed` after the last [s]; `None` if it has to start again.
-    fn known(
+    /// Innovation gate: the estimate to update with a sample `elapsed` after the last one [s]; `None` if the
+    /// estimator must restart.
+    fn gate(
         &self,
         state: &FollowerState,
         hand: &OperatorHand,
-        passed: f32,
-        place: &Vector3<f32>,
+        elapsed: f32,
+        position: &Vector3<f32>,
         rotation: &UnitQuaternion<f32>,
     ) -> Result<Option<OperatorHand>, FollowerError> {
-        let (translation, rotation_vector) = hand.ahead(passed);
-        let distance = math::sqrt((place - translation.place).norm_squared());
+        let (translation, rotation_vector) = hand.predict(elapsed);
+        let distance = math::sqrt((position - translation.position).norm_squared());
         let angle = math::sqrt(
-            rotation_between(&rotated_by(&hand.rotation, &rotation_vector.place), rotation).norm_squared(),
+            rotation_between(&rotated_by(&hand.rotation, &rotation_vector.position), rotation).norm_squared(),
         );
-        let [far, twisted] = self.settings.max_innovation;
-        if distance <= far && angle <= twisted {
-            return Ok((passed <= MAX_GAP).then_some(*hand));
+        let [max_distance, max_angle] = self.settings.max_innovation;
+        if distance <= max_distance && angle <= max_angle {
+            return Ok((elapsed <= MAX_GAP).then_some(*hand));
         }
         // With an open clutch the hand may be anywhere.
         match state.is_clutch_closed() {
             false => Ok(None),
-            true if distance > far => Err(FollowerError::Distance { value: distance, limit: far }),
-            true => Err(FollowerError::Angle { value: angle, limit: twisted }),
+            true if distance > max_distance => {
+                Err(FollowerError::Distance { value: distance, limit: max_distance })
+            }
+            true => Err(FollowerError::Angle { value: angle, limit: max_angle }),
         }
     }
 }
 
-/// `[v; ω]`.
-fn joined(linear: &Vector3<f32>, angular: &Vector3<f32>) -> [f32; 6] {
+/// The twist `[v; ω]`.
+fn twist(linear: &Vector3<f32>, angular: &Vector3<f32>) -> [f32; 6] {
     [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
 }

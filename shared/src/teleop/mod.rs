@@ -39,7 +39,8 @@
 //!     if millisecond % 4 == 0 && millisecond >= 20 {
 //!         let time = 1e-3 * (millisecond as f32 - 20.0);
 //!         let position = [0.5 + 0.1 * (time - 1.0).max(0.0), 0.0, 0.0];
-//!         let sample = MasterSample { time: Instant(1000 * (millisecond - 20)), position, rotation: [0.0, 0.0, 0.0, 1.0] };
+//!         let time = Instant(1000 * (millisecond - 20));
+//!         let sample = MasterSample { time, position, rotation: [0.0, 0.0, 0.0, 1.0] };
 //!         follower.add_sample(&mut state, now, &sample)?;
 //!     }
 //!     if millisecond == 500 {

@@ -2,7 +2,7 @@ use nalgebra::SVector;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::follower::Number;
+use super::follower::Setting;
 use crate::{TICK, math};
 
 /// Bandwidth of the set-point's tracking loop [rad/s], close to the limit of the control period; a lower one
@@ -13,9 +13,9 @@ const BANDWIDTH: f32 = 120.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotionLimits {
-    /// [m/s, rad/s]: 0.001 to 100.
+    /// Maximum speed [m/s, rad/s]: 0.001 to 100.
     pub speed: f32,
-    /// [m/s², rad/s²]: 0.001 to 10⁴.
+    /// Maximum acceleration [m/s², rad/s²]: 0.001 to 10⁴.
     pub acceleration: f32,
 }
 
@@ -29,7 +29,7 @@ pub(super) struct MotionTarget<const N: usize> {
 }
 
 impl MotionLimits {
-    pub(super) const fn numbers(&self) -> [Number; 2] {
+    pub(super) const fn settings(&self) -> [Setting; 2] {
         [("speed", self.speed, [1e-3, 100.0]), ("acceleration", self.acceleration, [1e-3, 1e4])]
     }
 
@@ -42,16 +42,17 @@ impl MotionLimits {
     pub(super) fn acceleration<const N: usize>(
         &self,
         velocity: &SVector<f32, N>,
-        aim: &MotionTarget<N>,
+        target: &MotionTarget<N>,
     ) -> SVector<f32, N> {
         let gap = 1.0 - math::exp(-BANDWIDTH * TICK);
         let of_offset = gap * gap / (TICK * TICK);
         let of_speed = gap * (4.0 - gap) / (2.0 * TICK);
-        let distance = math::sqrt(aim.offset.norm_squared());
+        let distance = math::sqrt(target.offset.norm_squared());
         let approach = of_offset / of_speed;
         let max_speed = math::sqrt(self.acceleration * distance);
         let approach = if approach * distance > max_speed { max_speed / distance } else { approach };
-        let desired = aim.acceleration + (aim.velocity - velocity + aim.offset * approach) * of_speed;
+        let desired =
+            target.acceleration + (target.velocity - velocity + target.offset * approach) * of_speed;
         let next = velocity + limited(&desired, self.acceleration) * TICK;
         (limited(&next, self.speed) - velocity) * (1.0 / TICK)
     }
@@ -75,32 +76,35 @@ mod tests {
 
     const LIMITS: MotionLimits = MotionLimits { speed: 1.0, acceleration: 8.0 };
 
-    /// From rest to an aim at rest; time until it is within a thousandth, and the farthest beyond.
-    fn go(distance: f32) -> (f32, f32) {
-        let (mut place, mut velocity, mut far, mut time) = (0.0, 0.0, 0.0_f32, None);
+    /// From rest to a target at rest: settling time to 0.1 % and relative overshoot.
+    fn step_response(distance: f32) -> (f32, f32) {
+        let (mut position, mut velocity, mut overshoot, mut time) = (0.0, 0.0, 0.0_f32, None);
         for tick in 0..400_u16 {
             let zero = Vector1::new(0.0);
-            let aim =
-                MotionTarget { offset: Vector1::new(distance - place), velocity: zero, acceleration: zero };
-            let acceleration = LIMITS.acceleration(&Vector1::new(velocity), &aim).x;
+            let target = MotionTarget {
+                offset: Vector1::new(distance - position),
+                velocity: zero,
+                acceleration: zero,
+            };
+            let acceleration = LIMITS.acceleration(&Vector1::new(velocity), &target).x;
             assert!(
                 acceleration.abs() < LIMITS.acceleration * 1.0001 && velocity.abs() < LIMITS.speed * 1.0001
             );
-            place += velocity * TICK + 0.5 * acceleration * TICK * TICK;
+            position += velocity * TICK + 0.5 * acceleration * TICK * TICK;
             velocity += acceleration * TICK;
-            far = far.max(place - distance);
-            let there = (distance - place).abs() < 1e-3 * distance;
-            time = if there { time.or(Some(f32::from(tick) * TICK)) } else { None };
+            overshoot = overshoot.max(position - distance);
+            let settled = (distance - position).abs() < 1e-3 * distance;
+            time = if settled { time.or(Some(f32::from(tick) * TICK)) } else { None };
         }
-        (time.unwrap_or(f32::NAN), far / distance)
+        (time.unwrap_or(f32::NAN), overshoot / distance)
     }
 
     #[test]
-    fn the_aim_is_reached_within_the_limits_and_not_passed() {
+    fn the_target_is_reached_within_the_limits_and_without_overshoot() {
         // Half a metre: 0.13 s to reach 1 m/s, 0.31 s at that, 0.25 s to brake with half of 8 m/s²: 0.69 s.
-        let (time, beyond) = go(0.5);
-        assert!((0.62..0.72).contains(&time) && beyond < 2e-3, "{time} {beyond}");
-        let (time, beyond) = go(1e-5);
-        assert!(time < 0.12 && beyond < 1e-3, "{time} {beyond}");
+        let (time, overshoot) = step_response(0.5);
+        assert!((0.62..0.72).contains(&time) && overshoot < 2e-3, "{time} {overshoot}");
+        let (time, overshoot) = step_response(1e-5);
+        assert!(time < 0.12 && overshoot < 1e-3, "{time} {overshoot}");
     }
 }

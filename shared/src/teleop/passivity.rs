@@ -3,8 +3,8 @@ use nalgebra::Vector3;
 use crate::TICK;
 use crate::math;
 
-/// Below this speed the handle counts as at rest [m/s]; damping would dissipate nothing.
-const STILL: f32 = 1e-4;
+/// Speed below which the handle is at rest [m/s]: damping dissipates no energy there.
+const REST_SPEED: f32 = 1e-4;
 
 /// Energy is counted in steps larger than this [J], so that measurement noise of the position adds nothing to
 /// either count.
@@ -80,17 +80,17 @@ impl PowerPort {
             - self.uncounted_output
     }
 
-    /// Counts a control period with the mean link force `force` [N], the displacement `way` [m], and the
+    /// Counts a control period with the mean link force `force` [N], the `displacement` [m], and the
     /// `damping` force [N].
-    pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, way: &Vector3<f32>) {
-        self.uncounted_output += force.dot(way);
+    pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, displacement: &Vector3<f32>) {
+        self.uncounted_output += force.dot(displacement);
         if math::abs(self.uncounted_output) > QUANTUM {
             let (counted, rest) = split(self.uncounted_output);
             self.uncounted_output = rest;
             let of = if counted > 0 { &mut self.energy_out } else { &mut self.energy_in };
             *of = of.saturating_add(counted.saturating_abs());
         }
-        let (counted, rest) = split(self.uncounted_damping - damping.dot(way));
+        let (counted, rest) = split(self.uncounted_damping - damping.dot(displacement));
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
@@ -106,29 +106,29 @@ impl PowerPort {
         let work = force.dot(velocity) * TICK;
         let excess = if work > 0.0 { work } else { 0.0 } - self.available_energy(limits, received);
         let square = velocity.norm_squared();
-        if excess <= 0.0 || square < STILL * STILL {
+        if excess <= 0.0 || square < REST_SPEED * REST_SPEED {
             return Vector3::zeros();
         }
         velocity * -math::clamp(excess / (square * TICK), 0.0, limits.max_damping)
     }
 
-    /// The part of the displacement `way` [m] that the available energy allows at the slave under the link
+    /// The part of the `displacement` [m] that the available energy allows at the slave under the link
     /// force `force` [N]; `received` as in [`PowerPort::damping_force`].
     pub fn limit_displacement(
         &self,
         limits: &PowerPortLimits,
         received: i64,
         force: &Vector3<f32>,
-        way: &Vector3<f32>,
+        displacement: &Vector3<f32>,
     ) -> Vector3<f32> {
-        let work = force.dot(way);
+        let work = force.dot(displacement);
         let allowed = self.available_energy(limits, received);
         if work <= 0.0 || work <= allowed {
-            *way
+            *displacement
         } else if allowed <= 0.0 {
             Vector3::zeros()
         } else {
-            way * (allowed / work)
+            displacement * (allowed / work)
         }
     }
 }
@@ -150,70 +150,70 @@ mod tests {
 
     const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
 
-    /// A mass on a spring that is felt 60 ms late: without the ports its swings grow, with them they never
-    /// hold more than what was put in.
-    fn largest_swing(guarded: bool) -> f32 {
+    /// Amplitude of a mass on a spring over a link with 60 ms of delay: unstable without the ports, passive
+    /// with them.
+    fn amplitude(passive: bool) -> f32 {
         let (mass, stiffness, delay) = (1.5_f32, 300.0_f32, 3);
-        let (mut place, mut speed) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());
-        let (mut forward, mut back) = (vec![(place, 0); delay], vec![(Vector3::zeros(), 0); delay]);
+        let (mut position, mut velocity) = (Vector3::new(0.02_f32, 0.0, 0.0), Vector3::zeros());
+        let (mut forward, mut back) = (vec![(position, 0); delay], vec![(Vector3::zeros(), 0); delay]);
         let (mut master, mut slave, mut reference) = (PowerPort::new(), PowerPort::new(), Vector3::zeros());
         let mut largest = 0.0_f32;
         for tick in 0..1000 {
             let (target, received): (Vector3<f32>, i64) = forward.remove(0);
-            // The link pulls the spring.
-            let way = target - reference;
-            let way = if guarded {
-                slave.limit_displacement(&LIMITS, received, &(target * stiffness), &way)
+            // The slave's set-point compresses the spring.
+            let displacement = target - reference;
+            let displacement = if passive {
+                slave.limit_displacement(&LIMITS, received, &(target * stiffness), &displacement)
             } else {
-                way
+                displacement
             };
-            let mean = (reference + way * 0.5) * stiffness;
-            slave.account(&mean, &Vector3::zeros(), &way);
-            reference += way;
+            let mean = (reference + displacement * 0.5) * stiffness;
+            slave.account(&mean, &Vector3::zeros(), &displacement);
+            reference += displacement;
             back.push((-reference * stiffness, slave.energy_in()));
             let (force, received) = back.remove(0);
-            let damping = if guarded {
-                master.damping_force(&LIMITS, received, &force, &speed)
+            let damping = if passive {
+                master.damping_force(&LIMITS, received, &force, &velocity)
             } else {
                 Vector3::zeros()
             };
             let acceleration = (force + damping) / mass;
-            let way = speed * TICK + acceleration * (0.5 * TICK * TICK);
-            master.account(&force, &damping, &way);
-            place += way;
-            speed += acceleration * TICK;
-            forward.push((place, master.energy_in()));
+            let displacement = velocity * TICK + acceleration * (0.5 * TICK * TICK);
+            master.account(&force, &damping, &displacement);
+            position += displacement;
+            velocity += acceleration * TICK;
+            forward.push((position, master.energy_in()));
             if tick > 100 {
-                largest = largest.max(place.norm());
+                largest = largest.max(position.norm());
             }
         }
         largest
     }
 
     #[test]
-    fn a_late_spring_makes_energy_only_without_the_ports() {
-        let (free, guarded) = (largest_swing(false), largest_swing(true));
-        assert!(free > 1.0, "{free}");
-        assert!(guarded < 0.03, "{guarded}");
+    fn the_ports_make_a_delayed_spring_passive() {
+        let (without, with) = (amplitude(false), amplitude(true));
+        assert!(without > 1.0, "{without}");
+        assert!(with < 0.03, "{with}");
     }
 
     #[test]
-    fn what_comes_out_is_what_went_in_at_the_other_end() {
+    fn the_output_is_limited_to_the_input_at_the_other_end() {
         let mut port = PowerPort::new();
-        let (force, way) = (Vector3::new(2.0, 0.0, 0.0), Vector3::new(0.01, 0.0, 0.0));
-        // 20 mJ are asked for, 5 mJ went in at the other end.
-        let half = port.limit_displacement(&LIMITS, 5000, &force, &way);
+        let (force, displacement) = (Vector3::new(2.0, 0.0, 0.0), Vector3::new(0.01, 0.0, 0.0));
+        // 20 mJ requested, 5 mJ entered at the other end.
+        let half = port.limit_displacement(&LIMITS, 5000, &force, &displacement);
         assert!((half.x - 0.0025).abs() < 1e-8);
         port.account(&force, &Vector3::zeros(), &half);
-        assert!(port.limit_displacement(&LIMITS, 5000, &force, &way).norm() < 1e-8);
-        // The other way it gives, and needs nobody's leave.
-        assert_eq!(port.limit_displacement(&LIMITS, 5000, &force, &-way), -way);
-        port.account(&force, &Vector3::zeros(), &-way);
+        assert!(port.limit_displacement(&LIMITS, 5000, &force, &displacement).norm() < 1e-8);
+        // The opposite displacement is an input and not limited.
+        assert_eq!(port.limit_displacement(&LIMITS, 5000, &force, &-displacement), -displacement);
+        port.account(&force, &Vector3::zeros(), &-displacement);
         assert!((port.energy_in() - 20_000).abs() <= 1 && (port.balance() - 15_000).abs() <= 1, "{port:?}");
     }
 
     #[test]
-    fn a_millijoule_counts_however_much_went_through_before() {
+    fn a_millijoule_counts_after_megajoules() {
         let (mut one, mut other) = (PowerPort::new(), PowerPort::new());
         let (force, still) = (Vector3::new(1.0, 0.0, 0.0), Vector3::zeros());
         // 2 kW for ten seconds, or 3 W for two hours.
@@ -223,9 +223,9 @@ mod tests {
         }
         let piece = force * 1.1e-3;
         (0..1000).for_each(|_| one.account(&force, &still, &-piece));
-        let way = other.limit_displacement(&LIMITS, one.energy_in(), &force, &(force * 10.0));
-        assert!((way.x - 1.1).abs() < 2e-3, "{way}");
-        // And what damping takes back.
+        let displacement = other.limit_displacement(&LIMITS, one.energy_in(), &force, &(force * 10.0));
+        assert!((displacement.x - 1.1).abs() < 2e-3, "{displacement}");
+        // Also the dissipated energy.
         (0..1000).for_each(|_| one.account(&still, &-force, &piece));
         let damped = one.balance() - one.energy_in();
         assert!((damped - 1_100_000).abs() < 100, "{damped}");

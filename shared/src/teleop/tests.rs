@@ -11,8 +11,8 @@ use crate::{TICK, math};
 /// (`tests/oracles/hand_estimate.py`).
 const ESTIMATE: &[(u32, f64, [f64; 3])] = include!("../../../tests/oracles/data/hand_estimate.in");
 
-const NOT_TURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
-/// From sampling to arrival [µs].
+const IDENTITY: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
+/// Delay of the link [µs].
 const DELAY: u32 = 22_000;
 
 #[test]
@@ -29,39 +29,39 @@ fn the_estimate_is_that_of_a_kalman_filter_in_double_precision() {
                 estimate
             }
         };
-        let ahead = estimate.ahead(0.025);
-        let found = [ahead.place.x, ahead.velocity.x, ahead.acceleration.x].map(f64::from);
-        for ((found, expected), most) in found.into_iter().zip(expected).zip([2e-6, 2e-4, 2e-2]) {
-            assert!((found - expected).abs() < most, "{time}: {found} {expected}");
+        let prediction = estimate.predict(0.025);
+        let found = [prediction.position.x, prediction.velocity.x, prediction.acceleration.x].map(f64::from);
+        for ((found, expected), tolerance) in found.into_iter().zip(expected).zip([2e-6, 2e-4, 2e-2]) {
+            assert!((found - expected).abs() < tolerance, "{time}: {found} {expected}");
         }
         known = Some((time, estimate));
     }
     assert!(ESTIMATE.len() > 180);
 }
 
-/// A hand, a link with a constant delay, and the follower's set-points.
+/// A hand, a link with a constant delay, and a follower.
 struct Run {
     follower: Follower,
     state: FollowerState,
     point: PosePoint,
-    /// Samples sent and set-points made.
+    /// Number of samples.
     count: u32,
     now: u32,
-    /// Largest change of the velocity and of the spin in a tick.
-    hardest: [f32; 2],
+    /// Maximum linear and angular acceleration.
+    max_acceleration: [f32; 2],
 }
 
 type Pose = (Vector3<f32>, UnitQuaternion<f32>);
 
 impl Run {
-    /// Near the wrap of the clock.
+    /// Close to wrap-around of the clock.
     const START: u32 = u32::MAX - 900_000;
 
     fn new() -> Self {
         let follower = Follower::try_new(FollowerSettings::HUMAN).unwrap();
-        let mut state = FollowerState::at([0.3, 0.1, -0.2], NOT_TURNED, 0.2);
+        let mut state = FollowerState::at([0.3, 0.1, -0.2], IDENTITY, 0.2);
         let point = follower.tick(&mut state, Instant(Self::START)).0;
-        Self { follower, state, point, count: 0, now: 0, hardest: [0.0; 2] }
+        Self { follower, state, point, count: 0, now: 0, max_acceleration: [0.0; 2] }
     }
 
     fn now(&self) -> Instant {
@@ -84,7 +84,7 @@ impl Run {
     fn until(&mut self, end: f32, hand: &dyn Fn(f32) -> Pose, arrives: &dyn Fn(f32) -> bool) {
         while (self.now as f32) < end * 1e6 {
             self.now += 2000;
-            // Not locked to the ticks: every 4 ms.
+            // Every 4 ms, not synchronised to the ticks.
             if self.now.is_multiple_of(4000) && self.now > DELAY {
                 let sampled = (self.now - DELAY) as f32 * 1e-6;
                 if arrives(sampled) {
@@ -97,13 +97,14 @@ impl Run {
                 let now = self.now();
                 self.point = self.follower.tick(&mut self.state, now).0;
                 let FollowerSettings { position_limits, rotation_limits, .. } = FollowerSettings::HUMAN;
-                for (first, hardest, pace) in [(0, 0, position_limits), (3, 1, rotation_limits)] {
+                for (first, max_acceleration, limits) in [(0, 0, position_limits), (3, 1, rotation_limits)] {
                     let change = Vector3::from_fn(|axis, _| {
                         self.point.velocity[first + axis] - before.velocity[first + axis]
                     });
                     let change = change.norm() / TICK;
-                    assert!(change <= 1.001 * pace.acceleration, "{change}");
-                    self.hardest[hardest] = self.hardest[hardest].max(change);
+                    assert!(change <= 1.001 * limits.acceleration, "{change}");
+                    self.max_acceleration[max_acceleration] =
+                        self.max_acceleration[max_acceleration].max(change);
                 }
             }
         }
@@ -125,16 +126,16 @@ fn resting(_: f32) -> Pose {
 
 /// ±0.1 m and ±0.3 rad at half a hertz from 1 s on.
 fn waving(time: f32) -> Pose {
-    let share = if time > 1.0 { math::sin_cos(PI * (time - 1.0)).0 } else { 0.0 };
+    let fraction = if time > 1.0 { math::sin_cos(PI * (time - 1.0)).0 } else { 0.0 };
     let (place, _) = resting(time);
-    (place + Vector3::x() * (0.1 * share), UnitQuaternion::new(Vector3::new(0.0, 0.2, 0.2236) * share))
+    (place + Vector3::x() * (0.1 * fraction), UnitQuaternion::new(Vector3::new(0.0, 0.2, 0.2236) * fraction))
 }
 
 fn always(_: f32) -> bool {
     true
 }
 
-/// Closed at half a second.
+/// With the clutch closed at 0.5 s.
 fn following() -> Run {
     let mut run = Run::new();
     run.until(0.5, &resting, &always);
@@ -143,27 +144,27 @@ fn following() -> Run {
 }
 
 #[test]
-fn the_set_point_is_where_the_hand_is_now() {
+fn the_setpoint_is_at_the_present_pose_of_the_hand() {
     let mut run = following();
     for step in 51..600_u16 {
         let time = f32::from(step) * TICK;
         run.until(time, &waving, &always);
         let (hand, turned) = waving(time);
         let error = run.place() - Vector3::new(0.3, 0.1, -0.2) - (hand - resting(0.0).0);
-        // The wave begins with full speed, which no hand does.
+        // The motion begins with a velocity step, which is not physical.
         if time < 2.0 {
-            run.hardest = [0.0; 2];
+            run.max_acceleration = [0.0; 2];
         } else {
             assert!(error.norm() < 2e-4, "{time}: {error}");
             assert!(run.rotation().angle_to(&turned) < 1e-3, "{time}");
         }
     }
-    // Its own accelerations are 1 m/s² and 3 rad/s².
-    assert!(run.hardest[0] < 1.1 && run.hardest[1] < 3.3, "{:?}", run.hardest);
+    // The accelerations of the hand are 1 m/s² and 3 rad/s².
+    assert!(run.max_acceleration[0] < 1.1 && run.max_acceleration[1] < 3.3, "{:?}", run.max_acceleration);
 }
 
 #[test]
-fn while_samples_stay_away_the_set_point_comes_to_rest_and_then_catches_up() {
+fn without_samples_the_setpoint_comes_to_rest_and_then_catches_up() {
     let mut run = following();
     let gap = |time: f32| !(1.98..2.4).contains(&time);
     run.until(2.0, &waving, &gap);
@@ -171,22 +172,21 @@ fn while_samples_stay_away_the_set_point_comes_to_rest_and_then_catches_up() {
     assert!((speed - 0.1 * PI).abs() < 5e-3, "{speed}");
     run.until(2.41, &waving, &gap);
     assert!(run.point.velocity.iter().all(|speed| speed.abs() < 0.02), "{:?}", run.point.velocity);
-    // What is known of a motion that long ago is forgotten; the hand is 43 mm farther than where the
-    // set-point rests.
+    // The estimator restarts after the gap; the hand is 43 mm from the set-point at rest.
     run.until(3.2, &waving, &gap);
     let error = run.place() - Vector3::new(0.3, 0.1, -0.2) - (waving(3.2).0 - resting(0.0).0);
     assert!(error.norm() < 5e-4, "{error}");
 }
 
 #[test]
-fn what_jumps_is_refused_by_name_and_moves_nothing() {
+fn invalid_samples_are_rejected_by_name_and_change_nothing() {
     let mut run = following();
     run.until(0.6, &resting, &always);
     let before = run.state;
     run.now += 1000;
     let (place, rotation) = resting(0.0);
     let far = run.take(DELAY - 2000, (place + Vector3::y(), rotation)).unwrap_err();
-    assert_eq!(far.to_string(), "the hand is 1 m from where it should be; at most 0.1 m is possible");
+    assert_eq!(far.to_string(), "the hand is 1 m from its prediction; at most 0.1 m is accepted");
     let half = UnitQuaternion::new(Vector3::z() * 3.1);
     let twisted = run.take(DELAY - 2000, (place, half)).unwrap_err();
     assert!(
@@ -197,7 +197,7 @@ fn what_jumps_is_refused_by_name_and_moves_nothing() {
     let long = UnitQuaternion::new_unchecked(Quaternion::new(1.1, 0.0, 0.0, 0.0));
     assert_eq!(run.take(DELAY - 2000, (place, long)), Err(FollowerError::NotUnit { norm: 1.1 }));
     let future = run.take(0_u32.wrapping_sub(5000), (place, rotation)).unwrap_err();
-    assert_eq!(future.to_string(), "the sample is 0.005 s ahead of now: the clocks differ");
+    assert_eq!(future.to_string(), "the time of the sample is 0.005 s in the future: the clocks differ");
     assert_eq!(run.take(300_000, (place, rotation)), Err(FollowerError::Age { value: 0.3, limit: 0.2 }));
     let Err(FollowerError::OutOfOrder { by }) = run.take(DELAY + 20_000, (place, rotation)) else {
         panic!("taken")
@@ -210,7 +210,7 @@ fn what_jumps_is_refused_by_name_and_moves_nothing() {
 }
 
 #[test]
-fn with_an_open_clutch_the_tool_stands_and_nothing_jumps_when_it_closes() {
+fn with_an_open_clutch_the_tool_is_at_rest_and_closing_causes_no_jump() {
     let mut run = following();
     run.until(2.0, &waving, &always);
     run.follower.open_clutch(&mut run.state);
@@ -222,12 +222,12 @@ fn with_an_open_clutch_the_tool_stands_and_nothing_jumps_when_it_closes() {
     let (hand, _) = waving(3.6 - DELAY as f32 * 1e-6);
     run.until(5.0, &waving, &always);
     let error = run.place() - stands - (waving(5.0).0 - hand);
-    // The hand passes by at 0.1 m/s and is estimated so; the offset is where it was.
+    // The offset is that of the hand at the last sample.
     assert!(error.norm() < 5e-4, "{error}");
 }
 
 #[test]
-fn the_tool_turns_about_the_axes_of_the_base_and_its_way_is_scaled() {
+fn rotation_is_about_base_axes_and_translation_is_scaled() {
     let settings = FollowerSettings { scale: 0.5, ..FollowerSettings::HUMAN };
     let mut run = Run::new();
     run.follower = Follower::try_new(settings).unwrap();
@@ -235,9 +235,9 @@ fn the_tool_turns_about_the_axes_of_the_base_and_its_way_is_scaled() {
     run.state = FollowerState::at([0.0; 3], tool.coords.into(), 0.0);
     let held = UnitQuaternion::from_euler_angles(-1.0, 0.2, 0.1);
     let hand = move |time: f32| {
-        let share = (time - 1.0).clamp(0.0, 1.0);
-        let turn = UnitQuaternion::new(Vector3::z() * (FRAC_PI_2 * share));
-        (Vector3::x() * (0.2 * share), turn * held)
+        let fraction = (time - 1.0).clamp(0.0, 1.0);
+        let turn = UnitQuaternion::new(Vector3::z() * (FRAC_PI_2 * fraction));
+        (Vector3::x() * (0.2 * fraction), turn * held)
     };
     run.until(0.5, &hand, &always);
     run.close().unwrap();
@@ -248,15 +248,15 @@ fn the_tool_turns_about_the_axes_of_the_base_and_its_way_is_scaled() {
 }
 
 #[test]
-fn the_elbow_follows_from_where_it_is_and_needs_no_sensor() {
+fn the_elbow_follows_with_an_offset_and_needs_no_sensor() {
     let follower = Follower::try_new(FollowerSettings::HUMAN).unwrap();
     for sensor in [true, false] {
         let mut run = following();
-        run.state.clone_from(&FollowerState::at([0.0; 3], NOT_TURNED, 0.2));
+        run.state.clone_from(&FollowerState::at([0.0; 3], IDENTITY, 0.2));
         let mut angle = f32::NAN;
         for tick in 0..300_u32 {
             let now = Instant(tick * 10_000);
-            let sample = MasterSample { time: now, position: [0.0; 3], rotation: NOT_TURNED };
+            let sample = MasterSample { time: now, position: [0.0; 3], rotation: IDENTITY };
             follower.add_sample(&mut run.state, now, &sample).unwrap();
             let tilt = 0.5 + 0.3 * (tick as f32 * TICK - 1.0).clamp(0.0, 1.0);
             if sensor {
@@ -273,7 +273,7 @@ fn the_elbow_follows_from_where_it_is_and_needs_no_sensor() {
 }
 
 #[test]
-fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
+fn a_clutch_without_samples_stays_open_and_invalid_settings_are_named() {
     let mut run = Run::new();
     assert_eq!(run.close(), Err(FollowerError::NoSample));
     run.until(0.5, &resting, &always);
@@ -287,7 +287,7 @@ fn a_clutch_without_samples_stays_open_and_bad_settings_are_named() {
 }
 
 #[test]
-fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
+fn samples_after_a_pause_longer_than_the_clock_range_are_accepted() {
     for pause in [30_u32, 36, 50, 71, 72, 100] {
         for closed in [true, false] {
             let mut run = Run::new();
@@ -316,7 +316,7 @@ fn samples_that_paused_for_longer_than_the_clock_can_tell_are_taken_at_once() {
                 let taken = run.follower.add_sample(&mut run.state, now, &sample);
                 taken.and_then(|()| run.follower.add_elbow_sample(&mut run.state, now, time, elbow))
             };
-            // However long it was: a closed clutch does not follow a hand that is elsewhere now.
+            // A closed clutch rejects a hand that has moved during the pause.
             if closed {
                 let far = take(place + Vector3::y(), 0.5);
                 assert!(matches!(far, Err(FollowerError::Distance { .. })), "{pause}: {far:?}");
@@ -337,7 +337,7 @@ fn a_clutch_does_not_close_on_a_sample_of_an_hour_ago() {
 }
 
 #[test]
-fn a_clock_that_was_set_back_stops_nothing_for_long() {
+fn samples_after_the_clock_was_set_back_are_accepted() {
     let mut run = following();
     let now = Instant(run.now().0.wrapping_sub(3_600_000_000 / 4));
     run.follower.tick(&mut run.state, now);
@@ -346,16 +346,15 @@ fn a_clock_that_was_set_back_stops_nothing_for_long() {
     assert_eq!(run.follower.add_sample(&mut run.state, now, &sample), Ok(()));
 }
 
-/// What the settings may be at least and at most.
+/// Settings at their minima and maxima.
 fn extremes() -> Vec<FollowerSettings> {
-    let ends =
-        |bit: u32, index: u32, [least, most]: [f32; 2]| if bit >> index & 1 == 1 { most } else { least };
+    let ends = |bit: u32, index: u32, [min, max]: [f32; 2]| if bit >> index & 1 == 1 { max } else { min };
     (0..256_u32)
         .map(|bits| {
             let (jerk_diffusion, tremor) = (ends(bits, 0, [0.01, 1e4]), ends(bits, 1, [1e-6, 0.1]));
             let model = OperatorModel { jerk_diffusion, tremor, noise: ends(bits, 2, [1e-6, 0.1]) };
             let (speed, acceleration) = (ends(bits, 3, [1e-3, 100.0]), ends(bits, 4, [1e-3, 1e4]));
-            let pace = MotionLimits { speed, acceleration };
+            let limits = MotionLimits { speed, acceleration };
             FollowerSettings {
                 position_model: model,
                 rotation_model: model,
@@ -363,26 +362,26 @@ fn extremes() -> Vec<FollowerSettings> {
                 scale: ends(bits, 5, [1e-3, 100.0]),
                 max_innovation: [ends(bits, 6, [1e-4, 10.0]), ends(bits, 7, [1e-4, 3.0])],
                 max_sample_age: 1.0,
-                position_limits: pace,
-                rotation_limits: pace,
-                elbow_limits: pace,
+                position_limits: limits,
+                rotation_limits: limits,
+                elbow_limits: limits,
             }
         })
         .collect()
 }
 
 #[test]
-fn the_set_point_is_finite_with_whatever_settings_and_samples_are_allowed() {
+fn the_setpoint_is_finite_for_all_valid_settings_and_samples() {
     for settings in extremes() {
         let follower = Follower::try_new(settings).unwrap();
         for every in [1, 2, 30] {
-            let mut state = FollowerState::at([0.0; 3], NOT_TURNED, 0.2);
+            let mut state = FollowerState::at([0.0; 3], IDENTITY, 0.2);
             for step in 0..1000_u32 {
                 let now = Instant(step * 10_000);
                 let time = step as f32 * TICK;
                 let place = Vector3::new(99.0, 0.0, 0.0) + waving(time).0;
                 let (position, rotation) = (place.into(), waving(time).1.coords.into());
-                // Two at a time, a microsecond apart.
+                // Two samples, a microsecond apart.
                 for late in [1, 0] {
                     if step % every == 0 && step > 0 {
                         let time = Instant(now.0 - late);
@@ -409,10 +408,10 @@ fn the_set_point_is_finite_with_whatever_settings_and_samples_are_allowed() {
 }
 
 #[test]
-fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
+fn settings_and_samples_outside_their_limits_are_refused() {
     let human = FollowerSettings::HUMAN;
-    type Spoil = fn(&mut FollowerSettings, f32);
-    let spoil: [(&str, [f32; 2], Spoil); 6] = [
+    type Change = fn(&mut FollowerSettings, f32);
+    let change: [(&str, [f32; 2], Change); 6] = [
         ("jerk diffusion", [0.01, 1e4], |settings, value| settings.position_model.jerk_diffusion = value),
         ("tremor", [1e-6, 0.1], |settings, value| settings.rotation_model.tremor = value),
         ("noise", [1e-6, 0.1], |settings, value| settings.elbow_model.noise = value),
@@ -420,14 +419,14 @@ fn settings_beyond_what_a_hand_can_do_are_refused_and_so_are_samples() {
         ("acceleration", [1e-3, 1e4], |settings, value| settings.elbow_limits.acceleration = value),
         ("innovation of the position", [1e-4, 10.0], |settings, value| settings.max_innovation[0] = value),
     ];
-    for (field, [min, max], spoil) in spoil {
+    for (field, [min, max], change) in change {
         let mut settings = human;
         for value in [min, max] {
-            spoil(&mut settings, value);
+            change(&mut settings, value);
             assert!(Follower::try_new(settings).is_ok(), "{field}");
         }
         for value in [1.01 * max, 1e30, f32::INFINITY, f32::NAN, 0.99 * min, 0.0, -min] {
-            spoil(&mut settings, value);
+            change(&mut settings, value);
             let bad = Follower::try_new(settings).unwrap_err();
             assert_eq!((bad.field, bad.min, bad.max), (field, min, max), "{value}");
         }

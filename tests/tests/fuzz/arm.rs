@@ -99,6 +99,6 @@ fn an_arm_that_yields_keeps_its_limits_whatever_pushes_it() {
     });
     let seen = seen.into_inner();
     println!("arm: {seen:?}");
-    let all = ["contact", "free", "ToolAway", "ToolTurned"];
+    let all = ["contact", "free", "ToolPositionError", "ToolOrientationError"];
     assert!(runs.into_inner() < 400 || all.iter().all(|name| seen.contains(*name)), "{seen:?}");
 }

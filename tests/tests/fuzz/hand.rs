@@ -153,7 +153,7 @@ fn a_hand_that_grasps_keeps_its_limits_whatever_it_feels() {
                     if random.one_in(4) {
                         torques[random.below(home.len())] = random.value();
                     }
-                    Request::Task(TaskCommand::JointServo(JointCommand::Guide { points, torques }))
+                    Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques { points, torques }))
                 }
                 8..200 => Request::Keep,
                 _ => continue,

@@ -52,7 +52,7 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
                 acceleration: axes(random, 1.0),
             };
             let tips = 1 + random.below(4);
-            Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+            Request::Task(TaskCommand::JointServo(JointCommand::StreamTips {
                 tips: (0..tips).map(|_| tip(random)).collect(),
             }))
         }
@@ -61,7 +61,7 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         21 => Request::Keep,
         22 => {
             let torques = list(random).iter().map(|value| value * 0.4).collect();
-            Request::Task(TaskCommand::JointServo(JointCommand::Guide {
+            Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques {
                 points: points(random, count),
                 torques,
             }))
@@ -186,7 +186,7 @@ pub fn any_settings(random: &mut Random) -> ImpedanceSettings {
             ForceSource::Sensor
         },
         contact_force: between(random, 0.1, 100.0),
-        reach: [between(random, 0.01, 1.0), between(random, 0.1, 3.0)],
+        max_deviation: [between(random, 0.01, 1.0), between(random, 0.1, 3.0)],
     }
 }
 

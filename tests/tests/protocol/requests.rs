@@ -68,15 +68,15 @@ impl Messages {
             velocity: [0.5, -0.25, 0.125],
             acceleration: [2.0, -1.0, 0.0],
         };
-        joints("reach", JointCommand::Reach { tips: list([moving, TipPoint::default()]) });
+        joints("stream-tips", JointCommand::StreamTips { tips: list([moving, TipPoint::default()]) });
         let [position, velocity, acceleration] = [[f32::MIN; 3]; 3];
         let tips = list([TipPoint { position, velocity, acceleration }; 6]);
-        joints("reach-6", JointCommand::Reach { tips });
+        joints("stream-tips-6", JointCommand::StreamTips { tips });
 
         let points = list([point(0.5, -0.25, 2.0), point(0.0, 0.0, 0.0)]);
-        joints("guide", JointCommand::Guide { points, torques: list([0.125, -0.0625]) });
+        joints("stream-torques", JointCommand::StreamTorques { points, torques: list([0.125, -0.0625]) });
         let points = list([point(f32::MIN, f32::MIN, f32::MIN); 16]);
-        joints("guide-16", JointCommand::Guide { points, torques: list([f32::MIN; 16]) });
+        joints("stream-torques-16", JointCommand::StreamTorques { points, torques: list([f32::MIN; 16]) });
     }
 
     fn grasping(&mut self) {
@@ -124,7 +124,7 @@ impl Messages {
             elbow_bandwidth: f32::MIN,
             force: ForceSource::Observer { bandwidth: f32::MIN },
             contact_force: f32::MIN,
-            reach: [f32::MIN; 2],
+            max_deviation: [f32::MIN; 2],
         };
         let (law, redundancy) = (Law::Direct, Redundancy::None);
         let driven = Redundancy::DrivenJoint { joint: 2 };

@@ -205,7 +205,7 @@ pub const YIELDING: ImpedanceSettings = ImpedanceSettings {
     elbow_bandwidth: 12.0,
     force: ForceSource::Sensor,
     contact_force: 1.5,
-    reach: [0.25, 1.5],
+    max_deviation: [0.25, 1.5],
 };
 
 pub const PUSHED: ImpedanceTelemetry = ImpedanceTelemetry {
@@ -226,9 +226,9 @@ pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [
     (InvalidSettings::NoArmAngle, "no-arm-angle"),
     (InvalidSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
     (InvalidSettings::ContactForce { value: -1.0 }, "contact-force"),
-    (InvalidSettings::Reach { value: 0.0 }, "reach"),
+    (InvalidSettings::MaxDeviation { value: 0.0 }, "max-deviation"),
     (InvalidSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
-    (InvalidSettings::NoFreeJoint, "no-free-joint"),
+    (InvalidSettings::NoRedundantJoint, "no-redundant-joint"),
 ];
 
 const fn invalid_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {
@@ -328,8 +328,8 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ForceLimit,
     FaultCause::ObjectLost,
     FaultCause::ObjectMoved,
-    FaultCause::ToolAway,
-    FaultCause::ToolTurned,
+    FaultCause::ToolPositionError,
+    FaultCause::ToolOrientationError,
 ];
 
 pub fn quiet_board() -> BoardStatus {

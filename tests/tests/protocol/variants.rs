@@ -60,7 +60,7 @@ variants! {
     TaskTelemetry { JointServo, Grasping, Impedance }
     TaskRefusal { JointServo, Grasping, Impedance }
     ServoMode { Pid, Observer }
-    JointCommand { Goal, Stream, Reach, Guide }
+    JointCommand { Goal, Stream, StreamTips, StreamTorques }
     JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
     LimitRefusal { JointCount, NotFinite, OutsideLimits, TooFast, Jump, TooMuchAcceleration, TooMuchTorque }
     GraspCommand { Grasp, Move, PutDown, Open }
@@ -77,7 +77,7 @@ variants! {
     ForceSource { Sensor, Observer }
     ImpedanceRefusal { NotAnArm, NotTared, NoForceSensor, ForceSourceInUse, Settings, Setpoint }
     InvalidSettings {
-        Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, Reach, ForceBandwidth, NoFreeJoint,
+        Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, MaxDeviation, ForceBandwidth, NoRedundantJoint,
     }
     ImpedanceTerm { Mass, Damping, Stiffness }
     SetpointError { Distance, Rotation, NotFinite, NotUnit, Elbow }
@@ -103,7 +103,7 @@ variants! {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
-        ObjectLost, ObjectMoved, ToolAway, ToolTurned,
+        ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }

@@ -1,12 +1,12 @@
-//! What the on-target programs share.
+//! Panic handler and robot model of the on-target programs.
 #![allow(dead_code, reason = "each program uses its part")]
 
 use core::panic::PanicInfo;
 
 use cortex_m_semihosting::{debug, hprintln};
 use tesaki::model::{
-    ChainModel, Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose,
-    Reaction, RobotModel, Safety, ServoGains,
+    ChainModel, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose, Reaction,
+    RobotModel, Safety, ServoGains,
 };
 
 #[panic_handler]
@@ -18,11 +18,11 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     }
 }
 
-/// A joint of ordinary values; axes alternate.
+/// A joint of the hand; axes alternate.
 pub fn joint(index: usize) -> JointModel {
     const NAMES: [&str; 9] = ["j0", "j1", "j2", "j3", "j4", "j5", "j6", "j7", "j8"];
+    let typical = tesaki::test_support::joint(NAMES[index]);
     JointModel {
-        name: NAMES[index].try_into().expect("short"),
         origin: Pose { translation: [0.01, 0.0, 0.04], ..Pose::IDENTITY },
         axis: if index.is_multiple_of(3) { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] },
         link: Inertial {
@@ -30,30 +30,14 @@ pub fn joint(index: usize) -> JointModel {
             center_of_mass: [0.0, 0.0, 0.02],
             inertia: [5e-6, 5e-6, 1e-6, 0.0, 0.0, 0.0],
         },
-        motor: Motor {
-            rotor_inertia: 2e-4,
-            torque_constant: 0.5,
-            current_limit: 1.4,
-            current_resolution: 1e-3,
-            bandwidth: 300.0,
-            delay: 3e-4,
-        },
-        friction: Friction { coulomb: 0.02, viscous: 0.002 },
-        encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },
-        limits: JointLimits {
-            lower: -1.5,
-            upper: 1.5,
-            velocity: 8.0,
-            torque: 0.6,
-            torque_rate: 60.0,
-            following_error: 0.5,
-        },
+        motor: Motor { current_limit: 1.4, ..typical.motor },
+        limits: JointLimits { torque_rate: 60.0, following_error: 0.5, ..typical.limits },
         servo: ServoGains {
-            filter_time: 0.2,
-            pid: PidGains { proportional: 0.1, integral: 0.1, derivative: 0.001, cutoff: 30.0 },
-            observer: ObserverGains { inertia: 2.1e-4, bandwidth: 20.0, observer_bandwidth: 40.0 },
-            rest_error: 5e-4,
+            pid: PidGains { proportional: 0.1, integral: 0.1, derivative: 0.001, ..typical.servo.pid },
+            observer: ObserverGains { bandwidth: 20.0, observer_bandwidth: 40.0, ..typical.servo.observer },
+            ..typical.servo
         },
+        ..typical
     }
 }
 

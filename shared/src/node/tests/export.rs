@@ -1,7 +1,7 @@
 //! Exports of the model and of the state.
 
-use super::bench::{Bench, model, refusal};
 use super::force_sensors::SENSOR;
+use super::rig::{Rig, model, refusal};
 use crate::fault::{Fault, FaultCause};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 use crate::node::export::Export;
@@ -11,26 +11,26 @@ use crate::node::{MAX_MODEL, MAX_STATE, STATE_KEY};
 use crate::protocol::{Item, Refusal, Reply, Request, SCHEMA_KEY};
 
 #[test]
-fn exports_are_whole_and_end_where_they_end() {
-    let mut bench = Bench::ready(&model());
-    let (bytes, _) = bench.export(Item::Model);
+fn an_export_has_the_bytes_and_the_length_of_its_item() {
+    let mut rig = Rig::ready(&model());
+    let (bytes, _) = rig.export(Item::Model);
     assert_eq!(bytes, postcard::to_stdvec(&model()).unwrap());
     let length = bytes.len() as u32;
     let beyond = Request::ReadExport { offset: length };
-    assert_eq!(refusal(bench.ask(beyond)), Refusal::NotExported { length });
-    let Reply::Chunk { data, .. } = bench.ask(Request::ReadExport { offset: length - 5 }) else { panic!() };
+    assert_eq!(refusal(rig.ask(beyond)), Refusal::NotExported { length });
+    let Reply::Chunk { data, .. } = rig.ask(Request::ReadExport { offset: length - 5 }) else { panic!() };
     assert_eq!(data, bytes[bytes.len() - 5..]);
-    let mut empty = Bench::new();
+    let mut empty = Rig::new();
     empty.command();
     assert_eq!(refusal(empty.ask(Request::ReadExport { offset: 0 })), Refusal::NotExported { length: 0 });
     assert_eq!(refusal(empty.ask(Request::Export(Item::Model))), Refusal::NoModel);
 }
 
-/// More than any run reaches: every list full, every number at its longest.
+/// The largest encoding: full lists, and numbers with the longest varints.
 #[test]
 fn the_largest_state_and_the_largest_model_can_be_exported() {
-    let mut bench = Bench::ready(&model());
-    let node = &mut bench.node;
+    let mut rig = Rig::ready(&model());
+    let node = &mut rig.node;
     node.state.joints = [JointState::extreme(); MAX_JOINTS];
     node.state.force_sensors = [ForceSensorState::extreme(); MAX_CHAINS];
     for _ in 0..20 {
@@ -39,8 +39,8 @@ fn the_largest_state_and_the_largest_model_can_be_exported() {
     }
     let length = postcard::to_stdvec(&node.state).unwrap().len();
     assert!(length > 2500 && length <= MAX_STATE, "{length} of {MAX_STATE}");
-    let (bytes, _) = bench.export(Item::State);
-    assert_eq!(bytes.len(), postcard::to_stdvec(&bench.node.state).unwrap().len());
+    let (bytes, _) = rig.export(Item::State);
+    assert_eq!(bytes.len(), postcard::to_stdvec(&rig.node.state).unwrap().len());
 
     let mut largest = model();
     largest.chains.clear();
@@ -62,9 +62,8 @@ fn the_largest_state_and_the_largest_model_can_be_exported() {
     assert!(length > 2000 && length <= MAX_MODEL, "{length} of {MAX_MODEL}");
 }
 
-/// A longer export than the buffer is refused, not answered with something shorter.
 #[test]
-fn what_does_not_fit_is_refused() {
+fn an_export_longer_than_the_buffer_is_refused() {
     let mut export = Export::new();
     let long = std::vec![1_u8; MAX_STATE.max(MAX_MODEL) + 1];
     assert_eq!(export.begin(&long, 0, 0), Err(Refusal::NotExported { length: 0 }));
@@ -72,11 +71,11 @@ fn what_does_not_fit_is_refused() {
 }
 
 #[test]
-fn an_export_of_the_state_tells_its_key() {
-    let mut bench = Bench::ready(&model());
-    let Reply::Exported { key, .. } = bench.ask(Request::Export(Item::State)) else { panic!() };
+fn an_export_names_the_key_of_its_layout() {
+    let mut rig = Rig::ready(&model());
+    let Reply::Exported { key, .. } = rig.ask(Request::Export(Item::State)) else { panic!() };
     assert_eq!(key, STATE_KEY);
     assert_ne!(STATE_KEY, SCHEMA_KEY);
-    let Reply::Exported { key, .. } = bench.ask(Request::Export(Item::Model)) else { panic!() };
+    let Reply::Exported { key, .. } = rig.ask(Request::Export(Item::Model)) else { panic!() };
     assert_eq!(key, SCHEMA_KEY);
 }

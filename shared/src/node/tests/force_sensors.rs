@@ -2,8 +2,8 @@
 
 use heapless::Vec;
 
-use super::bench::{Bench, COUNTS_PER_RADIAN, model, near, refusal};
 use super::fingertips::{ANGLES, TIPS, fingers};
+use super::rig::{COUNTS_PER_RADIAN, Rig, model, near, refusal};
 use crate::fault::FaultCause;
 use crate::model::ForceSensor;
 use crate::protocol::{Mode, Refusal, Reply, Request};
@@ -19,80 +19,80 @@ pub const SENSOR: ForceSensor = ForceSensor {
     center_of_mass: [0.0, 0.0, 0.02],
 };
 
-/// Two fingers whose tips, 10 g each with their centre 20 mm along z, stand on force sensors; gravity along
+/// Two fingers with force sensors. Each tip has 10 g, with the centre of mass 20 mm along z; gravity along
 /// −z.
-pub fn feeling_fingers(counts: [[i32; 6]; 2]) -> Bench {
+pub fn fingers_with_force_sensors(counts: [[i32; 6]; 2]) -> Rig {
     let mut model = fingers();
     model.chains.iter_mut().for_each(|chain| chain.force_sensor = Some(SENSOR));
-    let mut bench = Bench::new();
-    bench.sensors.encoders = ANGLES.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
-    bench.sensors.currents = [0; 6].into_iter().collect();
-    bench.sensors.forces = counts.into_iter().collect();
-    bench.command();
-    assert_eq!(bench.push(&model), Reply::Done);
-    bench.tick();
-    bench
+    let mut rig = Rig::new();
+    rig.sensors.encoders = ANGLES.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
+    rig.sensors.currents = [0; 6].into_iter().collect();
+    rig.sensors.forces = counts.into_iter().collect();
+    rig.command();
+    assert_eq!(rig.push(&model), Reply::Done);
+    rig.tick();
+    rig
 }
 
 #[test]
-fn the_weight_of_a_tip_and_the_offset_of_its_sensor_are_not_taken_for_contact() {
-    // The first finger's links stand 1.3 rad off z, after 0.1 rad about z: gravity in the tip's frame is
-    // 9.81 (sin 1.3, 0, −cos 1.3); the tip's 98.1 mN read (94.53, 0, −26.24) mN, and at its centre they turn
-    // by 20 mm · 94.53 mN = 1.8905 mN·m about y.
+fn weight_of_the_tip_and_offset_of_the_sensor_are_compensated() {
+    // The first finger's last link is at 1.3 rad from z: gravity in the tip's frame is 9.81 (sin 1.3, 0, −cos
+    // 1.3). The tip's weight of 98.1 mN reads (94.53, 0, −26.24) mN, with the moment 20 mm · 94.53 mN =
+    // 1.8905 mN·m about y.
     let weight = [95, 0, -26, 0, 189, 0];
-    let mut bench = feeling_fingers([weight, [0; 6]]);
-    let tips = bench.node.tips();
+    let mut rig = fingers_with_force_sensors([weight, [0; 6]]);
+    let tips = rig.node.tips();
     let [first, second] = tips.tips[..] else { panic!() };
     assert!(near(first.position, TIPS[0], 2e-5), "{first:?}");
     assert!(near(first.force, [0.0; 3], 1e-3) && near(first.torque, [0.0; 3], 2e-5), "{first:?}");
     assert!(!first.tared && second.force.iter().any(|force| force.abs() > 0.05), "{second:?}");
-    // An offset of 0.3 N along the tip's x on both: tared it is gone, and 1 N along its z points where the
-    // link points.
-    bench.sensors.forces = [[weight[0] + 300, 0, -26, 0, 189, 0], [300, 0, 0, 0, 0, 0]].into_iter().collect();
-    (0..100).for_each(|_| drop(bench.tick()));
-    assert_eq!(bench.ask(Request::Tare), Reply::Done);
-    bench.sensors.forces[0][2] += 1000;
-    bench.tick();
-    let tips = bench.node.tips();
+    // The tare removes an offset of 0.3 N along the tip's x. Then 1 N along its z has the direction of the
+    // link.
+    rig.sensors.forces = [[weight[0] + 300, 0, -26, 0, 189, 0], [300, 0, 0, 0, 0, 0]].into_iter().collect();
+    (0..100).for_each(|_| drop(rig.tick()));
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    rig.sensors.forces[0][2] += 1000;
+    rig.tick();
+    let tips = rig.node.tips();
     let expected = [0.958_745, 0.096_195, 0.267_499]; // sin 1.3 cos 0.1, sin 1.3 sin 0.1, cos 1.3
     assert!(near(tips.tips[0].force, expected, 3e-3), "{tips:?}");
     assert!(near(tips.tips[1].force, [0.0; 3], 3e-3) && tips.tips[1].tared, "{tips:?}");
 }
 
 #[test]
-fn force_sensors_that_are_dead_saturated_or_overloaded_are_faults_by_name() {
-    let armed = || {
-        let mut bench = feeling_fingers([[0; 6]; 2]);
-        assert_eq!(bench.arm(), Reply::Done);
-        bench.tick();
-        bench
+fn dead_saturated_and_overloaded_force_sensors_are_faults_by_name() {
+    let enabled = || {
+        let mut rig = fingers_with_force_sensors([[0; 6]; 2]);
+        assert_eq!(rig.enable(), Reply::Done);
+        rig.tick();
+        rig
     };
-    // Noise keeps the first one alive.
-    let fault = |change: &dyn Fn(&mut Bench, i32), ticks: i32| {
-        let mut bench = armed();
-        assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    // Noise on the first sensor: constant counts would be a fault.
+    let fault = |change: &dyn Fn(&mut Rig, i32), ticks: i32| {
+        let mut rig = enabled();
+        assert_eq!(rig.ask(Request::Tare), Reply::Done);
         for tick in 0..ticks {
-            bench.sensors.forces[0][3] = tick % 2;
-            change(&mut bench, tick);
-            bench.tick();
-            if bench.node.mode() == Mode::Fault {
-                return *bench.node.faults().faults.last().unwrap();
+            rig.sensors.forces[0][3] = tick % 2;
+            change(&mut rig, tick);
+            rig.tick();
+            if rig.node.mode() == Mode::Fault {
+                return *rig.node.faults().faults.last().unwrap();
             }
-            let now = [0, 1, 2, 3, 4, 5].map(|joint| bench.node.state.measured.positions[joint]);
+            let now = [0, 1, 2, 3, 4, 5].map(|joint| rig.node.state.measured.positions[joint]);
             let hold = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
                 positions: Vec::from_slice(&now).unwrap(),
             }));
-            bench.ask(hold);
+            rig.ask(hold);
         }
         panic!("no fault")
     };
-    let noise = |bench: &mut Bench, tick: i32| bench.sensors.forces[1][4] = tick % 3;
+    let noise = |rig: &mut Rig, tick: i32| rig.sensors.forces[1][4] = tick % 3;
     let dead = fault(&|_, _| {}, 60);
     assert_eq!((dead.cause, dead.joint, dead.limit), (FaultCause::ForceStuck, Some(5), 50.0));
     let saturated = fault(
-        &|bench, tick| {
-            noise(bench, tick);
-            bench.sensors.forces[1][0] = -20_000;
+        &|rig, tick| {
+            noise(rig, tick);
+            rig.sensors.forces[1][0] = -20_000;
         },
         5,
     );
@@ -101,15 +101,15 @@ fn force_sensors_that_are_dead_saturated_or_overloaded_are_faults_by_name() {
         (FaultCause::ForceSaturated, Some(5), 20_000.0)
     );
     let overload = fault(
-        &|bench, tick| {
-            noise(bench, tick);
-            bench.sensors.forces[0][1] = 500 * tick;
+        &|rig, tick| {
+            noise(rig, tick);
+            rig.sensors.forces[0][1] = 500 * tick;
         },
         20,
     );
     assert_eq!((overload.cause, overload.joint, overload.limit), (FaultCause::ForceLimit, Some(2), 5.0));
     assert!((overload.value - 5.5).abs() < 0.1, "{overload:?}");
-    let missing = fault(&|bench, _| bench.sensors.forces.truncate(1), 2);
+    let missing = fault(&|rig, _| rig.sensors.forces.truncate(1), 2);
     assert_eq!((missing.cause, missing.value, missing.limit), (FaultCause::SensorCount, 1.0, 2.0));
-    assert_eq!(refusal(Bench::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
+    assert_eq!(refusal(Rig::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
 }

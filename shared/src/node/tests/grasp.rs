@@ -2,9 +2,9 @@
 
 use heapless::Vec;
 
-use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
 use super::fingertips::{fingers, references};
-use super::force_sensors::{SENSOR, feeling_fingers};
+use super::force_sensors::{SENSOR, fingers_with_force_sensors as feeling_fingers};
+use super::rig::{COUNTS_PER_RADIAN, Rig as Bench, model, refusal};
 use crate::control::{JointPoint, ServoMode};
 use crate::fault::{Fault, FaultCause};
 use crate::kinematics::TipPoint;
@@ -158,7 +158,7 @@ fn the_joints_of_a_hand_that_grasps_take_commands_of_no_other_task() {
     let mut bench = tared_hand();
     let command = || Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())));
     assert_eq!(refusal(bench.ask(command())), Refusal::WrongMode(Mode::Disabled));
-    assert_eq!(bench.arm(), Reply::Done);
+    assert_eq!(bench.enable(), Reply::Done);
     for command in [command(), Request::Task(TaskCommand::Grasping(GraspCommand::Open))] {
         assert_eq!(refusal(bench.ask(command)), Refusal::OtherTask(TaskKind::JointServo));
     }
@@ -177,8 +177,8 @@ fn the_joints_of_a_hand_that_grasps_take_commands_of_no_other_task() {
             positions: points.iter().map(|point| point.position).collect(),
         })),
         Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points.clone() })),
-        Request::Task(TaskCommand::JointServo(JointCommand::Reach { tips })),
-        Request::Task(TaskCommand::JointServo(JointCommand::Guide {
+        Request::Task(TaskCommand::JointServo(JointCommand::StreamTips { tips })),
+        Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques {
             torques: [0.0; 9].into_iter().collect(),
             points,
         })),

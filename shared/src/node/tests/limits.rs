@@ -1,11 +1,11 @@
-//! Limits that hold whatever comes.
+//! Limits under arbitrary requests and sensor values.
 
 use heapless::Vec;
 use proptest::prelude::*;
 
-use super::bench::{Bench, model};
 use super::grasp::{KEEP, in_front};
-use super::guide::guide;
+use super::rig::{Rig, model};
+use super::stream_torques::stream_torques;
 use crate::control::{JointPoint, ServoMode};
 use crate::model::MAX_JOINTS;
 use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, Stream};
@@ -24,7 +24,7 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(KEEP),
         Just(Request::ReadTask),
         Just(Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())))),
-        torques.prop_map(|torques| guide([0.0; 3], &torques)),
+        torques.prop_map(|torques| stream_torques([0.0; 3], &torques)),
         Just(Request::Hello { schema: SCHEMA_KEY }),
         Just(Request::Disable),
         Just(Request::Stop),
@@ -57,29 +57,28 @@ fn any_request() -> impl Strategy<Value = Request> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// Whatever is asked and whatever the sensors read: no panic, and every torque finite and within its
-    /// limits.
+    /// For arbitrary requests and sensor values: no panic, and all torques finite and within their limits.
     #[test]
-    fn torques_stay_within_limits_whatever_comes(
+    fn torques_are_finite_and_within_limits(
         steps in proptest::collection::vec(
             (proptest::option::of(any_request()), -40_000_i32..40_000, any::<bool>(), any::<i16>(), 0_u8..30),
             1..120,
         )
     ) {
-        let mut bench = Bench::armed(&model());
+        let mut rig = Rig::enabled(&model());
         let mut last = [0.0_f32; MAX_JOINTS];
         for (request, count, wild, current, special) in steps {
             if let Some(request) = request {
-                bench.ask(request);
+                rig.ask(request);
             }
-            bench.sensors.encoders[1] = if wild { count } else { count / 1000 };
-            bench.sensors.currents[0] = if special == 0 { current } else { 0 };
-            bench.sensors.flags = SensorFlags(u8::from(special == 1));
-            bench.sensors.sequence += u32::from(special == 2);
-            let output = bench.tick();
+            rig.sensors.encoders[1] = if wild { count } else { count / 1000 };
+            rig.sensors.currents[0] = if special == 0 { current } else { 0 };
+            rig.sensors.flags = SensorFlags(u8::from(special == 1));
+            rig.sensors.sequence += u32::from(special == 2);
+            let output = rig.tick();
             for (index, &torque) in output.torques.iter().enumerate() {
                 prop_assert!(torque.is_finite() && torque.abs() <= 0.6);
-                // Torque rate: 200 N·m/s, or off at once.
+                // Torque rate 200 N·m/s, except to 0.
                 prop_assert!(torque == 0.0 || (torque - last[index]).abs() <= 2.0 + 1e-5);
                 prop_assert!(output.enabled || torque == 0.0);
                 last[index] = torque;

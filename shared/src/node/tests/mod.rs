@@ -1,17 +1,17 @@
-//! The node from outside: what is refused, what faults, and what the outputs do then.
+//! Tests of a node through its requests, sensors and outputs.
 
 mod arm;
-mod arm_loop;
-mod arming;
-mod bench;
+mod arm_closed_loop;
+mod enabling;
 mod export;
 mod faults;
 mod fingertips;
 mod force_sensors;
 mod grasp;
-mod guide;
 mod lease;
 mod limits;
 mod model;
 mod replay;
-mod set_points;
+mod rig;
+mod setpoints;
+mod stream_torques;

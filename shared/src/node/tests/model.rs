@@ -1,15 +1,15 @@
-//! The transfer of a model, and what is refused in it.
+//! Transfer and validation of a model.
 
 use heapless::Vec;
 
-use super::bench::{Bench, model, refusal};
+use super::rig::{Rig, model, refusal};
 use crate::model::{Field, Problem, RobotModel};
 use crate::protocol::{BoardStatus, MODEL_CHUNK, Refusal, Reply, Request, codec};
 
 #[test]
-fn refuses_a_model_that_makes_no_sense_by_joint_and_field() {
-    type Spoil = fn(&mut RobotModel);
-    let cases: &[(Spoil, Option<u8>, Field)] = &[
+fn invalid_models_are_refused_by_joint_and_field() {
+    type Change = fn(&mut RobotModel);
+    let cases: &[(Change, Option<u8>, Field)] = &[
         (|m| m.joints[1].link.mass = -0.1, Some(1), Field::Mass),
         (|m| m.joints[2].link.inertia[0] = -1e-6, Some(2), Field::Inertia),
         (|m| m.joints[2].link.inertia = [1.0, 1.0, 3.0, 0.0, 0.0, 0.0], Some(2), Field::Inertia),
@@ -22,14 +22,14 @@ fn refuses_a_model_that_makes_no_sense_by_joint_and_field() {
         (|m| m.joints.clear(), None, Field::Joints),
         (|m| m.safety.supply_max = 10.0, None, Field::SupplyMax),
     ];
-    for (spoil, joint, field) in cases {
-        let mut bench = Bench::ready(&model());
-        let mut spoilt = model();
-        spoil(&mut spoilt);
-        let Refusal::Model(error) = refusal(bench.push(&spoilt)) else { panic!("{field:?}") };
+    for (change, joint, field) in cases {
+        let mut rig = Rig::ready(&model());
+        let mut invalid = model();
+        change(&mut invalid);
+        let Refusal::Model(error) = refusal(rig.push(&invalid)) else { panic!("{field:?}") };
         assert_eq!((error.joint, error.field), (*joint, *field));
-        // The model that was there is still in use.
-        assert_eq!(bench.arm(), Reply::Done);
+        // The old model remains in use.
+        assert_eq!(rig.enable(), Reply::Done);
     }
     let mut negative = model();
     negative.joints[0].limits.upper = -2.0;
@@ -39,44 +39,41 @@ fn refuses_a_model_that_makes_no_sense_by_joint_and_field() {
 }
 
 #[test]
-fn refuses_a_damaged_or_incomplete_model_transfer() {
-    let mut bench = Bench::ready(&model());
+fn damaged_and_incomplete_transfers_are_refused() {
+    let mut rig = Rig::ready(&model());
     let bytes = postcard::to_stdvec(&model()).unwrap();
     let chunk = |offset: usize| Request::ModelChunk {
         offset: offset as u32,
         data: Vec::from_slice(&bytes[offset..(offset + MODEL_CHUNK).min(bytes.len())]).unwrap(),
     };
     let length = bytes.len() as u32;
-    let wrong_sum = codec::checksum(&bytes) ^ 4;
-    bench.ask(Request::ModelBegin { length, checksum: wrong_sum });
-    assert_eq!(bench.ask(chunk(0)), Reply::Done);
-    assert!(matches!(
-        refusal(bench.ask(chunk(2 * MODEL_CHUNK))),
-        Refusal::ModelTransfer { received: 192, .. }
-    ));
-    assert_eq!(bench.ask(chunk(0)), Reply::Done, "a repeated piece is taken again");
-    assert!(matches!(refusal(bench.ask(Request::ModelCommit)), Refusal::ModelTransfer { received: 192, .. }));
+    let wrong_checksum = codec::checksum(&bytes) ^ 4;
+    rig.ask(Request::ModelBegin { length, checksum: wrong_checksum });
+    assert_eq!(rig.ask(chunk(0)), Reply::Done);
+    assert!(matches!(refusal(rig.ask(chunk(2 * MODEL_CHUNK))), Refusal::ModelTransfer { received: 192, .. }));
+    assert_eq!(rig.ask(chunk(0)), Reply::Done, "a repeated chunk is accepted");
+    assert!(matches!(refusal(rig.ask(Request::ModelCommit)), Refusal::ModelTransfer { received: 192, .. }));
     for offset in (MODEL_CHUNK..bytes.len()).step_by(MODEL_CHUNK) {
-        assert_eq!(bench.ask(chunk(offset)), Reply::Done);
+        assert_eq!(rig.ask(chunk(offset)), Reply::Done);
     }
-    assert!(matches!(refusal(bench.ask(Request::ModelCommit)), Refusal::ModelChecksum { .. }));
+    assert!(matches!(refusal(rig.ask(Request::ModelCommit)), Refusal::ModelChecksum { .. }));
     assert!(matches!(
-        refusal(bench.ask(Request::ModelBegin { length: 100_000, checksum: 0 })),
+        refusal(rig.ask(Request::ModelBegin { length: 100_000, checksum: 0 })),
         Refusal::ModelUnreadable { length: 100_000, .. }
     ));
 }
 
 #[test]
-fn a_joint_stays_homed_through_a_change_of_the_model_that_leaves_its_encoder_alone() {
+fn a_joint_with_an_unchanged_encoder_stays_homed_through_a_change_of_the_model() {
     let mut relative = model();
     relative.joints.iter_mut().for_each(|joint| joint.encoder.relative = true);
-    let mut bench = Bench::ready(&relative);
-    bench.ask(Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() });
+    let mut rig = Rig::ready(&relative);
+    rig.ask(Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() });
     relative.joints[0].servo.pid.proportional *= 2.0;
     relative.joints[2].encoder.counts_per_turn *= 2.0;
-    assert_eq!(bench.push(&relative), Reply::Done);
-    bench.tick();
-    assert_eq!(bench.node.status(&BoardStatus::default()).node.homed, 0b011);
-    assert!((bench.node.telemetry().joints[1].position - 0.2).abs() < 1e-4);
-    assert_eq!(refusal(bench.arm()), Refusal::NotHomed { joint: 2 });
+    assert_eq!(rig.push(&relative), Reply::Done);
+    rig.tick();
+    assert_eq!(rig.node.status(&BoardStatus::default()).node.homed, 0b011);
+    assert!((rig.node.telemetry().joints[1].position - 0.2).abs() < 1e-4);
+    assert_eq!(refusal(rig.enable()), Refusal::NotHomed { joint: 2 });
 }

@@ -1,8 +1,8 @@
-//! A recording that is repeated bit for bit.
+//! Replay of recordings, bit for bit.
 
 use heapless::Vec;
 
-use super::bench::{Bench, model};
+use super::rig::{Rig, model};
 use crate::node::STATE_KEY;
 use crate::node::{Difference, Node, Replay, ReplayError};
 use crate::protocol::{
@@ -10,16 +10,16 @@ use crate::protocol::{
 };
 
 #[test]
-fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
-    let mut bench = Bench::armed(&model());
-    bench.goal([0.01, 0.2, -0.1]);
-    let step = |bench: &mut Bench, index: i32| {
-        bench.sensors.encoders[1] = index * 7 % 50;
-        bench.tick()
+fn a_recording_that_starts_during_motion_replays_bit_for_bit() {
+    let mut rig = Rig::enabled(&model());
+    rig.goal([0.01, 0.2, -0.1]);
+    let step = |rig: &mut Rig, index: i32| {
+        rig.sensors.encoders[1] = index * 7 % 50;
+        rig.tick()
     };
-    (0..8).for_each(|index| drop(step(&mut bench, index)));
-    let (state, index) = bench.export(Item::State);
-    // Reading the pieces were requests, too: the copy is of before them.
+    (0..8).for_each(|index| drop(step(&mut rig, index)));
+    let (state, index) = rig.export(Item::State);
+    // The requests that read the chunks come after the copy, so they belong to the recording.
     let mut records = std::vec![];
     for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
         records.push(LogRecord::State { offset, data: Vec::from_slice(data).unwrap() });
@@ -28,22 +28,22 @@ fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     records.push(LogRecord::Restore { length, checksum, key: STATE_KEY });
     for at in (0..state.len() as u32).step_by(EXPORT_CHUNK) {
         let sequence =
-            bench.sequence - state.len().div_ceil(EXPORT_CHUNK) as u16 + 1 + at as u16 / EXPORT_CHUNK as u16;
+            rig.sequence - state.len().div_ceil(EXPORT_CHUNK) as u16 + 1 + at as u16 / EXPORT_CHUNK as u16;
         let request = RequestFrame { client: 7, sequence, request: Request::ReadExport { offset: at } };
         records.push(LogRecord::Request(request));
     }
     for index in 8..60 {
-        let actuators = step(&mut bench, index);
-        records.push(LogRecord::Sensors(bench.sensors.clone()));
+        let actuators = step(&mut rig, index);
+        records.push(LogRecord::Sensors(rig.sensors.clone()));
         records.push(LogRecord::Actuators(actuators));
     }
-    assert_eq!(bench.node.mode(), Mode::Fault, "nobody commanded for 0.5 s");
-    assert_eq!(bench.node.records() - index, records.iter().filter(|record| counted(record)).count() as u32);
+    assert_eq!(rig.node.mode(), Mode::Fault, "command timeout");
+    assert_eq!(rig.node.records() - index, records.iter().filter(|record| counted(record)).count() as u32);
 
     let replay = |records: &[LogRecord]| {
         let mut node = Node::new();
-        let mut robot = Bench::ready(&model());
-        core::mem::swap(&mut node, &mut robot.node);
+        let mut ready = Rig::ready(&model());
+        core::mem::swap(&mut node, &mut ready.node);
         let mut replay = Replay::new(&mut node);
         let mut compared = 0;
         for record in records {
@@ -55,16 +55,16 @@ fn a_recording_that_starts_while_the_joints_move_repeats_bit_for_bit() {
     let LogRecord::Actuators(last) = records.last_mut().unwrap() else { panic!() };
     last.torques[1] = f32::from_bits(last.torques[1].to_bits() ^ 1);
     let Err(ReplayError::Different { tick, difference }) = replay(&records) else { panic!() };
-    assert_eq!(tick, bench.sensors.sequence);
+    assert_eq!(tick, rig.sensors.sequence);
     assert!(matches!(difference, Difference::Torque { joint: 1, .. }), "{difference:?}");
-    // Without the state the same frames give other torques: the test above could have failed.
+    // Without the state the same frames give other torques.
     let middle: std::vec::Vec<LogRecord> = records.iter().filter(|record| counted(record)).cloned().collect();
     assert!(matches!(replay(&middle), Err(ReplayError::Different { .. })));
-    // What follows a gap is not compared until the state is known again.
+    // After a gap nothing is compared until the next state.
     let mut gap = std::vec![LogRecord::Gap { missing: 3 }];
     gap.extend(middle);
     assert_eq!(replay(&gap), Ok(0));
-    // A new start knows no model.
+    // A start resets the node: no model.
     let start = LogRecord::Start(LogStart { schema: SCHEMA_KEY, ..LogStart::default() });
     let reset = [std::vec![start], gap.split_off(1)].concat();
     let Err(ReplayError::Different { difference, .. }) = replay(&reset) else { panic!() };

@@ -6,18 +6,18 @@ use serde::{Deserialize, Serialize};
 use super::InvalidSettings;
 use crate::robot::Concerns;
 
-/// Why a set-point of the tool or the elbow is refused, or cannot be followed any longer.
+/// Why a set-point is refused, or why the control stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SetpointError {
-    /// 0: the tool is too far from its set-point [m].
+    /// 0: the tool is too far from the set-point [m].
     Distance {
         /// The distance.
         value: f32,
         /// The limit.
         limit: f32,
     },
-    /// 1: the tool is rotated too far from its set-point [rad].
+    /// 1: the tool is rotated too far from the set-point [rad].
     Rotation {
         /// The angle.
         value: f32,
@@ -31,16 +31,16 @@ pub enum SetpointError {
         /// Its norm.
         norm: f32,
     },
-    /// 4: the elbow's set-point is too far from the elbow [rad].
+    /// 4: the elbow set-point is too far from the elbow [rad].
     Elbow {
-        /// The distance.
+        /// The angle between them.
         value: f32,
         /// The limit.
         limit: f32,
     },
 }
 
-/// Why impedance control was refused.
+/// Why impedance control refuses a request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImpedanceRefusal {
@@ -48,16 +48,16 @@ pub enum ImpedanceRefusal {
     NotAnArm,
     /// 1: the force sensor was not tared since power-on, or since the model was committed.
     NotTared {
-        /// The chain.
+        /// Index of the chain.
         chain: u8,
     },
-    /// 2: the settings take the force from a sensor, and the robot has none.
+    /// 2: the settings name the force sensor as source, and the robot has none.
     NoForceSensor,
-    /// 3: the source of the force cannot change while the arm is enabled.
+    /// 3: the force source cannot change while the arm is enabled.
     ForceSourceInUse,
-    /// 4: the settings are not valid.
+    /// 4: the settings are invalid.
     Settings(InvalidSettings),
-    /// 5: the set-point cannot be followed.
+    /// 5: the set-point is invalid.
     Setpoint(SetpointError),
 }
 
@@ -82,10 +82,7 @@ impl fmt::Display for SetpointError {
                 write!(f, "the orientation of the set-point is a quaternion of norm {norm}; it must be 1")
             }
             Self::Elbow { value, limit } => {
-                write!(
-                    f,
-                    "the elbow's set-point is {value} rad from the elbow; at most {limit} rad is allowed"
-                )
+                write!(f, "the elbow set-point is {value} rad from the elbow; at most {limit} rad is allowed")
             }
         }
     }
@@ -101,11 +98,11 @@ impl fmt::Display for ImpedanceRefusal {
                  the tool"
             ),
             Self::NoForceSensor => f.write_str(
-                "the robot has no force sensor: choose the observer as the source of the force, which estimates it from \
-                 the motor torques",
+                "the robot has no force sensor: set the force source to `observer`, which estimates the force from the \
+                 motor torques",
             ),
             Self::ForceSourceInUse => {
-                f.write_str("the source of the force cannot change while the arm is enabled: disable it first")
+                f.write_str("the force source cannot change while the arm is enabled: disable it first")
             }
             Self::Settings(invalid) => invalid.fmt(f),
             Self::Setpoint(error) => error.fmt(f),

@@ -1,27 +1,32 @@
-//! An arm that yields at its tool as it is told: impedance control of the pose, and what becomes of the elbow (Arm7,
-//! sections 2.1 and 2.2).
+//! Cartesian impedance control with redundancy resolution (Arm7, sections 2.1 and 2.2).
 //!
 //! ```text
-//!  set-point ─► target impedance ─► accelerations of the joints ─► Newton–Euler ─► torques
-//!                   ▲      ▲           of an ideal arm ▲  │
-//!     force sensor ─┘      └── its own state ◄────────────┘──► observer of the difference to the real one
+//!  set-point ─► target impedance ─► redundancy ─► joint accelerations ─► inverse dynamics ─► torques
+//!                   ▲      ▲        resolution      │       ▲
+//!     force sensor ─┘      └── reference arm ◄──────┘       │ feedback
+//!                                  │ tracking error         │
+//!                                  └─► disturbance observer ┘
 //! ```
 //!
-//! [`Law::Direct`] is the paper's loop: the state is the measured one. [`Law::ModelFollowing`] carries an *ideal arm* along,
-//! a state of joint angles and velocities that moves exactly as the target impedance says, and the real arm follows it
-//! under an observer of the disturbances, so that neither friction nor a wrong model change how the tool moves. While
-//! something pushes the tool, the ideal arm is where the real one is (*contact*): then the tool is as soft as it was asked
-//! to be, and what it touches may be hard.
+//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. [`Law::ModelFollowing`]
+//! adds a *reference arm*: joint angles and velocities that follow the target impedance exactly. The real arm
+//! tracks them under a disturbance observer, so that friction and model errors do not change the motion of
+//! the tool in free space. During *contact* the reference arm is reset to the measured state: the tool then
+//! has the target impedance, and the environment may be stiff.
 //!
-//! [`ImpedanceState::tick`] is a function of its state and of what the arm senses.
+//! [`ImpedanceState::tick`] is a function of the state and of one measurement.
 
+mod arm;
 mod elbow;
 mod error;
 mod momentum;
 mod redundancy;
+mod setpoint;
 mod settings;
 mod state;
 mod task;
+mod telemetry;
+mod tuning;
 
 #[cfg(test)]
 #[allow(
@@ -33,8 +38,10 @@ mod task;
 )]
 pub(crate) mod tests;
 
+pub use arm::{Arm, ArmMeasurement, ArmOutput};
 pub use elbow::ArmAngle;
 pub use error::{ImpedanceRefusal, SetpointError};
 pub use settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
-pub use state::{Arm, ArmOutput, ArmSense, ImpedanceState, ImpedanceTelemetry};
+pub use state::ImpedanceState;
 pub use task::{ImpedanceCommand, ImpedanceControl};
+pub use telemetry::ImpedanceTelemetry;

@@ -3,31 +3,33 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::tuning::{MAX_BANDWIDTH, MIN_FORCE_BANDWIDTH};
 use crate::control::{Impedance, InvalidImpedance};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// How an arm is to behave.
+/// Settings of the impedance control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ImpedanceSettings {
-    /// How the tool yields.
+    /// Target impedance of the tool.
     pub impedance: Impedance,
-    /// How that is brought about.
+    /// Control law that realises it.
     pub law: Law,
-    /// What becomes of the joint that the tool's pose leaves free.
+    /// Resolution of the redundant degree of freedom.
     pub redundancy: Redundancy,
-    /// Bandwidth of the elbow's control [rad/s].
+    /// Bandwidth of the elbow's control [rad/s]: more than 0, at most 50.
     pub elbow_bandwidth: f32,
-    /// Where the force on the tool is known from.
+    /// Source of the external wrench.
     pub force: ForceSource,
-    /// Pushed by more than this, the tool is in contact [N]; by less than two thirds of it no longer. Beyond what may be
-    /// felt without a contact.
+    /// Contact begins above this external force and ends below two thirds of it [N]. It must exceed the error
+    /// of the force measurement in free space.
     pub contact_force: f32,
-    /// The tool may be this far from its set-point [m, rad]: farther is a fault, and a set-point farther off is refused.
-    pub reach: [f32; 2],
+    /// Maximum distance and angle of the tool from its set-point [m, rad]. A larger deviation is a fault; a
+    /// set-point beyond it is refused.
+    pub max_deviation: [f32; 2],
 }
 
 impl ImpedanceSettings {
-    /// Of an arm that is not controlled yet.
+    /// Settings before the first configuration.
     pub(super) const NONE: Self = Self {
         impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
         law: Law::Direct,
@@ -35,93 +37,95 @@ impl ImpedanceSettings {
         elbow_bandwidth: 1.0,
         force: ForceSource::Sensor,
         contact_force: 1.0,
-        reach: [0.0; 2],
+        max_deviation: [0.0; 2],
     };
 }
 
-/// Where the force on the tool is known from.
+/// Source of the external wrench on the tool.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ForceSource {
     /// 0: the force sensor behind the tip.
     Sensor,
-    /// 1: the motors' torques, less what the motion needs by the model: a momentum observer (De Luca and Mattone 2005).
-    /// Friction and weight that the model does not know look like pushes; what of them there is once the arm has rested for
-    /// 0.4 s after it was enabled is left out. Until then there is no force.
+    /// 1: a momentum observer (De Luca and Mattone 2005) of the motor torques. Unmodelled friction and weight
+    /// appear as external forces; the observer tares them once the arm has been at rest for 0.4 s. Until then
+    /// the force is 0.
     Observer {
-        /// Of its filter: 10 to 50 rad/s.
+        /// Bandwidth of its filter [rad/s]: 10 to 50.
         bandwidth: f32,
     },
 }
 
-/// How the impedance is brought about.
+/// Control law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Law {
-    /// 0: as the paper has it: measured state, the acceleration held for a period, no friction compensated.
+    /// 0: the paper's loop on the measured state, without discretisation and friction compensation.
     Direct,
-    /// 1: an ideal arm moves as the impedance says and the real one follows it; in contact the measured state counts.
+    /// 1: the arm tracks a reference arm with the target impedance; during contact the loop uses the measured
+    /// state.
     ModelFollowing,
 }
 
-/// What becomes of the joint that the tool's pose leaves free.
+/// Resolution of the redundant degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Redundancy {
-    /// 0: there is none: six joints. Of seven, the least motion of all.
+    /// 0: none. Seven joints then have the minimum-norm solution, with damped null-space motion.
     None,
-    /// 1: of seven joints, one follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by itself and six take the tool (Arm7, section 2.2: shoulder yaw).
-    /// Not the elbow: nothing else takes the wrist nearer to the shoulder.
+    /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move
+    /// the tool (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance
+    /// of wrist and shoulder.
     DrivenJoint {
-        /// Which.
+        /// Index of the driven joint.
         joint: u8,
     },
-    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by motions of all seven joints that leave the tool in
-    /// peace.
+    /// 2: the arm angle ([`super::ArmAngle`]) follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint) by
+    /// null-space motion of all seven joints.
     ArmAngle,
 }
 
-/// What is wrong with [`ImpedanceSettings`].
+/// Why [`ImpedanceSettings`] are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum InvalidSettings {
-    /// 0
+    /// 0: the target impedance.
     Impedance(InvalidImpedance),
     /// 1: the arm has no such joint.
     Joint {
-        /// As given.
+        /// Index of the driven joint.
         joint: u8,
-        /// How many it has.
+        /// Number of joints of the arm.
         joints: u8,
     },
-    /// 2: only arms of seven joints have an arm angle.
+    /// 2: only an arm of seven joints has an arm angle.
     NoArmAngle,
     /// 3: the bandwidth of the elbow's control [rad/s].
     ElbowBandwidth {
-        /// As given.
+        /// The value.
         value: f32,
-        /// Largest.
+        /// Maximum.
         limit: f32,
     },
     /// 4: the contact force must be positive and finite [N].
     ContactForce {
-        /// As given.
+        /// The value.
         value: f32,
     },
-    /// 5: the reach must be positive and finite; rotations less than half a turn [m, rad].
-    Reach {
-        /// As given.
+    /// 5: the maximum deviation must be positive and finite, at most 3 rad for the rotation [m, rad].
+    MaxDeviation {
+        /// The value.
         value: f32,
     },
     /// 6: the bandwidth of the force observer [rad/s].
     ForceBandwidth {
-        /// As given.
+        /// The value.
         value: f32,
-        /// Largest.
+        /// Maximum.
         limit: f32,
     },
-    /// 7: six joints take the tool, and there is no seventh to be driven by itself.
-    NoFreeJoint,
+    /// 7: a driven joint needs an arm of seven joints: the pose of the tool takes six.
+    NoRedundantJoint,
 }
 
 impl fmt::Display for InvalidSettings {
@@ -129,57 +133,49 @@ impl fmt::Display for InvalidSettings {
         match self {
             Self::Impedance(bad) => bad.fmt(f),
             Self::Joint { joint, joints } => {
-                write!(
-                    f,
-                    "joint {joint} is to be driven by itself, but the arm has joints 0 to {}",
-                    joints - 1
-                )
+                write!(f, "the driven joint is {joint}; the arm has joints 0 to {}", joints - 1)
             }
-            Self::NoFreeJoint => {
-                f.write_str("a joint can be driven by itself in an arm of seven joints: six take the tool")
-            }
+            Self::NoRedundantJoint => f.write_str("a driven joint needs an arm of seven joints"),
             Self::NoArmAngle => f.write_str("only an arm of seven joints has an arm angle"),
             Self::ElbowBandwidth { value, limit } => {
                 write!(
                     f,
-                    "the bandwidth of the elbow is {value} rad/s; possible is more than 0, and {limit} rad/s at most"
+                    "the elbow bandwidth is {value} rad/s; it must be more than 0 and at most {limit} rad/s"
                 )
             }
             Self::ForceBandwidth { value, limit } => {
                 write!(
                     f,
-                    "the bandwidth of the force observer is {value} rad/s; possible is {MIN_FORCE_BANDWIDTH} to {limit} rad/s"
+                    "the bandwidth of the force observer is {value} rad/s; it must be between {MIN_FORCE_BANDWIDTH} and \
+                     {limit} rad/s"
                 )
             }
             Self::ContactForce { value } => {
                 write!(f, "the contact force is {value} N; it must be positive and finite")
             }
-            Self::Reach { value } => {
-                write!(
-                    f,
-                    "the reach is {value}; it must be positive, and less than half a turn for rotations"
-                )
-            }
+            Self::MaxDeviation { value } => write!(
+                f,
+                "the maximum deviation is {value}; it must be positive and finite, at most {MAX_ROTATION} rad for the \
+                 rotation"
+            ),
         }
     }
 }
 
-/// Of the force observer: slower, it would not have settled when it is tared.
-const MIN_FORCE_BANDWIDTH: f32 = 10.0;
-/// Half of what a control period allows.
-const MAX_BANDWIDTH: f32 = 50.0;
+/// Maximum rotation from the set-point [rad]; near π the rotation vector is ambiguous.
+const MAX_ROTATION: f32 = 3.0;
 
 impl ImpedanceSettings {
-    /// Whether an arm of so many joints can behave like that.
+    /// Checks the settings for an arm of `joints` joints.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first invalid setting.
     pub fn validate(&self, joints: usize) -> Result<(), InvalidSettings> {
         self.impedance.validate().map_err(InvalidSettings::Impedance)?;
         match self.redundancy {
             Redundancy::None => {}
             Redundancy::DrivenJoint { .. } if joints < MAX_CHAIN_JOINTS => {
-                return Err(InvalidSettings::NoFreeJoint);
+                return Err(InvalidSettings::NoRedundantJoint);
             }
             Redundancy::DrivenJoint { joint } if usize::from(joint) < joints => {}
             #[expect(clippy::cast_possible_truncation, reason = "at most seven")]
@@ -202,9 +198,9 @@ impl ImpedanceSettings {
         if !(value > 0.0 && value.is_finite()) {
             return Err(InvalidSettings::ContactForce { value });
         }
-        for (value, most) in self.reach.into_iter().zip([f32::MAX, 3.0]) {
-            if !(value > 0.0 && value <= most) {
-                return Err(InvalidSettings::Reach { value });
+        for (value, max) in self.max_deviation.into_iter().zip([f32::MAX, MAX_ROTATION]) {
+            if !(value > 0.0 && value <= max) {
+                return Err(InvalidSettings::MaxDeviation { value });
             }
         }
         Ok(())

@@ -3,8 +3,8 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Arm, ArmSense, ForceSource, ImpedanceRefusal, ImpedanceSettings, ImpedanceState, ImpedanceTelemetry,
-    SetpointError,
+    Arm, ArmMeasurement, ForceSource, ImpedanceRefusal, ImpedanceSettings, ImpedanceState,
+    ImpedanceTelemetry, SetpointError,
 };
 use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
@@ -13,27 +13,27 @@ use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{Actuation, JointSetpoint, Measured, Postures, Robot};
 use crate::task::{Io, Task, TaskFault};
 
-/// What a supervisor asks of an arm under impedance control.
+/// Commands of impedance control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum ImpedanceCommand {
-    /// 0: where the tool should be, and its elbow. Comes to rest there unless another follows.
+    /// 0: set-points of tool and elbow. Without a successor they come to rest.
     SetTarget {
-        /// The tool.
+        /// Set-point of the tool.
         point: PosePoint,
-        /// The elbow.
+        /// Set-point of the elbow.
         elbow: ElbowSetpoint,
     },
-    /// 1: other settings; a new impedance is approached within a second.
+    /// 1: changes the settings. A new impedance is blended in within a second.
     Configure(ImpedanceSettings),
 }
 
-/// The task: impedance control of the tool of an arm.
+/// The task: Cartesian impedance control of an arm.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct ImpedanceControl {
     state: ImpedanceState,
 }
 
-/// Checks that the robot has the source of the force.
+/// Checks that the robot has the force source of the settings.
 fn check_source(robot: &Robot, settings: &ImpedanceSettings) -> Result<(), ImpedanceRefusal> {
     if settings.force == ForceSource::Sensor && robot.force_sensors() == 0 {
         return Err(ImpedanceRefusal::NoForceSensor);
@@ -64,7 +64,7 @@ impl Task for ImpedanceControl {
 
     fn begin(&mut self, io: Io<'_>, settings: &ImpedanceSettings) {
         if let Some(arm) = Arm::of(io.robot) {
-            self.state.begin(&arm, settings, &ArmSense::of(io.measured).angles);
+            self.state.begin(&arm, settings, &ArmMeasurement::of(io.measured).angles);
             io.targets.servo_mode = ServoMode::Observer;
         }
     }
@@ -87,11 +87,13 @@ impl Task for ImpedanceControl {
 
     #[inline(never)]
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
-        // `check` saw an arm.
+        // Cannot fail: `check` required an arm.
         let Some(arm) = Arm::of(io.robot) else { return Ok(()) };
-        let output = self.state.tick(&arm, &ArmSense::of(io.measured))?;
-        let joints = output.points.iter().zip(&output.feedback).zip(&output.torques);
-        for (target, ((point, feedback), torque)) in io.targets.joints.iter_mut().zip(joints) {
+        let output = self.state.tick(&arm, &ArmMeasurement::of(io.measured))?;
+        let points = output.points.iter().zip(&output.feedback);
+        for ((target, torque), (point, feedback)) in
+            io.targets.joints.iter_mut().zip(&output.torques).zip(points)
+        {
             let point = JointPoint { acceleration: point.acceleration + feedback, ..*point };
             (target.setpoint, target.feedforward) = (JointSetpoint::Point(point), *torque);
         }
@@ -120,8 +122,8 @@ impl Task for ImpedanceControl {
 
     fn telemetry(&self, robot: &Robot, measured: &Measured, postures: &Postures) -> ImpedanceTelemetry {
         match (Arm::of(robot), postures.of(robot, measured, 0)) {
-            (Some(arm), Some(posture)) => self.state.telemetry(&arm, &ArmSense::of(measured), &posture),
-            // Another robot since: nothing is left of the arm.
+            (Some(arm), Some(posture)) => self.state.telemetry(&arm, &ArmMeasurement::of(measured), &posture),
+            // The model was replaced by one that is not an arm.
             _ => ImpedanceTelemetry::NONE,
         }
     }
@@ -130,8 +132,8 @@ impl Task for ImpedanceControl {
 impl From<SetpointError> for TaskFault {
     fn from(error: SetpointError) -> Self {
         let (cause, value, limit) = match error {
-            SetpointError::Distance { value, limit } => (FaultCause::ToolAway, value, limit),
-            SetpointError::Rotation { value, limit } => (FaultCause::ToolTurned, value, limit),
+            SetpointError::Distance { value, limit } => (FaultCause::ToolPositionError, value, limit),
+            SetpointError::Rotation { value, limit } => (FaultCause::ToolOrientationError, value, limit),
             _ => (FaultCause::NotFinite, f32::NAN, 0.0),
         };
         Self { cause, joint: None, value, limit }

@@ -59,7 +59,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     let begun = Instant::now();
     let set_point = |now: Instant| {
         let fraction = (now - begun).as_secs_f32() / duration;
-        Request::Task(TaskCommand::JointServo(JointCommand::Reach {
+        Request::Task(TaskCommand::JointServo(JointCommand::StreamTips {
             tips: paths.iter().map(|path| path.point(fraction, duration)).collect(),
         }))
     };

@@ -1,23 +1,23 @@
 //! The arm angle and its Jacobian.
 
-use super::machine::{DOWN, Machine, POSTURES, arm7};
+use super::fixture::{ArmFixture, DOWN, POSTURES, arm7};
 use crate::kinematics::Chain;
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::ArmAngle;
 
 #[test]
-fn the_jacobian_of_the_arm_angle_is_how_it_changes() {
-    let machine = Machine::new();
-    let of = |angles: &[f32]| ArmAngle::of(&machine.chain.posture(angles), &DOWN).unwrap();
-    // By the definition: elbow down in the first posture; out to the right is a quarter of a turn.
-    assert!(of(&POSTURES[0]).angle.abs() < 1e-6);
+fn the_jacobian_of_the_arm_angle_matches_difference_quotients() {
+    let fixture = ArmFixture::new();
+    let arm_angle = |angles: &[f32]| ArmAngle::of(&fixture.chain.posture(angles), &DOWN).unwrap();
+    // By definition: the elbow is down in the first posture.
+    assert!(arm_angle(&POSTURES[0]).angle.abs() < 1e-6);
     for posture in POSTURES {
-        let ArmAngle { jacobian, .. } = of(&posture);
+        let ArmAngle { jacobian, .. } = arm_angle(&posture);
         for joint in 0..MAX_CHAIN_JOINTS {
             let at = |step: f32| {
                 let mut angles = posture;
                 angles[joint] += step;
-                of(&angles).angle
+                arm_angle(&angles).angle
             };
             let step = 2e-3;
             let change = (at(step) - at(-step)) / (2.0 * step);
@@ -27,9 +27,9 @@ fn the_jacobian_of_the_arm_angle_is_how_it_changes() {
 }
 
 #[test]
-fn there_is_no_arm_angle_below_the_shoulder_and_of_six_joints() {
-    let machine = Machine::new();
-    let hanging = machine.chain.posture(&[0.0; MAX_CHAIN_JOINTS]);
+fn the_arm_angle_is_undefined_for_a_vertical_arm_and_for_six_joints() {
+    let fixture = ArmFixture::new();
+    let hanging = fixture.chain.posture(&[0.0; MAX_CHAIN_JOINTS]);
     assert!(ArmAngle::of(&hanging, &DOWN).is_none());
     let model = arm7();
     let six = Chain::new(&model.joints[..6], &model.chains[0].tip);

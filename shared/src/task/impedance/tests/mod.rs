@@ -1,11 +1,11 @@
-//! The parts of the control by themselves, and a tick without a node around it.
+//! Unit tests of the control, without a node.
 
 mod arm_angle;
-mod machine;
+mod fixture;
 mod momentum;
 mod resolver;
-mod set_points;
+mod setpoints;
 mod settings;
 mod stopping;
 
-pub use machine::{SOFT, arm7};
+pub use fixture::{SOFT, arm7};

@@ -1,16 +1,18 @@
-//! What settings are refused, and what a change of them does.
+//! Validation and changes of settings.
 
 use core::f32::consts::PI;
 
 use nalgebra::Vector3;
 
-use super::machine::{Machine, POSTURES, SOFT, accelerations, elbow, follow};
+use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, track};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::redundancy::Joints;
-use crate::task::impedance::{ArmOutput, ArmSense, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use crate::task::impedance::{
+    ArmMeasurement, ArmOutput, ImpedanceSettings, InvalidSettings, Law, Redundancy,
+};
 
 #[test]
-fn settings_that_make_no_sense_are_refused_by_name() {
+fn invalid_settings_are_refused_by_name() {
     let refused = |change: fn(&mut ImpedanceSettings), text: &str| {
         let mut settings = SOFT;
         change(&mut settings);
@@ -24,84 +26,83 @@ fn settings_that_make_no_sense_are_refused_by_name() {
     refused(|s| s.impedance.damping[2] = -1.0, "the damping along z is -1 N·s/m");
     refused(|s| s.impedance.stiffness[4] = -1.0, "the stiffness about y is -1 N·m/rad");
     refused(|s| s.impedance.stiffness[4] = f32::NAN, "the stiffness about y is NaN");
-    refused(|s| s.redundancy = Redundancy::DrivenJoint { joint: 7 }, "joint 7 is to be driven by itself");
-    refused(|s| s.elbow_bandwidth = 0.0, "the bandwidth of the elbow is 0 rad/s");
-    refused(|s| s.elbow_bandwidth = f32::INFINITY, "50 rad/s at most");
+    refused(|s| s.redundancy = Redundancy::DrivenJoint { joint: 7 }, "the driven joint is 7");
+    refused(|s| s.elbow_bandwidth = 0.0, "the elbow bandwidth is 0 rad/s");
+    refused(|s| s.elbow_bandwidth = f32::INFINITY, "at most 50 rad/s");
     refused(|s| s.contact_force = f32::NAN, "the contact force is NaN N");
-    refused(|s| s.reach[0] = -1.0, "the reach is -1");
-    refused(|s| s.reach[1] = PI, "less than half a turn");
+    refused(|s| s.max_deviation[0] = -1.0, "the maximum deviation is -1");
+    refused(|s| s.max_deviation[1] = PI, "at most 3 rad");
     assert_eq!(SOFT.validate(6).unwrap_err(), InvalidSettings::NoArmAngle);
     assert!(SOFT.validate(7).is_ok());
 }
 
-/// A tick with new settings differs from one without by a twentieth of the way to them: on each axis the
-/// tool's acceleration by at most `|Δ(K/M)| e + |Δ(B/M)| v`, and the torques by what the mass matrix makes of
-/// that.
+/// A tick blends in a twentieth of the new impedance. On each axis the tool's acceleration changes by at most
+/// `|Δ(K/M)| e + |Δ(B/M)| v`, and the torques by the mass matrix times the joint accelerations.
 #[test]
 fn new_settings_do_not_step_the_torque() {
-    let machine = Machine::new();
-    let arm = machine.arm();
-    let mut state = machine.state(&SOFT, &POSTURES[0]);
-    let mut point = machine.point(&POSTURES[0]);
+    let fixture = ArmFixture::new();
+    let arm = fixture.arm();
+    let mut state = fixture.state(&SOFT, &POSTURES[0]);
+    let mut point = fixture.point(&POSTURES[0]);
     point.position[0] += 0.05;
-    let elbow = elbow(&machine, &state);
+    let elbow = elbow_at_rest(&fixture, &state);
     state.set_target(&arm, &point, &elbow).unwrap();
-    let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
+    let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
     for _ in 0..10 {
-        sense = follow(&state.tick(&arm, &sense).unwrap());
+        measurement = track(&state.tick(&arm, &measurement).unwrap());
     }
-    let telemetry = state.telemetry(&arm, &sense, &machine.chain.posture(&sense.angles));
-    let speed = machine.jacobian(&sense.angles) * Joints::from(sense.velocities);
+    let telemetry = state.telemetry(&arm, &measurement, &fixture.chain.posture(&measurement.angles));
+    let velocity = fixture.jacobian(&measurement.angles) * Joints::from(measurement.velocities);
     let mut firm = SOFT;
     firm.impedance.mass = [1.0, 1.0, 1.0, 0.05, 0.05, 0.05];
     firm.impedance.damping = [90.0, 90.0, 90.0, 1.0, 1.0, 1.0];
     firm.impedance.stiffness = [2000.0, 2000.0, 2000.0, 10.0, 10.0, 10.0];
-    let mut other = state;
-    other.configure(&arm, &firm).unwrap();
-    let [own, new] = [&mut state, &mut other].map(|state| accelerations(&state.tick(&arm, &sense).unwrap()));
-    let share = |goal: f32, own: f32| own + 0.05 * (goal - own);
-    let mass = share(1.0, 1.5);
-    let of_error = share(2000.0, 300.0) / mass - 300.0 / 1.5;
-    let of_speed = share(90.0, 30.0) / mass - 30.0 / 1.5;
+    let mut changed = state;
+    changed.configure(&arm, &firm).unwrap();
+    let [old, new] =
+        [&mut state, &mut changed].map(|state| accelerations(&state.tick(&arm, &measurement).unwrap()));
+    let blend = |goal: f32, old: f32| old + 0.05 * (goal - old);
+    let mass = blend(1.0, 1.5);
+    let of_error = blend(2000.0, 300.0) / mass - 300.0 / 1.5;
+    let of_velocity = blend(90.0, 30.0) / mass - 30.0 / 1.5;
     let size = |values: &[f32]| Vector3::from_column_slice(values).norm();
-    let tool = of_error * size(&telemetry.error[..3]) + of_speed * size(&speed.as_slice()[..3]);
-    // ... which is what the tool sees of it, and less as torques: rotors of 0.03 kg·m² and what the links
-    // weigh.
-    let change = new - own;
-    let of_tool = (machine.jacobian(&sense.angles) * change).norm();
+    let tool = of_error * size(&telemetry.error[..3]) + of_velocity * size(&velocity.as_slice()[..3]);
+    // The joint accelerations have this effect on the tool.
+    let change = new - old;
+    let of_tool = (fixture.jacobian(&measurement.angles) * change).norm();
     assert!(of_tool > 0.2 * tool && of_tool <= 1.05 * tool, "{of_tool} {tool}");
-    let inertia = machine.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&sense.angles);
+    let inertia = fixture.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&measurement.angles);
     let torque = (inertia * change).norm();
     assert!(torque < 0.6, "{torque} N·m");
-    // All at once would be twenty times as much.
-    let mut at_once = machine.state(&firm, &POSTURES[0]);
-    at_once.set_target(&arm, &point, &elbow).unwrap();
-    let start = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
-    let step = accelerations(&at_once.tick(&arm, &start).unwrap());
+    // A step of the impedance would change the torques twenty times as much.
+    let mut stepped = fixture.state(&firm, &POSTURES[0]);
+    stepped.set_target(&arm, &point, &elbow).unwrap();
+    let start = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
+    let step = accelerations(&stepped.tick(&arm, &start).unwrap());
     assert!(step.norm() > 5.0 * change.norm(), "{step}");
 }
 
 #[test]
-fn another_law_forgets_what_the_observers_learnt() {
-    let machine = Machine::new();
-    let arm = machine.arm();
+fn a_change_of_the_law_resets_the_disturbance_observers() {
+    let fixture = ArmFixture::new();
+    let arm = fixture.arm();
     let angles = POSTURES[0];
-    let mut state = machine.state(&SOFT, &angles);
-    // Joints that stand still although they are told to move.
-    let mut point = machine.point(&angles);
+    let mut state = fixture.state(&SOFT, &angles);
+    // The joints do not move under their commands.
+    let mut point = fixture.point(&angles);
     point.position[2] += 0.05;
-    state.set_target(&arm, &point, &elbow(&machine, &state)).unwrap();
-    let sense = ArmSense { angles, ..ArmSense::default() };
+    state.set_target(&arm, &point, &elbow_at_rest(&fixture, &state)).unwrap();
+    let measurement = ArmMeasurement { angles, ..ArmMeasurement::default() };
     for _ in 0..10 {
-        state.tick(&arm, &sense).unwrap();
+        state.tick(&arm, &measurement).unwrap();
         state.applied(&arm, &[0.0; MAX_CHAIN_JOINTS], &[0.0; MAX_CHAIN_JOINTS]);
     }
-    let most =
-        |command: &ArmOutput| command.feedback.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
-    let learnt = most(&state.tick(&arm, &sense).unwrap());
+    let max_feedback =
+        |output: &ArmOutput| output.feedback.iter().fold(0.0_f32, |max, value| max.max(value.abs()));
+    let before = max_feedback(&state.tick(&arm, &measurement).unwrap());
     state.configure(&arm, &ImpedanceSettings { law: Law::Direct, ..SOFT }).unwrap();
-    assert_eq!(state.tick(&arm, &sense).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);
+    assert_eq!(state.tick(&arm, &measurement).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);
     state.configure(&arm, &SOFT).unwrap();
-    // From here on it is a joint that does not move for a tick, not one that has not for ten.
-    assert!(most(&state.tick(&arm, &sense).unwrap()) < 0.3 * learnt);
+    // The tracking error is that of one tick without motion, not of ten.
+    assert!(max_feedback(&state.tick(&arm, &measurement).unwrap()) < 0.3 * before);
 }

@@ -1,40 +1,40 @@
-//! What stops an arm.
+//! Errors that stop the control.
 
-use super::machine::{Machine, POSTURES, SOFT, follow};
-use crate::task::impedance::{ArmSense, ImpedanceSettings, Law, SetpointError};
+use super::fixture::{ArmFixture, POSTURES, SOFT, track};
+use crate::task::impedance::{ArmMeasurement, ImpedanceSettings, Law, SetpointError};
 
 #[test]
-fn a_force_that_is_no_number_stops_the_arm() {
-    let machine = Machine::new();
+fn a_force_that_is_not_finite_stops_the_control() {
+    let fixture = ArmFixture::new();
     for law in [Law::Direct, Law::ModelFollowing] {
         for value in [f32::NAN, f32::INFINITY] {
-            let mut state = machine.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
-            let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
-            sense.wrench[4] = value;
-            assert_eq!(state.tick(&machine.arm(), &sense).unwrap_err(), SetpointError::NotFinite);
+            let mut state = fixture.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
+            let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
+            measurement.wrench[4] = value;
+            assert_eq!(state.tick(&fixture.arm(), &measurement).unwrap_err(), SetpointError::NotFinite);
         }
     }
 }
 
 #[test]
-fn a_tool_that_is_pulled_beyond_its_reach_stops_the_arm() {
-    let machine = Machine::new();
+fn a_tool_beyond_the_maximum_deviation_stops_the_control() {
+    let fixture = ArmFixture::new();
     let pulled = |axis: usize, size: f32| {
-        let mut state = machine.state(&SOFT, &POSTURES[0]);
-        let mut sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
+        let mut state = fixture.state(&SOFT, &POSTURES[0]);
+        let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
         for _ in 0..500 {
-            sense.wrench = [0.0; 6];
-            // A push, too small to go far, that makes it a contact.
-            sense.wrench[1] = 2.0;
-            sense.wrench[axis] = size;
-            match state.tick(&machine.arm(), &sense) {
-                Ok(command) => sense = follow(&command),
+            measurement.wrench = [0.0; 6];
+            // A small force that causes contact.
+            measurement.wrench[1] = 2.0;
+            measurement.wrench[axis] = size;
+            match state.tick(&fixture.arm(), &measurement) {
+                Ok(output) => measurement = track(&output),
                 Err(error) => return Some(error),
             }
         }
         None
     };
-    // 20 N hold 67 mm of 300 N/m; 40 N would hold 133.
+    // On 300 N/m, 20 N displace by 67 mm, 40 N would by 133 mm.
     assert_eq!(pulled(0, 20.0), None);
     let Some(SetpointError::Distance { value, limit: 0.1 }) = pulled(0, 40.0) else { panic!() };
     assert!((0.1..0.12).contains(&value), "{value}");

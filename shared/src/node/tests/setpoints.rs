@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::bench::{Bench, COUNTS_PER_RADIAN, model, refusal};
+use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
 use crate::control::JointPoint;
 use crate::protocol::{Refusal, Reply, Request};
 use crate::robot::LimitRefusal;
@@ -10,17 +10,17 @@ use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskRefusal};
 
 #[test]
-fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
-    let mut bench = Bench::armed(&model());
-    let before = bench.tick();
+fn setpoints_beyond_limits_are_refused_by_joint_and_change_nothing() {
+    let mut rig = Rig::enabled(&model());
+    let before = rig.tick();
     assert_eq!(
-        refusal(bench.goal([0.0, f32::NAN, 0.0])),
+        refusal(rig.goal([0.0, f32::NAN, 0.0])),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
             joint: 1
         })))
     );
     assert_eq!(
-        refusal(bench.goal([0.0, 0.0, 1.6])),
+        refusal(rig.goal([0.0, 0.0, 1.6])),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::OutsideLimits {
             joint: 2,
             value: 1.6,
@@ -32,7 +32,7 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
         positions: Vec::from_slice(&[0.0; 2]).unwrap(),
     }));
     assert_eq!(
-        refusal(bench.ask(short)),
+        refusal(rig.ask(short)),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::JointCount {
             got: 2,
             expected: 3
@@ -45,7 +45,7 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
         Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
     };
     assert_eq!(
-        refusal(bench.ask(stream(0.5, 0.0))),
+        refusal(rig.ask(stream(0.5, 0.0))),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::Jump {
             joint: 2,
             value: 0.5,
@@ -53,7 +53,7 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
         })))
     );
     assert_eq!(
-        refusal(bench.ask(stream(0.0, 9.0))),
+        refusal(rig.ask(stream(0.0, 9.0))),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooFast {
             joint: 2,
             value: 9.0,
@@ -61,35 +61,36 @@ fn refuses_targets_by_joint_and_limit_and_stays_where_it_was() {
         })))
     );
     assert_eq!(
-        refusal(bench.ask(stream(f32::INFINITY, 0.0))),
+        refusal(rig.ask(stream(f32::INFINITY, 0.0))),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
             joint: 2
         })))
     );
-    let after = bench.tick();
+    let after = rig.tick();
     assert_eq!(before.torques, after.torques);
-    assert!(bench.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));
+    assert!(rig.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));
 }
 
 #[test]
-fn a_stream_is_followed_to_the_point_and_left_without_a_jump() {
-    let mut bench = Bench::armed(&model());
+fn a_stream_is_followed_exactly_and_a_goal_continues_without_a_jump() {
+    let mut rig = Rig::enabled(&model());
     let mut position = 0.0;
     for _ in 0..20 {
         position += 0.01 * 0.5;
         let point = JointPoint { position, velocity: 0.5, acceleration: 0.0 };
         let points = Vec::from_slice(&[JointPoint::default(), point, JointPoint::default()]).unwrap();
         assert_eq!(
-            bench.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))),
+            rig.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))),
             Reply::Done
         );
-        bench.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
-        bench.tick();
-        assert_eq!(bench.node.telemetry().joints[1].reference, position);
+        rig.sensors.encoders[1] = (position * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+        assert_eq!(rig.node.telemetry().joints[1].reference, position);
     }
-    bench.goal([0.0, position, 0.0]);
-    bench.tick();
-    // The reference goes on at the stream's speed and comes back: 0.5 rad/s · 10 ms · e^(−0.05) at first.
-    let step = bench.node.telemetry().joints[1].reference - position;
+    rig.goal([0.0, position, 0.0]);
+    rig.tick();
+    // The trajectory filter continues with the stream's velocity: 0.5 rad/s · 10 ms · e^(−0.05) in the first
+    // tick.
+    let step = rig.node.telemetry().joints[1].reference - position;
     assert!((step - 0.004_756).abs() < 1e-5, "{step}");
 }

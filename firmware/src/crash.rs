@@ -1,4 +1,4 @@
-//! The end: outputs off, the reason kept for the next start, reset.
+//! Panic and CPU fault: switch the outputs off, retain the cause, reset.
 
 use core::panic::PanicInfo;
 
@@ -6,14 +6,14 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
 use tesaki::fault::FaultCause;
 use tesaki_firmware::board::{Board, ThisBoard};
-use tesaki_firmware::retained::keep_death;
+use tesaki_firmware::retained::retain_crash;
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::outputs_off();
     let (file, line) = info.location().map_or(("?", 0), |location| (location.file(), location.line()));
-    keep_death(FaultCause::Panic, line, format_args!("{} ({file}:{line})", info.message()));
+    retain_crash(FaultCause::Panic, line, format_args!("{} ({file}:{line})", info.message()));
     SCB::sys_reset()
 }
 
@@ -22,7 +22,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::outputs_off();
-    keep_death(
+    retain_crash(
         FaultCause::HardFault,
         frame.pc(),
         format_args!("CPU fault at pc {:#010x}, lr {:#010x}", frame.pc(), frame.lr()),

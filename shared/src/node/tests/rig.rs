@@ -1,10 +1,10 @@
-//! A node with its board around it, and a robot for it.
+//! A test rig: a node with a simulated board, and a robot model.
 
 use heapless::Vec;
 
 use crate::control::ServoMode;
 use crate::fault::Fault;
-use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety, test_joint};
+use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety};
 use crate::node::Node;
 use crate::protocol::{
     ActuatorFrame, BoardStatus, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
@@ -12,6 +12,7 @@ use crate::protocol::{
 };
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
+use crate::test_support::joint as test_joint;
 
 pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 
@@ -42,15 +43,15 @@ pub fn model() -> RobotModel {
     }
 }
 
-/// A node with its board around it: sends requests, and ticks with encoders that read what the test says.
-pub struct Bench {
+/// A node on a simulated board: sends requests, and ticks with the sensor values of the test.
+pub struct Rig {
     pub node: Node,
     pub sensors: SensorFrame,
     pub client: u32,
     pub sequence: u16,
 }
 
-impl Bench {
+impl Rig {
     pub fn new() -> Self {
         let sensors = SensorFrame {
             sequence: 0,
@@ -63,19 +64,19 @@ impl Bench {
         Self { node: Node::new(), sensors, client: 7, sequence: 0 }
     }
 
-    /// Ready to arm.
+    /// Ready to enable.
     pub fn ready(model: &RobotModel) -> Self {
-        let mut bench = Self::new();
-        bench.command();
-        assert_eq!(bench.push(model), Reply::Done);
-        bench.tick();
-        bench
+        let mut rig = Self::new();
+        rig.command();
+        assert_eq!(rig.push(model), Reply::Done);
+        rig.tick();
+        rig
     }
 
-    pub fn armed(model: &RobotModel) -> Self {
-        let mut bench = Self::ready(model);
-        assert_eq!(bench.arm(), Reply::Done);
-        bench
+    pub fn enabled(model: &RobotModel) -> Self {
+        let mut rig = Self::ready(model);
+        assert_eq!(rig.enable(), Reply::Done);
+        rig
     }
 
     pub fn ask(&mut self, request: Request) -> Reply {
@@ -95,7 +96,7 @@ impl Bench {
         assert_eq!(self.ask(Request::TakeCommand { by_force: false }), Reply::Done);
     }
 
-    /// Reads an export to its end.
+    /// Reads a whole export; returns it and the index of its log entry.
     pub fn export(&mut self, item: Item) -> (std::vec::Vec<u8>, u32) {
         let Reply::Exported { length, checksum, index, .. } = self.ask(Request::Export(item)) else {
             panic!()
@@ -124,7 +125,7 @@ impl Bench {
         self.ask(Request::ModelCommit)
     }
 
-    pub fn arm(&mut self) -> Reply {
+    pub fn enable(&mut self) -> Reply {
         self.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Pid)))
     }
 
@@ -139,7 +140,7 @@ impl Bench {
         self.node.tick(&self.sensors)
     }
 
-    /// Ticks, telling the node each time that the supervisor lives, until it faults.
+    /// Ticks with a goal each until a fault occurs.
     pub fn tick_until_fault(&mut self, goal: [f32; 3], ticks: usize) -> Fault {
         for _ in 0..ticks {
             self.tick();

@@ -1,4 +1,4 @@
-//! An arm of seven joints, its settings, and a machine that follows at once.
+//! An arm of seven joints, settings, and postures.
 
 use core::f32::consts::FRAC_PI_2;
 
@@ -8,13 +8,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::TICK;
 use crate::control::{ErrorObserver, Impedance};
 use crate::kinematics::{Chain, ElbowSetpoint, Jacobian, PosePoint};
-use crate::model::{
-    ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety, test_joint,
-};
+use crate::model::{ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety};
 use crate::task::impedance::redundancy::Joints;
 use crate::task::impedance::{
-    Arm, ArmOutput, ArmSense, ForceSource, ImpedanceSettings, ImpedanceState, Law, Redundancy,
+    Arm, ArmMeasurement, ArmOutput, ForceSource, ImpedanceSettings, ImpedanceState, Law, Redundancy,
 };
+use crate::test_support::joint as test_joint;
 
 /// The shape of `robots/arm7`, in round numbers.
 pub fn arm7() -> RobotModel {
@@ -64,7 +63,7 @@ pub fn arm7() -> RobotModel {
     }
 }
 
-/// 1.5 kg, 30 N·s/m, 300 N/m; the arm angle stays.
+/// 1.5 kg, 30 N·s/m, 300 N/m; control of the arm angle.
 pub const SOFT: ImpedanceSettings = ImpedanceSettings {
     impedance: Impedance {
         mass: [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
@@ -76,10 +75,10 @@ pub const SOFT: ImpedanceSettings = ImpedanceSettings {
     elbow_bandwidth: 12.0,
     force: ForceSource::Sensor,
     contact_force: 1.5,
-    reach: [0.1, 1.0],
+    max_deviation: [0.1, 1.0],
 };
 
-/// Elbow 90°; a raised arm; one turned inwards with a bent wrist; the elbow swung out.
+/// Elbow at 90°; raised arm; inward rotation with a bent wrist; raised elbow.
 pub const POSTURES: [[f32; MAX_CHAIN_JOINTS]; 4] = [
     [0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0],
     [0.9, 0.3, -0.4, 1.2, 0.3, 0.4, -0.2],
@@ -89,14 +88,14 @@ pub const POSTURES: [[f32; MAX_CHAIN_JOINTS]; 4] = [
 
 pub const DOWN: Vector3<f32> = Vector3::new(0.0, 0.0, -9.81);
 
-/// What an arm of seven joints is, for [`Arm`].
-pub struct Machine {
+/// Owns the configuration of an [`Arm`].
+pub struct ArmFixture {
     pub model: RobotModel,
     pub chain: Chain,
     pub observer: ErrorObserver,
 }
 
-impl Machine {
+impl ArmFixture {
     pub fn new() -> Self {
         let model = arm7();
         let gains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
@@ -122,37 +121,38 @@ impl Machine {
         state
     }
 
-    /// The set-point where a tool at these angles is.
+    /// Set-point at rest at the tool's pose for these joint angles.
     pub fn point(&self, angles: &[f32]) -> PosePoint {
         let posture = self.chain.posture(angles);
-        let turn = UnitQuaternion::from_rotation_matrix(&posture.tip().rotation);
+        let rotation = UnitQuaternion::from_rotation_matrix(&posture.tip().rotation);
         PosePoint {
             position: posture.tip().translation.vector.into(),
-            rotation: turn.coords.into(),
+            rotation: rotation.coords.into(),
             velocity: [0.0; 6],
             acceleration: [0.0; 6],
         }
     }
 }
 
-/// One that feels nothing, its joints at the angles of `command`'s points a tick later.
-pub fn follow(command: &ArmOutput) -> ArmSense {
-    let mut sense = ArmSense::default();
-    let all = sense.angles.iter_mut().zip(&mut sense.velocities).zip(&command.points);
-    all.for_each(|((angle, velocity), point)| {
+/// The next measurement of an arm that tracks its commands exactly, without external force.
+pub fn track(output: &ArmOutput) -> ArmMeasurement {
+    let mut measurement = ArmMeasurement::default();
+    let states = measurement.angles.iter_mut().zip(&mut measurement.velocities);
+    states.zip(&output.points).for_each(|((angle, velocity), point)| {
         *angle = point.position + TICK * (point.velocity + 0.5 * TICK * point.acceleration);
         *velocity = point.velocity + TICK * point.acceleration;
     });
-    sense
+    measurement
 }
 
-pub fn accelerations(command: &ArmOutput) -> Joints {
-    Joints::from(command.points.map(|point| point.acceleration))
+pub fn accelerations(output: &ArmOutput) -> Joints {
+    Joints::from(output.points.map(|point| point.acceleration))
 }
 
-/// The elbow where it is.
-pub fn elbow(machine: &Machine, state: &ImpedanceState) -> ElbowSetpoint {
-    let sense = ArmSense { angles: POSTURES[0], ..ArmSense::default() };
-    let angle = state.telemetry(&machine.arm(), &sense, &machine.chain.posture(&sense.angles)).elbow;
+/// Elbow set-point at rest at the elbow's angle in the first posture.
+pub fn elbow_at_rest(fixture: &ArmFixture, state: &ImpedanceState) -> ElbowSetpoint {
+    let measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
+    let angle =
+        state.telemetry(&fixture.arm(), &measurement, &fixture.chain.posture(&measurement.angles)).elbow;
     ElbowSetpoint { angle, ..ElbowSetpoint::default() }
 }

@@ -1,0 +1,101 @@
+//! Impedance control with a force estimate from the motor torques, in closed loop with a simulation of the
+//! model.
+
+use nalgebra::{SVector, Vector3, Vector6};
+
+use super::arm::{ANGLES, arm_rig, configure, enable, set_encoders, telemetry};
+use super::rig::Rig;
+use crate::TICK;
+use crate::kinematics::Chain;
+use crate::model::RobotModel;
+use crate::protocol::{Mode, Reply, Request};
+use crate::task::impedance::tests::{SOFT, arm7};
+use crate::task::impedance::{ForceSource, ImpedanceSettings};
+
+/// Integration steps per control period. The drives have a delay of one step.
+const STEPS: u16 = 12;
+/// Viscous friction [N·m·s/rad].
+const VISCOUS: f32 = 0.05;
+type Joints = SVector<f32, 7>;
+
+struct SimulatedArm {
+    model: RobotModel,
+    chain: Chain,
+    rig: Rig,
+    angles: Joints,
+    velocities: Joints,
+    torques: Joints,
+}
+
+impl SimulatedArm {
+    fn enabled(settings: &ImpedanceSettings) -> Self {
+        let mut model = arm7();
+        for joint in &mut model.joints {
+            (joint.friction.coulomb, joint.friction.viscous) = (0.0, VISCOUS);
+            // A delay of one integration step.
+            (joint.motor.delay, joint.motor.bandwidth) = (TICK / f32::from(STEPS), 1e4);
+        }
+        let mut rig = arm_rig(&model);
+        assert_eq!(rig.ask(enable(*settings)), Reply::Done);
+        let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
+        let chain = Chain::new(&model.joints, &model.chains[0].tip).with_rotor_inertia(rotors);
+        let (angles, velocities, torques) = (Joints::from(ANGLES), Joints::zeros(), Joints::zeros());
+        Self { model, chain, rig, angles, velocities, torques }
+    }
+
+    /// Runs `ticks` under an external `force` on the tool [N].
+    fn run(&mut self, ticks: u16, force: Vector3<f32>) {
+        let wrench = Vector6::new(force.x, force.y, force.z, 0.0, 0.0, 0.0);
+        let gravity = Vector3::from(self.model.gravity);
+        for _ in 0..ticks {
+            set_encoders(&mut self.rig, self.angles.as_slice());
+            let output = self.rig.tick();
+            assert!(matches!(self.rig.node.mode(), Mode::Enabled(_)), "{:?}", self.rig.node.faults());
+            assert_eq!(self.rig.ask(Request::Keep), Reply::Done);
+            let commanded = Joints::from_iterator(output.torques.iter().copied());
+            for step in 0..STEPS {
+                let torques = if step == 0 { self.torques } else { commanded };
+                let mut bias = Joints::zeros();
+                let (angles, velocities) = (self.angles.as_slice(), self.velocities.as_slice());
+                self.chain.nonlinear_effects(&gravity, angles, velocities, bias.as_mut_slice());
+                let external = self.chain.posture(angles).jacobian().tr_mul(&wrench);
+                let mass = self.chain.mass_matrix(angles).cholesky().unwrap();
+                let acceleration = mass.solve(&(torques - bias - self.velocities * VISCOUS + external));
+                self.velocities += acceleration * (TICK / f32::from(STEPS));
+                self.angles += self.velocities * (TICK / f32::from(STEPS));
+            }
+            self.torques = commanded;
+        }
+    }
+}
+
+#[test]
+fn an_arm_without_a_force_sensor_yields_to_an_external_force() {
+    let estimating =
+        ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 3.0, ..SOFT };
+    let mut arm = SimulatedArm::enabled(&estimating);
+    // Without effect: the observer tares itself once the arm has been at rest.
+    assert_eq!(arm.rig.ask(Request::Tare), Reply::Done);
+    arm.run(60, Vector3::zeros());
+    let free = telemetry(&mut arm.rig);
+    assert!(Vector6::from(free.wrench).amax() < 0.5 && !free.contact, "{free:?}");
+
+    // 10 N on a spring of 300 N/m: 33 mm.
+    arm.run(250, Vector3::new(-10.0, 0.0, 0.0));
+    let pushed = telemetry(&mut arm.rig);
+    let error = Vector6::from(pushed.wrench) - Vector6::new(-10.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    assert!(error.amax() < 0.5 && pushed.contact, "{pushed:?}");
+    let displacement = Vector3::from(pushed.position) - Vector3::from(free.position);
+    assert!((displacement - Vector3::new(-10.0 / 300.0, 0.0, 0.0)).norm() < 3e-3, "{displacement}");
+
+    arm.run(300, Vector3::zeros());
+    let back = telemetry(&mut arm.rig);
+    assert!(Vector6::from(back.wrench).amax() < 0.5 && !back.contact, "{back:?}");
+    assert!((Vector3::from(back.position) - Vector3::from(free.position)).norm() < 1e-3, "{back:?}");
+
+    // The force source cannot change while enabled.
+    let with_sensor = ImpedanceSettings { force: ForceSource::Sensor, ..estimating };
+    assert!(matches!(arm.rig.ask(configure(with_sensor)), Reply::Refused(_)));
+    let slower = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 20.0 }, ..estimating };
+    assert_eq!(arm.rig.ask(configure(slower)), Reply::Done);
+}

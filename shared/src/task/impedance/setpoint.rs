@@ -1,0 +1,81 @@
+//! Checks of set-points, and the pose error.
+
+use core::f32::consts::{PI, TAU};
+
+use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+
+use super::tuning::NORM_TOLERANCE;
+use super::{ImpedanceSettings, SetpointError};
+use crate::TICK;
+use crate::kinematics::{ElbowSetpoint, PosePoint};
+use crate::math::{self, abs};
+
+/// At rest at the origin of the base frame.
+pub(super) const ORIGIN: PosePoint = PosePoint {
+    position: [0.0; 3],
+    rotation: [0.0, 0.0, 0.0, 1.0],
+    velocity: [0.0; 6],
+    acceleration: [0.0; 6],
+};
+
+/// Checks that all numbers are finite and that the orientation is a unit quaternion.
+pub(super) fn check_numbers(point: &PosePoint, elbow: &ElbowSetpoint) -> Result<(), SetpointError> {
+    let of_pose =
+        point.position.iter().chain(&point.rotation).chain(&point.velocity).chain(&point.acceleration);
+    let of_elbow = [elbow.angle, elbow.velocity, elbow.acceleration];
+    if !of_pose.chain(&of_elbow).all(|number| number.is_finite()) {
+        return Err(SetpointError::NotFinite);
+    }
+    let norm = math::sqrt(point.rotation.iter().map(|part| part * part).sum());
+    if norm.is_nan() || abs(norm - 1.0) > NORM_TOLERANCE {
+        return Err(SetpointError::NotUnit { norm });
+    }
+    Ok(())
+}
+
+/// Checks an elbow set-point, now and after one period, against the elbow's `angle` [rad].
+pub(super) fn check_elbow(elbow: &ElbowSetpoint, angle: f32, limit: f32) -> Result<(), SetpointError> {
+    let velocity = elbow.velocity + elbow.acceleration * TICK;
+    for setpoint in [elbow.angle, elbow.angle + velocity * TICK] {
+        let value = abs(setpoint - angle);
+        // The shorter rotation; an elbow makes no further revolutions.
+        let value = value.min(abs(value - TAU));
+        if value.is_nan() || value > limit {
+            return Err(SetpointError::Elbow { value, limit });
+        }
+    }
+    Ok(())
+}
+
+/// The pose error: translation and rotation vector from the set-point to the tool [m, rad].
+///
+/// # Errors
+/// It exceeds the maximum deviation of the settings.
+pub(super) fn pose_error(
+    tool: &IsometryMatrix3<f32>,
+    point: &PosePoint,
+    settings: &ImpedanceSettings,
+) -> Result<Vector6<f32>, SetpointError> {
+    let [max_distance, max_angle] = settings.max_deviation;
+    let translation = tool.translation.vector - Vector3::from(point.position);
+    let rotation =
+        math::rotation_vector(&(tool.rotation.matrix() * rotation_matrix(&point.rotation).transpose()));
+    let distance = math::sqrt(translation.norm_squared());
+    let angle = math::sqrt(rotation.norm_squared());
+    if distance.is_nan() || distance > max_distance {
+        return Err(SetpointError::Distance { value: distance, limit: max_distance });
+    }
+    if angle.is_nan() || angle > max_angle {
+        return Err(SetpointError::Rotation { value: angle, limit: max_angle });
+    }
+    Ok(Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z))
+}
+
+/// The equivalent angle within ±π [rad].
+pub(super) fn wrap_angle(angle: f32) -> f32 {
+    if abs(angle) <= PI { angle } else { angle - TAU * math::round(angle / TAU) }
+}
+
+fn rotation_matrix(&[x, y, z, w]: &[f32; 4]) -> Matrix3<f32> {
+    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner()
+}

@@ -1,0 +1,62 @@
+//! Constants of the impedance control: unit, meaning, and effect of a change.
+
+/// Fraction of the remaining difference to a new impedance that is blended in per tick. A larger one changes
+/// the impedance faster and steps the torque more.
+pub(super) const IMPEDANCE_BLEND: f32 = 0.05;
+
+/// Contact ends when the squared force falls below this fraction of the squared contact force: a hysteresis
+/// of two thirds in force. A larger one lets contact detection chatter.
+pub(super) const CONTACT_HYSTERESIS_SQUARED: f32 = 4.0 / 9.0;
+/// Contact also ends when the squared force falls below this fraction of its last value: the tool has lost
+/// contact at once. A smaller one detects the loss later, and the tool overshoots.
+pub(super) const CONTACT_LOSS_SQUARED: f32 = 0.1;
+/// Gain of the disturbance estimate during contact, as a fraction of that in free space. The measured force
+/// lags, and a faster estimate takes the lag for a disturbance.
+pub(super) const CONTACT_DISTURBANCE_GAIN: f32 = 0.1;
+/// Fraction of the friction that is compensated during contact. Overcompensation causes a limit cycle against
+/// the environment.
+pub(super) const CONTACT_FRICTION_COMPENSATION: f32 = 0.7;
+
+/// Dead band of the disturbance estimate at rest [rad]. It prevents the stiction limit cycle (hunting) of
+/// integral action with Coulomb friction; a larger one leaves a larger error at rest.
+pub(super) const REST_ERROR: f32 = 1e-4;
+/// Speed below which a joint of the reference arm is at rest [rad/s].
+pub(super) const REST_SPEED: f32 = 2e-3;
+
+/// Tolerance of the norm of a unit quaternion.
+pub(super) const NORM_TOLERANCE: f32 = 1e-3;
+
+/// Limit of the elbow error in the elbow's control law [rad]. It bounds the null-space motion where the arm
+/// angle changes fast, near a vertical line from shoulder to wrist.
+pub(super) const MAX_ELBOW_ERROR: f32 = 0.3;
+/// Damping of the null-space motion, as the square of the arm angle's projected gradient. It bounds that
+/// motion where the arm angle is not controllable.
+pub(super) const ARM_ANGLE_DAMPING: f32 = 1e-4;
+/// Distance of the elbow from the line of shoulder and wrist below which the gradient of the arm angle is
+/// bounded [m].
+pub(super) const MIN_ELBOW_OFFSET: f32 = 0.01;
+
+/// Fraction of a joint's velocity limit that the reference arm uses. The rest is a margin for tracking.
+pub(super) const VELOCITY_LIMIT_FRACTION: f32 = 0.6;
+/// Speed at which a joint approaches its position limit, per distance from the limit [1/s]. A larger one
+/// brakes later and harder.
+pub(super) const LIMIT_APPROACH_RATE: f32 = 5.0;
+
+/// Smallest singular value of the Jacobian below which its inverse is damped. Rows in m and rad, unscaled:
+/// the arm is about half a metre long. A larger one keeps the joints slower near singular postures and the
+/// tool less exact.
+pub(super) const DAMPED_BELOW: f32 = 0.06;
+/// Damping of the inverse at a singular value of 0.
+pub(super) const MAX_DAMPING: f32 = 0.04;
+/// Minimum pivot of the factorisation, above rounding errors.
+pub(super) const MIN_PIVOT: f32 = 1e-7;
+/// Steps of the inverse iteration that find the smallest singular value at the start.
+pub(super) const INITIAL_ITERATIONS: usize = 16;
+
+/// Time at rest after which the residual of the momentum observer counts as model error [ticks]: 0.4 s. A
+/// shorter time tares before the observer's filter has converged.
+pub(super) const REST_TICKS: u8 = 40;
+/// Minimum bandwidth of the momentum observer [rad/s]: a slower one has not converged after [`REST_TICKS`].
+pub(super) const MIN_FORCE_BANDWIDTH: f32 = 10.0;
+/// Maximum bandwidth of momentum observer and elbow [rad/s]: half a radian per control period.
+pub(super) const MAX_BANDWIDTH: f32 = 50.0;
