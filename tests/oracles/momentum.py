@@ -1,4 +1,4 @@
-"""Writes data/momentum.in: the arm of the core's unit tests (shared/src/arm/tests/machine.rs), moved along by torques that are held
+"""Writes data/momentum.in: the arm of the core's unit tests (shared/src/task/impedance/tests/fixture.rs), moved by torques that are held
 for 10 ms each while something pushes and twists its tool. Pinocchio's articulated-body algorithm, Runge–Kutta with
 0.1 ms; rotors 0.03 kg·m², viscous friction 0.3 N·m·s. For every tick: angles, torques held from then on, and the joint
 torques of the push behind a first-order filter of 30 rad/s, half a period earlier: that is where the mean of what a

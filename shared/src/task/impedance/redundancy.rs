@@ -21,15 +21,14 @@ impl Resolver {
     /// value `sigma_min` and of its left singular vector, a unit vector, by one step of the inverse
     /// iteration.
     pub fn new(
-        mut jacobian: Jacobian,
+        jacobian: &Jacobian,
         driven: Option<usize>,
         left_singular_vector: &mut Vector6<f32>,
         sigma_min: &mut f32,
     ) -> Self {
-        if let Some(mut column) =
-            driven.and_then(|driven| (driven < MAX_CHAIN_JOINTS).then(|| jacobian.column_mut(driven)))
-        {
-            column.fill(0.0);
+        let mut jacobian = *jacobian;
+        if let Some(driven) = driven.filter(|&driven| driven < MAX_CHAIN_JOINTS) {
+            jacobian.column_mut(driven).fill(0.0);
         }
         let ratio = *sigma_min * (1.0 / DAMPED_BELOW);
         let damping = if ratio < 1.0 { MAX_DAMPING * MAX_DAMPING * (1.0 - ratio * ratio) } else { 0.0 };

@@ -152,7 +152,7 @@ impl ImpedanceState {
         let jacobian = posture.jacobian();
         let mut left_singular_vector = self.left_singular_vector.into();
         let resolver = Resolver::new(
-            jacobian,
+            &jacobian,
             driven_joint(settings.redundancy),
             &mut left_singular_vector,
             &mut self.sigma_min,
@@ -450,7 +450,7 @@ impl ImpedanceState {
         let driven = driven_joint(self.settings.redundancy);
         let mut left_singular_vector = Vector6::repeat(math::sqrt(1.0 / 6.0));
         for _ in 0..INITIAL_ITERATIONS {
-            let _ = Resolver::new(jacobian, driven, &mut left_singular_vector, &mut self.sigma_min);
+            let _ = Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut self.sigma_min);
         }
         self.left_singular_vector = left_singular_vector.into();
     }

@@ -13,9 +13,9 @@ use crate::task::impedance::redundancy::Resolver;
 fn converged(jacobian: Jacobian, driven: Option<usize>) -> (Resolver, f32) {
     let (mut left_singular_vector, mut sigma_min) = (Vector6::repeat(0.408), 0.0);
     for _ in 0..50 {
-        let _ = Resolver::new(jacobian, driven, &mut left_singular_vector, &mut sigma_min);
+        let _ = Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut sigma_min);
     }
-    (Resolver::new(jacobian, driven, &mut left_singular_vector, &mut sigma_min), sigma_min)
+    (Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut sigma_min), sigma_min)
 }
 
 #[test]
@@ -68,7 +68,7 @@ fn joint_motion_is_bounded_near_a_straight_elbow_and_a_folded_wrist() {
             for step in -1000..=1000 {
                 let jacobian = fixture.jacobian(&posture(step as f32 / 1000.0));
                 // One iteration per step, as in a tick.
-                let resolver = Resolver::new(jacobian, driven, &mut left_singular_vector, &mut sigma_min);
+                let resolver = Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut sigma_min);
                 min = min.min(sigma_min);
                 for axis in 0..6 {
                     let mut tool = Vector6::zeros();
@@ -91,7 +91,7 @@ fn a_wrench_is_recovered_from_its_joint_torques() {
         for driven in [None, Some(2)] {
             let jacobian = fixture.jacobian(angles);
             let (mut left_singular_vector, mut sigma_min) = (Vector6::repeat(0.4), 1.0);
-            let resolver = Resolver::new(jacobian, driven, &mut left_singular_vector, &mut sigma_min);
+            let resolver = Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut sigma_min);
             let error = resolver.wrench(&jacobian.tr_mul(&wrench)) - wrench;
             assert!(error.amax() < 1e-3, "{error:?}");
         }
