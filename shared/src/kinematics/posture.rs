@@ -46,6 +46,7 @@ impl Posture {
     }
 
     /// The geometric Jacobian of the tip [m/rad; 1].
+    #[inline]
     pub fn jacobian(&self) -> Jacobian {
         let mut jacobian = Jacobian::zeros();
         for (mut column, (axis, origin)) in jacobian.column_iter_mut().zip(&self.joints) {
@@ -84,6 +85,7 @@ impl Posture {
 
     /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without
     /// any joint acceleration. The linear part is that of the tip's point (the classical acceleration).
+    #[inline]
     pub fn bias_acceleration(&self, qd: &[f32]) -> Vector6<f32> {
         let zero = Vector3::zeros();
         let (mut omega, mut alpha, mut acceleration, mut previous) = (zero, zero, zero, zero);

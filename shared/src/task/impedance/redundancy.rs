@@ -67,6 +67,7 @@ impl Resolver {
     }
 
     /// Projects `motion` to the null space of the Jacobian: the part that does not move the tool.
+    #[inline]
     pub fn project_to_null_space(&self, motion: &Joints) -> Joints {
         motion - self.solve(&(self.jacobian * motion))
     }

@@ -51,6 +51,7 @@ pub(super) fn check_elbow(elbow: &ElbowSetpoint, angle: f32, limit: f32) -> Resu
 ///
 /// # Errors
 /// It exceeds the maximum deviation of the settings.
+#[inline]
 pub(super) fn pose_error(
     tool: &IsometryMatrix3<f32>,
     point: &PosePoint,

@@ -337,7 +337,11 @@ impl ImpedanceState {
             let driven = self.elbow_acceleration(settings, angle, velocity);
             let mut columns = jacobian.column_iter();
             let Some(column) = columns.nth(joint) else { return resolver.solve(tool) };
-            let mut accelerations = resolver.solve(&(tool - column * driven));
+            let mut other_joints = *tool;
+            for (value, column) in other_joints.iter_mut().zip(column.iter()) {
+                *value -= column * driven;
+            }
+            let mut accelerations = resolver.solve(&other_joints);
             accelerations.iter_mut().skip(joint).take(1).for_each(|value| *value = driven);
             return accelerations;
         }
@@ -358,6 +362,7 @@ impl ImpedanceState {
 
     /// Critically damped control of the elbow: its acceleration [rad/s²] at `angle` [rad] and `velocity`
     /// [rad/s].
+    #[inline]
     fn elbow_acceleration(&self, settings: &ImpedanceSettings, angle: f32, velocity: f32) -> f32 {
         let (setpoint, bandwidth) = (&self.elbow_setpoint, settings.elbow_bandwidth);
         setpoint.acceleration
@@ -463,6 +468,7 @@ fn driven_joint(redundancy: Redundancy) -> Option<usize> {
     }
 }
 
+#[inline]
 fn add_scaled(values: &mut [f32; MAX_CHAIN_JOINTS], change: &Joints, factor: f32) {
     values.iter_mut().zip(change.iter()).for_each(|(value, change)| *value += factor * change);
 }
