@@ -59,20 +59,14 @@ impl JointServoState {
         }
     }
 
-    /// The goal that stops the reference soonest without overshoot [rad].
-    pub const fn resting_point(&self) -> f32 {
-        self.trajectory.resting_point()
-    }
-
     /// Resets the servo at rest at `position` [rad]. Keeps only the adapted friction.
     pub const fn restart(&mut self, position: f32) {
         *self = Self { friction: self.friction, ..Self::at(position) };
     }
 
-    /// Restarts the reference at rest at `position` [rad]. Keeps the estimated disturbance.
-    pub const fn restart_reference(&mut self, position: f32) {
-        self.trajectory = TrajectoryState::at(position);
-        self.observer.reset_motion();
+    /// As [`restart`](Self::restart), while the outputs are on: the torque rate counts from the last torque.
+    pub const fn restart_under_torque(&mut self, position: f32) {
+        *self = Self { friction: self.friction, torque: self.torque, ..Self::at(position) };
     }
 
     /// Resets the rate limiter after the torque was switched off.

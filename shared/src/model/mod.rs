@@ -239,15 +239,16 @@ pub struct Safety {
     pub supply_max: f32,
 }
 
-/// Reaction to a fault. Sensor faults always lead to [`Reaction::Off`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+/// Reaction to a fault, weakest first. Sensor faults always lead to [`Reaction::Off`]. A further fault during
+/// a reaction leads to a weaker one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reaction {
     /// 0: no torque.
     Off,
-    /// 1: damping torque.
+    /// 1: damping torque, and gravity compensation.
     Damp,
-    /// 2: the servo holds the position at the fault.
+    /// 2: a controlled stop as the running task needs it, then the position is held.
     Hold,
 }
 

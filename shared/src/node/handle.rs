@@ -29,8 +29,14 @@ impl Node {
                 return Ok(Reply::Hello { schema: SCHEMA_KEY, identity: board.identity });
             }
             // From any client, also of another version: these requests only make the machine safer.
-            Request::Disable => self.disable(),
-            Request::Stop => self.stop(),
+            Request::Disable => {
+                self.state.lease.overrule(client, frame.sequence);
+                self.disable();
+            }
+            Request::Stop => {
+                self.state.lease.overrule(client, frame.sequence);
+                self.stop();
+            }
             _ if !self.state.is_accepted(client) => {
                 return Err(Refusal::SchemaMismatch { board: SCHEMA_KEY, firmware: board.identity.firmware });
             }
@@ -149,6 +155,15 @@ impl Node {
 
     fn tare(&mut self) -> Result<(), Refusal> {
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
+        // What a loaded sensor is tared by is missing from every force afterwards.
+        let loaded = match self.state.mode {
+            Mode::Disabled => false,
+            Mode::Enabled(_) => !self.state.task.may_tare(),
+            Mode::Fault => true,
+        };
+        if loaded {
+            return Err(Refusal::WrongMode(self.state.mode));
+        }
         let estimated = matches!(self.state.mode, Mode::Enabled(_)) && self.state.task.tare();
         if robot.force_sensors() == 0 && !estimated {
             return Err(Refusal::NoForceSensor);
@@ -202,7 +217,10 @@ impl Node {
             return Err(Refusal::NoSensors);
         }
         for (mut joint, &position) in joints(robot, &mut self.state).each().zip(positions) {
-            joint.home(position);
+            // An absolute encoder knows its zero from the model.
+            if joint.config.zero.is_none() {
+                joint.home(position);
+            }
         }
         self.postures.clear();
         Ok(())
@@ -226,6 +244,7 @@ impl Node {
         joints(robot, &mut self.state).each().for_each(|mut joint| joint.hold_still());
         let (task, io) = self.task_and_io();
         task.begin(io, config);
+        self.state.halting = false;
         self.state.has_task = true;
         self.state.silence = 0;
         self.state.mode = Mode::Enabled(config.kind());

@@ -9,8 +9,11 @@ use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Tar
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the count, under a torque that overcomes stiction, after which the encoder is
-/// stuck.
-const STUCK_TICKS: u16 = 10;
+/// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
+const STUCK_TICKS: u16 = 3;
+/// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
+/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back.
+const FEEDFORWARD_DECAY: f32 = 0.95;
 
 /// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -158,14 +161,14 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Reads the encoder in a tick.
+    /// Reads the encoder in a tick. `rate`: one over the number of periods since the last one.
     #[inline]
-    pub fn read(&mut self, count: i32) {
+    pub fn read(&mut self, count: i32, rate: f32) {
         let state = &mut *self.state;
         state.unchanged = if count == state.count { state.unchanged.saturating_add(1) } else { 0 };
         state.count = count;
         let position = state.angle(self.config, count);
-        state.change = position - *self.position;
+        state.change = (position - *self.position) * rate;
         *self.position = position;
         self.config.velocity.update(self.velocity, state.change);
     }
@@ -220,6 +223,13 @@ impl Joint<'_> {
         *self.reference = match self.target.setpoint {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
             JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
+            JointSetpoint::Brake => {
+                let point = self.config.brake(self.reference);
+                if point.velocity == 0.0 {
+                    self.target.setpoint = JointSetpoint::Goal(point.position);
+                }
+                self.config.servo.follow(&mut self.state.servo, point)
+            }
         };
     }
 
@@ -267,9 +277,12 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque.
-    pub fn damp(&mut self, damping: f32) {
-        self.state.torque = self.config.servo.limit(&mut self.state.servo, -damping * *self.velocity);
+    /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward.
+    pub fn damp(&mut self, damping: f32, gravity: f32) {
+        self.target.feedforward *= FEEDFORWARD_DECAY;
+        *self.reference = JointPoint { position: *self.position, ..JointPoint::default() };
+        let desired = gravity + self.target.feedforward - damping * *self.velocity;
+        self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
         self.state.effort = 0.0;
     }
 
@@ -283,12 +296,15 @@ impl Joint<'_> {
         (state.torque, state.effort, state.unchanged) = (0.0, 0.0, 0);
     }
 
-    /// Brings the joint to rest: `at_once`, or along the reference. Keeps the feed-forward torque.
-    pub fn hold(&mut self, at_once: bool) {
-        let goal = if at_once { *self.position } else { self.state.servo.resting_point() };
-        self.target.setpoint = JointSetpoint::Goal(goal);
-        if at_once {
-            self.state.servo.restart_reference(*self.position);
+    /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps
+    /// the feed-forward torque. A joint that has left its reference forgets the disturbance torque, which may
+    /// be that of pressing on something.
+    pub fn hold(&mut self, where_it_is: bool) {
+        if where_it_is {
+            self.target.setpoint = JointSetpoint::Goal(*self.position);
+            self.state.servo.restart_under_torque(*self.position);
+        } else {
+            self.target.setpoint = JointSetpoint::Brake;
         }
     }
 }

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use super::optional::Optional;
 use crate::protocol::{LEASE, Refusal};
 
+/// Number of former commanders whose late requests are recognised.
+const FORMER: usize = 4;
 /// A command this many numbers back is not repeated any more.
 const MAX_REPETITION_AGE: u16 = 1 << 14;
 
@@ -22,6 +24,8 @@ pub(super) struct Lease {
     refusal: Optional<Refusal>,
     /// The tick of its last request.
     last_request: u32,
+    /// The commanders before, the latest first, with the last command of each.
+    former: [Option<(u32, u16)>; FORMER],
 }
 
 /// Whether to execute a command.
@@ -36,7 +40,14 @@ pub(super) enum Admitted {
 impl Lease {
     /// No commander.
     pub const fn new() -> Self {
-        Self { held: false, client: None, sequence: 0, refusal: Optional::None, last_request: 0 }
+        Self {
+            held: false,
+            client: None,
+            sequence: 0,
+            refusal: Optional::None,
+            last_request: 0,
+            former: [None; FORMER],
+        }
     }
 
     /// The commander.
@@ -70,6 +81,14 @@ impl Lease {
         if self.client == Some(client) && self.is_older(sequence) {
             return Err(Refusal::Stale { latest: self.sequence });
         }
+        // A late duplicate from a time when this client commanded.
+        let before = self.former.iter().flatten().find(|(former, _)| *former == client);
+        if let Some(&(_, latest)) = before
+            && self.client != Some(client)
+            && sequence.wrapping_sub(latest).cast_signed() <= 0
+        {
+            return Err(Refusal::Stale { latest });
+        }
         let expired = now.wrapping_sub(self.last_request) > LEASE;
         if let Some(by) = self.commander()
             && by != client
@@ -77,9 +96,26 @@ impl Lease {
         {
             return Err(Refusal::Commanded { by });
         }
-        *self =
-            Self { held: true, client: Some(client), sequence, refusal: Optional::None, last_request: now };
+        if let Some(former) = self.client.filter(|former| *former != client) {
+            self.former.rotate_right(1);
+            self.former[0] = Some((former, self.sequence));
+        }
+        for entry in &mut self.former {
+            if entry.is_some_and(|(former, _)| former == client) {
+                *entry = None;
+            }
+        }
+        (self.held, self.client, self.last_request) = (true, Some(client), now);
+        (self.sequence, self.refusal) = (sequence, Optional::None);
         Ok(())
+    }
+
+    /// A request that needs no lease and switches the outputs off: commands sent before it, which arrive after
+    /// it, must not switch them on again.
+    pub fn overrule(&mut self, client: u32, sequence: u16) {
+        if self.client == Some(client) && !self.is_older(sequence) {
+            (self.sequence, self.refusal) = (sequence, Optional::None);
+        }
     }
 
     /// Decides whether to execute a command.
@@ -170,6 +206,19 @@ mod tests {
         lease.register(1, next, 0);
         assert_eq!(lease.admit(1, next), Ok(Admitted::New));
         assert_eq!(lease.take(1, next, false, false, 0), Ok(()));
+    }
+
+    #[test]
+    fn a_late_duplicate_of_a_former_commander_takes_nothing() {
+        let mut lease = commanded_by(1);
+        lease.remember(12, Ok(()));
+        assert_eq!(lease.take(2, 500, true, false, 5), Ok(()));
+        for late in [10, 12] {
+            assert_eq!(lease.take(1, late, true, false, 6), Err(Refusal::Stale { latest: 12 }));
+        }
+        assert_eq!(lease.commander(), Some(2));
+        assert_eq!(lease.take(1, 13, true, false, 7), Ok(()), "a new request");
+        assert_eq!(lease.take(2, 500, true, false, 8), Err(Refusal::Stale { latest: 500 }));
     }
 
     #[test]

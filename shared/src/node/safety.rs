@@ -11,35 +11,71 @@ use crate::math::abs;
 use crate::model::Reaction;
 use crate::protocol::{Mode, SensorFrame};
 use crate::robot::{Actuation, Measured, Postures, Robot, count};
+use crate::task::Halt;
 
 /// A fault of the sensors: joint, cause, value, limit.
 type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
 
 impl Node {
-    /// Records a fault and reacts to it.
+    /// Records a fault and reacts to it: with a stop as the task needs it, or, when the reaction to an earlier
+    /// fault has failed, with a weaker one.
     pub(super) fn fail(&mut self, fault: Fault) {
-        let reaction = match self.robot.loaded() {
+        let strongest = match self.robot.loaded() {
             Some(robot) if fault.cause.leaves_sensors_valid() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };
-        match self.state.mode {
+        let reaction = match self.state.mode {
             Mode::Disabled => return,
-            // Only the first fault has a reaction, unless a later one switches the outputs off.
-            Mode::Fault if reaction != Reaction::Off || self.state.reaction == Reaction::Off => return,
-            Mode::Fault => {}
-            Mode::Enabled(_) => {
-                if reaction == Reaction::Hold {
-                    // Without a servo there is no reference to follow to rest.
-                    let no_servo = self.state.targets.actuation != Actuation::Servo;
-                    let at_once = no_servo || fault.cause.invalidates_reference();
-                    self.state.targets.actuation = Actuation::Servo;
-                    joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(at_once));
+            Mode::Enabled(_) if strongest == Reaction::Hold => self.halt(&fault),
+            Mode::Enabled(_) => strongest,
+            Mode::Fault => {
+                let failed = self.shows_that_holding_fails(fault.cause);
+                let reaction = strongest.min(if failed { Reaction::Damp } else { Reaction::Hold });
+                // A state that lasts, such as a low supply, is no further fault.
+                if reaction >= self.state.reaction {
+                    return;
                 }
+                reaction
             }
-        }
+        };
         self.state.faults.record(fault);
         self.state.mode = Mode::Fault;
         self.state.reaction = reaction;
+    }
+
+    /// Whether a fault while the robot is held after another one shows that holding fails.
+    fn shows_that_holding_fails(&self, cause: FaultCause) -> bool {
+        match cause {
+            FaultCause::FollowingError
+            | FaultCause::ObjectLost
+            | FaultCause::ObjectMoved
+            | FaultCause::ToolPositionError
+            | FaultCause::ToolOrientationError => true,
+            // Held joints do not need the force sensors; a task does.
+            FaultCause::ForceSaturated | FaultCause::ForceStuck => self.state.halting,
+            // The force that was the fault lasts until it is released.
+            FaultCause::ForceLimit => self.state.faults.faults.last().is_none_or(|last| last.cause != cause),
+            _ => false,
+        }
+    }
+
+    /// Begins the controlled stop of the running task. Returns the reaction.
+    fn halt(&mut self, fault: &Fault) -> Reaction {
+        let (task, io) = self.task_and_io();
+        let halt = task.halt(io, fault);
+        self.state.halting = halt == Halt::Task;
+        match halt {
+            Halt::Task => Reaction::Hold,
+            Halt::Damp => Reaction::Damp,
+            Halt::Joints => {
+                // Without a servo there is no reference to follow to rest.
+                let no_servo = self.state.targets.actuation != Actuation::Servo;
+                let where_it_is = no_servo || fault.cause.invalidates_reference();
+                self.state.targets.actuation = Actuation::Servo;
+                joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(where_it_is));
+                Reaction::Hold
+            }
+        }
     }
 
     /// Reads the sensors and checks them.
@@ -53,18 +89,20 @@ impl Node {
             #[expect(clippy::cast_precision_loss, reason = "at most 16")]
             return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
         }
-        let sensed = core::mem::replace(&mut self.state.sensed, true);
+        let first = !core::mem::replace(&mut self.state.sensed, true);
+        // The first frame has no tick before it.
+        let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
+        #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
+        let rate = if elapsed == 1 { 1.0 } else { 1.0 / elapsed.cast_signed().max(1) as f32 };
         let mut all = joints(robot, &mut self.state);
-        if !sensed {
+        if first {
             all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
-            self.read_force_sensors(sensors);
-            return None;
         }
         let mut joint_fault = None;
         for (index, ((mut joint, &count), &current)) in
             (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
         {
-            joint.read(count);
+            joint.read(count, rate);
             if joint_fault.is_none() {
                 joint_fault = joint.check_measurement(current).map(|fault| (index, fault));
             }
@@ -85,7 +123,6 @@ impl Node {
         if let Some((index, (cause, value, limit))) = joint_fault.or(tip_fault) {
             return fault(cause, Some(index), value, limit);
         }
-        let elapsed = tick.wrapping_sub(last);
         if elapsed != 1 {
             #[expect(clippy::cast_precision_loss, reason = "for display")]
             return fault(FaultCause::LateTick, None, elapsed.cast_signed() as f32, 1.0);
@@ -93,16 +130,21 @@ impl Node {
         None
     }
 
-    /// Checks the control and the command timeout, while enabled.
+    /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.
     pub(super) fn check_control(&mut self) -> Option<Fault> {
-        let (Mode::Enabled(_), Some(robot)) = (self.state.mode, self.robot.loaded()) else {
+        let robot = self.robot.loaded()?;
+        let enabled = matches!(self.state.mode, Mode::Enabled(_));
+        if !enabled && !self.is_holding() {
             return None;
-        };
+        }
         let tick = self.state.tick;
         for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
             if let Some((cause, value, limit)) = joint.check_control() {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
+        }
+        if !enabled {
+            return None;
         }
         self.state.silence = self.state.silence.saturating_add(1);
         #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
@@ -110,6 +152,11 @@ impl Node {
         let limit = robot.model().safety.command_timeout;
         let late = silence > limit + 0.5 * TICK;
         late.then_some(Fault { cause: FaultCause::CommandTimeout, joint: None, value: silence, limit, tick })
+    }
+
+    /// Whether a fault ended in [`Reaction::Hold`].
+    pub(super) fn is_holding(&self) -> bool {
+        self.state.mode == Mode::Fault && self.state.reaction == Reaction::Hold
     }
 
     /// The first joint whose torque is not finite.

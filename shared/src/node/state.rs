@@ -43,6 +43,8 @@ pub struct State {
     pub(super) mode: Mode,
     /// What the outputs do in [`Mode::Fault`].
     pub(super) reaction: Reaction,
+    /// Whether the task itself brings the robot to rest under [`Reaction::Hold`].
+    pub(super) halting: bool,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
     /// Whether the joints were read since the commit of the model.
@@ -79,6 +81,7 @@ impl State {
             lease: Lease::new(),
             mode: Mode::Disabled,
             reaction: Reaction::Off,
+            halting: false,
             tick: 0,
             sensed: false,
             supply: 0,

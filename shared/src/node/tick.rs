@@ -40,9 +40,12 @@ impl Node {
         }
     }
 
-    /// Runs the task while it is enabled. Returns the fault that stops it.
+    /// Runs the task while it is enabled, or brings the robot to rest. Returns the fault that stops it.
     fn tick_task(&mut self) -> Option<Fault> {
-        let Mode::Enabled(_) = self.state.mode else { return None };
+        let enabled = matches!(self.state.mode, Mode::Enabled(_));
+        if !enabled && !(self.state.halting && self.is_holding()) {
+            return None;
+        }
         let (task, io) = self.task_and_io();
         let fault = task.tick(io).err()?;
         let tick = self.state.tick;
@@ -58,10 +61,7 @@ impl Node {
         };
         match (reaction, self.robot.loaded()) {
             (Reaction::Off, _) | (_, None) => self.release(),
-            (Reaction::Damp, Some(robot)) => {
-                let damping = robot.model().safety.damping;
-                joints(robot, &mut self.state).each().for_each(|mut joint| joint.damp(damping));
-            }
+            (Reaction::Damp, Some(_)) => self.damp(),
             (Reaction::Hold, Some(_)) => match self.state.targets.actuation {
                 Actuation::Acceleration { friction } => self.accelerate(friction),
                 actuation => self.servo(actuation),
@@ -90,6 +90,24 @@ impl Node {
             } else {
                 of_chain.for_each(|(mut joint, torque)| joint.control(mode, torque));
             }
+        }
+    }
+
+    /// Damping torques, with gravity compensation at the measured angles.
+    #[inline(never)]
+    fn damp(&mut self) {
+        let Some(robot) = self.robot.loaded() else { return };
+        let damping = robot.model().safety.damping;
+        let mut all = joints(robot, &mut self.state);
+        let zero = [0.0; MAX_CHAIN_JOINTS];
+        let [mut q, mut torques] = [zero; 2];
+        for config in robot.chains() {
+            let joints = config.joints();
+            let angles = all.measured.angles(joints.clone());
+            q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
+            config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
+            let of_chain = all.range(joints.start, joints.len()).zip(torques);
+            of_chain.for_each(|(mut joint, gravity)| joint.damp(damping, gravity));
         }
     }
 

@@ -3,7 +3,7 @@ use core::f32::consts::TAU;
 use super::LimitRefusal;
 use crate::TICK;
 use crate::control::{JointPoint, JointServo};
-use crate::math::abs;
+use crate::math::{self, abs};
 use crate::model::{JointLimits, JointModel};
 use crate::signal::PseudoDifferentiator;
 
@@ -55,6 +55,23 @@ impl JointConfig {
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+        }
+    }
+
+    /// The reference one period after `reference`, braked: with half of the torque, or more where the joint
+    /// limit is near.
+    pub fn brake(&self, reference: &JointPoint) -> JointPoint {
+        let JointPoint { position, velocity, .. } = *reference;
+        let max = self.servo.acceleration(self.limits.torque);
+        let distance =
+            if velocity > 0.0 { self.limits.upper - position } else { position - self.limits.lower };
+        let required = if distance > 0.0 { velocity * velocity / (2.0 * distance) } else { max };
+        let change = math::clamp(required, 0.5 * max, max) * TICK;
+        let next = velocity - math::clamp(velocity, -change, change);
+        JointPoint {
+            position: position + 0.5 * (velocity + next) * TICK,
+            velocity: next,
+            acceleration: (next - velocity) / TICK,
         }
     }
 

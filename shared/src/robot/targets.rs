@@ -34,6 +34,8 @@ pub enum JointSetpoint {
     Goal(f32),
     /// 1: a trajectory point, without the trajectory filter.
     Point(JointPoint),
+    /// 2: brakes the reference to rest within the joint limits.
+    Brake,
 }
 
 /// Control law from targets to torques.

@@ -46,11 +46,6 @@ impl TrajectoryState {
         Self { x1: position + velocity * filter_time, x2: position }
     }
 
-    /// The set-point that stops the reference soonest without overshoot.
-    pub const fn resting_point(&self) -> f32 {
-        self.x1
-    }
-
     /// The reference, in the unit of the input.
     pub const fn position(&self) -> f32 {
         self.x2

@@ -3,7 +3,7 @@ use core::fmt;
 use nalgebra::Vector3;
 
 use crate::control::JointPoint;
-use crate::fault::FaultCause;
+use crate::fault::{Fault, FaultCause};
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot, Targets};
 
@@ -33,6 +33,17 @@ pub struct TaskFault {
     pub value: f32,
     /// The limit.
     pub limit: f32,
+}
+
+/// How a robot that may hold its position comes to rest after a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Halt {
+    /// The joint servos bring each joint to rest. Their feed-forward torques remain.
+    Joints,
+    /// The task does it: it is ticked on. Another fault of it leads to damping.
+    Task,
+    /// Nothing can hold the robot: it is damped.
+    Damp,
 }
 
 /// What an enabled node does in each tick.
@@ -73,9 +84,20 @@ pub trait Task {
     /// The fault that stops the task.
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault>;
 
+    /// Begins the controlled stop after a fault that leaves the measured joint state valid, on a robot whose
+    /// reaction is to hold.
+    fn halt(&mut self, _io: Io<'_>, _fault: &Fault) -> Halt {
+        Halt::Joints
+    }
+
     /// Feedback of the torques that [`Actuation::Acceleration`](crate::robot::Actuation) applied: mean motor
     /// torques until the next tick [N·m], and the accelerations that the limits added [rad/s²].
     fn applied(&mut self, _robot: &Robot, _torques: &[f32; MAX_JOINTS], _added: &[f32; MAX_JOINTS]) {}
+
+    /// Whether the force sensors may be tared now: not while they carry a load.
+    fn may_tare(&self) -> bool {
+        true
+    }
 
     /// Tares the force estimate of the task. `false` if the task estimates no forces.
     fn tare(&mut self) -> bool {

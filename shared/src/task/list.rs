@@ -6,10 +6,11 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::api::{Io, Task, TaskFault};
+use super::api::{Halt, Io, Task, TaskFault};
 use super::grasping::Grasping;
 use super::impedance::ImpedanceControl;
 use super::joint_servo::JointServoTask;
+use crate::fault::Fault;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot};
 
@@ -141,9 +142,19 @@ macro_rules! tasks {
                 match self { $(Self::$name(task) => task.tick(io)),* }
             }
 
+            /// See [`Task::halt`].
+            pub fn halt(&mut self, io: Io<'_>, fault: &Fault) -> Halt {
+                match self { $(Self::$name(task) => task.halt(io, fault)),* }
+            }
+
             /// See [`Task::applied`].
             pub fn applied(&mut self, robot: &Robot, torques: &[f32; MAX_JOINTS], added: &[f32; MAX_JOINTS]) {
                 match self { $(Self::$name(task) => task.applied(robot, torques, added)),* }
+            }
+
+            /// See [`Task::may_tare`].
+            pub fn may_tare(&self) -> bool {
+                match self { $(Self::$name(task) => task.may_tare()),* }
             }
 
             /// See [`Task::tare`].

@@ -18,5 +18,5 @@ pub mod impedance;
 pub mod joint_servo;
 mod list;
 
-pub use api::{Io, Task, TaskFault};
+pub use api::{Halt, Io, Task, TaskFault};
 pub use list::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskState, TaskTelemetry};

@@ -7,8 +7,8 @@ use super::arm::{ANGLES, arm_rig, configure, enable, set_encoders, telemetry};
 use super::rig::Rig;
 use crate::TICK;
 use crate::kinematics::Chain;
-use crate::model::RobotModel;
-use crate::protocol::{Mode, Reply, Request};
+use crate::model::{ForceSensor, RobotModel};
+use crate::protocol::{ActuatorFrame, Mode, Reply, Request};
 use crate::task::impedance::tests::{SOFT, arm7};
 use crate::task::impedance::{ForceSource, ImpedanceSettings};
 
@@ -18,54 +18,119 @@ const STEPS: u16 = 12;
 const VISCOUS: f32 = 0.05;
 type Joints = SVector<f32, 7>;
 
-struct SimulatedArm {
+/// A wall across the x axis of the base: a spring with little damping.
+#[derive(Clone, Copy)]
+pub(super) struct Wall {
+    /// [m].
+    pub x: f32,
+    /// [N/m].
+    pub stiffness: f32,
+}
+
+impl Wall {
+    /// Force on a tool at `x` with a velocity along x [N].
+    fn force(self, x: f32, velocity: f32) -> f32 {
+        let depth = x - self.x;
+        if depth > 0.0 { (-self.stiffness * depth - 20.0 * velocity).min(0.0) } else { 0.0 }
+    }
+}
+
+pub(super) struct SimulatedArm {
     model: RobotModel,
-    chain: Chain,
-    rig: Rig,
-    angles: Joints,
+    pub chain: Chain,
+    pub rig: Rig,
+    pub angles: Joints,
     velocities: Joints,
     torques: Joints,
+    pub wall: Option<Wall>,
+    /// Largest force on the wall [N] and speed of the tool [m/s] so far.
+    pub max_force: f32,
+    pub max_speed: f32,
 }
 
 impl SimulatedArm {
-    fn enabled(settings: &ImpedanceSettings) -> Self {
+    pub fn enabled(settings: &ImpedanceSettings, force_sensor: Option<ForceSensor>) -> Self {
         let mut model = arm7();
+        model.chains[0].force_sensor = force_sensor;
         for joint in &mut model.joints {
             (joint.friction.coulomb, joint.friction.viscous) = (0.0, VISCOUS);
             // A delay of one integration step.
             (joint.motor.delay, joint.motor.bandwidth) = (TICK / f32::from(STEPS), 1e4);
         }
         let mut rig = arm_rig(&model);
+        if force_sensor.is_some() {
+            assert_eq!(rig.ask(Request::Tare), Reply::Done);
+        }
         assert_eq!(rig.ask(enable(*settings)), Reply::Done);
         let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
         let chain = Chain::new(&model.joints, &model.chains[0].tip).with_rotor_inertia(rotors);
         let (angles, velocities, torques) = (Joints::from(ANGLES), Joints::zeros(), Joints::zeros());
-        Self { model, chain, rig, angles, velocities, torques }
+        let wall = None;
+        Self { model, chain, rig, angles, velocities, torques, wall, max_force: 0.0, max_speed: 0.0 }
     }
 
     /// Runs `ticks` under an external `force` on the tool [N].
-    fn run(&mut self, ticks: u16, force: Vector3<f32>) {
-        let wrench = Vector6::new(force.x, force.y, force.z, 0.0, 0.0, 0.0);
-        let gravity = Vector3::from(self.model.gravity);
+    pub fn run(&mut self, ticks: u16, force: Vector3<f32>) {
         for _ in 0..ticks {
-            set_encoders(&mut self.rig, self.angles.as_slice());
-            let output = self.rig.tick();
+            self.tick(force);
             assert!(matches!(self.rig.node.mode(), Mode::Enabled(_)), "{:?}", self.rig.node.faults());
             assert_eq!(self.rig.ask(Request::Keep), Reply::Done);
-            let commanded = Joints::from_iterator(output.torques.iter().copied());
-            for step in 0..STEPS {
-                let torques = if step == 0 { self.torques } else { commanded };
-                let mut bias = Joints::zeros();
-                let (angles, velocities) = (self.angles.as_slice(), self.velocities.as_slice());
-                self.chain.nonlinear_effects(&gravity, angles, velocities, bias.as_mut_slice());
-                let external = self.chain.posture(angles).jacobian().tr_mul(&wrench);
-                let mass = self.chain.mass_matrix(angles).cholesky().unwrap();
-                let acceleration = mass.solve(&(torques - bias - self.velocities * VISCOUS + external));
-                self.velocities += acceleration * (TICK / f32::from(STEPS));
-                self.angles += self.velocities * (TICK / f32::from(STEPS));
-            }
-            self.torques = commanded;
         }
+    }
+
+    /// Position of the tool [m].
+    pub fn tool(&self) -> Vector3<f32> {
+        self.chain.posture(self.angles.as_slice()).tip().translation.vector
+    }
+
+    /// Force of the wall on the tool [N].
+    pub fn wall_force(&self) -> Vector3<f32> {
+        let posture = self.chain.posture(self.angles.as_slice());
+        let velocity = posture.jacobian() * self.velocities;
+        let x = posture.tip().translation.x;
+        Vector3::x() * self.wall.map_or(0.0, |wall| wall.force(x, velocity.x))
+    }
+
+    /// One tick under an external `force` on the tool [N], beside that of the wall.
+    pub fn tick(&mut self, force: Vector3<f32>) {
+        self.sense(force + self.wall_force());
+        let output = self.rig.tick();
+        self.advance(force, &output);
+    }
+
+    /// Sets the sensor values. `force` is that of the world on the tool [N].
+    pub fn sense(&mut self, force: Vector3<f32>) {
+        set_encoders(&mut self.rig, self.angles.as_slice());
+        let Some(sensor) = &self.model.chains[0].force_sensor else { return };
+        let to_tool = self.chain.posture(self.angles.as_slice()).tip().rotation.inverse();
+        let counts = to_tool * force / sensor.force_resolution;
+        // Constant counts would be a fault: noise.
+        let noise = self.rig.sensors.sequence as i32 % 2;
+        let [x, y, z] = <[f32; 3]>::from(counts).map(|value| value as i32 + noise);
+        self.rig.sensors.forces[0] = [x, y, z, noise, noise, noise];
+    }
+
+    /// Moves the arm by one period.
+    pub fn advance(&mut self, force: Vector3<f32>, output: &ActuatorFrame) {
+        let gravity = Vector3::from(self.model.gravity);
+        let commanded = Joints::from_iterator(output.torques.iter().copied());
+        for step in 0..STEPS {
+            let torques = if step == 0 { self.torques } else { commanded };
+            let mut bias = Joints::zeros();
+            let (angles, velocities) = (self.angles.as_slice(), self.velocities.as_slice());
+            self.chain.nonlinear_effects(&gravity, angles, velocities, bias.as_mut_slice());
+            let total = force + self.wall_force();
+            let wrench = Vector6::new(total.x, total.y, total.z, 0.0, 0.0, 0.0);
+            let jacobian = self.chain.posture(angles).jacobian();
+            self.max_force = self.max_force.max(self.wall_force().norm());
+            self.max_speed = self.max_speed.max((jacobian * self.velocities).fixed_rows::<3>(0).norm());
+            let external = jacobian.tr_mul(&wrench);
+            let mass = self.chain.mass_matrix(angles).cholesky().unwrap();
+            let acceleration = mass.solve(&(torques - bias - self.velocities * VISCOUS + external));
+            self.velocities += acceleration * (TICK / f32::from(STEPS));
+            self.angles += self.velocities * (TICK / f32::from(STEPS));
+        }
+        self.torques = commanded;
     }
 }
 
@@ -73,7 +138,7 @@ impl SimulatedArm {
 fn an_arm_without_a_force_sensor_yields_to_an_external_force() {
     let estimating =
         ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 3.0, ..SOFT };
-    let mut arm = SimulatedArm::enabled(&estimating);
+    let mut arm = SimulatedArm::enabled(&estimating, None);
     // Without effect: the observer tares itself once the arm has been at rest.
     assert_eq!(arm.rig.ask(Request::Tare), Reply::Done);
     arm.run(60, Vector3::zeros());

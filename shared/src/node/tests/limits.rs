@@ -8,7 +8,7 @@ use super::rig::{Rig, model};
 use super::stream_torques::stream_torques;
 use crate::control::{JointPoint, ServoMode};
 use crate::model::MAX_JOINTS;
-use crate::protocol::{Item, Request, SCHEMA_KEY, SensorFlags, Stream};
+use crate::protocol::{Item, Reply, Request, SCHEMA_KEY, SensorFlags, Stream};
 use crate::task::grasping::GraspCommand;
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
@@ -85,4 +85,19 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn homing_leaves_absolute_encoders_alone() {
+    let mut model = model();
+    model.joints[1].encoder.relative = true;
+    let mut rig = Rig::ready(&model);
+    rig.sensors.encoders = Vec::from_slice(&[100, 200, 300]).unwrap();
+    rig.tick();
+    let before = rig.node.telemetry().joints;
+    let home = Request::Home { positions: Vec::from_slice(&[0.1, 0.2, 0.3]).unwrap() };
+    assert_eq!(rig.ask(home), Reply::Done);
+    let after = rig.node.telemetry().joints;
+    assert_eq!([after[0].position, after[2].position], [before[0].position, before[2].position]);
+    assert!((after[1].position - 0.2).abs() < 1e-4);
 }

@@ -2,6 +2,7 @@
 
 mod arm;
 mod arm_closed_loop;
+mod arm_stops;
 mod enabling;
 mod export;
 mod faults;
@@ -14,4 +15,5 @@ mod model;
 mod replay;
 mod rig;
 mod setpoints;
+mod stops;
 mod stream_torques;

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     FingerSense, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspState, GraspTelemetry, Hand,
-    ObjectControl,
+    ObjectControl, Phase,
 };
 use crate::control::ServoMode;
 use crate::fault::FaultCause;
@@ -63,6 +63,10 @@ impl Task for Grasping {
         }
         io.targets.actuation = output.actuation;
         Ok(())
+    }
+
+    fn may_tare(&self) -> bool {
+        self.state.phase() == Phase::Ready
     }
 
     fn telemetry(&self, _: &Robot, _: &Measured, _: &Postures) -> GraspTelemetry {

@@ -1,5 +1,6 @@
 use nalgebra::Vector3;
 
+use super::SetpointError;
 use crate::control::{ErrorObserver, JointPoint};
 use crate::kinematics::Chain;
 use crate::model::{JointModel, MAX_CHAIN_JOINTS};
@@ -67,4 +68,6 @@ pub struct ArmOutput {
     pub torques: [f32; MAX_CHAIN_JOINTS],
     /// Fraction of the friction to compensate.
     pub friction: f32,
+    /// The deviation from the set-point that is a fault.
+    pub deviation: Option<SetpointError>,
 }

@@ -18,6 +18,12 @@ pub(super) const ORIGIN: PosePoint = PosePoint {
     acceleration: [0.0; 6],
 };
 
+/// At rest at the pose of a tool.
+pub(super) fn at_rest(tool: &IsometryMatrix3<f32>) -> PosePoint {
+    let rotation = UnitQuaternion::from_rotation_matrix(&tool.rotation);
+    PosePoint { position: tool.translation.vector.into(), rotation: rotation.coords.into(), ..ORIGIN }
+}
+
 /// Checks that all numbers are finite and that the orientation is a unit quaternion.
 pub(super) fn check_numbers(point: &PosePoint, elbow: &ElbowSetpoint) -> Result<(), SetpointError> {
     let of_pose =

@@ -1,15 +1,15 @@
-use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
-use super::setpoint::{ORIGIN, check_elbow, check_numbers, pose_error, wrap_angle};
+use super::setpoint::{ORIGIN, at_rest, check_elbow, check_numbers, pose_error, wrap_angle};
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE, MAX_ELBOW_ERROR,
-    REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -32,6 +32,8 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
+    /// Whether the set-point of the tool moves to the tool, after a fault.
+    releasing: bool,
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
     squared_force: f32,
@@ -59,6 +61,7 @@ impl ImpedanceState {
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
+        releasing: false,
         contact: false,
         squared_force: 0.0,
         tool_velocity: [0.0; 3],
@@ -96,10 +99,7 @@ impl ImpedanceState {
         self.clone_from(&Self::NONE);
         (self.settings, self.impedance, self.angles) = (*settings, settings.impedance, *angles);
         let posture = arm.chain.posture(angles);
-        let tip = posture.tip();
-        let rotation = UnitQuaternion::from_rotation_matrix(&tip.rotation);
-        let position = tip.translation.vector.into();
-        self.setpoint = PosePoint { position, rotation: rotation.coords.into(), ..ORIGIN };
+        self.setpoint = at_rest(posture.tip());
         self.elbow_setpoint.angle = self.elbow_angle(arm, &posture, angles);
         self.initialize_singular_value(&posture);
     }
@@ -126,6 +126,32 @@ impl ImpedanceState {
         }
         (self.setpoint, self.elbow_setpoint) = (*point, *elbow);
         Ok(())
+    }
+
+    /// Begins a controlled stop: the set-points come to rest, and that of the tool moves to the tool, which
+    /// releases what it presses on.
+    pub fn halt(&mut self, arm: &Arm<'_>) {
+        let posture = arm.chain.posture(&self.angles);
+        self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
+        if pose_error(posture.tip(), &self.setpoint, &self.settings).is_err() {
+            self.setpoint = at_rest(posture.tip());
+        }
+        let angle = self.elbow_angle(arm, &posture, &self.angles);
+        self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
+        self.releasing = true;
+    }
+
+    /// Moves the set-point of the tool a period's way along the pose `error`, until it is there.
+    fn release(&mut self, error: &Vector6<f32>) {
+        let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
+        let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
+        let linear = rate(distance, RELEASE_SPEED * TICK) / TICK;
+        let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK) / TICK;
+        let &[x, y, z, rx, ry, rz] = error.as_ref();
+        let velocity = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
+        let moved = PosePoint { velocity, ..self.setpoint }.coasted();
+        self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
+        self.releasing = distance > RELEASE_SPEED * TICK || angle > RELEASE_ANGULAR_SPEED * TICK;
     }
 
     /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
@@ -160,8 +186,18 @@ impl ImpedanceState {
         self.left_singular_vector = left_singular_vector.into();
         self.update_force_estimate(arm, &settings, measurement, &resolver);
 
-        let error = pose_error(posture.tip(), &self.setpoint, &settings)?;
+        let (error, deviation) = match pose_error(posture.tip(), &self.setpoint, &settings) {
+            Ok(error) => (error, None),
+            // The fault stops the arm from this tick on: the set-point is where the tool is.
+            Err(deviation) => {
+                self.setpoint = at_rest(posture.tip());
+                (Vector6::zeros(), Some(deviation))
+            }
+        };
         self.pose_error = error.into();
+        if self.releasing {
+            self.release(&error);
+        }
         let wrench = self.external_wrench(measurement);
         let loaded = self.contact || settings.law == Law::Direct;
         let force = if loaded { wrench } else { Vector6::zeros() };
@@ -173,7 +209,8 @@ impl ImpedanceState {
         let mut accelerations =
             self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(acceleration - bias));
         self.limit_accelerations(arm, &mut accelerations);
-        let output = self.output(arm, &settings, jacobian.tr_mul(&-force).into(), &accelerations);
+        let mut output = self.output(arm, &settings, jacobian.tr_mul(&-force).into(), &accelerations);
+        output.deviation = deviation;
         self.advance(&accelerations);
         Ok(output)
     }

@@ -7,11 +7,11 @@ use super::{
     ImpedanceTelemetry, SetpointError,
 };
 use crate::control::{JointPoint, ServoMode};
-use crate::fault::FaultCause;
+use crate::fault::{Fault, FaultCause};
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{Actuation, JointSetpoint, Measured, Postures, Robot};
-use crate::task::{Io, Task, TaskFault};
+use crate::task::{Halt, Io, Task, TaskFault};
 
 /// Commands of impedance control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -98,7 +98,19 @@ impl Task for ImpedanceControl {
             (target.setpoint, target.feedforward) = (JointSetpoint::Point(point), *torque);
         }
         io.targets.actuation = Actuation::Acceleration { friction: output.friction };
-        Ok(())
+        output.deviation.map_or(Ok(()), |deviation| Err(deviation.into()))
+    }
+
+    fn halt(&mut self, io: Io<'_>, fault: &Fault) -> Halt {
+        let force_is_valid = !matches!(fault.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck);
+        match Arm::of(io.robot) {
+            Some(arm) if force_is_valid || self.state.estimates_force() => {
+                self.state.halt(&arm);
+                Halt::Task
+            }
+            // Without its force the control would press on what it touches.
+            _ => Halt::Damp,
+        }
     }
 
     fn applied(&mut self, robot: &Robot, torques: &[f32; MAX_JOINTS], added: &[f32; MAX_JOINTS]) {
@@ -110,6 +122,10 @@ impl Task for ImpedanceControl {
             return;
         };
         self.state.applied(&arm, added, torques);
+    }
+
+    fn may_tare(&self) -> bool {
+        !self.state.contact
     }
 
     fn tare(&mut self) -> bool {

@@ -42,6 +42,11 @@ pub(super) const VELOCITY_LIMIT_FRACTION: f32 = 0.6;
 /// brakes later and harder.
 pub(super) const LIMIT_APPROACH_RATE: f32 = 5.0;
 
+/// Speeds at which the set-point moves to the tool after a fault [m/s, rad/s]. Faster ones release what the
+/// tool presses on sooner, and let it spring back faster.
+pub(super) const RELEASE_SPEED: f32 = 0.1;
+pub(super) const RELEASE_ANGULAR_SPEED: f32 = 0.5;
+
 /// Smallest singular value of the Jacobian below which its inverse is damped. Rows in m and rad, unscaled:
 /// the arm is about half a metre long. A larger one keeps the joints slower near singular postures and the
 /// tool less exact.

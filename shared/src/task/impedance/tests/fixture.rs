@@ -56,7 +56,7 @@ pub fn arm7() -> RobotModel {
         safety: Safety {
             command_timeout: 0.1,
             reaction: Reaction::Hold,
-            damping: 0.3,
+            damping: 3.0,
             supply_min: 20.0,
             supply_max: 28.0,
         },

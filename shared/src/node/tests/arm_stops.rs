@@ -1,0 +1,82 @@
+//! Faults while an arm presses on a wall: it releases the wall, slowly, and never presses harder.
+
+use nalgebra::Vector3;
+
+use super::arm::{SENSOR, present_target, set_target};
+use super::arm_closed_loop::{SimulatedArm, Wall};
+use super::rig::refusal;
+use crate::fault::FaultCause;
+use crate::model::Reaction;
+use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::task::impedance::ImpedanceSettings;
+use crate::task::impedance::tests::SOFT;
+
+/// An arm that presses on a wall with about `force` [N].
+fn pressing(force: f32, stiffness: f32) -> SimulatedArm {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    arm.wall = Some(Wall { x: arm.tool().x + 0.01, stiffness });
+    let (mut point, elbow) = present_target(&mut arm.rig);
+    let depth = 0.01 + force / stiffness + force / SOFT.impedance.stiffness[0];
+    let start = point.position[0];
+    for step in 1..=200 {
+        point.position[0] = start + depth * step as f32 / 200.0;
+        assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
+        arm.run(1, Vector3::zeros());
+    }
+    arm.run(150, Vector3::zeros());
+    let pressed = arm.wall_force().norm();
+    assert!((pressed - force).abs() < 0.1 * force, "{pressed} N");
+    (arm.max_force, arm.max_speed) = (0.0, 0.0);
+    arm
+}
+
+#[test]
+fn a_stop_releases_what_the_arm_presses_on() {
+    for (force, stiffness) in [(20.0, 2e3), (60.0, 2e3), (80.0, 20e3), (120.0, 20e3)] {
+        let mut arm = pressing(force, stiffness);
+        let before = arm.wall_force().norm();
+        assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+        for _ in 0..800 {
+            arm.tick(Vector3::zeros());
+        }
+        let (max, speed, after) = (arm.max_force, arm.max_speed, arm.wall_force().norm());
+        assert!(max <= 1.05 * before, "{force} N on {stiffness} N/m: {max} of {before} N");
+        assert!(speed <= 0.25, "{force} N on {stiffness} N/m: {speed} m/s");
+        assert!(after < 5.0, "{force} N on {stiffness} N/m: {after} N remain");
+        assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
+    }
+}
+
+#[test]
+fn a_dead_force_sensor_does_not_let_the_arm_press_on() {
+    for (force, stiffness) in [(20.0, 2e3), (60.0, 2e3), (80.0, 20e3)] {
+        let mut arm = pressing(force, stiffness);
+        let before = arm.wall_force().norm();
+        arm.sense(arm.wall_force());
+        for _ in 0..500 {
+            let counts = arm.rig.sensors.forces.clone();
+            arm.sense(Vector3::zeros());
+            arm.rig.sensors.forces = counts;
+            if let Mode::Enabled(_) = arm.rig.node.mode() {
+                arm.rig.ask(Request::Keep);
+            }
+            let output = arm.rig.tick();
+            arm.advance(Vector3::zeros(), &output);
+        }
+        assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::ForceStuck);
+        assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
+        let (max, speed) = (arm.max_force, arm.max_speed);
+        assert!(max <= 1.05 * before, "{force} N on {stiffness} N/m: {max} of {before} N");
+        assert!(speed <= 0.25, "{force} N on {stiffness} N/m: {speed} m/s");
+    }
+}
+
+#[test]
+fn force_sensors_are_not_tared_in_contact() {
+    let mut arm = pressing(20.0, 2e3);
+    assert!(matches!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Enabled(_))));
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    assert_eq!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Fault));
+}

@@ -1,0 +1,202 @@
+//! Reactions to faults: controlled stops that are supervised themselves.
+
+use heapless::Vec;
+
+use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
+use crate::control::JointPoint;
+use crate::fault::FaultCause;
+use crate::model::{Reaction, RobotModel};
+use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags};
+use crate::task::TaskCommand;
+use crate::task::joint_servo::JointCommand;
+
+fn stream(position: f32, velocity: f32) -> Request {
+    let rest = JointPoint::default();
+    let points =
+        Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
+    Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
+}
+
+/// Ticks with joints that are where their references are.
+fn tick_ideally(rig: &mut Rig) {
+    for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.node.telemetry().joints) {
+        *count = libm::roundf(joint.reference * COUNTS_PER_RADIAN) as i32;
+    }
+    rig.tick();
+}
+
+#[test]
+fn a_stop_while_streaming_brakes_within_the_joint_limits() {
+    let mut model = model();
+    // 0.6 N·m give 0.02 kg·m² 30 rad/s².
+    model.joints[2].servo.observer.inertia = 0.02;
+    let mut rig = Rig::enabled(&model);
+    let mut position = 0.0;
+    while position < 1.38 {
+        position += 0.02;
+        assert_eq!(rig.ask(stream(position, 2.0)), Reply::Done);
+        tick_ideally(&mut rig);
+    }
+    assert_eq!(rig.ask(Request::Stop), Reply::Done);
+    // 2 rad/s within 0.12 rad: 16.7 rad/s², a little more than half of what there is, for 0.12 s.
+    let mut before = position;
+    for tick in 0..20 {
+        tick_ideally(&mut rig);
+        let reference = rig.node.telemetry().joints[2].reference;
+        assert!((before..1.500_01).contains(&reference), "{tick}: {reference}");
+        assert_eq!(reference == before, tick > 10, "{tick}: {reference}");
+        before = reference;
+    }
+    assert!(before > 1.48, "{before}");
+    assert_eq!(rig.node.faults().total, 1);
+}
+
+#[test]
+fn an_encoder_that_dies_during_a_stop_switches_the_outputs_off() {
+    let mut model = model();
+    model.joints[2].servo.observer.inertia = 0.02;
+    let mut rig = Rig::enabled(&model);
+    for step in 1..=20 {
+        assert_eq!(rig.ask(stream(0.04 * step as f32, 4.0)), Reply::Done);
+        tick_ideally(&mut rig);
+    }
+    assert_eq!(rig.ask(Request::Stop), Reply::Done);
+    // From here the count stands still, while the reference brakes for 0.27 s.
+    let mut beyond_friction = 0;
+    while rig.tick().enabled {
+        let effort = rig.node.state.joints[2].effort;
+        beyond_friction += u32::from(effort.abs() > 0.1);
+        assert!(beyond_friction < 3, "{effort}");
+    }
+    let fault = rig.node.faults().faults.last().unwrap();
+    assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
+    assert_eq!(rig.node.faults().total, 2);
+}
+
+/// A finger that lies along x, with gravity across it.
+fn lying() -> RobotModel {
+    let mut model = model();
+    model.gravity = [0.0, -9.81, 0.0];
+    model
+}
+
+#[test]
+fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
+    let mut model = lying();
+    model.safety.reaction = Reaction::Damp;
+    let mut rig = Rig::enabled(&model);
+    let points = Vec::from_slice(&[JointPoint::default(); 3]).unwrap();
+    let torques = Vec::from_slice(&[0.0, 0.0, 0.1]).unwrap();
+    assert_eq!(
+        rig.ask(Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques { points, torques }))),
+        Reply::Done
+    );
+    (0..8).for_each(|_| _ = rig.tick());
+    assert_eq!(rig.ask(Request::Stop), Reply::Done);
+    let torques: std::vec::Vec<_> = (0..100).map(|_| rig.tick().torques).collect();
+    // 20 g at 20 mm under 9.81 m/s² are 3.924 mN·m for each link that a joint carries.
+    for (joint, links) in [(0, 3.0), (1, 2.0), (2, 1.0)] {
+        assert!((torques[99][joint] - links * 3.924e-3).abs() < 2e-5 + 1e-3 * links, "{:?}", torques[99]);
+    }
+    // 0.1 N·m at the tip, 5 % less in each tick.
+    assert!((torques[0][2] - 0.098_9).abs() < 2e-4 && (torques[1][2] - 0.094_2).abs() < 2e-4, "{torques:?}");
+    // Moved at 1 rad/s for a while, it resists with 0.01 N·m.
+    for step in 1..=60 {
+        rig.sensors.encoders[0] = libm::roundf(0.01 * step as f32 * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+    }
+    let torque = rig.node.telemetry().joints[0].torque;
+    // All links turn with the first joint: cos 0.6.
+    assert!((torque - (3.0 * 3.924e-3 * 0.825_3 - 0.01)).abs() < 1e-4, "{torque}");
+}
+
+#[test]
+fn a_joint_that_cannot_be_held_is_damped_and_the_first_cause_stays_in_the_log() {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    rig.ask(Request::Stop);
+    rig.tick();
+    // Something stronger than the servo moves the tip, within its velocity limit.
+    for step in 1..=5 {
+        rig.sensors.encoders[2] = libm::roundf(0.06 * step as f32 * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+    }
+    let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+    assert_eq!(causes, [FaultCause::Stop, FaultCause::FollowingError]);
+    assert_eq!(rig.node.state.reaction, Reaction::Damp);
+    // Reactions only become weaker, and a state that lasts is recorded once.
+    rig.sensors.flags = SensorFlags(1);
+    (0..5).for_each(|_| _ = rig.tick());
+    assert_eq!((rig.node.state.reaction, rig.node.faults().total), (Reaction::Off, 3));
+    rig.sensors.flags = SensorFlags(0);
+    assert!(!rig.tick().enabled);
+}
+
+#[test]
+fn a_joint_that_left_its_reference_is_held_without_the_learnt_disturbance() {
+    let mut model = model();
+    model.joints[2].limits.following_error = 0.05;
+    let mut rig = Rig::enabled(&model);
+    // An obstacle that yields a little: the counts change, and the integral action grows.
+    let (mut ticks, mut pressing) = (0, 0.0);
+    while rig.node.mode() != Mode::Fault {
+        pressing = rig.node.telemetry().joints[2].torque;
+        rig.goal([0.0, 0.0, 0.5]);
+        rig.sensors.encoders[2] += 1;
+        rig.tick();
+        ticks += 1;
+        assert!(ticks < 200);
+    }
+    assert_eq!(rig.node.faults().faults[0].cause, FaultCause::FollowingError);
+    rig.tick();
+    let torque = rig.node.telemetry().joints[2].torque;
+    // What remains is at most the Coulomb friction.
+    assert!(pressing > 0.025 && torque.abs() < 0.021, "{pressing} {torque}");
+}
+
+#[test]
+fn the_first_sensor_frame_is_checked_as_well() {
+    type Change = fn(&mut Rig);
+    let cases: [(Change, FaultCause); 3] = [
+        (|rig| rig.sensors.flags = SensorFlags(1), FaultCause::EmergencyStop),
+        (|rig| rig.sensors.supply = 50_000, FaultCause::SupplyHigh),
+        (|rig| rig.sensors.encoders[1] = 20_000, FaultCause::PositionLimit),
+    ];
+    for (change, cause) in cases {
+        let mut rig = Rig::new();
+        rig.command();
+        assert_eq!(rig.push(&model()), Reply::Done);
+        change(&mut rig);
+        rig.tick();
+        let Refusal::Unsafe(fault) = refusal(rig.enable()) else { panic!("{cause:?}") };
+        assert_eq!(fault.cause, cause);
+    }
+}
+
+#[test]
+fn an_enable_that_a_disable_or_a_stop_overtook_enables_nothing() {
+    for overtaking in [Request::Disable, Request::Stop] {
+        let mut rig = Rig::ready(&model());
+        let late = rig.sequence + 1;
+        rig.sequence += 1;
+        rig.ask(overtaking.clone());
+        let enable = Request::Enable(crate::task::TaskConfig::JointServo(crate::control::ServoMode::Pid));
+        let latest = rig.sequence;
+        assert_eq!(refusal(rig.send(7, late, enable)), Refusal::Stale { latest });
+        assert!(!rig.tick().enabled);
+        assert_eq!(rig.enable(), Reply::Done, "a new request");
+    }
+}
+
+#[test]
+fn a_late_tick_is_no_jump_and_its_velocity_counts_all_periods() {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    // 4 rad/s for five periods are 0.2 rad, more than a joint moves in one.
+    rig.sensors.encoders[0] = libm::roundf(0.2 * COUNTS_PER_RADIAN) as i32;
+    rig.sensors.sequence += 4;
+    assert!(rig.tick().enabled);
+    let fault = rig.node.faults().faults[0];
+    assert_eq!((fault.cause, fault.value), (FaultCause::LateTick, 5.0));
+    assert!(rig.node.state.measured.velocities[0] < 4.0);
+}
