@@ -161,14 +161,21 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Reads the encoder in a tick. `rate`: one over the number of periods since the last one.
+    /// Prepares for a tick that comes several periods after the last one: the last position becomes that of one
+    /// period ago, at constant velocity.
+    pub fn catch_up(&mut self, count: i32, periods: f32) {
+        let position = self.state.angle(self.config, count);
+        *self.position = position - (position - *self.position) / periods;
+    }
+
+    /// Reads the encoder in a tick.
     #[inline]
-    pub fn read(&mut self, count: i32, rate: f32) {
+    pub fn read(&mut self, count: i32) {
         let state = &mut *self.state;
         state.unchanged = if count == state.count { state.unchanged.saturating_add(1) } else { 0 };
         state.count = count;
         let position = state.angle(self.config, count);
-        state.change = (position - *self.position) * rate;
+        state.change = position - *self.position;
         *self.position = position;
         self.config.velocity.update(self.velocity, state.change);
     }

@@ -92,17 +92,20 @@ impl Node {
         let first = !core::mem::replace(&mut self.state.sensed, true);
         // The first frame has no tick before it.
         let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
-        #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
-        let rate = if elapsed == 1 { 1.0 } else { 1.0 / elapsed.cast_signed().max(1) as f32 };
         let mut all = joints(robot, &mut self.state);
         if first {
             all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
+        } else if elapsed.cast_signed() > 1 {
+            #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
+            let periods = elapsed as f32;
+            let joints = all.each().zip(&sensors.encoders);
+            joints.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
         }
         let mut joint_fault = None;
         for (index, ((mut joint, &count), &current)) in
             (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
         {
-            joint.read(count, rate);
+            joint.read(count);
             if joint_fault.is_none() {
                 joint_fault = joint.check_measurement(current).map(|fault| (index, fault));
             }

@@ -1,9 +1,8 @@
 use nalgebra::Vector3;
 
-use super::SetpointError;
 use crate::control::{ErrorObserver, JointPoint};
 use crate::kinematics::Chain;
-use crate::model::{JointModel, MAX_CHAIN_JOINTS};
+use crate::model::{JointModel, MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{Measured, Robot};
 
 /// The configuration of an arm for impedance control.
@@ -50,10 +49,12 @@ pub struct ArmMeasurement {
 impl ArmMeasurement {
     /// The measurement of a robot that is an arm. Entries beyond its joints are meaningless.
     pub fn of(measured: &Measured) -> Self {
-        let mut measurement = Self { wrench: measured.wrenches[0], ..Self::default() };
-        measurement.angles.iter_mut().zip(&measured.positions).for_each(|(own, angle)| *own = *angle);
-        measurement.velocities.iter_mut().zip(&measured.velocities).for_each(|(own, rate)| *own = *rate);
-        measurement
+        let first = |values: &[f32; MAX_JOINTS]| values.first_chunk().copied().unwrap_or_default();
+        Self {
+            angles: first(&measured.positions),
+            velocities: first(&measured.velocities),
+            wrench: measured.wrenches[0],
+        }
     }
 }
 
@@ -68,6 +69,4 @@ pub struct ArmOutput {
     pub torques: [f32; MAX_CHAIN_JOINTS],
     /// Fraction of the friction to compensate.
     pub friction: f32,
-    /// The deviation from the set-point that is a fault.
-    pub deviation: Option<SetpointError>,
 }

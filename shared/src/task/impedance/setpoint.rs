@@ -19,6 +19,7 @@ pub(super) const ORIGIN: PosePoint = PosePoint {
 };
 
 /// At rest at the pose of a tool.
+#[inline(never)]
 pub(super) fn at_rest(tool: &IsometryMatrix3<f32>) -> PosePoint {
     let rotation = UnitQuaternion::from_rotation_matrix(&tool.rotation);
     PosePoint { position: tool.translation.vector.into(), rotation: rotation.coords.into(), ..ORIGIN }
@@ -54,28 +55,33 @@ pub(super) fn check_elbow(elbow: &ElbowSetpoint, angle: f32, limit: f32) -> Resu
 }
 
 /// The pose error: translation and rotation vector from the set-point to the tool [m, rad].
-///
-/// # Errors
-/// It exceeds the maximum deviation of the settings.
 #[inline]
-pub(super) fn pose_error(
-    tool: &IsometryMatrix3<f32>,
-    point: &PosePoint,
-    settings: &ImpedanceSettings,
-) -> Result<Vector6<f32>, SetpointError> {
-    let [max_distance, max_angle] = settings.max_deviation;
+pub(super) fn pose_error(tool: &IsometryMatrix3<f32>, point: &PosePoint) -> Vector6<f32> {
     let translation = tool.translation.vector - Vector3::from(point.position);
     let rotation =
         math::rotation_vector(&(tool.rotation.matrix() * rotation_matrix(&point.rotation).transpose()));
-    let distance = math::sqrt(translation.norm_squared());
-    let angle = math::sqrt(rotation.norm_squared());
+    Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z)
+}
+
+/// Checks a pose error against the maximum deviation of the settings.
+///
+/// # Errors
+/// It is larger.
+#[inline]
+pub(super) fn check_deviation(
+    error: &Vector6<f32>,
+    settings: &ImpedanceSettings,
+) -> Result<(), SetpointError> {
+    let [max_distance, max_angle] = settings.max_deviation;
+    let distance = math::sqrt(error.fixed_rows::<3>(0).norm_squared());
+    let angle = math::sqrt(error.fixed_rows::<3>(3).norm_squared());
     if distance.is_nan() || distance > max_distance {
         return Err(SetpointError::Distance { value: distance, limit: max_distance });
     }
     if angle.is_nan() || angle > max_angle {
         return Err(SetpointError::Rotation { value: angle, limit: max_angle });
     }
-    Ok(Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z))
+    Ok(())
 }
 
 /// The equivalent angle within ±π [rad].

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
-use super::setpoint::{ORIGIN, at_rest, check_elbow, check_numbers, pose_error, wrap_angle};
+use super::setpoint::{ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, pose_error, wrap_angle};
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
@@ -118,7 +118,7 @@ impl ImpedanceState {
         let posture = arm.chain.posture(&self.angles);
         // Both now and after one period: this bounds velocity and acceleration, too.
         for point in [point, &point.ahead()] {
-            pose_error(posture.tip(), point, &self.settings)?;
+            check_deviation(&pose_error(posture.tip(), point), &self.settings)?;
         }
         if self.settings.redundancy != Redundancy::None {
             let [_, limit] = self.settings.max_deviation;
@@ -133,7 +133,7 @@ impl ImpedanceState {
     pub fn halt(&mut self, arm: &Arm<'_>) {
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        if pose_error(posture.tip(), &self.setpoint, &self.settings).is_err() {
+        if check_deviation(&pose_error(posture.tip(), &self.setpoint), &self.settings).is_err() {
             self.setpoint = at_rest(posture.tip());
         }
         let angle = self.elbow_angle(arm, &posture, &self.angles);
@@ -142,6 +142,7 @@ impl ImpedanceState {
     }
 
     /// Moves the set-point of the tool a period's way along the pose `error`, until it is there.
+    #[inline(never)]
     fn release(&mut self, error: &Vector6<f32>) {
         let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
@@ -152,6 +153,14 @@ impl ImpedanceState {
         let moved = PosePoint { velocity, ..self.setpoint }.coasted();
         self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
         self.releasing = distance > RELEASE_SPEED * TICK || angle > RELEASE_ANGULAR_SPEED * TICK;
+    }
+
+    /// Checks the pose error of the last tick.
+    ///
+    /// # Errors
+    /// The tool is too far from its set-point.
+    pub fn check_deviation(&self) -> Result<(), SetpointError> {
+        check_deviation(&self.pose_error.into(), &self.settings)
     }
 
     /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
@@ -186,14 +195,7 @@ impl ImpedanceState {
         self.left_singular_vector = left_singular_vector.into();
         self.update_force_estimate(arm, &settings, measurement, &resolver);
 
-        let (error, deviation) = match pose_error(posture.tip(), &self.setpoint, &settings) {
-            Ok(error) => (error, None),
-            // The fault stops the arm from this tick on: the set-point is where the tool is.
-            Err(deviation) => {
-                self.setpoint = at_rest(posture.tip());
-                (Vector6::zeros(), Some(deviation))
-            }
-        };
+        let error = pose_error(posture.tip(), &self.setpoint);
         self.pose_error = error.into();
         if self.releasing {
             self.release(&error);
@@ -209,8 +211,7 @@ impl ImpedanceState {
         let mut accelerations =
             self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(acceleration - bias));
         self.limit_accelerations(arm, &mut accelerations);
-        let mut output = self.output(arm, &settings, jacobian.tr_mul(&-force).into(), &accelerations);
-        output.deviation = deviation;
+        let output = self.output(arm, &settings, jacobian.tr_mul(&-force).into(), &accelerations);
         self.advance(&accelerations);
         Ok(output)
     }

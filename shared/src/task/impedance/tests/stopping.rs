@@ -1,7 +1,7 @@
 //! Errors that stop the control.
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, track};
-use crate::task::impedance::{ArmMeasurement, ArmOutput, ImpedanceSettings, Law, SetpointError};
+use crate::task::impedance::{ArmMeasurement, ImpedanceSettings, Law, SetpointError};
 
 #[test]
 fn a_force_that_is_not_finite_stops_the_control() {
@@ -28,9 +28,11 @@ fn a_tool_beyond_the_maximum_deviation_stops_the_control() {
             measurement.wrench[1] = 2.0;
             measurement.wrench[axis] = size;
             match state.tick(&fixture.arm(), &measurement) {
-                Ok(ArmOutput { deviation: Some(deviation), .. }) => return Some(deviation),
                 Ok(output) => measurement = track(&output),
                 Err(error) => panic!("{error}"),
+            }
+            if let Err(deviation) = state.check_deviation() {
+                return Some(deviation);
             }
         }
         None
