@@ -27,7 +27,7 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Ticks since the count changed.
+    /// Ticks under torque since the count changed.
     unchanged: u16,
     pub servo: JointServoState,
 }
@@ -172,7 +172,9 @@ impl Joint<'_> {
     #[inline]
     pub fn read(&mut self, count: i32) {
         let state = &mut *self.state;
-        state.unchanged = if count == state.count { state.unchanged.saturating_add(1) } else { 0 };
+        if count != state.count {
+            state.unchanged = 0;
+        }
         state.count = count;
         let position = state.angle(self.config, count);
         state.change = position - *self.position;
@@ -206,15 +208,17 @@ impl Joint<'_> {
 
     /// Checks the control. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn check_control(&self) -> Option<(FaultCause, f32, f32)> {
-        let (config, state) = (self.config, &self.state);
+    pub fn check_control(&mut self) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &mut *self.state);
         let error = self.reference.position - *self.position;
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
         // A contact force keeps the joint at rest under torque.
         let in_contact = self.target.feedforward != 0.0;
-        if state.unchanged >= STUCK_TICKS && abs(state.effort) > config.breakaway && !in_contact {
+        let pushed = abs(state.effort) > config.breakaway && !in_contact;
+        state.unchanged = if pushed { state.unchanged.saturating_add(1) } else { 0 };
+        if state.unchanged >= STUCK_TICKS {
             return Some((FaultCause::EncoderStuck, state.effort, config.breakaway));
         }
         None
@@ -307,11 +311,13 @@ impl Joint<'_> {
     /// the feed-forward torque. A joint that has left its reference forgets the disturbance torque, which may
     /// be that of pressing on something.
     pub fn hold(&mut self, where_it_is: bool) {
-        if where_it_is {
-            self.target.setpoint = JointSetpoint::Goal(*self.position);
+        let error = self.reference.position - *self.position;
+        if where_it_is || abs(error) > self.config.limits.following_error {
+            let max = self.config.limits.velocity;
+            let velocity = math::clamp(*self.velocity, -max, max);
+            *self.reference = JointPoint { position: *self.position, velocity, acceleration: 0.0 };
             self.state.servo.restart_under_torque(*self.position);
-        } else {
-            self.target.setpoint = JointSetpoint::Brake;
         }
+        self.target.setpoint = JointSetpoint::Brake;
     }
 }

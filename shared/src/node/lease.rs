@@ -57,6 +57,11 @@ impl Lease {
 
     /// Registers a request of any kind.
     pub fn register(&mut self, client: u32, sequence: u16, now: u32) {
+        for (former, latest) in self.former.iter_mut().flatten() {
+            if *former == client && (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(*latest)) {
+                *latest = sequence.wrapping_sub(1);
+            }
+        }
         if self.client != Some(client) {
             return;
         }
@@ -97,22 +102,27 @@ impl Lease {
             return Err(Refusal::Commanded { by });
         }
         if let Some(former) = self.client.filter(|former| *former != client) {
-            self.former.rotate_right(1);
-            self.former[0] = Some((former, self.sequence));
-        }
-        for entry in &mut self.former {
-            if entry.is_some_and(|(former, _)| former == client) {
-                *entry = None;
+            // In place of the taker's own entry, or of the oldest one.
+            let own = |entry: &Option<(u32, u16)>| entry.is_some_and(|(former, _)| former == client);
+            let end = self.former.iter().position(own).unwrap_or(FORMER - 1);
+            if let Some(entries) = self.former.get_mut(..=end) {
+                entries.rotate_right(1);
             }
+            self.former[0] = Some((former, self.sequence));
         }
         (self.held, self.client, self.last_request) = (true, Some(client), now);
         (self.sequence, self.refusal) = (sequence, Optional::None);
         Ok(())
     }
 
-    /// A request that needs no lease and switches the outputs off: commands sent before it, which arrive after
-    /// it, must not switch them on again.
+    /// A request that needs no lease and switches the outputs off: commands that the same client sent before it,
+    /// and that arrive after it, must not switch them on again.
     pub fn overrule(&mut self, client: u32, sequence: u16) {
+        for (former, latest) in self.former.iter_mut().flatten() {
+            if *former == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
+                *latest = sequence;
+            }
+        }
         if self.client == Some(client) && !self.is_older(sequence) {
             (self.sequence, self.refusal) = (sequence, Optional::None);
         }
@@ -219,6 +229,22 @@ mod tests {
         assert_eq!(lease.commander(), Some(2));
         assert_eq!(lease.take(1, 13, true, false, 7), Ok(()), "a new request");
         assert_eq!(lease.take(2, 500, true, false, 8), Err(Refusal::Stale { latest: 500 }));
+        // A disable that overtook a take of the same client.
+        lease.overrule(2, 503);
+        assert_eq!(lease.take(2, 502, true, false, 9), Err(Refusal::Stale { latest: 503 }));
+    }
+
+    #[test]
+    fn a_former_commander_that_goes_on_reading_may_take_command_again() {
+        #[expect(clippy::cast_possible_truncation, reason = "numbers wrap")]
+        let number = |asked| (10 + asked) as u16;
+        let mut lease = commanded_by(1);
+        assert_eq!(lease.take(2, 0, true, false, 0), Ok(()));
+        for asked in 1..200_000_u32 {
+            lease.register(1, number(asked), 0);
+        }
+        lease.register(1, number(200_000), 0);
+        assert_eq!(lease.take(1, number(200_000), true, false, 0), Ok(()));
     }
 
     #[test]

@@ -41,6 +41,7 @@ impl Node {
         self.state.faults.record(fault);
         self.state.mode = Mode::Fault;
         self.state.reaction = reaction;
+        self.state.reacting_since = self.state.tick;
     }
 
     /// Whether a fault while the robot is held after another one shows that holding fails.
@@ -53,8 +54,10 @@ impl Node {
             | FaultCause::ToolOrientationError => true,
             // Held joints do not need the force sensors; a task does.
             FaultCause::ForceSaturated | FaultCause::ForceStuck => self.state.halting,
-            // The force that was the fault lasts until it is released.
-            FaultCause::ForceLimit => self.state.faults.faults.last().is_none_or(|last| last.cause != cause),
+            // The state that was the fault lasts until the robot is at rest and the force released.
+            FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
+                self.state.faults.faults.last().is_none_or(|last| last.cause != cause)
+            }
             _ => false,
         }
     }
@@ -106,8 +109,8 @@ impl Node {
             (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
         {
             joint.read(count);
-            if joint_fault.is_none() {
-                joint_fault = joint.check_measurement(current).map(|fault| (index, fault));
+            if let Some(fault) = joint.check_measurement(current) {
+                joint_fault = worse(joint_fault, (index, fault));
             }
         }
         let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
@@ -117,11 +120,20 @@ impl Node {
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
         }
-        if supply < safety.supply_min {
-            return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
-        }
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
+        }
+        // A state that lasts must not hide what a stop has to be told.
+        let urgent = |found: SensorFault| {
+            found.filter(|&(_, (cause, ..))| {
+                !cause.leaves_sensors_valid() || self.is_holding() && self.shows_that_holding_fails(cause)
+            })
+        };
+        if let Some((index, (cause, value, limit))) = urgent(joint_fault).or(urgent(tip_fault)) {
+            return fault(cause, Some(index), value, limit);
+        }
+        if supply < safety.supply_min {
+            return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
         }
         if let Some((index, (cause, value, limit))) = joint_fault.or(tip_fault) {
             return fault(cause, Some(index), value, limit);
@@ -141,7 +153,7 @@ impl Node {
             return None;
         }
         let tick = self.state.tick;
-        for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
+        for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
             if let Some((cause, value, limit)) = joint.check_control() {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
@@ -155,6 +167,11 @@ impl Node {
         let limit = robot.model().safety.command_timeout;
         let late = silence > limit + 0.5 * TICK;
         late.then_some(Fault { cause: FaultCause::CommandTimeout, joint: None, value: silence, limit, tick })
+    }
+
+    /// Whether the task is ticked: it is enabled, or brings the robot to rest.
+    pub(super) fn ticks_task(&self) -> bool {
+        matches!(self.state.mode, Mode::Enabled(_)) || self.state.halting && self.is_holding()
     }
 
     /// Whether a fault ended in [`Reaction::Hold`].
@@ -179,12 +196,13 @@ impl Node {
     /// Reads the force sensors of the tips. Returns the first fault, with the last joint of its chain.
     #[inline(never)]
     fn read_force_sensors(&mut self, sensors: &SensorFrame) -> SensorFault {
-        let state = &mut self.state;
         // The sensor also measures the inertial force of the mass on it.
-        let gravity = match state.mode {
-            Mode::Enabled(_) => self.robot.gravity() - state.task.acceleration(),
-            _ => *self.robot.gravity(),
-        };
+        let accelerated = self.ticks_task();
+        let state = &mut self.state;
+        let mut gravity = *self.robot.gravity();
+        if accelerated {
+            gravity -= state.task.acceleration();
+        }
         read_forces(
             &self.robot,
             &mut state.force_sensors,
@@ -193,6 +211,15 @@ impl Node {
             sensors,
             &gravity,
         )
+    }
+}
+
+/// The fault that makes the sensors unreliable, else the first one.
+#[cold]
+fn worse(first: SensorFault, other: (u8, (FaultCause, f32, f32))) -> SensorFault {
+    match first {
+        Some((_, (cause, ..))) if other.1.0.leaves_sensors_valid() || !cause.leaves_sensors_valid() => first,
+        _ => Some(other),
     }
 }
 

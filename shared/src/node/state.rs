@@ -45,6 +45,8 @@ pub struct State {
     pub(super) reaction: Reaction,
     /// Whether the task itself brings the robot to rest under [`Reaction::Hold`].
     pub(super) halting: bool,
+    /// The tick in which the reaction began.
+    pub(super) reacting_since: u32,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
     /// Whether the joints were read since the commit of the model.
@@ -82,6 +84,7 @@ impl State {
             mode: Mode::Disabled,
             reaction: Reaction::Off,
             halting: false,
+            reacting_since: 0,
             tick: 0,
             sensed: false,
             supply: 0,

@@ -17,7 +17,9 @@ impl Node {
         if let Some(fault) = alarm {
             self.fail(fault);
         }
-        if let Some(fault) = self.check_control() {
+        // A stop that begins in this tick has no reference yet.
+        let begins = self.state.mode == Mode::Fault && self.state.reacting_since == sensors.sequence;
+        if !begins && let Some(fault) = self.check_control() {
             self.fail(fault);
         }
         if let Some(fault) = self.tick_task() {
@@ -42,8 +44,7 @@ impl Node {
 
     /// Runs the task while it is enabled, or brings the robot to rest. Returns the fault that stops it.
     fn tick_task(&mut self) -> Option<Fault> {
-        let enabled = matches!(self.state.mode, Mode::Enabled(_));
-        if !enabled && !(self.state.halting && self.is_holding()) {
+        if !self.ticks_task() {
             return None;
         }
         let (task, io) = self.task_and_io();

@@ -62,7 +62,7 @@ impl JointConfig {
     /// limit is near.
     pub fn brake(&self, reference: &JointPoint) -> JointPoint {
         let JointPoint { position, velocity, .. } = *reference;
-        let max = self.servo.acceleration(self.limits.torque);
+        let max = self.servo.acceleration(self.servo.torque_limit());
         let distance =
             if velocity > 0.0 { self.limits.upper - position } else { position - self.limits.lower };
         let required = if distance > 0.0 { velocity * velocity / (2.0 * distance) } else { max };

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::arm::{SENSOR, present_target, set_target};
+use super::arm::{SENSOR, enable, present_target, set_target};
 use super::arm_closed_loop::{SimulatedArm, Wall};
 use super::rig::refusal;
 use crate::fault::FaultCause;
@@ -79,4 +79,32 @@ fn force_sensors_are_not_tared_in_contact() {
     assert!(matches!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Enabled(_))));
     assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
     assert_eq!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Fault));
+}
+
+#[test]
+fn an_arm_that_is_stopped_on_its_way_does_not_go_on() {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    let (mut point, elbow) = present_target(&mut arm.rig);
+    point.position[0] += 0.2;
+    for (ticks, max_travel) in [(1, 5e-3), (20, 0.08)] {
+        assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
+        arm.max_speed = 0.0;
+        arm.run(ticks, Vector3::zeros());
+        let (start, speed) = (arm.tool(), arm.max_speed);
+        arm.max_speed = 0.0;
+        assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+        (0..200).for_each(|_| arm.tick(Vector3::zeros()));
+        let travel = (arm.tool() - start).norm();
+        assert!(travel < max_travel, "{travel} m after {ticks} ticks");
+        assert!(arm.max_speed < 1.3 * speed + 0.02, "{} after {speed} m/s", arm.max_speed);
+        assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
+        let Reply::Faults(log) = arm.rig.ask(Request::ReadFaults) else { panic!() };
+        assert_eq!(arm.rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+        assert_eq!(arm.rig.ask(enable(settings)), Reply::Done);
+        let target = present_target(&mut arm.rig).0;
+        point.position = [target.position[0] - 0.2, target.position[1], target.position[2]];
+        point.rotation = target.rotation;
+    }
 }

@@ -200,3 +200,42 @@ fn a_late_tick_is_no_jump_and_its_velocity_counts_all_periods() {
     assert_eq!((fault.cause, fault.value), (FaultCause::LateTick, 5.0));
     assert!(rig.node.state.measured.velocities[0] < 4.0);
 }
+
+#[test]
+fn a_joint_beyond_its_limit_is_held_and_is_one_fault() {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    // 1.75 rad, where 1.5 and a following error of 0.2 are allowed; 5 rad/s.
+    for step in 1..=35 {
+        rig.goal([0.0; 3]);
+        rig.sensors.encoders[1] = libm::roundf(0.05 * step as f32 * COUNTS_PER_RADIAN) as i32;
+        assert_eq!(rig.ask(stream(0.0, 0.0)), Reply::Done);
+        let points = [0.0, 0.05 * step as f32, 0.0]
+            .map(|position: f32| JointPoint { position: position.min(1.5), ..JointPoint::default() });
+        let points = Vec::from_slice(&points).unwrap();
+        assert_eq!(
+            rig.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))),
+            Reply::Done
+        );
+        rig.tick();
+        if rig.node.mode() == Mode::Fault {
+            break;
+        }
+    }
+    (0..20).for_each(|_| assert!(rig.tick().enabled));
+    let faults = rig.node.faults();
+    assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::PositionLimit), "{faults:?}");
+    assert_eq!(rig.node.state.reaction, Reaction::Hold);
+}
+
+#[test]
+fn a_lasting_fault_hides_no_dead_encoder() {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    rig.sensors.supply = 19_000;
+    assert!(rig.tick().enabled);
+    rig.sensors.encoders[2] += 10_000;
+    assert!(!rig.tick().enabled);
+    let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+    assert_eq!(causes, [FaultCause::SupplyLow, FaultCause::EncoderJump]);
+}

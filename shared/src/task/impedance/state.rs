@@ -1,4 +1,4 @@
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -128,22 +128,36 @@ impl ImpedanceState {
         Ok(())
     }
 
-    /// Begins a controlled stop: the set-points come to rest, and that of the tool moves to the tool, which
-    /// releases what it presses on.
-    pub fn halt(&mut self, arm: &Arm<'_>) {
+    /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool moves
+    /// there slowly, which releases what the tool presses on. With `use_measured_state` the reference arm, which
+    /// has lost the real one, begins where that is.
+    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, use_measured_state: bool) {
+        if use_measured_state {
+            (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
+            self.observers = Self::NONE.observers;
+        }
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        if check_deviation(&pose_error(posture.tip(), &self.setpoint), &self.settings).is_err() {
+        let error = pose_error(posture.tip(), &self.setpoint);
+        self.releasing = self.contact && check_deviation(&error, &self.settings).is_ok();
+        if !self.releasing {
             self.setpoint = at_rest(posture.tip());
         }
         let angle = self.elbow_angle(arm, &posture, &self.angles);
         self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
-        self.releasing = true;
+        self.arm_angle_undefined =
+            self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
 
-    /// Moves the set-point of the tool a period's way along the pose `error`, until it is there.
+    /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the `tool`; at once
+    /// when the contact ends.
     #[inline(never)]
-    fn release(&mut self, error: &Vector6<f32>) {
+    fn release(&mut self, tool: &IsometryMatrix3<f32>, error: &Vector6<f32>) {
+        if !self.contact {
+            self.setpoint = at_rest(tool);
+            self.releasing = false;
+            return;
+        }
         let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
         let linear = rate(distance, RELEASE_SPEED * TICK) / TICK;
@@ -198,7 +212,7 @@ impl ImpedanceState {
         let error = pose_error(posture.tip(), &self.setpoint);
         self.pose_error = error.into();
         if self.releasing {
-            self.release(&error);
+            self.release(posture.tip(), &error);
         }
         let wrench = self.external_wrench(measurement);
         let loaded = self.contact || settings.law == Law::Direct;

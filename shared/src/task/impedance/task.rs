@@ -106,7 +106,8 @@ impl Task for ImpedanceControl {
         let force_is_valid = !matches!(fault.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck);
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
-                self.state.halt(&arm);
+                let lost = fault.cause.invalidates_reference();
+                self.state.halt(&arm, &ArmMeasurement::of(io.measured), lost);
                 Halt::Task
             }
             // Without its force the control would press on what it touches.
@@ -126,7 +127,8 @@ impl Task for ImpedanceControl {
     }
 
     fn may_tare(&self) -> bool {
-        !self.state.contact
+        // An estimate that is wrong by a constant looks like a contact.
+        !self.state.contact || self.state.estimates_force()
     }
 
     fn tare(&mut self) -> bool {
