@@ -96,10 +96,10 @@ fn an_arm_that_is_stopped_on_its_way_does_not_go_on() {
         arm.max_speed = 0.0;
         assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
         (0..200).for_each(|_| arm.tick(Vector3::zeros()));
+        assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
         let travel = (arm.tool() - start).norm();
         assert!(travel < max_travel, "{travel} m after {ticks} ticks");
         assert!(arm.max_speed < 1.3 * speed + 0.02, "{} after {speed} m/s", arm.max_speed);
-        assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
         let Reply::Faults(log) = arm.rig.ask(Request::ReadFaults) else { panic!() };
         assert_eq!(arm.rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
         assert_eq!(arm.rig.ask(enable(settings)), Reply::Done);
