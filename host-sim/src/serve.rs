@@ -102,8 +102,7 @@ pub enum ServeError {
 }
 
 /// Commands on standard input that inject faults while the machine runs.
-pub const FAULT_COMMANDS: &str = "\
-  estop on|off           press or release the emergency stop
+pub const FAULT_COMMANDS: &str = "  estop on|off           press or release the emergency stop
   supply VOLTS           change the supply voltage
   encoder JOINT COUNTS   make an encoder jump by this many counts
   freeze JOINT           freeze an encoder; again: release it
@@ -141,6 +140,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> 
         }
         ["freeze", name] => SensorFault::Freeze(joint(name)?),
         ["reset"] => SensorFault::Reset,
+        ["help"] => return Err(format!("Commands:\n{FAULT_COMMANDS}")),
         _ => return Err(format!("{line:?}: unknown command. The commands are:\n{FAULT_COMMANDS}")),
     }))
 }
