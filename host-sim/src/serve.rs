@@ -102,8 +102,7 @@ pub enum ServeError {
 }
 
 /// Commands on standard input that inject faults while the machine runs.
-pub const FAULT_COMMANDS: &str = "\
-  estop on|off           press or release the emergency stop
+pub const FAULT_COMMANDS: &str = "  estop on|off           press or release the emergency stop
   supply VOLTS           change the supply voltage
   encoder JOINT COUNTS   make an encoder jump by this many counts
   freeze JOINT           freeze an encoder; again: release it
@@ -141,6 +140,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> 
         }
         ["freeze", name] => SensorFault::Freeze(joint(name)?),
         ["reset"] => SensorFault::Reset,
+        ["help"] => return Err(format!("Commands:\n{FAULT_COMMANDS}")),
         _ => return Err(format!("{line:?}: unknown command. The commands are:\n{FAULT_COMMANDS}")),
     }))
 }
@@ -235,16 +235,16 @@ pub fn serve(
         if next + MAX_DELAY < Instant::now() {
             next = Instant::now();
         }
+        // At least once each tick: a machine that is too slow for real time serves its clients all the same.
         loop {
+            hub.receive(&mut requests, next.min(Instant::now() + Duration::from_millis(1)))?;
             board.exchange(&requests, &mut answers)?;
             requests.clear();
             hub.broadcast(&answers);
             answers.clear();
-            let now = Instant::now();
-            if now >= next {
+            if Instant::now() >= next {
                 break;
             }
-            hub.receive(&mut requests, next.min(now + Duration::from_millis(1)))?;
         }
         for line in lines.try_iter() {
             match parse(&line, model) {

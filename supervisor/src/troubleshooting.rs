@@ -23,13 +23,17 @@ pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
         Refusal::Limit(limit) => entry("LimitRefusal", limit),
         Refusal::Model(error) => entry("Problem", &error.problem),
-        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(limit))) => {
-            entry("LimitRefusal", limit)
-        }
-        Refusal::Task(TaskRefusal::JointServo(refusal)) => entry("JointServoRefusal", refusal),
-        Refusal::Task(TaskRefusal::Grasping(refusal)) => grasp_refusal(refusal),
-        Refusal::Task(TaskRefusal::Impedance(refusal)) => impedance_refusal(refusal),
+        Refusal::Task(refusal) => task_refusal(refusal),
         other => entry("Refusal", other),
+    }
+}
+
+fn task_refusal(refusal: &TaskRefusal) -> String {
+    match refusal {
+        TaskRefusal::JointServo(JointServoRefusal::Limit(limit)) => entry("LimitRefusal", limit),
+        TaskRefusal::JointServo(refusal) => entry("JointServoRefusal", refusal),
+        TaskRefusal::Grasping(refusal) => grasp_refusal(refusal),
+        TaskRefusal::Impedance(refusal) => impedance_refusal(refusal),
     }
 }
 

@@ -129,7 +129,7 @@ fn every_fault_and_every_refusal_has_an_entry_and_no_entry_is_about_another() {
     for name in EXPLAINED {
         let found = sources.iter().find_map(|(_, text)| variants(text, name));
         let variants = found.unwrap_or_else(|| panic!("no `pub enum {name}`"));
-        assert!(variants.len() >= 5, "{name}: {variants:?}");
+        assert!(!variants.is_empty(), "{name}");
         let entries = entries(&page, name);
         let names: Vec<_> = entries.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, variants, "docs/troubleshooting.md, section {name}");

@@ -84,17 +84,17 @@ fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anyth
     }
     server.fails(&["reach", "thumb=0,0,0"], 2, &["no tip \"thumb\"", "finger3_tip"]);
     server.fails(&["reach", "finger1_tip=0,0"], 2, &["is not a position"]);
-    server.fails(
-        &["reach", "finger1_tip=0.5,0.04,0.1"],
-        2,
-        &["finger1_tip", "out of reach", "mm along the path"],
-    );
+    server.fails(&["reach", "finger1_tip=0.5,0.04,0.1"], 2, &["finger1_tip", "the target", "out of reach"]);
     server.fails(
         &["reach", "--relative", "finger1_tip=-0.045,0.05,0"],
         2,
         &["finger1_swing", "outside its limits"],
     );
-    server.fails(&["reach", "--relative", "finger1_tip=0,0.08,0"], 2, &["would turn at", "lower --speed"]);
+    server.fails(
+        &["reach", "--speed", "2", "--relative", "finger1_tip=0,0,-0.1"],
+        2,
+        &["would turn at", "lower --speed"],
+    );
     server.fails(&["reach", "--speed", "0", "finger1_tip=0,0,0.1"], 2, &["above 0"]);
     server.fails(&["reach", "--speed", "1e-9", "--relative", "finger1_tip=0,0,0.01"], 2, &["600 s"]);
 }

@@ -44,28 +44,16 @@ fn setpoints_beyond_limits_are_refused_by_joint_and_change_nothing() {
             Vec::from_slice(&[rest, rest, JointPoint { position, velocity, acceleration: 0.0 }]).unwrap();
         Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
     };
+    let beyond = |limit| Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(limit)));
     assert_eq!(
         refusal(rig.ask(stream(0.5, 0.0))),
-        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::Jump {
-            joint: 2,
-            value: 0.5,
-            limit: 0.2
-        })))
+        beyond(LimitRefusal::Jump { joint: 2, value: 0.5, limit: 0.2 })
     );
     assert_eq!(
         refusal(rig.ask(stream(0.0, 9.0))),
-        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooFast {
-            joint: 2,
-            value: 9.0,
-            limit: 8.0
-        })))
+        beyond(LimitRefusal::TooFast { joint: 2, value: 9.0, limit: 8.0 })
     );
-    assert_eq!(
-        refusal(rig.ask(stream(f32::INFINITY, 0.0))),
-        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
-            joint: 2
-        })))
-    );
+    assert_eq!(refusal(rig.ask(stream(f32::INFINITY, 0.0))), beyond(LimitRefusal::NotFinite { joint: 2 }));
     let after = rig.tick();
     assert_eq!(before.torques, after.torques);
     assert!(rig.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));

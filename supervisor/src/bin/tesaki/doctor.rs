@@ -363,7 +363,7 @@ fn check_homing(homed: u16, model: &RobotModel, doctor: &mut Doctor) {
         doctor.bad(
             1,
             format!("not homed: {}", missing.join(", ")),
-            "move the joints to known angles, then `tesaki home JOINT=ANGLE … --others 0`",
+            "move the joints to known angles, then `tesaki home JOINT=ANGLE …`, every joint",
         );
     }
 }

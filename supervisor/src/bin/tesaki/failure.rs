@@ -86,7 +86,7 @@ fn hint(error: &BoardError) -> String {
     let BoardError::Refused { refusal, .. } = error else { return String::new() };
     let hint = match refusal {
         Refusal::Commanded { .. } => " (with --take-over)",
-        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE … --others 0`)",
+        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE …` with the present angle of every joint)",
         Refusal::Task(
             TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
             | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),

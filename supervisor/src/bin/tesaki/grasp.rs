@@ -310,7 +310,7 @@ fn with_advice(failure: &GraspFailure, file: &Path) -> String {
         ),
         GraspFailure::NoGrip { .. } => format!(
             "Can the fingers exert this force? Compare force_limit and internal in {file} with the torque limits of the joints, \
-             and check that the object does not yield"
+             and check that the object is rigid"
         ),
         GraspFailure::NoSupport { .. } => "Put something under the object, or take it by hand".to_owned(),
         GraspFailure::OutOfReach { .. } => "Take smaller steps, or grasp the object elsewhere".to_owned(),

@@ -151,26 +151,31 @@ fn check(model: &RobotModel, paths: &[TipPath], start: &[f32], duration: f32) ->
     for path in paths {
         let mut last = [0.0; 3];
         last.copy_from_slice(&start[path.joints.clone()]);
+        let unreachable = |place: &str, error| {
+            let why = match error {
+                FingerError::NotFinite => "the position is not finite".to_owned(),
+                FingerError::OutOfReach { nearest } => format!(
+                    "out of reach; the nearest position, ignoring joint limits, is {:.4},{:.4},{:.4}",
+                    nearest.x, nearest.y, nearest.z
+                ),
+                FingerError::OutsideLimits { joint, value, lower, upper } => format!(
+                    "{} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
+                    model.joint_name(path.joints.start + usize::from(joint))
+                ),
+            };
+            Failure::Usage(format!("{}: {place}: {why}", path.tip))
+        };
+        path.finger.nearest(&path.to, &last).map_err(|error| unreachable("the target", error))?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let steps = (duration / TICK) as u16;
         for step in 0..=steps {
             let fraction = f32::from(step) / f32::from(steps);
             let position = Vector3::from(path.point(fraction, duration).position);
             let distance = 1e3 * (position - path.from).norm();
-            let angles = path.finger.nearest(&position, &last).map_err(|error| {
-                let why = match error {
-                    FingerError::NotFinite => "the position is not finite".to_owned(),
-                    FingerError::OutOfReach { nearest } => format!(
-                        "out of reach; the nearest position, ignoring joint limits, is {:.4},{:.4},{:.4}",
-                        nearest.x, nearest.y, nearest.z
-                    ),
-                    FingerError::OutsideLimits { joint, value, lower, upper } => format!(
-                        "{} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
-                        model.joint_name(path.joints.start + usize::from(joint))
-                    ),
-                };
-                Failure::Usage(format!("{}: {distance:.1} mm along the path: {why}", path.tip))
-            })?;
+            let angles = path
+                .finger
+                .nearest(&position, &last)
+                .map_err(|error| unreachable(&format!("{distance:.1} mm along the path"), error))?;
             for (index, (angle, last)) in path.joints.clone().zip(angles.iter().zip(&last)) {
                 let joint = &model.joints[index];
                 let speed = (angle - last).abs() / TICK;
