@@ -87,24 +87,28 @@ fn an_arm_that_is_stopped_on_its_way_does_not_go_on() {
     let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
     arm.run(50, Vector3::zeros());
     let (mut point, elbow) = present_target(&mut arm.rig);
-    point.position[0] += 0.2;
-    for (ticks, max_travel) in [(1, 5e-3), (20, 0.08)] {
+    point.position[0] += 0.15;
+    for (ticks, max_travel) in [(1, 0.01), (20, 0.015)] {
         assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
         arm.max_speed = 0.0;
         arm.run(ticks, Vector3::zeros());
         let (start, speed) = (arm.tool(), arm.max_speed);
         arm.max_speed = 0.0;
         assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
-        (0..200).for_each(|_| arm.tick(Vector3::zeros()));
+        let mut farthest = 0.0_f32;
+        for _ in 0..200 {
+            arm.tick(Vector3::zeros());
+            farthest = farthest.max((arm.tool() - start).norm());
+        }
         assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
-        let travel = (arm.tool() - start).norm();
-        assert!(travel < max_travel, "{travel} m after {ticks} ticks");
+        assert!(farthest < max_travel, "{farthest} m after {ticks} ticks");
+        assert!((arm.tool() - start).norm() < 1e-3);
         assert!(arm.max_speed < 1.3 * speed + 0.02, "{} after {speed} m/s", arm.max_speed);
         let Reply::Faults(log) = arm.rig.ask(Request::ReadFaults) else { panic!() };
         assert_eq!(arm.rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
         assert_eq!(arm.rig.ask(enable(settings)), Reply::Done);
         let target = present_target(&mut arm.rig).0;
-        point.position = [target.position[0] - 0.2, target.position[1], target.position[2]];
+        point.position = [target.position[0] - 0.15, target.position[1], target.position[2]];
         point.rotation = target.rotation;
     }
 }
