@@ -1,6 +1,6 @@
 use core::f32::consts::FRAC_2_PI;
 
-/// Beyond this the three-part π/2 no longer reduces exactly; libm's slow, exact reduction takes over [rad].
+/// Beyond this the three-part π/2 no longer reduces exactly; the reduction of Payne and Hanek takes over [rad].
 const FAST_RANGE: f32 = 8192.0;
 
 /// π/2 in three parts with at most 11 significant bits in the first two, so that `k · part` is exact for
@@ -31,6 +31,12 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     let quadrant = rounded.to_bits();
     let k = rounded - ROUND;
     let r = ((x - k * PI_2_HIGH) - k * PI_2_MIDDLE) - k * PI_2_LOW;
+    of_reduced(r, quadrant)
+}
+
+/// Sine and cosine of `r`, within ±π/4, plus `quadrant` quarter turns.
+#[inline]
+fn of_reduced(r: f32, quadrant: u32) -> (f32, f32) {
     let r2 = r * r;
     let sine = r + r * r2 * (-1.666_665_5e-1 + r2 * (8.332_161e-3 + r2 * -1.951_529_6e-4));
     let cosine = 1.0 - 0.5 * r2 + r2 * r2 * (4.166_664_6e-2 + r2 * (-1.388_731_6e-3 + r2 * 2.443_315_7e-5));
@@ -41,10 +47,34 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     (f32::from_bits(s.to_bits() ^ s_sign), f32::from_bits(c.to_bits() ^ c_sign))
 }
 
+/// The binary digits of 2/π, after 32 zeros.
+const TWO_OVER_PI: [u32; 7] =
+    [0, 0xA2F9_836E, 0x4E44_1529, 0xFC27_57D1, 0xF534_DDC0, 0xDB62_9599, 0x3C43_9041];
+
+/// Sine and cosine of a large `x` [rad], by the reduction of Payne and Hanek (1983): of the product of its
+/// mantissa and 2/π only the digits of the last quarter turns and those after the point are computed.
 #[cold]
 #[inline(never)]
 fn slow(x: f32) -> (f32, f32) {
-    libm::sincosf(x)
+    if !x.is_finite() {
+        return (f32::NAN, f32::NAN);
+    }
+    let bits = x.to_bits();
+    let mantissa = bits & 0x7F_FFFF | 0x80_0000;
+    // |x| = mantissa · 2^(exponent − 150). The digits of 2/π before the first whole pair of quarter turns count
+    // full turns.
+    let first = (bits >> 23 & 0xFF) - 120;
+    let word = |index: u32| u64::from(TWO_OVER_PI.get(index as usize).copied().unwrap_or(0));
+    let (index, shift) = (first / 32, first % 32);
+    let window = (word(index) << 32 | word(index + 1)) << shift | (word(index + 2) << shift >> 32);
+    // Quarter turns modulo 4, with 62 binary digits after the point.
+    let turns = u64::from(mantissa).wrapping_mul(window);
+    let quadrant = turns.wrapping_add(1 << 61) >> 62;
+    let rest = turns.wrapping_sub(quadrant << 62).cast_signed();
+    #[expect(clippy::cast_precision_loss, reason = "24 of 32 digits are enough")]
+    let r = (rest >> 32) as i32 as f32 * (core::f32::consts::FRAC_PI_2 / (1 << 30) as f32);
+    let (s, c) = of_reduced(r, quadrant as u32);
+    (if x < 0.0 { -s } else { s }, c)
 }
 
 #[cfg(test)]

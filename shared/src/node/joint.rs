@@ -27,7 +27,7 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Ticks under torque since the count changed.
+    /// Ticks in a row under torque without a change of the angle.
     unchanged: u16,
     pub servo: JointServoState,
 }
@@ -172,9 +172,6 @@ impl Joint<'_> {
     #[inline]
     pub fn read(&mut self, count: i32) {
         let state = &mut *self.state;
-        if count != state.count {
-            state.unchanged = 0;
-        }
         state.count = count;
         let position = state.angle(self.config, count);
         state.change = position - *self.position;
@@ -216,8 +213,11 @@ impl Joint<'_> {
         }
         // A contact force keeps the joint at rest under torque.
         let in_contact = self.target.feedforward != 0.0;
-        let pushed = abs(state.effort) > config.breakaway && !in_contact;
-        state.unchanged = if pushed { state.unchanged.saturating_add(1) } else { 0 };
+        if abs(state.effort) <= config.breakaway || state.change != 0.0 || in_contact {
+            state.unchanged = 0;
+            return None;
+        }
+        state.unchanged = state.unchanged.saturating_add(1);
         if state.unchanged >= STUCK_TICKS {
             return Some((FaultCause::EncoderStuck, state.effort, config.breakaway));
         }

@@ -105,10 +105,10 @@ impl Lease {
             // In place of the taker's own entry, or of the oldest one.
             let own = |entry: &Option<(u32, u16)>| entry.is_some_and(|(former, _)| former == client);
             let end = self.former.iter().position(own).unwrap_or(FORMER - 1);
-            if let Some(entries) = self.former.get_mut(..=end) {
-                entries.rotate_right(1);
+            let mut moved = Some((former, self.sequence));
+            for entry in self.former.iter_mut().take(end + 1) {
+                core::mem::swap(entry, &mut moved);
             }
-            self.former[0] = Some((former, self.sequence));
         }
         (self.held, self.client, self.last_request) = (true, Some(client), now);
         (self.sequence, self.refusal) = (sequence, Optional::None);

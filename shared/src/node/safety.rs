@@ -114,8 +114,29 @@ impl Node {
             }
         }
         let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
-        let robot = self.robot.loaded()?;
-        let safety = &robot.model().safety;
+        self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
+    }
+
+    /// The fault of a sensor frame to react to: a state that lasts, such as a low supply, must not hide what a
+    /// stop has to be told.
+    fn rank(
+        &self,
+        sensors: &SensorFrame,
+        joint_fault: SensorFault,
+        tip_fault: SensorFault,
+        elapsed: i32,
+    ) -> Option<Fault> {
+        let safety = &self.robot.loaded()?.model().safety;
+        let fault =
+            |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick: self.state.tick });
+        let of_sensor = |found: SensorFault| {
+            let (index, (cause, value, limit)) = found?;
+            fault(cause, Some(index), value, limit)
+        };
+        let urgent = |found: &Fault| {
+            !found.cause.leaves_sensors_valid()
+                || self.is_holding() && self.shows_that_holding_fails(found.cause)
+        };
         let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
@@ -123,26 +144,19 @@ impl Node {
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
         }
-        // A state that lasts must not hide what a stop has to be told.
-        let urgent = |found: SensorFault| {
-            found.filter(|&(_, (cause, ..))| {
-                !cause.leaves_sensors_valid() || self.is_holding() && self.shows_that_holding_fails(cause)
-            })
-        };
-        if let Some((index, (cause, value, limit))) = urgent(joint_fault).or(urgent(tip_fault)) {
-            return fault(cause, Some(index), value, limit);
+        let found = of_sensor(joint_fault).filter(urgent).or(of_sensor(tip_fault).filter(urgent));
+        if found.is_some() {
+            return found;
         }
         if supply < safety.supply_min {
             return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
         }
-        if let Some((index, (cause, value, limit))) = joint_fault.or(tip_fault) {
-            return fault(cause, Some(index), value, limit);
+        let found = of_sensor(joint_fault.or(tip_fault));
+        if found.is_some() || elapsed == 1 {
+            return found;
         }
-        if elapsed != 1 {
-            #[expect(clippy::cast_precision_loss, reason = "for display")]
-            return fault(FaultCause::LateTick, None, elapsed.cast_signed() as f32, 1.0);
-        }
-        None
+        #[expect(clippy::cast_precision_loss, reason = "for display")]
+        fault(FaultCause::LateTick, None, elapsed as f32, 1.0)
     }
 
     /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.

@@ -20,8 +20,8 @@ fn pressing(force: f32, stiffness: f32) -> SimulatedArm {
     let (mut point, elbow) = present_target(&mut arm.rig);
     let depth = 0.01 + force / stiffness + force / SOFT.impedance.stiffness[0];
     let start = point.position[0];
-    for step in 1..=200 {
-        point.position[0] = start + depth * step as f32 / 200.0;
+    for step in 1..=200_u8 {
+        point.position[0] = start + depth * f32::from(step) / 200.0;
         assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
         arm.run(1, Vector3::zeros());
     }

@@ -60,8 +60,8 @@ fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_mos
         let mut model = model();
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::enabled(&model);
-        for step in 1..=20 {
-            assert_eq!(rig.ask(stream(0.01 * speed * step as f32, speed)), Reply::Done);
+        for step in 1..=20_u8 {
+            assert_eq!(rig.ask(stream(0.01 * speed * f32::from(step), speed)), Reply::Done);
             tick_ideally(&mut rig);
         }
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
@@ -107,8 +107,8 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
     // 0.1 N·m at the tip, 5 % less in each tick.
     assert!((torques[0][2] - 0.098_9).abs() < 2e-4 && (torques[1][2] - 0.094_2).abs() < 2e-4, "{torques:?}");
     // Moved at 1 rad/s for a while, it resists with 0.01 N·m.
-    for step in 1..=60 {
-        rig.sensors.encoders[0] = libm::roundf(0.01 * step as f32 * COUNTS_PER_RADIAN) as i32;
+    for step in 1..=60_u8 {
+        rig.sensors.encoders[0] = libm::roundf(0.01 * f32::from(step) * COUNTS_PER_RADIAN) as i32;
         rig.tick();
     }
     let torque = rig.node.telemetry().joints[0].torque;
@@ -123,8 +123,8 @@ fn a_joint_that_cannot_be_held_is_damped_and_the_first_cause_stays_in_the_log() 
     rig.ask(Request::Stop);
     rig.tick();
     // Something stronger than the servo moves the tip, within its velocity limit.
-    for step in 1..=5 {
-        rig.sensors.encoders[2] = libm::roundf(0.06 * step as f32 * COUNTS_PER_RADIAN) as i32;
+    for step in 1..=5_u8 {
+        rig.sensors.encoders[2] = libm::roundf(0.06 * f32::from(step) * COUNTS_PER_RADIAN) as i32;
         rig.tick();
     }
     let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
@@ -212,9 +212,9 @@ fn a_joint_beyond_its_limit_is_held_and_is_one_fault() {
     let mut rig = Rig::enabled(&model());
     rig.tick();
     // 1.75 rad, where 1.5 and a following error of 0.2 are allowed; 5 rad/s.
-    for step in 1..=35 {
-        rig.sensors.encoders[1] = libm::roundf(0.05 * step as f32 * COUNTS_PER_RADIAN) as i32;
-        let points = [0.0, 0.05 * step as f32, 0.0]
+    for step in 1..=35_u8 {
+        rig.sensors.encoders[1] = libm::roundf(0.05 * f32::from(step) * COUNTS_PER_RADIAN) as i32;
+        let points = [0.0, 0.05 * f32::from(step), 0.0]
             .map(|position: f32| JointPoint { position: position.min(1.5), ..JointPoint::default() });
         let points = Vec::from_slice(&points).unwrap();
         assert_eq!(

@@ -84,6 +84,19 @@ pub(super) fn check_deviation(
     Ok(())
 }
 
+/// Checks the pose error of a set-point against the maximum deviation of the settings.
+///
+/// # Errors
+/// It is larger.
+#[inline(never)]
+pub(super) fn check_point(
+    tool: &IsometryMatrix3<f32>,
+    point: &PosePoint,
+    settings: &ImpedanceSettings,
+) -> Result<(), SetpointError> {
+    check_deviation(&pose_error(tool, point), settings)
+}
+
 /// The equivalent angle within ±π [rad].
 pub(super) fn wrap_angle(angle: f32) -> f32 {
     if abs(angle) <= PI { angle } else { angle - TAU * math::round(angle / TAU) }

@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
-use super::setpoint::{ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, pose_error, wrap_angle};
+use super::setpoint::{
+    ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
+};
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
@@ -118,7 +120,7 @@ impl ImpedanceState {
         let posture = arm.chain.posture(&self.angles);
         // Both now and after one period: this bounds velocity and acceleration, too.
         for point in [point, &point.ahead()] {
-            check_deviation(&pose_error(posture.tip(), point), &self.settings)?;
+            check_point(posture.tip(), point, &self.settings)?;
         }
         if self.settings.redundancy != Redundancy::None {
             let [_, limit] = self.settings.max_deviation;
@@ -138,8 +140,7 @@ impl ImpedanceState {
         }
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        let error = pose_error(posture.tip(), &self.setpoint);
-        self.releasing = self.contact && check_deviation(&error, &self.settings).is_ok();
+        self.releasing = self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok();
         if !self.releasing {
             self.setpoint = at_rest(posture.tip());
         }
@@ -488,6 +489,7 @@ impl ImpedanceState {
     }
 
     /// Elbow angle at joint `angles` [rad]; `posture` belongs to these.
+    #[inline(never)]
     pub(super) fn elbow_angle(
         &self,
         arm: &Arm<'_>,
