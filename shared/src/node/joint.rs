@@ -8,7 +8,7 @@ use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Tar
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// Ticks without a change of the count, under a torque that overcomes stiction, after which the encoder is
+/// Ticks without a change of the angle, under a torque that overcomes stiction, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u16 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
@@ -24,10 +24,13 @@ pub(super) struct JointState {
     count: i32,
     /// Change of the angle in the last tick [rad].
     change: f32,
-    /// Torque of the last tick, and its part beyond the feed-forward [N·m].
+    /// Torque of the last tick, and its part that must move the joint when it is beyond the `breakaway` [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Ticks in a row under torque without a change of the angle.
+    breakaway: f32,
+    /// Effort when the angle last changed [N·m], and ticks in a row without a change under an effort beyond the
+    /// breakaway.
+    moving_effort: f32,
     unchanged: u16,
     pub servo: JointServoState,
 }
@@ -93,6 +96,8 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
+            breakaway: 0.0,
+            moving_effort: 0.0,
             unchanged: 0,
             servo: JointServoState::at(0.0),
         }
@@ -157,7 +162,7 @@ impl Joint<'_> {
     fn restart(&mut self) {
         *self.position = self.state.angle(self.config, self.state.count);
         *self.velocity = 0.0;
-        (self.state.change, self.state.unchanged) = (0.0, 0);
+        self.state.change = 0.0;
         self.hold_still();
     }
 
@@ -211,15 +216,13 @@ impl Joint<'_> {
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
-        // A contact force keeps the joint at rest under torque.
-        let in_contact = self.target.feedforward != 0.0;
-        if abs(state.effort) <= config.breakaway || state.change != 0.0 || in_contact {
+        if abs(state.effort) <= state.breakaway || state.change != 0.0 {
             state.unchanged = 0;
             return None;
         }
         state.unchanged = state.unchanged.saturating_add(1);
         if state.unchanged >= STUCK_TICKS {
-            return Some((FaultCause::EncoderStuck, state.effort, config.breakaway));
+            return Some((FaultCause::EncoderStuck, state.effort, state.breakaway));
         }
         None
     }
@@ -251,7 +254,11 @@ impl Joint<'_> {
         let servo = &mut self.state.servo;
         let output = self.config.servo.update(servo, mode, self.reference, *self.position, feedforward);
         self.state.torque = output.torque;
-        self.state.effort = output.effort;
+        if self.target.feedforward == 0.0 {
+            (self.state.effort, self.state.breakaway) = (output.effort, self.config.breakaway);
+        } else {
+            self.compare_effort(output.effort, 2.0 * self.config.breakaway);
+        }
     }
 
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
@@ -283,16 +290,25 @@ impl Joint<'_> {
             (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_COMPENSATED_LAG));
         let ahead = desired + (desired - before) * (lag / (1.0 - lag));
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
-        self.state.effort = 0.0;
+        self.compare_effort(self.config.inertia * self.reference.acceleration, 2.0 * self.config.stiction);
         let mean = self.state.torque + lag * (before - self.state.torque);
         [servo.acceleration(mean - desired), mean]
     }
 
+    /// Stores an effort that may be balanced by a contact force or by errors of the model: what counts is its
+    /// change since the angle last changed [N·m].
+    fn compare_effort(&mut self, effort: f32, breakaway: f32) {
+        if self.state.change != 0.0 {
+            self.state.moving_effort = effort;
+        }
+        (self.state.effort, self.state.breakaway) = (effort - self.state.moving_effort, breakaway);
+    }
+
     /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward.
-    pub fn damp(&mut self, damping: f32, gravity: f32) {
+    pub fn damp(&mut self, gravity: f32) {
         self.target.feedforward *= FEEDFORWARD_DECAY;
         *self.reference = JointPoint { position: *self.position, ..JointPoint::default() };
-        let desired = gravity + self.target.feedforward - damping * *self.velocity;
+        let desired = gravity + self.target.feedforward - self.config.damping * *self.velocity;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
         self.state.effort = 0.0;
     }

@@ -98,7 +98,6 @@ impl Node {
     #[inline(never)]
     fn damp(&mut self) {
         let Some(robot) = self.robot.loaded() else { return };
-        let damping = robot.model().safety.damping;
         let mut all = joints(robot, &mut self.state);
         let zero = [0.0; MAX_CHAIN_JOINTS];
         let [mut q, mut torques] = [zero; 2];
@@ -108,7 +107,7 @@ impl Node {
             q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
             config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
-            of_chain.for_each(|(mut joint, gravity)| joint.damp(damping, gravity));
+            of_chain.for_each(|(mut joint, gravity)| joint.damp(gravity));
         }
     }
 

@@ -16,6 +16,10 @@ const JUMP_FACTOR: f32 = 2.0;
 /// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
 const CURRENT_MARGIN: f32 = 1.25;
 
+/// Largest share of a joint's velocity that damping takes in a period. The velocity is that of the period before:
+/// from about one half on, damping swings instead.
+const MAX_DAMPED_SHARE: f32 = 0.3;
+
 /// A joint of a validated model, preprocessed for the tick.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
@@ -36,15 +40,24 @@ pub struct JointConfig {
     /// Count at angle 0 of an absolute encoder.
     pub(crate) zero: Option<i32>,
     pub(crate) velocity: PseudoDifferentiator,
-    /// Torque beyond the feed-forward that overcomes stiction [N·m].
+    /// Damping after a fault [N·m·s/rad].
+    pub(crate) damping: f32,
+    /// Inertia about the axis [kg·m²].
+    pub(crate) inertia: f32,
+    /// Torque that overcomes stiction, and effort of a servo, whose feed-forward has errors, that does [N·m].
+    pub(crate) stiction: f32,
     pub(crate) breakaway: f32,
 }
 
 impl JointConfig {
-    pub(super) fn new(joint: &JointModel) -> Self {
+    /// `damping` is that of the robot after a fault [N·m·s/rad].
+    pub(super) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
+        let servo = JointServo::new(joint);
         Self {
-            servo: JointServo::new(joint),
+            damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
+            inertia: 1.0 / servo.acceleration(1.0),
+            servo,
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },
             current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
@@ -54,6 +67,7 @@ impl JointConfig {
             max_angle: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
+            stiction: 2.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
         }
     }

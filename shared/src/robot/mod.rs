@@ -100,7 +100,7 @@ impl Robot {
             let _ = self.chains.push(ChainConfig { chain, finger, first });
         }
         for joint in &model.joints {
-            let _ = self.joints.push(JointConfig::new(joint));
+            let _ = self.joints.push(JointConfig::new(joint, model.safety.damping));
         }
         self.tracking = Some(ErrorObserver::with_lag(&TRACKING, 0.0));
         self.gravity = Vector3::from(model.gravity);

@@ -112,3 +112,40 @@ fn an_arm_that_is_stopped_on_its_way_does_not_go_on() {
         point.rotation = target.rotation;
     }
 }
+
+#[test]
+fn a_dead_encoder_under_impedance_control_switches_the_outputs_off() {
+    // Elbow, shoulder and wrist, pushed by hand or led by the set-point.
+    for (joint, push, lead) in [(3, 10.0, 0.0), (0, 10.0, 0.0), (3, 0.0, 0.1), (5, 0.0, 0.1)] {
+        let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+        let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+        arm.run(50, Vector3::zeros());
+        let (mut point, elbow) = present_target(&mut arm.rig);
+        let start = point.position[0];
+        // The encoder dies in tick 30, and shows it when the set-point moves, or from tick 50 on under the push.
+        let shown = if lead == 0.0 { 50 } else { 30 };
+        let mut dead = None;
+        let mut ticks = 0;
+        arm.max_speed = 0.0;
+        loop {
+            let share = (f32::from(ticks) / 100.0).min(1.0);
+            point.position[0] = start - lead * share * share * (3.0 - 2.0 * share);
+            assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
+            let force = Vector3::x() * if ticks >= 50 { push } else { 0.0 };
+            arm.sense(force);
+            if ticks >= 30 {
+                arm.rig.sensors.encoders[joint] = *dead.get_or_insert(arm.rig.sensors.encoders[joint]);
+            }
+            let output = arm.rig.tick();
+            if !output.enabled {
+                break;
+            }
+            arm.advance(force, &output);
+            ticks += 1_u16;
+        }
+        let fault = arm.rig.node.faults().faults.last().unwrap();
+        assert_eq!((fault.cause, fault.joint.map(usize::from)), (FaultCause::EncoderStuck, Some(joint)));
+        assert!(ticks <= shown + 4, "joint {joint} off {ticks} ticks after the start");
+        assert!(arm.max_speed < 0.65, "joint {joint}: {} m/s", arm.max_speed);
+    }
+}

@@ -105,14 +105,14 @@ fn a_refused_command_changes_neither_points_nor_torques() {
 }
 
 #[test]
-fn a_joint_at_rest_under_a_feedforward_torque_is_not_stuck() {
-    for (torque, stuck) in [(0.0, true), (0.01, false)] {
+fn a_joint_at_rest_under_a_feedforward_torque_is_stuck_only_when_its_reference_moves_on() {
+    for (torque, reference, stuck) in [(0.0, 0.1, true), (0.01, 0.1, false), (0.01, 0.19, true)] {
         let mut rig = Rig::enabled(&model());
         for _ in 0..100 {
             rig.tick();
-            rig.ask(stream_torques([0.0, 0.0, 0.19], &[0.0, 0.0, torque]));
+            rig.ask(stream_torques([0.0, 0.0, reference], &[0.0, 0.0, torque]));
         }
         let cause = rig.node.faults().faults.last().map(|fault| fault.cause);
-        assert_eq!(cause, stuck.then_some(FaultCause::EncoderStuck));
+        assert_eq!(cause, stuck.then_some(FaultCause::EncoderStuck), "{torque} N·m, {reference} rad");
     }
 }

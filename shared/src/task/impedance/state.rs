@@ -137,6 +137,7 @@ impl ImpedanceState {
         if use_measured_state {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             self.observers = Self::NONE.observers;
+            self.tool_acceleration = [0.0; 3];
         }
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };

@@ -106,7 +106,7 @@ impl Task for ImpedanceControl {
         let force_is_valid = !matches!(fault.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck);
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
-                let lost = fault.cause.invalidates_reference();
+                let lost = fault.cause.invalidates_reference() || fault.cause == FaultCause::LateTick;
                 self.state.halt(&arm, &ArmMeasurement::of(io.measured), lost);
                 Halt::Task
             }
