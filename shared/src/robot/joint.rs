@@ -67,7 +67,7 @@ impl JointConfig {
             max_angle: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
-            stiction: 2.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
+            stiction: 5.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
         }
     }

@@ -1,40 +1,50 @@
 use nalgebra::Vector3;
 
-use super::{ForceInputs, Forces};
+use super::{ForceInputs, Forces, limit_scale};
 use crate::TICK;
 use crate::grasp::WrenchInverse;
 use crate::math::{self, abs};
 use crate::task::grasping::tuning::{
     CONVERGED_FORCE, CONVERGED_FRACTION, DEAD_BAND_FORCE, DEAD_BAND_FRACTION, FORCE_INTEGRAL_GAIN,
-    MAX_FORCE_CORRECTION,
+    MAX_CORRECTION_FORCE, MAX_CORRECTION_FRACTION,
 };
 use crate::task::grasping::{InternalForce, PerFinger};
 use crate::zip::zip;
 
 impl Forces {
-    /// Integral control of the `internal` forces by the force sensors; returns their commands [N].
+    /// Integral control of the `internal` forces by the force sensors; returns their commands [N]. Beside the
+    /// `load` forces they keep the limits of contacts and joints.
     pub(super) fn apply_feedback(
         &mut self,
         inputs: &ForceInputs<'_>,
         inverse: &WrenchInverse<'_>,
         internal: PerFinger<Vector3<f32>>,
+        load: &PerFinger<Vector3<f32>>,
         load_torques: &PerFinger<Vector3<f32>>,
     ) -> PerFinger<Vector3<f32>> {
         let in_dead_band =
             matches!(inputs.internal, InternalForce::LeastGrip { .. }) && self.is_in_dead_band(inputs);
         if inputs.feedback && !in_dead_band {
             let error = self.internal_force_error(inputs, inverse);
-            let axes = self.correction.iter_mut().flatten().zip(error.iter().flat_map(|force| force.iter()));
-            for (correction, error) in axes {
-                let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
-                *correction = math::clamp(next, -MAX_FORCE_CORRECTION, MAX_FORCE_CORRECTION);
+            for (correction, error, target) in zip((&mut self.correction, &error, &self.target)) {
+                let target = math::sqrt(Vector3::from(*target).norm_squared());
+                let max = MAX_CORRECTION_FRACTION * target + MAX_CORRECTION_FORCE;
+                for (correction, error) in correction.iter_mut().zip(error.iter()) {
+                    let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
+                    *correction = math::clamp(next, -max, max);
+                }
             }
         }
         let mut command = internal;
         command.iter_mut().zip(&self.correction).for_each(|(force, part)| *force += Vector3::from(*part));
-        let scale = inputs.torque_scale(&command, load_torques, 1.0);
+        let mut scale = 1.0;
+        for (contact, command, load) in zip((inputs.map.contacts(), &command, load)) {
+            let headroom = contact.limit() - contact.normal().dot(load);
+            scale = limit_scale(scale, contact.normal().dot(command), headroom);
+        }
+        let scale = inputs.torque_scale(&command, load_torques, scale);
         if scale < 1.0 {
-            // Saturated joints: scale the forces down, and set the integrator back (anti-windup by
+            // Saturated contacts or joints: scale the forces down, and set the integrator back (anti-windup by
             // back-calculation).
             for (force, internal, correction) in zip((&mut command, &internal, &mut self.correction)) {
                 *force *= scale;

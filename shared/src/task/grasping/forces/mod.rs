@@ -140,7 +140,7 @@ impl Forces {
             *target = (force * scale).into();
             *internal = force * scale - load;
         }
-        let internal = self.apply_feedback(inputs, inverse, internal, &load_torques);
+        let internal = self.apply_feedback(inputs, inverse, internal, &load, &load_torques);
         GripForces { internal, load }
     }
 
