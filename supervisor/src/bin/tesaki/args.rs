@@ -18,10 +18,14 @@ pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 
+use crate::failure::Failure;
+use crate::output;
+
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done
-  1  failed: unreadable file, invalid robot folder, differing recording, problem found by `doctor`
+  1  failed: unreadable file, invalid robot folder, differing or damaged recording, problem found by
+     `doctor`, board that was reset meanwhile
   2  invalid arguments
   3  no device found, or it cannot be opened
   4  the board and this program use different versions of the protocol
@@ -85,7 +89,7 @@ pub enum Command {
     Disable,
     /// Stop at once with the configured reaction, even if another program commands
     Stop,
-    /// Move joints to angles, then disable the outputs
+    /// Move joints to angles, then disable the outputs, or hold where the robot would fall
     Move(Move),
     /// Move fingertips to positions along straight lines, then disable the outputs
     Reach(Reach),
@@ -201,9 +205,13 @@ pub struct Move {
     /// Fail if the targets are not reached within this time [s]
     #[arg(long, default_value = "20", value_parser = seconds)]
     pub within: Duration,
-    /// After arrival, hold until Ctrl-C before disabling the outputs
+    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    /// with more than its friction
     #[arg(long)]
     pub hold: bool,
+    /// After arrival, disable the outputs at once, even if the robot falls
+    #[arg(long, conflicts_with = "hold")]
+    pub no_hold: bool,
 }
 
 #[derive(Args)]
@@ -223,9 +231,13 @@ pub struct Reach {
     /// Position tolerance [m]
     #[arg(long, default_value_t = 0.002)]
     pub tolerance: f32,
-    /// After arrival, hold until Ctrl-C before disabling the outputs
+    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    /// with more than its friction
     #[arg(long)]
     pub hold: bool,
+    /// After arrival, disable the outputs at once, even if the robot falls
+    #[arg(long, conflicts_with = "hold")]
+    pub no_hold: bool,
 }
 
 #[derive(Args)]
@@ -304,6 +316,8 @@ fn tip_position(text: &str) -> Result<(String, [f32; 3]), String> {
 }
 
 /// Prints the completions of `shell`.
-pub fn completions(shell: clap_complete::Shell) {
-    clap_complete::generate(shell, &mut Cli::command(), "tesaki", &mut std::io::stdout());
+pub fn completions(shell: clap_complete::Shell) -> Result<(), Failure> {
+    let mut text = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "tesaki", &mut text);
+    output::line(String::from_utf8_lossy(&text).trim_end())
 }

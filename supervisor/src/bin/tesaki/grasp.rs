@@ -11,7 +11,7 @@ use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskTelemetry};
 use tesaki_description::grasp;
-use tesaki_supervisor::Board;
+use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};
@@ -210,7 +210,8 @@ impl Course<'_> {
         let is_fatal = |failure: &Failure| {
             !matches!(
                 failure,
-                Failure::Grasp(_) | Failure::Board(tesaki_supervisor::BoardError::Refused { .. })
+                // Also when nobody reads the output any more, the object is put down.
+                Failure::Grasp(_) | Failure::Pipe | Failure::Board(BoardError::Refused { .. })
             )
         };
         let was_interrupted = match result {

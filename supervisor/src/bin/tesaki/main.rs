@@ -8,6 +8,7 @@ mod doctor;
 mod eval;
 mod failure;
 mod grasp;
+mod gravity;
 mod identify;
 mod impedance;
 mod model;
@@ -67,10 +68,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Record(args) => recording::record(options, args),
         Command::Replay { log } => recording::replay(options, log),
         Command::Share { listen } => board::share(options, listen),
-        Command::Completions { shell } => {
-            args::completions(*shell);
-            Ok(())
-        }
+        Command::Completions { shell } => args::completions(*shell),
     }
     .map(|()| ExitCode::SUCCESS)
 }

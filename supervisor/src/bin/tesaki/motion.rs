@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{Mode, Request, TaskReport, Telemetry};
+use tesaki::protocol::{Mode, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
@@ -15,6 +15,7 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Enable, Home, Move, Options};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
+use crate::gravity::Load;
 use crate::output;
 
 /// Period of the set-points: well below the command timeout, so that a few may be lost.
@@ -23,8 +24,8 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 const ASK: Duration = Duration::from_millis(50);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
-/// A board that is silent for longer is considered lost.
-const GONE: Duration = Duration::from_secs(5);
+/// Without telemetry for this time, the stream is requested again: another program may have stopped it.
+const SILENCE: Duration = Duration::from_millis(300);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
@@ -37,6 +38,7 @@ pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     )?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     output::notice(options, "enabled: the joints hold; Ctrl-C disables");
+    motion.warn_of(Load::at(&motion.model, &goal).as_ref());
     let until = args.duration.map(|duration| Instant::now() + duration);
     let hold = goal_request(&goal)?;
     let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
@@ -76,6 +78,8 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     let count = output::counted(args.joints.len(), "joint");
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    let load = Load::at(&motion.model, &goal);
+    motion.warn_of(load.as_ref());
     let deadline = Instant::now() + args.within;
     let mut progress = Progress::default();
     let set_point = goal_request(&goal)?;
@@ -89,29 +93,34 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         return motion.end(true);
     }
     let (joint, error) = progress.worst;
+    let joint = motion.model.joint_name(joint).to_owned();
     if !progress.arrived() {
-        let joint = motion.model.joint_name(joint).to_owned();
-        motion.end(false)?;
-        return Err(Failure::Late(format!(
-            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad); the board is disabled. Is the \
-             joint blocked, or --within too short?",
+        let late = format!(
+            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad)",
             args.within.as_secs_f64(),
             args.tolerance
+        );
+        // Not at the goal, where something may be in the way.
+        let here = goal_request(&motion.angles_within_limits())?;
+        if motion.load().is_some() && !args.no_hold {
+            output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
+            motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
+        }
+        motion.end(false)?;
+        return Err(Failure::Late(format!(
+            "{late}; the board is disabled. Is the joint blocked, or --within too short?"
         )));
     }
-    output::result(options, &json!({ "arrived": true, "largest_error": output::exact(&error) }), || {
-        format!("arrived: the largest error is {error:.4} rad")
-    })?;
-    if args.hold {
-        output::notice(options, "holding; Ctrl-C disables");
-        motion.drive(KEEP_ALIVE, |_| set_point.clone(), |_, _| false)?;
-    }
+    let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
+    output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
+    motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
     motion.end(false)
 }
 
 /// Replaces the angles of the joints that are named.
 fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Failure> {
     let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    each_once(&args.joints, "joint")?;
     for (name, angle) in &args.joints {
         let (index, joint) = find(model, name)?;
         let base = if args.relative { goal[index] } else { 0.0 };
@@ -121,30 +130,71 @@ fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Fa
     Ok(())
 }
 
+/// Refuses what is named twice.
+pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
+    for (index, (name, _)) in named.iter().enumerate() {
+        if named.iter().take(index).any(|(earlier, _)| earlier == name) {
+            return Err(Failure::Usage(format!("the {what} {name} is given twice: which is meant?")));
+        }
+    }
+    Ok(())
+}
+
 pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    let mut angles: Vec<Option<f32>> = vec![args.others.map(|angle| angle * unit); model.joints.len()];
+    let mut angles: Vec<Option<f32>> = vec![None; model.joints.len()];
+    each_once(&args.joints, "joint")?;
     for (name, angle) in &args.joints {
-        let (index, _) = find(&model, name)?;
+        let (index, joint) = find(&model, name)?;
+        if !joint.encoder.relative {
+            return Err(Failure::Usage(format!(
+                "{name} has an absolute encoder: it knows its angle and needs no homing"
+            )));
+        }
         angles[index] = Some(angle * unit);
     }
+    if !model.joints.iter().any(|joint| joint.encoder.relative) {
+        let text = format!("all encoders of {} are absolute: there is nothing to home", model.name);
+        return output::result(options, &json!({ "homed": {} }), || text);
+    }
     let mut positions = Vec::new();
+    let mut assumed = Vec::new();
     for (joint, angle) in model.joints.iter().zip(angles) {
-        let angle = angle.ok_or_else(|| {
-            Failure::Usage(format!(
-                "{} has no angle: name every joint, or give the others with --others",
-                joint.name
-            ))
-        })?;
+        let angle = match (angle, args.others) {
+            (Some(angle), _) => angle,
+            // The board ignores the angle, but wants one that is possible.
+            (None, _) if !joint.encoder.relative => 0.0_f32.clamp(joint.limits.lower, joint.limits.upper),
+            (None, Some(others)) => {
+                assumed.push(joint.name.as_str());
+                others * unit
+            }
+            (None, None) => {
+                return Err(Failure::Usage(format!(
+                    "{} has no angle: name every joint, or give the others with --others",
+                    joint.name
+                )));
+            }
+        };
         check(joint, angle)?;
         positions.push(angle);
     }
+    if let (Some(others), false) = (args.others, assumed.is_empty()) {
+        let unit = if args.degrees { "°" } else { " rad" };
+        let joints = assumed.join(", ");
+        output::notice(
+            options,
+            &format!(
+                "warning: {joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its stop"
+            ),
+        );
+    }
     output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
     session.board.home(&positions)?;
-    output::result(options, &json!({ "homed": output::exact(&positions) }), || {
-        format!("{} homed", output::counted(positions.len(), "joint"))
+    let relative = model.joints.iter().filter(|joint| joint.encoder.relative).count();
+    output::result(options, &json!({ "homed": output::by_joint(&positions, &model) }), || {
+        format!("{} homed", output::counted(relative, "joint"))
     })
 }
 
@@ -202,9 +252,22 @@ pub struct Motion<'a> {
     session: BoardSession,
     options: &'a Options,
     pub model: RobotModel,
+    /// The latest joint angles [rad].
+    angles: Vec<f32>,
     enabled: bool,
     /// Whether to request the task's own telemetry.
     asks: bool,
+    /// Whether nobody reads the output any more.
+    is_unread: bool,
+}
+
+/// However a command ends, the outputs are off.
+impl Drop for Motion<'_> {
+    fn drop(&mut self) {
+        if self.enabled {
+            let _ = self.session.board.disable();
+        }
+    }
 }
 
 impl<'a> Motion<'a> {
@@ -213,17 +276,56 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, enabled: false, asks: false })
+        Ok(Self { session, options, model, angles: Vec::new(), enabled: false, asks: false, is_unread: false })
     }
 
     /// The joint angles, clamped to their limits [rad].
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
         let telemetry = self.session.telemetry_now()?;
-        let joints = telemetry.joints.iter().zip(&self.model.joints);
-        // A joint at its stop may measure slightly outside.
-        Ok(joints
-            .map(|(state, joint)| state.position.clamp(joint.limits.lower, joint.limits.upper))
-            .collect())
+        self.remember(&telemetry);
+        Ok(self.angles_within_limits())
+    }
+
+    fn remember(&mut self, telemetry: &Telemetry) {
+        self.angles = telemetry.joints.iter().map(|joint| joint.position).collect();
+    }
+
+    /// The latest angles. A joint at its stop may measure slightly outside.
+    fn angles_within_limits(&self) -> Vec<f32> {
+        let joints = self.angles.iter().zip(&self.model.joints);
+        joints.map(|(angle, joint)| angle.clamp(joint.limits.lower, joint.limits.upper)).collect()
+    }
+
+    /// What pulls at the robot where it is.
+    pub fn load(&self) -> Option<Load> {
+        Load::at(&self.model, &self.angles)
+    }
+
+    /// Says what becomes of a robot that gravity pulls when it is disabled.
+    pub fn warn_of(&self, load: Option<&Load>) {
+        if let Some(load) = load {
+            output::notice(self.options, &format!("Ctrl-C disables; {load}"));
+        }
+    }
+
+    /// Holds after arrival until Ctrl-C: if it was asked for, or if the robot would fall, unless that was asked
+    /// for.
+    pub fn stay(
+        &mut self,
+        hold: bool,
+        no_hold: bool,
+        load: Option<&Load>,
+        every: Duration,
+        set_point: impl FnMut(Instant) -> Request,
+    ) -> Result<(), Failure> {
+        let why = match load {
+            _ if hold => String::new(),
+            Some(load) if !no_hold => format!(", because {load}"),
+            _ => return Ok(()),
+        };
+        output::notice(self.options, &format!("holding{why}; Ctrl-C disables"));
+        self.drive(every, set_point, |_, _| false)?;
+        Ok(())
     }
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
@@ -254,7 +356,8 @@ impl<'a> Motion<'a> {
         mut done: impl FnMut(&News, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
-        let (mut heard, mut reported, mut asked) = (Instant::now(), None::<Instant>, None::<Instant>);
+        let mut telemetry = Watchdog::new(&self.session);
+        let (mut reported, mut asked) = (None::<Instant>, None::<Instant>);
         // Telemetry sent before the board was enabled may still arrive.
         let mut seen_enabled = false;
         let mut next = Instant::now();
@@ -272,26 +375,54 @@ impl<'a> Motion<'a> {
             }
             let news = self.listen(next)?;
             let now = Instant::now();
-            if let Some(telemetry) = &news.telemetry {
-                heard = now;
-                self.check_mode(telemetry.mode, &mut seen_enabled)?;
-            } else if now - heard > GONE {
-                return Err(self.abandon(Failure::Late(format!(
-                    "no data from the board for {} s; its command timeout has stopped it by now",
-                    GONE.as_secs()
-                ))));
+            if let Some(latest) = &news.telemetry {
+                telemetry = Watchdog::new(&self.session);
+                self.remember(latest);
+                self.check_mode(latest.mode, &mut seen_enabled)?;
+            } else {
+                self.check_silence(&mut telemetry, now)?;
             }
             if self.options.json
+                && !self.is_unread
                 && reported.is_none_or(|last| now - last >= REPORT)
                 && let Some(report) = self.report(&news)
             {
                 reported = Some(now);
+                self.is_unread = true;
                 output::line(&report)?;
+                self.is_unread = false;
             }
             if done(&news, now) {
                 return Ok(End::Done);
             }
         }
+    }
+
+    /// Without telemetry: requests it again, and gives up after the time in which a board must answer.
+    fn check_silence(&mut self, telemetry: &mut Watchdog, now: Instant) -> Result<(), Failure> {
+        let silence = now - telemetry.heard;
+        if silence > self.options.timeout.max(2 * SILENCE) {
+            let seconds = silence.as_secs_f64();
+            if self.session.board.counts().good != telemetry.frames {
+                return Err(Failure::Late(format!(
+                    "the board answers, but sends no telemetry for {seconds:.1} s: its control loop does not run (try \
+                     `tesaki doctor`)"
+                )));
+            }
+            // It cannot be told to disable.
+            self.enabled = false;
+            self.session.give_up();
+            return Err(Failure::Late(format!(
+                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by itself \
+                 {} s after the last command",
+                self.model.safety.command_timeout
+            )));
+        }
+        if silence > SILENCE && now - telemetry.requested > SILENCE {
+            telemetry.requested = now;
+            self.session.board.post(Request::SetRate { stream: Stream::Telemetry, every: 2 })?;
+        }
+        Ok(())
     }
 
     /// Receives until `deadline`.
@@ -301,7 +432,7 @@ impl<'a> Motion<'a> {
             match self.session.telemetry(deadline.saturating_duration_since(Instant::now())) {
                 Ok(telemetry) => news.telemetry = Some(telemetry),
                 Err(Failure::Late(_)) => {}
-                Err(failure) => return Err(self.abandon(failure.named(&self.model))),
+                Err(failure) => return Err(failure.named(&self.model)),
             }
         }
         news.task = self.session.task.take();
@@ -330,25 +461,37 @@ impl<'a> Motion<'a> {
     /// The latest telemetry as JSON.
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
-            (false, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry).ok(),
+            (false, News { telemetry: Some(telemetry), .. }) => {
+                Some(output::telemetry(telemetry, &self.model).to_string())
+            }
             (true, News { task: Some(report), .. }) => Some(output::task(report).to_string()),
             _ => None,
         }
-    }
-
-    /// Disables the board after a failure, if that is still possible.
-    fn abandon(&mut self, failure: Failure) -> Failure {
-        if self.enabled {
-            let _ = self.session.board.disable();
-        }
-        failure
     }
 
     /// Disables the board and releases command.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
         self.session.board.disable()?;
         self.enabled = false;
-        output::notice(self.options, if interrupted { "\ninterrupted: disabled" } else { "disabled" });
+        let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
+        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
+        output::notice(self.options, &format!("{what}{load}"));
         Ok(())
+    }
+}
+
+/// Notices when telemetry fails to come.
+struct Watchdog {
+    /// When the last telemetry came, and how many frames had come by then.
+    heard: Instant,
+    frames: u32,
+    /// When it was last requested.
+    requested: Instant,
+}
+
+impl Watchdog {
+    fn new(session: &BoardSession) -> Self {
+        let now = Instant::now();
+        Self { heard: now, frames: session.board.counts().good, requested: now }
     }
 }
