@@ -76,6 +76,11 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
         assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
     }
     assert!(text.contains("\"phase\":\"Hold\""), "{text}");
+    let status = server.succeeds(&["grasp", "status"]);
+    assert!(
+        status.contains("the grasp ended: the board is in fault") && status.contains("before that"),
+        "{status}"
+    );
 }
 
 #[test]

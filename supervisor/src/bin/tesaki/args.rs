@@ -258,6 +258,9 @@ pub struct Record {
     /// Base name: writes NAME.log for replay and NAME.mcap for viewers
     #[arg(default_value = "recording")]
     pub name: PathBuf,
+    /// Replace files of this name
+    #[arg(long)]
+    pub force: bool,
     /// Stop after this time [s]; without it, at Ctrl-C
     #[arg(long, value_parser = seconds)]
     pub duration: Option<Duration>,

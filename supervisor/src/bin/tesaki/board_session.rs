@@ -190,11 +190,7 @@ impl BoardSession {
 }
 
 /// See [`BoardSession::require_rate`].
-pub fn require_rate(
-    board: &mut LinkBoard<BoardLink>,
-    stream: Stream,
-    every: u16,
-) -> Result<(), BoardError> {
+pub fn require_rate(board: &mut LinkBoard<BoardLink>, stream: Stream, every: u16) -> Result<(), BoardError> {
     // Time for two messages, and for some delay.
     let deadline = Instant::now() + (2 * u32::from(every) + 2) * TICK;
     let mut last = None;

@@ -17,6 +17,7 @@ mod output;
 mod parameter;
 mod reach;
 mod recording;
+mod replay;
 mod watch;
 
 use std::process::ExitCode;
@@ -66,7 +67,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Eval(eval) => eval::run(options, eval),
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),
-        Command::Replay { log } => recording::replay(options, log),
+        Command::Replay { log } => replay::run(options, log),
         Command::Share { listen } => board::share(options, listen),
         Command::Completions { shell } => args::completions(*shell),
     }

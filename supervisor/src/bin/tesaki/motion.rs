@@ -26,6 +26,8 @@ const ASK: Duration = Duration::from_millis(50);
 const REPORT: Duration = Duration::from_millis(100);
 /// Without telemetry for this time, the stream is requested again: another program may have stopped it.
 const SILENCE: Duration = Duration::from_millis(300);
+/// How long a board that may be gone is told to disable.
+const LAST_WORD: Duration = Duration::from_millis(500);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
@@ -149,9 +151,10 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     for (name, angle) in &args.joints {
         let (index, joint) = find(&model, name)?;
         if !joint.encoder.relative {
-            return Err(Failure::Usage(format!(
-                "{name} has an absolute encoder: it knows its angle and needs no homing"
-            )));
+            output::notice(
+                options,
+                &format!("{name} has an absolute encoder and keeps the angle that it measures"),
+            );
         }
         angles[index] = Some(angle * unit);
     }
@@ -265,6 +268,7 @@ pub struct Motion<'a> {
 impl Drop for Motion<'_> {
     fn drop(&mut self) {
         if self.enabled {
+            self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
             let _ = self.session.board.disable();
         }
     }
@@ -276,7 +280,15 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, angles: Vec::new(), enabled: false, asks: false, is_unread: false })
+        Ok(Self {
+            session,
+            options,
+            model,
+            angles: Vec::new(),
+            enabled: false,
+            asks: false,
+            is_unread: false,
+        })
     }
 
     /// The joint angles, clamped to their limits [rad].

@@ -88,9 +88,11 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
             1e3 * args.tolerance
         )));
     }
-    output::result(options, &json!({ "arrived": true, "tip": tip, "largest_error": output::exact(&distance) }), || {
-        format!("arrived: the largest error is {:.2} mm", 1e3 * distance)
-    })?;
+    output::result(
+        options,
+        &json!({ "arrived": true, "tip": tip, "largest_error": output::exact(&distance) }),
+        || format!("arrived: the largest error is {:.2} mm", 1e3 * distance),
+    )?;
     let load = motion.load();
     motion.stay(args.hold, args.no_hold, load.as_ref(), PERIOD, set_point)?;
     motion.end(false)
