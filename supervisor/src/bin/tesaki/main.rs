@@ -9,6 +9,7 @@ mod eval;
 mod failure;
 mod grasp;
 mod gravity;
+mod home;
 mod identify;
 mod impedance;
 mod model;
@@ -53,8 +54,8 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Grasp(command) => grasp::run(options, command),
         Command::Identify(args) => identify::run(options, args),
         Command::Impedance(command) => impedance::run(options, command),
-        Command::Tare => motion::tare(options),
-        Command::Home(args) => motion::home(options, args),
+        Command::Tare => home::tare(options),
+        Command::Home(args) => home::home(options, args),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),
         Command::Model { command } => match command {

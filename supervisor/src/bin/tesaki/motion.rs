@@ -1,4 +1,4 @@
-//! The commands `enable`, `move`, `home` and `tare`, and the control loop of all commands that move.
+//! The commands `enable` and `move`, and the control loop of all commands that move.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -12,7 +12,7 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
-use crate::args::{Enable, Home, Move, Options};
+use crate::args::{Enable, Move, Options};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::gravity::Load;
@@ -142,79 +142,13 @@ pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
-    let mut session = BoardSession::command(options)?;
-    let model = session.model()?;
-    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    let mut angles: Vec<Option<f32>> = vec![None; model.joints.len()];
-    each_once(&args.joints, "joint")?;
-    for (name, angle) in &args.joints {
-        let (index, joint) = find(&model, name)?;
-        if !joint.encoder.relative {
-            output::notice(
-                options,
-                &format!("{name} has an absolute encoder and keeps the angle that it measures"),
-            );
-        }
-        angles[index] = Some(angle * unit);
-    }
-    if !model.joints.iter().any(|joint| joint.encoder.relative) {
-        let text = format!("all encoders of {} are absolute: there is nothing to home", model.name);
-        return output::result(options, &json!({ "homed": {} }), || text);
-    }
-    let mut positions = Vec::new();
-    let mut assumed = Vec::new();
-    for (joint, angle) in model.joints.iter().zip(angles) {
-        let angle = match (angle, args.others) {
-            (Some(angle), _) => angle,
-            // The board ignores the angle, but wants one that is possible.
-            (None, _) if !joint.encoder.relative => 0.0_f32.clamp(joint.limits.lower, joint.limits.upper),
-            (None, Some(others)) => {
-                assumed.push(joint.name.as_str());
-                others * unit
-            }
-            (None, None) => {
-                return Err(Failure::Usage(format!(
-                    "{} has no angle: name every joint, or give the others with --others",
-                    joint.name
-                )));
-            }
-        };
-        check(joint, angle)?;
-        positions.push(angle);
-    }
-    if let (Some(others), false) = (args.others, assumed.is_empty()) {
-        let unit = if args.degrees { "°" } else { " rad" };
-        let joints = assumed.join(", ");
-        output::notice(
-            options,
-            &format!(
-                "warning: {joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its stop"
-            ),
-        );
-    }
-    output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
-    session.board.home(&positions)?;
-    let relative = model.joints.iter().filter(|joint| joint.encoder.relative).count();
-    output::result(options, &json!({ "homed": output::by_joint(&positions, &model) }), || {
-        format!("{} homed", output::counted(relative, "joint"))
-    })
-}
-
 fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
     let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
     Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
 }
 
-pub fn tare(options: &Options) -> Result<(), Failure> {
-    let mut session = BoardSession::command(options)?;
-    output::confirm(options, "The force sensors will be set to zero. Is nothing touching the tips?")?;
-    session.board.tare()?;
-    output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
-}
-
 /// The joint called `name`.
-fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
+pub fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
     model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {
         let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
         Failure::Usage(format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", ")))
@@ -222,7 +156,7 @@ fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel)
 }
 
 /// The board checks this too, but cannot name the joint.
-fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
+pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
     let limits = joint.limits;
     if angle >= limits.lower && angle <= limits.upper {
         return Ok(());
@@ -413,9 +347,13 @@ impl<'a> Motion<'a> {
     /// Without telemetry: requests it again, and gives up after the time in which a board must answer.
     fn check_silence(&mut self, telemetry: &mut Watchdog, now: Instant) -> Result<(), Failure> {
         let silence = now - telemetry.heard;
+        let frames = self.session.board.counts().good;
+        if frames != telemetry.frames {
+            (telemetry.frames, telemetry.answered) = (frames, now);
+        }
         if silence > self.options.timeout.max(2 * SILENCE) {
             let seconds = silence.as_secs_f64();
-            if self.session.board.counts().good != telemetry.frames {
+            if now - telemetry.answered < SILENCE {
                 return Err(Failure::Late(format!(
                     "the board answers, but sends no telemetry for {seconds:.1} s: its control loop does not run (try \
                      `tesaki doctor`)"
@@ -494,16 +432,18 @@ impl<'a> Motion<'a> {
 
 /// Notices when telemetry fails to come.
 struct Watchdog {
-    /// When the last telemetry came, and how many frames had come by then.
+    /// When the last telemetry came.
     heard: Instant,
+    /// When the last frame of any kind came, and how many had come by then.
+    answered: Instant,
     frames: u32,
-    /// When it was last requested.
+    /// When telemetry was last requested.
     requested: Instant,
 }
 
 impl Watchdog {
     fn new(session: &BoardSession) -> Self {
         let now = Instant::now();
-        Self { heard: now, frames: session.board.counts().good, requested: now }
+        Self { heard: now, answered: now, frames: session.board.counts().good, requested: now }
     }
 }

@@ -96,9 +96,10 @@ impl<'a> Recorder<'a> {
             Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
+        // Before the log starts: what comes meanwhile is dropped.
+        session.require_rate(Stream::Telemetry, 1)?;
         let mut log = ReplayLog::new(File::create(&log_path).map_err(Failure::file(&log_path))?);
         log.begin(session).map_err(log_failure(&log_path))?;
-        session.require_rate(Stream::Telemetry, 1)?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
         let notice = format!("recording {} to {log_file} and {mcap_file}; Ctrl-C stops", model.name);
         output::notice(options, &notice);
@@ -144,11 +145,6 @@ impl<'a> Recorder<'a> {
             session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
-        // Another recorder that has ended may have stopped the log.
-        if now - self.heard < SILENCE && now - self.logged > SILENCE && now - self.requested > SILENCE {
-            self.requested = now;
-            session.board.set_rate(Stream::Log, 1)?;
-        }
         // A process that is killed loses one second at most.
         if now - self.flushed > REPORT {
             self.flushed = now;
@@ -179,6 +175,11 @@ impl<'a> Recorder<'a> {
         if step > 1 && now - self.requested > REPORT {
             self.requested = now;
             session.board.set_rate(Stream::Telemetry, 1)?;
+        }
+        // Another recorder that has ended may have stopped the log.
+        if now - self.logged > SILENCE && now - self.requested > SILENCE {
+            self.requested = now;
+            session.board.set_rate(Stream::Log, 1)?;
         }
         Ok(())
     }
