@@ -45,8 +45,8 @@ pub enum BoardError {
     },
     /// The board has forgotten this program.
     #[error(
-        "the board was reset meanwhile: it has forgotten its model, homed joints and tared force sensors, and this \
-         program. Push the model again (`tesaki model push`), home and tare"
+        "the board was reset meanwhile: it has forgotten its model, homed joints and tared force sensors, and \
+         this program. Push the model again (`tesaki model push`), home and tare"
     )]
     Reset,
     /// No answer in time.

@@ -105,8 +105,8 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
 /// Shapes that can be read.
 const SHAPES: [&str; 5] = ["box", "cylinder", "capsule", "sphere", "mesh"];
 
-/// What is to be seen or touched of a link, but has no shape: no geometry, an empty one, or `<mesh/>` without a
-/// file. Exporters write such for links without a surface.
+/// What is to be seen or touched of a link, but has no shape: no geometry, an empty one, or `<mesh/>` without
+/// a file. Exporters write such for links without a surface.
 pub fn shapeless<'a>(link: &Part<'a>) -> impl Iterator<Item = Part<'a>> + use<'a> {
     let parts = link.children("visual").chain(link.children("collision"));
     parts.filter(|part| {

@@ -53,6 +53,7 @@ fn an_arm_is_compliant_until_ctrl_c() {
 #[test]
 fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     let server = Server::ready_arm();
+    assert!(server.home.is_empty(), "{:?}", server.home);
     assert!(server.succeeds(&["home"]).contains("all encoders of arm7 are absolute"));
     let joint = server.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
     let target = format!("{joint}=0.02");

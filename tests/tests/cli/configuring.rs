@@ -58,4 +58,8 @@ fn names_with_points_are_addressed() {
     server.succeeds(&["set", limit, "0.75"]);
     assert!(server.succeeds(&["read", limit]).contains("= 0.75"));
     assert!(server.succeeds(&["read", "joints.*.limits.upper"]).contains(&format!("{limit} = 0.75")));
+    // What is assumed about the others is said.
+    let homed = server.succeeds(&["home", "finger1.swing=0", "--others", "0"]);
+    let warning = "must stand at 0 rad now";
+    assert!(homed.contains("warning: finger1_bend, ") && homed.contains(warning), "{homed}");
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::server::{Server, finish, hand3, said, signal};
+use super::server::{Server, finish, hand3, said, signal, unread};
 
 /// The grasp of the box.
 fn box_grasp() -> String {
@@ -65,6 +65,14 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     let (code, text) = said(&finish(run));
     assert_eq!(code, 0, "{text}");
     assert!(text.contains("lowers an object") && text.contains("interrupted: disabled"), "{text}");
+
+    // Nobody reads on: the box is put down all the same.
+    let run = server.start_command(&["--json", "grasp", "run", &file]);
+    wait_until_held();
+    let (code, text) = unread(run);
+    assert_eq!(code, 0, "{text}");
+    let status = server.json(&["grasp", "status"]);
+    assert!(status["phase"] == "Ready" && status["mode"] == "Disabled", "{status}");
 
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();

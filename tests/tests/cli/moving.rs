@@ -45,6 +45,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     signal(&recorder, nix::sys::signal::Signal::SIGINT);
     assert!(recorder.wait().unwrap().success());
     let state = server.json(&["read"]);
+    assert_eq!(state["joints"][0]["name"], "finger1_swing");
     let angle = state["joints"][0]["position"].as_f64().unwrap();
     assert!((angle - 0.349_066).abs() < 0.02, "{angle}");
     let log = name.with_extension("log");

@@ -50,7 +50,7 @@ impl fmt::Display for Load {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "without power {} falls unless it is supported: gravity pulls at {} with {:.2} N·m, its friction holds {:.2} N·m",
+            "without power {} falls unless it is supported ({}: gravity {:.2} N·m, friction {:.2} N·m)",
             self.robot, self.joint, self.torque, self.friction
         )
     }

@@ -56,7 +56,8 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
         output::notice(
             options,
             &format!(
-                "warning: {joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its stop"
+                "warning: {joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its \
+                 stop"
             ),
         );
     }

@@ -39,8 +39,8 @@ pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
         &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
     )?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    output::notice(options, "enabled: the joints hold; Ctrl-C disables");
-    motion.warn_of(Load::at(&motion.model, &goal).as_ref());
+    output::notice(options, "enabled: the joints hold");
+    motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
     let until = args.duration.map(|duration| Instant::now() + duration);
     let hold = goal_request(&goal)?;
     let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
@@ -81,7 +81,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     let load = Load::at(&motion.model, &goal);
-    motion.warn_of(load.as_ref());
+    motion.announce_ctrl_c(load.as_ref());
     let deadline = Instant::now() + args.within;
     let mut progress = Progress::default();
     let set_point = goal_request(&goal)?;
@@ -247,15 +247,13 @@ impl<'a> Motion<'a> {
         Load::at(&self.model, &self.angles)
     }
 
-    /// Says what becomes of a robot that gravity pulls when it is disabled.
-    pub fn warn_of(&self, load: Option<&Load>) {
-        if let Some(load) = load {
-            output::notice(self.options, &format!("Ctrl-C disables; {load}"));
-        }
+    /// Says what Ctrl-C does, and what becomes of a robot that gravity pulls.
+    pub fn announce_ctrl_c(&self, load: Option<&Load>) {
+        let falls = load.map_or_else(String::new, |load| format!("; {load}"));
+        output::notice(self.options, &format!("Ctrl-C disables{falls}"));
     }
 
-    /// Holds after arrival until Ctrl-C: if it was asked for, or if the robot would fall, unless that was asked
-    /// for.
+    /// Holds after arrival until Ctrl-C, if it was asked for or if the robot would fall; not with `no_hold`.
     pub fn stay(
         &mut self,
         hold: bool,
@@ -355,16 +353,16 @@ impl<'a> Motion<'a> {
             let seconds = silence.as_secs_f64();
             if now - telemetry.answered < SILENCE {
                 return Err(Failure::Late(format!(
-                    "the board answers, but sends no telemetry for {seconds:.1} s: its control loop does not run (try \
-                     `tesaki doctor`)"
+                    "the board answers, but sends no telemetry for {seconds:.1} s: its control loop does not run \
+                     (try `tesaki doctor`)"
                 )));
             }
             // It cannot be told to disable.
             self.enabled = false;
             self.session.give_up();
             return Err(Failure::Late(format!(
-                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by itself \
-                 {} s after the last command",
+                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
+                 itself {} s after the last command",
                 self.model.safety.command_timeout
             )));
         }

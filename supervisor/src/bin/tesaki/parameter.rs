@@ -108,8 +108,8 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         output::notice(
             options,
             &format!(
-                "this pushed the model again, which forgets the tare: {} must be tared anew (`tesaki tare`, while nothing \
-                 touches the tips)",
+                "this pushed the model again, which forgets the tare: {} must be tared anew (`tesaki tare`, \
+                 while nothing touches the tips)",
                 tared.join(", ")
             ),
         );
@@ -143,8 +143,8 @@ fn check_stops(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> 
         ] {
             if is_beyond {
                 return Err(Failure::Usage(format!(
-                    "joints.{}.limits.{field} = {value} is beyond the limits on the board, {} to {} rad: `set` only \
-                     narrows them. To widen them, change robot.urdf and push the robot folder",
+                    "joints.{}.limits.{field} = {value} is beyond the limits on the board, {} to {} rad: `set` \
+                     only narrows them. To widen them, change robot.urdf and push the robot folder",
                     new.name, old.lower, old.upper
                 )));
             }

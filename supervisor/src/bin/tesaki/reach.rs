@@ -130,8 +130,8 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "the tips of {} cannot be moved along lines, because every chain must be a finger and the one to {} is \
-                 none: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
+                "the tips of {} cannot be moved along lines, because every chain must be a finger and the one to \
+                 {} is none: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
                 model.name, tip.name
             ))
         };
@@ -169,7 +169,8 @@ fn check(model: &RobotModel, paths: &[TipPath], start: &[f32], duration: f32) ->
                     model.joint_name(path.joints.start + usize::from(joint))
                 ),
             };
-            Failure::Usage(format!("{}: {place}: {why}", path.tip))
+            let role = if path.from == path.to { " (to be held where it is)" } else { "" };
+            Failure::Usage(format!("{}{role}: {place}: {why}", path.tip))
         };
         path.finger.nearest(&path.to, &last).map_err(|error| unreachable("the target", error))?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]

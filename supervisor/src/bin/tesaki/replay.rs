@@ -62,14 +62,14 @@ impl Found {
             let records = output::counted(usize::try_from(*damaged).unwrap_or(usize::MAX), "damaged record");
             let first = after(self.damaged_after);
             return Some(format!(
-                "{records}, the first {first}: {skipped} ticks could not be compared, {identical} are identical to the \
-                 last bit"
+                "{records}, the first {first}: {skipped} ticks could not be compared, {identical} are identical \
+                 to the last bit"
             ));
         }
         (!self.is_whole).then(|| {
             format!(
-                "the log ends in the middle of a record {}: it was cut, or its recorder was killed; {identical} ticks are \
-                 identical to the last bit",
+                "the log ends in the middle of a record {}: it was cut, or its recorder was killed; {identical} \
+                 ticks are identical to the last bit",
                 after(self.last_tick)
             )
         })

@@ -96,7 +96,7 @@ Examples:
 
 pub const COMPLETIONS: &str = "\
 Examples:
-  tesaki completions bash                       # save it as ~/.local/share/bash-completion/completions/tesaki";
+  tesaki completions bash                       # for ~/.local/share/bash-completion/completions/tesaki";
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
