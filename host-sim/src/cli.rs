@@ -243,14 +243,13 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
          In another terminal, with `alias tesaki='cargo tesaki'`:\n\
          \x20 tesaki doctor\n\
          \x20 tesaki model push {}\n\
-         \x20 {}\n\
-         \x20 {}\n\n\
+         {}\x20 {}\n\n\
          Ctrl-C stops; `help` lists the faults that can be injected here.",
         options.seed,
         hub.address(),
         terminal.display(),
         shown(&options.robot).display(),
-        home_command(&plant, &robot.model),
+        home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
         example_command(options, &robot.model),
     );
     serve(&mut hub, board, &mut plant, &robot.model, &input_lines(), &|| STOP.load(Ordering::Relaxed))?;

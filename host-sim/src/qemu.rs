@@ -2,6 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -82,6 +83,8 @@ impl Qemu {
         }
         command.arg("-kernel").arg(image);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        // Ctrl-C in a terminal is for this program, which ends QEMU.
+        command.process_group(0);
         let mut process = Process(command.spawn().map_err(QemuError::NoQemu)?);
         let deadline = Instant::now() + START;
         let board = process.connect(&sockets[0], deadline)?;
@@ -223,6 +226,11 @@ impl ByteLink for Socket {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
                 Ok(0)
             }
+            // A signal, such as Ctrl-C, is no failure of the link.
+            Err(error) if error.kind() == io::ErrorKind::Interrupted && Instant::now() < deadline => {
+                self.receive(buffer, deadline)
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(0),
             other => other,
         }
     }

@@ -258,9 +258,10 @@ pub fn serve(
     Ok(())
 }
 
-/// The command that homes the machine in its current posture.
-pub fn home_command(plant: &Plant, model: &RobotModel) -> String {
+/// The command that homes the machine in its current posture; `None` when all encoders are absolute.
+pub fn home_command(plant: &Plant, model: &RobotModel) -> Option<String> {
     let angles = plant.homed_positions();
-    let words = model.joints.iter().zip(angles).map(|(joint, angle)| format!("{}={angle:.3}", joint.name));
-    format!("tesaki home {}", words.collect::<Vec<_>>().join(" "))
+    let relative = model.joints.iter().zip(angles).filter(|(joint, _)| joint.encoder.relative);
+    let words: Vec<String> = relative.map(|(joint, angle)| format!("{}={angle:.3}", joint.name)).collect();
+    (!words.is_empty()).then(|| format!("tesaki home {}", words.join(" ")))
 }

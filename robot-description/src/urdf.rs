@@ -36,12 +36,12 @@ pub struct Urdf {
 }
 
 impl Urdf {
-    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also tells how many other
-    /// errors there are, which do not matter.
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also returns the other errors,
+    /// which do not matter.
     ///
     /// # Errors
     /// The file cannot be read, or what is wrong in the `matters` given.
-    pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, usize), UrdfError> {
+    pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, Vec<Finding>), UrdfError> {
         let path = Self::locate(path);
         let text = Self::read_text(&path)?;
         let (urdf, mut findings) = Self::check(&path, &text);
@@ -49,7 +49,7 @@ impl Urdf {
         let matters =
             |finding: &Finding| finding.matter == Matter::Kinematics || matters.contains(&finding.matter);
         match urdf {
-            Some(urdf) if !findings.iter().any(matters) => Ok((urdf, findings.len())),
+            Some(urdf) if !findings.iter().any(matters) => Ok((urdf, findings)),
             _ => {
                 findings.retain(matters);
                 Err(UrdfError::Wrong(findings))
@@ -88,7 +88,7 @@ impl Urdf {
         let base = structure::check(&source, report);
         joints::check(&source, report);
         inertia::check(&source, report);
-        let robot = match urdf_rs::read_from_string(text) {
+        let robot = match urdf_rs::read_from_string(&without_shapeless(text, &source)) {
             Ok(robot) => robot,
             Err(error) => {
                 // What `urdf-rs` tells without a line is mostly found above.
@@ -116,6 +116,21 @@ impl Urdf {
     pub fn line_of_joint(&self, name: &str) -> Option<usize> {
         self.joint_lines.get(name).copied()
     }
+}
+
+/// `text` without the elements that have no shape, which `urdf-rs` does not read.
+fn without_shapeless(text: &str, source: &Source<'_>) -> String {
+    let mut kept = String::with_capacity(text.len());
+    let mut end = 0;
+    let mut ranges: Vec<_> =
+        source.links.iter().flat_map(numbers::shapeless).map(|part| part.node.range()).collect();
+    ranges.sort_by_key(|range| range.start);
+    for range in ranges {
+        kept.push_str(text.get(end..range.start).unwrap_or_default());
+        end = range.end;
+    }
+    kept.push_str(text.get(end..).unwrap_or_default());
+    kept
 }
 
 /// The joints in `text` that move, also when they make no tree.

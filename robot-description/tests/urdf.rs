@@ -345,10 +345,6 @@ fn words_that_are_no_urdf_say_so() {
         ("<robt/>", "<robt> is not a robot"),
         ("<robot name=\"x\"/>", "no links"),
         ("<robot name=\"x\"><link/></robot>", "a link without a name"),
-        (
-            "<robot name=\"x\"><link name=\"a\"><visual/></link></robot>",
-            "robot.urdf:1: link a: <visual> has no geometry",
-        ),
         ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
         ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
         (&deep, "more than 64 levels deep"),
@@ -357,6 +353,25 @@ fn words_that_are_no_urdf_say_so() {
         let said = findings.iter().map(ToString::to_string).collect::<String>();
         assert!(urdf.is_none() && said.contains(expected), "{text}: {said}");
     }
+}
+
+/// Exporters write them for links without a surface.
+#[test]
+fn shapes_that_are_none_are_ignored_with_a_warning_in_their_line() {
+    let shapes = "  <collision><geometry><mesh filename=\"\"/></geometry></collision>\n  <visual/>\n  \
+        <visual><geometry/></visual>\n  <visual><geometry><mesh/></geometry></visual>\n  \
+        <visual><geometry><sphere radius=\"0.01\"/></geometry></visual>\n";
+    let text = ROBOT.replacen("<link name=\"upper\">\n", &format!("<link name=\"upper\">\n{shapes}"), 1);
+    let (urdf, findings) = check(&text);
+    assert_eq!(urdf.unwrap().robot.links[1].visual.len(), 1);
+    let first = line(&text, "<link name=\"upper\">", "<collision>");
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert_eq!(said.len(), 4, "{said:?}");
+    for (line, said) in (first..).zip(&said) {
+        let place = format!("robot.urdf:{line}: link upper: its <");
+        assert!(said.contains(&place) && said.contains("has no shape; it is ignored"), "{said}");
+    }
+    assert!(findings.iter().all(|finding| !finding.is_error()));
 }
 
 #[test]

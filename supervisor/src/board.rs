@@ -7,7 +7,7 @@ use tesaki::protocol::{
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskTelemetry};
 
 /// Why a request to a board failed.
 #[derive(Debug, thiserror::Error)]
@@ -21,12 +21,12 @@ pub enum BoardError {
         refusal: Refusal,
     },
     /// The reply does not belong to the request.
-    #[error("unexpected reply to the request to {action}: {reply}")]
+    #[error("the board answered the request to {action} with {reply}; please report this")]
     WrongReply {
         /// The requested action.
         action: &'static str,
-        /// The reply.
-        reply: String,
+        /// The reply, in words.
+        reply: &'static str,
     },
     /// Board and client use different versions of the protocol.
     #[error(
@@ -43,6 +43,12 @@ pub enum BoardError {
         /// The board's firmware version.
         firmware: [u8; 3],
     },
+    /// The board has forgotten this program.
+    #[error(
+        "the board was reset meanwhile: it has forgotten its model, homed joints and tared force sensors, and \
+         this program. Push the model again (`tesaki model push`), home and tare"
+    )]
+    Reset,
     /// No answer in time.
     #[error("no answer from the board within {seconds} s: check cable, port and power")]
     Timeout {
@@ -50,12 +56,12 @@ pub enum BoardError {
         seconds: f64,
     },
     /// The board runs another task.
-    #[error("the board's task is not {expected}: {reply}")]
+    #[error("the board's task is {reported}, not {expected}")]
     OtherTask {
         /// The expected task.
-        expected: &'static str,
+        expected: TaskKind,
         /// The reported task.
-        reply: String,
+        reported: TaskKind,
     },
     /// The link itself failed.
     #[error("the link to the board failed: {0}")]
@@ -72,6 +78,17 @@ pub enum BoardError {
     /// The model is too large, or the received data are not a model.
     #[error("the robot model cannot be encoded or decoded: {0}")]
     Encoding(#[from] postcard::Error),
+}
+
+impl BoardError {
+    /// The board refused to do `action`. A board that wants a greeting although it speaks the same version of
+    /// the protocol has forgotten this client: it was reset.
+    pub const fn refused(action: &'static str, refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::SchemaMismatch { board: SCHEMA_KEY, .. } => Self::Reset,
+            refusal => Self::Refused { action, refusal },
+        }
+    }
 }
 
 /// Data exported by a board.
@@ -100,7 +117,7 @@ pub trait Board {
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), BoardError> {
         match self.request(request)? {
             Reply::Done => Ok(()),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action, refusal }),
+            Reply::Refused(refusal) => Err(BoardError::refused(action, refusal)),
             reply => Err(wrong(action, &reply)),
         }
     }
@@ -145,7 +162,7 @@ pub trait Board {
         for _ in 0..3 {
             let (length, checksum, index, key) = match self.request(Request::Export(item))? {
                 Reply::Exported { length, checksum, index, key } => (length, checksum, index, key),
-                Reply::Refused(refusal) => return Err(BoardError::Refused { action: ACTION, refusal }),
+                Reply::Refused(refusal) => return Err(BoardError::refused(ACTION, refusal)),
                 reply => return Err(wrong(ACTION, &reply)),
             };
             let mut bytes = Vec::new();
@@ -154,7 +171,7 @@ pub trait Board {
                 match self.request(Request::ReadExport { offset })? {
                     Reply::Chunk { data, .. } if !data.is_empty() => bytes.extend_from_slice(&data),
                     Reply::Chunk { .. } | Reply::Refused(Refusal::NotExported { .. }) => break,
-                    Reply::Refused(refusal) => return Err(BoardError::Refused { action: ACTION, refusal }),
+                    Reply::Refused(refusal) => return Err(BoardError::refused(ACTION, refusal)),
                     reply => return Err(wrong(ACTION, &reply)),
                 }
             }
@@ -257,7 +274,7 @@ pub trait Board {
         const ACTION: &str = "report on its task";
         match self.request(Request::ReadTask)? {
             Reply::Task(report) => Ok(report),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action: ACTION, refusal }),
+            Reply::Refused(refusal) => Err(BoardError::refused(ACTION, refusal)),
             reply => Err(wrong(ACTION, &reply)),
         }
     }
@@ -269,7 +286,7 @@ pub trait Board {
     fn read_grasp(&mut self) -> Result<GraspTelemetry, BoardError> {
         match self.read_task()?.telemetry {
             TaskTelemetry::Grasping(grasp) => Ok(grasp),
-            other => Err(BoardError::OtherTask { expected: "grasping", reply: format!("{other:?}") }),
+            other => Err(BoardError::OtherTask { expected: TaskKind::Grasping, reported: kind(&other) }),
         }
     }
 
@@ -280,9 +297,7 @@ pub trait Board {
     fn read_impedance(&mut self) -> Result<ImpedanceTelemetry, BoardError> {
         match self.read_task()?.telemetry {
             TaskTelemetry::Impedance(arm) => Ok(arm),
-            other => {
-                Err(BoardError::OtherTask { expected: "impedance control", reply: format!("{other:?}") })
-            }
+            other => Err(BoardError::OtherTask { expected: TaskKind::Impedance, reported: kind(&other) }),
         }
     }
 
@@ -319,7 +334,7 @@ pub trait Board {
     fn status(&mut self) -> Result<Status, BoardError> {
         match self.request(Request::ReadStatus)? {
             Reply::Status(status) => Ok(status),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell its status", refusal }),
+            Reply::Refused(refusal) => Err(BoardError::refused("tell its status", refusal)),
             reply => Err(wrong("tell its status", &reply)),
         }
     }
@@ -331,7 +346,7 @@ pub trait Board {
     fn faults(&mut self) -> Result<FaultLog, BoardError> {
         match self.request(Request::ReadFaults)? {
             Reply::Faults(log) => Ok(log),
-            Reply::Refused(refusal) => Err(BoardError::Refused { action: "tell its faults", refusal }),
+            Reply::Refused(refusal) => Err(BoardError::refused("tell its faults", refusal)),
             reply => Err(wrong("tell its faults", &reply)),
         }
     }
@@ -341,6 +356,25 @@ fn joints(values: &[f32]) -> Result<heapless::Vec<f32, MAX_JOINTS>, BoardError> 
     heapless::Vec::from_slice(values).map_err(|_| BoardError::TooManyJoints(values.len()))
 }
 
-fn wrong(action: &'static str, reply: &Reply) -> BoardError {
-    BoardError::WrongReply { action, reply: format!("{reply:?}") }
+/// The task that a telemetry is about.
+const fn kind(telemetry: &TaskTelemetry) -> TaskKind {
+    match telemetry {
+        TaskTelemetry::JointServo(()) => TaskKind::JointServo,
+        TaskTelemetry::Grasping(_) => TaskKind::Grasping,
+        TaskTelemetry::Impedance(_) => TaskKind::Impedance,
+    }
+}
+
+const fn wrong(action: &'static str, reply: &Reply) -> BoardError {
+    let reply = match reply {
+        Reply::Hello { .. } => "a greeting",
+        Reply::Done => "a confirmation without data",
+        Reply::Refused(_) => "a refusal",
+        Reply::Status(_) => "its status",
+        Reply::Faults(_) => "its faults",
+        Reply::Exported { .. } => "the size of an export",
+        Reply::Chunk { .. } => "a piece of an export",
+        Reply::Task(_) => "a report on its task",
+    };
+    BoardError::WrongReply { action, reply }
 }

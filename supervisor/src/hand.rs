@@ -307,6 +307,9 @@ impl<B: FingerBoard> FingerState<B> {
         let board = || self.name.clone();
         let news = self.board.listen().map_err(|source| HandError::Board { board: board(), source })?;
         if let Some(refusal) = news.refusal {
+            if let source @ BoardError::Reset = BoardError::refused("move", refusal) {
+                return Err(HandError::Board { board: board(), source });
+            }
             return Err(HandError::Refused { board: board(), refusal });
         }
         self.telemetry = news.telemetry.or_else(|| self.telemetry.take());

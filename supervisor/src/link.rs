@@ -159,7 +159,11 @@ impl<L: ByteLink> Board for LinkBoard<L> {
             // It was reset, or many others have talked to it since: it has forgotten our hello.
             Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) => {
                 self.exchange(Request::Hello { schema: SCHEMA_KEY })?;
-                self.exchange(request)
+                match self.exchange(request)? {
+                    // A commander is forgotten in a reset only.
+                    Reply::Refused(Refusal::NotCommander) => Err(BoardError::Reset),
+                    reply => Ok(reply),
+                }
             }
             reply => Ok(reply),
         }

@@ -18,9 +18,10 @@ pub fn fault(cause: FaultCause) -> String {
     entry("FaultCause", &cause)
 }
 
-/// The entry of a refusal. For a refusal that contains another one, the entry of the inner one.
+/// The entry of a refusal. For a refusal that contains another one, or a fault, the entry of the inner one.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
+        Refusal::Unsafe(inner) => fault(inner.cause),
         Refusal::Limit(limit) => entry("LimitRefusal", limit),
         Refusal::Model(error) => entry("Problem", &error.problem),
         Refusal::Task(refusal) => task_refusal(refusal),
@@ -95,6 +96,8 @@ fn headings(text: &str) -> Vec<Heading<'_>> {
 
 #[cfg(test)]
 mod tests {
+    use tesaki::fault::Fault;
+
     use super::*;
 
     #[test]
@@ -102,6 +105,9 @@ mod tests {
         let fault_entry = fault(FaultCause::FollowingError);
         assert_eq!(fault_entry, "docs/troubleshooting.md#fault-3-followingerror");
         assert_eq!(refusal(&Refusal::NoModel), "docs/troubleshooting.md#nomodel");
+        let cause = FaultCause::EmergencyStop;
+        let pressed = Refusal::Unsafe(Fault { cause, joint: None, value: 0.0, limit: 0.0, tick: 7 });
+        assert_eq!(refusal(&pressed), "docs/troubleshooting.md#fault-9-emergencystop");
         let grasping = TaskRefusal::Grasping(GraspRefusal::NotAHand);
         assert_eq!(refusal(&Refusal::Task(grasping)), "docs/troubleshooting.md#notahand");
         // The name occurs in several sections.

@@ -481,8 +481,14 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     assert!(err.contains("1 findings that are irrelevant here; `tesaki model check "), "{err}");
     change("upper=\"", "upper=\"100");
     eval("fk", robot, &[], "finger_joint\n0\n");
-    let (code, _, err) = tesaki(&["eval", "ik", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
+    let pad = "left_inner_finger_pad.x,left_inner_finger_pad.y,left_inner_finger_pad.z\n0,0.05,0.1\n";
+    let inverse = ["eval", "ik", "--robot", robot, "--in", "-"];
+    let (code, _, err) = tesaki(&inverse, pad);
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("degrees?"), "{err}");
+    // Those of a joint that is not on the way to the tip matter to nobody.
+    change("upper=\"0.81\"", "upper=\"100\"");
+    let (code, out, err) = tesaki(&inverse, pad);
+    assert!(code == 0 && out.contains("reached") && err.contains("1 findings that are irrelevant"), "{err}");
     change("<parent link=\"", "<parent link=\"x");
     let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");

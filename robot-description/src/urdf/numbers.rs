@@ -71,7 +71,16 @@ const SINGLE: &[&str] = &[
 
 pub fn check(source: &Source<'_>, report: &mut Report) {
     for owner in source.links.iter().chain(&source.joints) {
+        for part in shapeless(owner) {
+            let message = format!("{}: its <{}> has no shape", owner.title(), part.tag());
+            report.warning(Some(part.line()), message, "it is ignored; add a shape, or remove it");
+        }
+        let ignored: Vec<_> = shapeless(owner).map(|part| part.node.range()).collect();
         for part in owner.descendants() {
+            let start = part.node.range().start;
+            if ignored.iter().any(|range| range.contains(&start)) {
+                continue;
+            }
             for attribute in part.node.attributes() {
                 number(owner, &part, attribute.name(), attribute.value(), report);
             }
@@ -91,6 +100,24 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
             );
         }
     }
+}
+
+/// Shapes that can be read.
+const SHAPES: [&str; 5] = ["box", "cylinder", "capsule", "sphere", "mesh"];
+
+/// What is to be seen or touched of a link, but has no shape: no geometry, an empty one, or `<mesh/>` without
+/// a file. Exporters write such for links without a surface.
+pub fn shapeless<'a>(link: &Part<'a>) -> impl Iterator<Item = Part<'a>> + use<'a> {
+    let parts = link.children("visual").chain(link.children("collision"));
+    parts.filter(|part| {
+        let shape = |geometry: Part<'_>| geometry.descendants().nth(1).is_some_and(|shape| is_shape(&shape));
+        !part.child("geometry").is_some_and(shape)
+    })
+}
+
+fn is_shape(part: &Part<'_>) -> bool {
+    let is_empty_mesh = || part.attribute("filename").is_none_or(|name| name.trim().is_empty());
+    SHAPES.contains(&part.tag()) && !(part.tag() == "mesh" && is_empty_mesh())
 }
 
 fn number(owner: &Part<'_>, part: &Part<'_>, name: &str, value: &str, report: &mut Report) {
@@ -128,9 +155,5 @@ fn single(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {
             let message = format!("{}: a second <{tag}>", owner.title());
             report.kinematics(Some(second.line()), message, "remove one");
         }
-    }
-    if matches!(part.tag(), "visual" | "collision") && part.child("geometry").is_none() {
-        let message = format!("{}: <{}> has no geometry", owner.title(), part.tag());
-        report.kinematics(Some(part.line()), message, "add <geometry>, or remove it");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::server::{Server, arm7, finish, said, signal};
+use super::server::{Server, arm7, finish, said, signal, unread};
 
 #[test]
 fn an_arm_is_compliant_until_ctrl_c() {
@@ -48,6 +48,37 @@ fn an_arm_is_compliant_until_ctrl_c() {
     assert_eq!(code, 0, "{text}");
     assert!(text.lines().count() > 3 && text.contains("\"contact\":false"), "{text}");
     assert!(text.contains("largest_force"), "{text}");
+}
+
+#[test]
+fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
+    let server = Server::ready_arm();
+    assert!(server.home.is_empty(), "{:?}", server.home);
+    assert!(server.succeeds(&["home"]).contains("all encoders of arm7 are absolute"));
+    let joint = server.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
+    let target = format!("{joint}=0.02");
+    let moved = server.start_command(&["move", "--relative", &target]);
+    server.wait_for("enabled");
+    std::thread::sleep(Duration::from_secs(2));
+    server.wait_for("enabled");
+    signal(&moved, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(moved));
+    assert_eq!(code, 0, "{text}");
+    for word in ["arrived", "holding, because without power arm7 falls", "disabled; without power arm7 falls"]
+    {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+    let moved = server.succeeds(&["move", "--no-hold", "--relative", &format!("{joint}=0")]);
+    assert!(moved.contains("arrived") && !moved.contains("holding"), "{moved}");
+
+    server.succeeds(&["tare"]);
+    let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
+    let run = server.start_command(&["--json", "impedance", "hold", &soft]);
+    server.wait_for("enabled");
+    let (code, text) = unread(run);
+    assert_eq!(code, 0, "{text}");
+    assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
+    assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
 #[test]

@@ -24,10 +24,42 @@ fn parameters_are_read_changed_and_refused_by_name() {
     server.succeeds(&["set", "joints.*.limits.velocity", "4.5"]);
     assert!(server.succeeds(&["read", "joints.finger3_curl.limits"]).contains("limits.velocity = 4.5"));
     server.fails(&["set", "safety.damping", "-1"], 2, &["safety.damping", "-1"]);
-    server.fails(&["set", "safety.reaction", "sleep"], 2, &["sleep", "Hold"]);
-    server.fails(&["set", "safety.colour", "red"], 2, &["colour", "command_timeout"]);
+    server.fails(&["set", "safety.reaction", "sleep"], 2, &["`sleep`", "`off`, `damp`, `hold`"]);
+    server.fails(
+        &["set", "safety.colour", "red"],
+        2,
+        &["no parameter \"colour\" in safety", "command_timeout"],
+    );
+    server.fails(&["set", "colour", "red"], 2, &["no parameter \"colour\"; the groups", "safety"]);
+    server.fails(&["read", "joints.finger9_curl"], 2, &["no parameter \"finger9_curl\" in joints"]);
     server.fails(&["set", "safety", "1"], 2, &["is a group"]);
+    // The stops are those of the mechanism.
+    let upper = "joints.finger1_swing.limits.upper";
+    server.fails(&["set", upper, "1.5"], 2, &[upper, "1.5 is beyond", "-1 to 1 rad"]);
+    assert!(!server.succeeds(&["set", upper, "0.9"]).contains("tare"));
+    server.succeeds(&["tare"]);
+    assert!(server.succeeds(&["set", upper, "0.8"]).contains("finger3_tip must be tared anew"));
     // Homed joints stay homed: their encoders are the same.
     server.succeeds(&["move", "finger1_swing=0.02"]);
     assert_eq!(server.json(&["model", "show"])["safety"]["reaction"], "Off");
+}
+
+#[test]
+fn names_with_points_are_addressed() {
+    let server = Server::start();
+    let robot = server.folder.path().join("robot");
+    std::fs::create_dir(&robot).unwrap();
+    for file in ["robot.urdf", "controller.toml"] {
+        let text = std::fs::read_to_string(hand3().join(file)).unwrap();
+        std::fs::write(robot.join(file), text.replace("finger1_swing", "finger1.swing")).unwrap();
+    }
+    server.succeeds(&["model", "push", robot.to_str().unwrap()]);
+    let limit = "joints.finger1.swing.limits.upper";
+    server.succeeds(&["set", limit, "0.75"]);
+    assert!(server.succeeds(&["read", limit]).contains("= 0.75"));
+    assert!(server.succeeds(&["read", "joints.*.limits.upper"]).contains(&format!("{limit} = 0.75")));
+    // What is assumed about the others is said.
+    let homed = server.succeeds(&["home", "finger1.swing=0", "--others", "0"]);
+    let warning = "must stand at 0 rad now";
+    assert!(homed.contains("warning: finger1_bend, ") && homed.contains(warning), "{homed}");
 }

@@ -1,9 +1,9 @@
 //! The link to the board: absent, bad, or interrupted.
 
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use super::server::Server;
+use super::server::{Server, finish, hand3, said, unread};
 
 #[test]
 fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
@@ -22,6 +22,31 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     server.fails(&["--timeout", "0.3", "--port", &port, "info"], 6, &["no answer"]);
     server.fails(&["--timeout", "0.3", "--port", &port, "doctor"], 6, &["no answer", "RX and TX"]);
     assert!(server.succeeds(&["completions", "bash"]).contains("_tesaki"));
+    let (code, text) = unread(server.start_command(&["completions", "bash"]));
+    assert_eq!((code, &*text), (0, ""));
+}
+
+#[test]
+fn a_client_is_told_that_its_board_was_reset_or_is_gone() {
+    let mut server = Server::ready();
+    let enabled = server.start_command(&["enable"]);
+    server.wait_for("enabled");
+    server.make_trouble("reset");
+    let (code, text) = said(&finish(enabled));
+    assert_eq!(code, 1, "{text}");
+    assert!(text.contains("the board was reset meanwhile") && text.contains("tesaki model push"), "{text}");
+
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    server.home();
+    let enabled = server.start_command(&["enable"]);
+    server.wait_for("enabled");
+    server.stop.store(true, Ordering::Relaxed);
+    server.thread.take().unwrap().join().unwrap();
+    let gone = Instant::now();
+    let (code, text) = said(&finish(enabled));
+    assert_eq!(code, 6, "{text}");
+    assert!(text.contains("no answer from the board for 2.0 s") && text.contains("1 s after"), "{text}");
+    assert!(gone.elapsed() < Duration::from_secs(4), "{:?}", gone.elapsed());
 }
 
 #[test]

@@ -14,10 +14,16 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     let faults = server.json(&["faults"]);
     assert_eq!(faults["faults"][0]["number"], 4);
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
+    server.fails(&["doctor"], 5, &["the encoder jumped"]);
+    assert!(server.succeeds(&["faults"]).contains("the board is stopped until they are cleared"));
+    assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
-    server.fails(&["enable"], 7, &["emergency stop"]);
+    assert!(server.succeeds(&["faults"]).contains("past faults; none stops the board now"));
+    server.fails(&["enable"], 7, &["emergency stop", "#fault-9-emergencystop"]);
+    server.fails(&["doctor"], 1, &["the emergency stop is pressed"]);
     server.make_trouble("estop off");
+    assert!(!server.succeeds(&["doctor"]).contains("emergency stop"));
     server.make_trouble("supply 15");
     server.fails(&["doctor"], 1, &["supply 15.0 V, outside 20 to 28 V"]);
     server.make_trouble("reset");

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::server::{Server, finish, hand3, said, signal};
+use super::server::{Server, finish, hand3, said, signal, unread};
 
 /// The grasp of the box.
 fn box_grasp() -> String {
@@ -66,6 +66,14 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     assert_eq!(code, 0, "{text}");
     assert!(text.contains("lowers an object") && text.contains("interrupted: disabled"), "{text}");
 
+    // Nobody reads on: the box is put down all the same.
+    let run = server.start_command(&["--json", "grasp", "run", &file]);
+    wait_until_held();
+    let (code, text) = unread(run);
+    assert_eq!(code, 0, "{text}");
+    let status = server.json(&["grasp", "status"]);
+    assert!(status["phase"] == "Ready" && status["mode"] == "Disabled", "{status}");
+
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();
     server.make_trouble("estop on");
@@ -76,6 +84,11 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
         assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
     }
     assert!(text.contains("\"phase\":\"Hold\""), "{text}");
+    let status = server.succeeds(&["grasp", "status"]);
+    assert!(
+        status.contains("the grasp ended: the board is in fault") && status.contains("before that"),
+        "{status}"
+    );
 }
 
 #[test]

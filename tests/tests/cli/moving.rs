@@ -1,7 +1,10 @@
 //! Joints and fingertips moved to a target.
 
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use tesaki::protocol::{FromBoard, Stream};
+use tesaki_supervisor::{Board, LinkBoard};
 
 use super::recording::{decode, encode};
 use super::server::{Server, finish, hand3, said, signal};
@@ -32,6 +35,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
         &["finger1_swing: 9 rad is outside its limits -1 to 1 rad"],
     );
     server.fails(&["move", "finger1_swing"], 2, &["JOINT=ANGLE"]);
+    server.fails(&["move", "finger1_swing=0", "finger1_swing=1"], 2, &["finger1_swing is given twice"]);
 
     let name = server.folder.path().join("run");
     let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
@@ -41,6 +45,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     signal(&recorder, nix::sys::signal::Signal::SIGINT);
     assert!(recorder.wait().unwrap().success());
     let state = server.json(&["read"]);
+    assert_eq!(state["joints"][0]["name"], "finger1_swing");
     let angle = state["joints"][0]["position"].as_f64().unwrap();
     assert!((angle - 0.349_066).abs() < 0.02, "{angle}");
     let log = name.with_extension("log");
@@ -48,6 +53,24 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     let ticks: u32 = replayed.split(' ').next().unwrap().parse().unwrap();
     assert!(ticks > 100 && replayed.contains("identical"), "{replayed}");
     assert!(std::fs::metadata(name.with_extension("mcap")).unwrap().len() > 10_000);
+
+    // Nothing is overwritten that was not meant.
+    let again = ["record", name.to_str().unwrap(), "--duration", "0.2"];
+    server.fails(&again, 2, &["run.log exists", "--force"]);
+
+    // A file that was cut, or in which one bit is wrong, is not the recording of the board.
+    let whole = std::fs::read(&log).unwrap();
+    std::fs::write(&log, &whole[..whole.len() - 3]).unwrap();
+    server.fails(
+        &["replay", log.to_str().unwrap()],
+        1,
+        &["in the middle of a record after tick", "identical"],
+    );
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 1;
+    std::fs::write(&log, flipped).unwrap();
+    server.fails(&["replay", log.to_str().unwrap()], 1, &["damaged record", "after tick", "not be compared"]);
+    std::fs::write(&log, whole).unwrap();
 
     // One flipped bit in a recorded torque is found and named, whatever the checksum says.
     let mut records = decode(&std::fs::read(&log).unwrap());
@@ -60,6 +83,32 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     std::fs::write(&log, encode(&records)).unwrap();
     server.fails(&["replay", log.to_str().unwrap()], 1, &["torque of joint 4 was"]);
     server.fails(&["replay", "/nowhere"], 1, &["/nowhere"]);
+    server.succeeds(&[&again[..], &["--force"]].concat());
+}
+
+#[test]
+fn other_programs_leave_the_rate_that_one_needs() {
+    let server = Server::ready();
+    let port = tesaki_supervisor::port::open(&server.address).unwrap();
+    let mut watcher = LinkBoard::new(port, Duration::from_secs(2));
+    watcher.hello().unwrap();
+    watcher.set_rate(Stream::Telemetry, 1).unwrap();
+    watcher.set_rate(Stream::Tips, 1).unwrap();
+    server.succeeds(&["move", "finger1_swing=0.05"]);
+    server.succeeds(&["read"]);
+    server.succeeds(&["doctor"]);
+    while watcher.next_event(Instant::now()).unwrap().is_some() {}
+    let mut ticks = [Vec::new(), Vec::new()];
+    while ticks.iter().any(|ticks| ticks.len() < 5) {
+        match watcher.next_event(Instant::now() + Duration::from_secs(1)).unwrap().unwrap() {
+            FromBoard::Telemetry(telemetry) => ticks[0].push(telemetry.tick),
+            FromBoard::Tips(tips) => ticks[1].push(tips.tick),
+            _ => {}
+        }
+    }
+    for ticks in ticks {
+        assert!(ticks.windows(2).all(|pair| pair[1] == pair[0] + 1), "{ticks:?}");
+    }
 }
 
 #[test]

@@ -83,7 +83,8 @@ impl Server {
         let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
         let address = hub.address().clone();
         let terminal = hub.add_pty().unwrap();
-        let home = home_command(&plant, &robot.model).split(' ').skip(1).map(str::to_owned).collect();
+        let home = home_command(&plant, &robot.model).unwrap_or_default();
+        let home = home.split(' ').skip(1).map(str::to_owned).collect();
         let stop = Arc::new(AtomicBool::new(false));
         let (trouble, lines) = channel();
         let flag = Arc::clone(&stop);
@@ -198,6 +199,12 @@ pub fn finish(child: Child) -> Output {
     drop(done);
     watchdog.join().unwrap();
     output
+}
+
+/// What a command said on standard error when nobody reads its output any more.
+pub fn unread(mut child: Child) -> (i32, String) {
+    drop(child.stdout.take());
+    said(&finish(child))
 }
 
 pub fn said(output: &Output) -> (i32, String) {

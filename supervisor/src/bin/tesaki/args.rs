@@ -1,6 +1,7 @@
 //! The command line.
 
 mod eval;
+mod examples;
 mod grasp;
 mod identify;
 mod impedance;
@@ -18,10 +19,14 @@ pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 
+use crate::failure::Failure;
+use crate::output;
+
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done
-  1  failed: unreadable file, invalid robot folder, differing recording, problem found by `doctor`
+  1  failed: unreadable file, invalid robot folder, differing or damaged recording, problem found by
+     `doctor`, board that was reset meanwhile
   2  invalid arguments
   3  no device found, or it cannot be opened
   4  the board and this program use different versions of the protocol
@@ -70,24 +75,30 @@ pub enum Command {
     /// List the ports where a board may be connected
     List,
     /// Show identity and status of the board
+    #[command(after_help = examples::INFO)]
     Info,
     /// Diagnose everything from the port to the joints, with advice for each problem
+    #[command(after_help = examples::DOCTOR)]
     Doctor {
         /// Robot folder to compare with the model on the board
         #[arg(long, env = "TESAKI_ROBOT")]
         robot: Option<PathBuf>,
     },
     /// Show the joints live
+    #[command(after_help = examples::MONITOR)]
     Monitor,
     /// Enable the outputs and hold the joints where they are, until Ctrl-C
+    #[command(after_help = examples::ENABLE)]
     Enable(Enable),
     /// Disable the outputs, even if another program commands
     Disable,
     /// Stop at once with the configured reaction, even if another program commands
     Stop,
-    /// Move joints to angles, then disable the outputs
+    /// Move joints to angles, then disable the outputs, or hold where the robot would fall
+    #[command(after_help = examples::MOVE)]
     Move(Move),
     /// Move fingertips to positions along straight lines, then disable the outputs
+    #[command(after_help = examples::REACH)]
     Reach(Reach),
     /// Grasp an object with three fingers, lift, turn and shift it, and put it down
     #[command(subcommand)]
@@ -98,16 +109,19 @@ pub enum Command {
     #[command(subcommand)]
     Impedance(Impedance),
     /// Set the current joint angles (homing of relative encoders)
+    #[command(after_help = examples::HOME)]
     Home(Home),
     /// Zero the force sensors of the tips; nothing may touch them
     Tare,
     /// Read the joint states, or a parameter of the model such as safety.command_timeout or
     /// joints.NAME.limits
+    #[command(after_help = examples::READ)]
     Read {
         /// Name of the parameter; `model` for all parameters
         path: Option<String>,
     },
     /// Change a parameter of the model on the board, until the next reset or push
+    #[command(after_help = examples::SET)]
     Set {
         /// Name of the parameter; `joints.*.…` means every joint
         path: String,
@@ -125,24 +139,29 @@ pub enum Command {
     #[command(subcommand, subcommand_value_name = "fk|jacobian|ik|rnea|mass|bias|grip")]
     Eval(Eval),
     /// Show the faults since power-on
+    #[command(after_help = examples::FAULTS)]
     Faults {
         /// Clear them once read: a board in fault becomes disabled
         #[arg(long)]
         clear: bool,
     },
     /// Record all inputs and outputs of the control core, until Ctrl-C
+    #[command(after_help = examples::RECORD)]
     Record(Record),
     /// Run the control core over a recording and report the first bit that differs
+    #[command(after_help = examples::REPLAY)]
     Replay {
         /// The recording
         log: PathBuf,
     },
     /// Share a board between several programs: one commands, the others watch
+    #[command(after_help = examples::SHARE)]
     Share {
         /// Address for the other programs: unix://PATH or tcp://HOST:PORT
         listen: Address,
     },
     /// Print shell completions
+    #[command(after_help = examples::COMPLETIONS)]
     Completions {
         /// The shell
         shell: clap_complete::Shell,
@@ -152,6 +171,7 @@ pub enum Command {
 #[derive(Subcommand)]
 pub enum ModelCommand {
     /// Send a robot's model to the board
+    #[command(after_help = examples::PUSH)]
     Push {
         /// Robot folder
         robot: PathBuf,
@@ -165,6 +185,7 @@ pub enum ModelCommand {
     /// Print the model on the board
     Show,
     /// Report all problems of a robot folder by file and line; needs no board
+    #[command(after_help = examples::CHECK)]
     Check {
         /// Robot folder or URDF file
         robot: PathBuf,
@@ -201,9 +222,13 @@ pub struct Move {
     /// Fail if the targets are not reached within this time [s]
     #[arg(long, default_value = "20", value_parser = seconds)]
     pub within: Duration,
-    /// After arrival, hold until Ctrl-C before disabling the outputs
+    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    /// with more than its friction
     #[arg(long)]
     pub hold: bool,
+    /// After arrival, disable the outputs at once, even if the robot falls
+    #[arg(long, conflicts_with = "hold")]
+    pub no_hold: bool,
 }
 
 #[derive(Args)]
@@ -223,9 +248,13 @@ pub struct Reach {
     /// Position tolerance [m]
     #[arg(long, default_value_t = 0.002)]
     pub tolerance: f32,
-    /// After arrival, hold until Ctrl-C before disabling the outputs
+    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    /// with more than its friction
     #[arg(long)]
     pub hold: bool,
+    /// After arrival, disable the outputs at once, even if the robot falls
+    #[arg(long, conflicts_with = "hold")]
+    pub no_hold: bool,
 }
 
 #[derive(Args)]
@@ -246,6 +275,9 @@ pub struct Record {
     /// Base name: writes NAME.log for replay and NAME.mcap for viewers
     #[arg(default_value = "recording")]
     pub name: PathBuf,
+    /// Replace files of this name
+    #[arg(long)]
+    pub force: bool,
     /// Stop after this time [s]; without it, at Ctrl-C
     #[arg(long, value_parser = seconds)]
     pub duration: Option<Duration>,
@@ -304,6 +336,8 @@ fn tip_position(text: &str) -> Result<(String, [f32; 3]), String> {
 }
 
 /// Prints the completions of `shell`.
-pub fn completions(shell: clap_complete::Shell) {
-    clap_complete::generate(shell, &mut Cli::command(), "tesaki", &mut std::io::stdout());
+pub fn completions(shell: clap_complete::Shell) -> Result<(), Failure> {
+    let mut text = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "tesaki", &mut text);
+    output::line(String::from_utf8_lossy(&text).trim_end())
 }

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
+use tesaki::fault::Fault;
 use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki_supervisor::Board;
@@ -122,27 +123,43 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();
-    let list: Vec<_> = log
-        .faults
-        .iter()
-        .map(|fault| json!({ "number": fault.cause.number(), "fault": output::exact(fault), "text": describe(fault, model.as_ref()) }))
-        .collect();
     if clear {
         session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
     }
-    let mode = session.board.status()?.node.mode;
+    let node = session.board.status()?.node;
+    let mode = node.mode;
+    // A fault in a tick that is still to come happened before a reset, perhaps with another model.
+    let named = |fault: &Fault| model.as_ref().filter(|_| fault.tick <= node.tick);
+    let list: Vec<_> = log
+        .faults
+        .iter()
+        .map(|fault| {
+            let joint = fault.joint.and_then(|joint| Some(named(fault)?.joint_name(joint.into()).to_owned()));
+            json!({
+                "number": fault.cause.number(),
+                "fault": output::exact(fault),
+                "joint": joint,
+                "text": describe(fault, named(fault)),
+            })
+        })
+        .collect();
     output::result(options, &json!({ "total": log.total, "faults": list, "mode": mode }), || {
         let mut text = String::new();
+        match (log.faults.is_empty(), clear, mode) {
+            (true, ..) => {}
+            (_, true, _) => text.push_str("faults until now, cleared:\n"),
+            (_, _, Mode::Fault) => text.push_str("faults; the board is stopped until they are cleared:\n"),
+            _ => text.push_str("past faults; none stops the board now:\n"),
+        }
         for fault in &log.faults {
-            let _ = writeln!(text, "{}", describe(fault, model.as_ref()));
+            let _ = writeln!(text, "  {}", describe(fault, named(fault)));
         }
         let dropped = log.total as usize - log.faults.len().min(log.total as usize);
         if dropped > 0 {
             let _ = writeln!(text, "and {dropped} older faults, no longer stored");
         }
-        let cleared = if clear { "; cleared" } else { "" };
         let faults = if log.total == 1 { "fault" } else { "faults" };
-        let _ = write!(text, "{} {faults} since power-on{cleared}. The board is {mode}.", log.total);
+        let _ = write!(text, "{} {faults} since power-on. The board is {mode}.", log.total);
         for entry in
             log.faults.iter().map(|fault| troubleshooting::fault(fault.cause)).collect::<BTreeSet<_>>()
         {

@@ -24,6 +24,9 @@ pub type BoardLink = FaultyLink<Reopening>;
 /// [`tesaki::protocol::LEASE`] as a duration.
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
+/// A control period.
+const TICK: Duration = Duration::from_millis(10);
+
 /// A board that has answered the greeting.
 pub struct BoardSession {
     pub board: LinkBoard<BoardLink>,
@@ -147,13 +150,25 @@ impl BoardSession {
         )))
     }
 
+    /// Makes `stream` come at least every `every` ticks. All clients share its rate, and another one may need
+    /// a higher one: it is set only if it is lower.
+    pub fn require_rate(&mut self, stream: Stream, every: u16) -> Result<(), Failure> {
+        Ok(require_rate(&mut self.board, stream, every)?)
+    }
+
     /// The current tips; leaves the stream at a rate that other programs can use.
     pub fn tips(&mut self) -> Result<Tips, Failure> {
-        self.board.set_rate(Stream::Tips, 10)?;
+        const EVERY: u16 = 10;
         let deadline = Instant::now() + Duration::from_secs(1);
-        while let Some(event) = self.board.next_event(deadline)? {
-            if let FromBoard::Tips(tips) = event {
-                return Ok(tips);
+        let mut soon = Instant::now() + u32::from(EVERY) * TICK;
+        while Instant::now() < deadline {
+            match self.board.next_event(soon)? {
+                Some(FromBoard::Tips(tips)) => return Ok(tips),
+                Some(_) => {}
+                None => {
+                    self.board.set_rate(Stream::Tips, EVERY)?;
+                    soon = deadline;
+                }
             }
         }
         Err(Failure::Late(
@@ -162,18 +177,46 @@ impl BoardSession {
         ))
     }
 
-    /// The current telemetry; leaves the stream at the rate of a monitor.
+    /// The current telemetry; leaves the stream at the rate of a monitor or higher.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
-        self.board.set_rate(Stream::Telemetry, 2)?;
+        self.require_rate(Stream::Telemetry, 2)?;
         self.telemetry(Duration::from_secs(1))
     }
+
+    /// The board does not answer: it is not asked for anything more.
+    pub const fn give_up(&mut self) {
+        self.commands = false;
+    }
+}
+
+/// See [`BoardSession::require_rate`].
+pub fn require_rate(board: &mut LinkBoard<BoardLink>, stream: Stream, every: u16) -> Result<(), BoardError> {
+    // Time for two messages, and for some delay.
+    let deadline = Instant::now() + (2 * u32::from(every) + 2) * TICK;
+    let mut last = None;
+    while Instant::now() < deadline
+        && let Some(event) = board.next_event(deadline)?
+    {
+        let tick = match (stream, event) {
+            (Stream::Telemetry, FromBoard::Telemetry(telemetry)) => telemetry.tick,
+            (Stream::Tips, FromBoard::Tips(tips)) => tips.tick,
+            (Stream::Status, FromBoard::Status(status)) => status.node.tick,
+            (Stream::Task, FromBoard::Task(report)) => report.tick,
+            _ => continue,
+        };
+        let step = last.replace(tick).map(|last: u32| tick.wrapping_sub(last));
+        if step.is_some_and(|step| (1..=u32::from(every)).contains(&step)) {
+            return Ok(());
+        }
+    }
+    board.set_rate(stream, every)
 }
 
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
         Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => Ok(()),
-        Reply::Refused(refusal) => Err(BoardError::Refused { action: "move", refusal }.into()),
+        Reply::Refused(refusal) => Err(BoardError::refused("move", refusal).into()),
         _ => Ok(()),
     }
 }

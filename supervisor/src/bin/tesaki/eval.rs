@@ -12,8 +12,8 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use serde_json::{Value, json};
-use tesaki_description::finding::Matter;
-use tesaki_description::urdf::{Drive, SerialPath, Urdf};
+use tesaki_description::finding::{Finding, Matter};
+use tesaki_description::urdf::{Drive, SerialPath, Urdf, UrdfError};
 
 use crate::args::{Eval, Kinematics, Options};
 use crate::failure::Failure;
@@ -54,15 +54,22 @@ pub fn run(options: &Options, eval: &Eval) -> Result<(), Failure> {
 
 fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(), Failure> {
     let matters: &[Matter] = match what {
-        Quantity::Fk | Quantity::Jacobian | Quantity::Bias => &[],
-        Quantity::Ik => &[Matter::Limits],
+        // The inverse kinematics needs the limits of the joints on the paths, see below.
+        Quantity::Fk | Quantity::Jacobian | Quantity::Bias | Quantity::Ik => &[],
         Quantity::Rnea | Quantity::Mass => &[Matter::Dynamics],
     };
-    let (urdf, others) = Urdf::load(&asked.robot, matters)?;
+    let (urdf, mut others) = Urdf::load(&asked.robot, matters)?;
     let table = Table::read(&asked.input)?;
     let tips = tips(&urdf, asked, what, &table)?;
     let paths = tips.iter().map(|tip| urdf.path(asked.base.as_deref(), tip));
     let paths: Vec<SerialPath> = paths.collect::<Result<_, _>>()?;
+    if matches!(what, Quantity::Ik) {
+        let (wrong, irrelevant) = others.into_iter().partition(|finding| spoils_limits(finding, &paths));
+        others = irrelevant;
+        if !wrong.is_empty() {
+            return Err(UrdfError::Wrong(wrong).into());
+        }
+    }
     let mut results = match what {
         Quantity::Fk => forward::poses(&table, &paths)?,
         Quantity::Jacobian => forward::jacobians(&table, &paths)?,
@@ -72,16 +79,29 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
         Quantity::Bias => dynamics::biases(&table, &paths)?,
     };
     results.notes.extend(unused(&table, &results.used));
-    if others > 0 {
+    if !others.is_empty() {
         let path = urdf.path.display();
+        let count = others.len();
         results.notes.push(format!(
-            "{others} findings that are irrelevant here; `tesaki model check {path}` lists them"
+            "{count} findings that are irrelevant here; `tesaki model check {path}` lists them"
         ));
     }
     let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
     let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
     let value = json!({ "rows": results.rows.len(), "tips": tips, "notes": results.notes });
     finish(options, &asked.output, &results, &text, &value)
+}
+
+/// Whether the limits of a joint on the paths, or of one that moves it, are wrong.
+fn spoils_limits(finding: &Finding, paths: &[SerialPath]) -> bool {
+    let joints = paths.iter().flat_map(|path| path.joints.iter().map(|joint| &joint.name));
+    let drives = paths.iter().flat_map(|path| path.drives.iter().map(|drive| &drive.name));
+    let is_about = |name: &String| {
+        let rest =
+            finding.message.strip_prefix("joint ").and_then(|message| message.strip_prefix(name.as_str()));
+        rest.is_some_and(|rest| rest.starts_with([':', ' ']))
+    };
+    finding.matter == Matter::Limits && joints.chain(drives).any(is_about)
 }
 
 /// The tips to compute: those named; else those with columns (inverse kinematics), or all.

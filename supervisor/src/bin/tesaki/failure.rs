@@ -109,6 +109,7 @@ impl Failure {
             | Self::ImpedanceFile(_)
             | Self::Calibration(_)
             | Self::File { .. }
+            | Self::Board(BoardError::Reset)
             | Self::Other(_) => 1,
             Self::Usage(_)
             | Self::Board(BoardError::TooManyJoints(_))

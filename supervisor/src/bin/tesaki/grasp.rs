@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki::protocol::{Request, TaskReport};
+use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
-use tesaki::task::{TaskConfig, TaskTelemetry};
+use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
-use tesaki_supervisor::Board;
+use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};
@@ -210,7 +210,8 @@ impl Course<'_> {
         let is_fatal = |failure: &Failure| {
             !matches!(
                 failure,
-                Failure::Grasp(_) | Failure::Board(tesaki_supervisor::BoardError::Refused { .. })
+                // Also when nobody reads the output any more, the object is put down.
+                Failure::Grasp(_) | Failure::Pipe | Failure::Board(BoardError::Refused { .. })
             )
         };
         let was_interrupted = match result {
@@ -321,8 +322,23 @@ fn with_advice(failure: &GraspFailure, file: &Path) -> String {
 fn status(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let grasp = session.board.read_grasp()?;
-    output::result(options, &output::exact(&grasp), || {
-        let mut text = format!("the hand {}\n", grasp.phase);
+    let mode = session.board.status()?.node.mode;
+    // The board keeps the phase of the last grasp: at a fault, or when it was disabled.
+    let ended = match mode {
+        Mode::Enabled(TaskKind::Grasping) => None,
+        Mode::Fault => {
+            let model = session.model().ok();
+            Some(format!("the grasp ended: the board is in fault: {}", session.fault(model.as_ref())?))
+        }
+        mode => Some(format!("no grasp now: the board is {mode}")),
+    };
+    let mut value = output::exact(&grasp);
+    value["mode"] = output::exact(&mode);
+    output::result(options, &value, || {
+        let mut text = match &ended {
+            None => format!("the hand {}\n", grasp.phase),
+            Some(ended) => format!("{ended}\nbefore that, the hand {}\n", grasp.phase),
+        };
         if let Some(failure) = grasp.failure {
             let _ = writeln!(text, "{:<14} {failure}", "failure");
         }

@@ -57,7 +57,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         ),
     )?;
     let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
-    rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
+    rates.iter().try_for_each(|&(stream, every)| session.require_rate(stream, every))?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
     let mut machine = BoardMachine {
         session,
@@ -72,9 +72,6 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     if found.is_err() {
         let _ = session.board.disable();
     }
-    // The rates of `tesaki monitor`.
-    let _ = session.board.set_rate(Stream::Telemetry, 2);
-    let _ = session.board.set_rate(Stream::Tips, 10);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");

@@ -8,6 +8,8 @@ mod doctor;
 mod eval;
 mod failure;
 mod grasp;
+mod gravity;
+mod home;
 mod identify;
 mod impedance;
 mod model;
@@ -16,6 +18,7 @@ mod output;
 mod parameter;
 mod reach;
 mod recording;
+mod replay;
 mod watch;
 
 use std::process::ExitCode;
@@ -51,8 +54,8 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Grasp(command) => grasp::run(options, command),
         Command::Identify(args) => identify::run(options, args),
         Command::Impedance(command) => impedance::run(options, command),
-        Command::Tare => motion::tare(options),
-        Command::Home(args) => motion::home(options, args),
+        Command::Tare => home::tare(options),
+        Command::Home(args) => home::home(options, args),
         Command::Read { path } => parameter::read(options, path.as_deref()),
         Command::Set { path, value } => parameter::set(options, path, value),
         Command::Model { command } => match command {
@@ -65,12 +68,9 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Eval(eval) => eval::run(options, eval),
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),
-        Command::Replay { log } => recording::replay(options, log),
+        Command::Replay { log } => replay::run(options, log),
         Command::Share { listen } => board::share(options, listen),
-        Command::Completions { shell } => {
-            args::completions(*shell);
-            Ok(())
-        }
+        Command::Completions { shell } => args::completions(*shell),
     }
     .map(|()| ExitCode::SUCCESS)
 }

@@ -1,4 +1,4 @@
-//! The commands `enable`, `move`, `home` and `tare`, and the control loop of all commands that move.
+//! The commands `enable` and `move`, and the control loop of all commands that move.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -6,15 +6,16 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{Mode, Request, TaskReport, Telemetry};
+use tesaki::protocol::{Mode, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
-use crate::args::{Enable, Home, Move, Options};
+use crate::args::{Enable, Move, Options};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
+use crate::gravity::Load;
 use crate::output;
 
 /// Period of the set-points: well below the command timeout, so that a few may be lost.
@@ -23,8 +24,10 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 const ASK: Duration = Duration::from_millis(50);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
-/// A board that is silent for longer is considered lost.
-const GONE: Duration = Duration::from_secs(5);
+/// Without telemetry for this time, the stream is requested again: another program may have stopped it.
+const SILENCE: Duration = Duration::from_millis(300);
+/// How long a board that may be gone is told to disable.
+const LAST_WORD: Duration = Duration::from_millis(500);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
@@ -36,7 +39,8 @@ pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
         &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
     )?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    output::notice(options, "enabled: the joints hold; Ctrl-C disables");
+    output::notice(options, "enabled: the joints hold");
+    motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
     let until = args.duration.map(|duration| Instant::now() + duration);
     let hold = goal_request(&goal)?;
     let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
@@ -76,6 +80,8 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     let count = output::counted(args.joints.len(), "joint");
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    let load = Load::at(&motion.model, &goal);
+    motion.announce_ctrl_c(load.as_ref());
     let deadline = Instant::now() + args.within;
     let mut progress = Progress::default();
     let set_point = goal_request(&goal)?;
@@ -89,29 +95,34 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         return motion.end(true);
     }
     let (joint, error) = progress.worst;
+    let joint = motion.model.joint_name(joint).to_owned();
     if !progress.arrived() {
-        let joint = motion.model.joint_name(joint).to_owned();
-        motion.end(false)?;
-        return Err(Failure::Late(format!(
-            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad); the board is disabled. Is the \
-             joint blocked, or --within too short?",
+        let late = format!(
+            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad)",
             args.within.as_secs_f64(),
             args.tolerance
+        );
+        // Not at the goal, where something may be in the way.
+        let here = goal_request(&motion.angles_within_limits())?;
+        if motion.load().is_some() && !args.no_hold {
+            output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
+            motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
+        }
+        motion.end(false)?;
+        return Err(Failure::Late(format!(
+            "{late}; the board is disabled. Is the joint blocked, or --within too short?"
         )));
     }
-    output::result(options, &json!({ "arrived": true, "largest_error": output::exact(&error) }), || {
-        format!("arrived: the largest error is {error:.4} rad")
-    })?;
-    if args.hold {
-        output::notice(options, "holding; Ctrl-C disables");
-        motion.drive(KEEP_ALIVE, |_| set_point.clone(), |_, _| false)?;
-    }
+    let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
+    output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
+    motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
     motion.end(false)
 }
 
 /// Replaces the angles of the joints that are named.
 fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Failure> {
     let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    each_once(&args.joints, "joint")?;
     for (name, angle) in &args.joints {
         let (index, joint) = find(model, name)?;
         let base = if args.relative { goal[index] } else { 0.0 };
@@ -121,31 +132,14 @@ fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Fa
     Ok(())
 }
 
-pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
-    let mut session = BoardSession::command(options)?;
-    let model = session.model()?;
-    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    let mut angles: Vec<Option<f32>> = vec![args.others.map(|angle| angle * unit); model.joints.len()];
-    for (name, angle) in &args.joints {
-        let (index, _) = find(&model, name)?;
-        angles[index] = Some(angle * unit);
+/// Refuses what is named twice.
+pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
+    for (index, (name, _)) in named.iter().enumerate() {
+        if named.iter().take(index).any(|(earlier, _)| earlier == name) {
+            return Err(Failure::Usage(format!("the {what} {name} is given twice: which is meant?")));
+        }
     }
-    let mut positions = Vec::new();
-    for (joint, angle) in model.joints.iter().zip(angles) {
-        let angle = angle.ok_or_else(|| {
-            Failure::Usage(format!(
-                "{} has no angle: name every joint, or give the others with --others",
-                joint.name
-            ))
-        })?;
-        check(joint, angle)?;
-        positions.push(angle);
-    }
-    output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
-    session.board.home(&positions)?;
-    output::result(options, &json!({ "homed": output::exact(&positions) }), || {
-        format!("{} homed", output::counted(positions.len(), "joint"))
-    })
+    Ok(())
 }
 
 fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
@@ -153,15 +147,8 @@ fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
     Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
 }
 
-pub fn tare(options: &Options) -> Result<(), Failure> {
-    let mut session = BoardSession::command(options)?;
-    output::confirm(options, "The force sensors will be set to zero. Is nothing touching the tips?")?;
-    session.board.tare()?;
-    output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
-}
-
 /// The joint called `name`.
-fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
+pub fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
     model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {
         let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
         Failure::Usage(format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", ")))
@@ -169,7 +156,7 @@ fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel)
 }
 
 /// The board checks this too, but cannot name the joint.
-fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
+pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
     let limits = joint.limits;
     if angle >= limits.lower && angle <= limits.upper {
         return Ok(());
@@ -202,9 +189,23 @@ pub struct Motion<'a> {
     session: BoardSession,
     options: &'a Options,
     pub model: RobotModel,
+    /// The latest joint angles [rad].
+    angles: Vec<f32>,
     enabled: bool,
     /// Whether to request the task's own telemetry.
     asks: bool,
+    /// Whether nobody reads the output any more.
+    is_unread: bool,
+}
+
+/// However a command ends, the outputs are off.
+impl Drop for Motion<'_> {
+    fn drop(&mut self) {
+        if self.enabled {
+            self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
+            let _ = self.session.board.disable();
+        }
+    }
 }
 
 impl<'a> Motion<'a> {
@@ -213,17 +214,62 @@ impl<'a> Motion<'a> {
         let model = session.model()?;
         let mode = session.board.status()?.node.mode;
         session.require_no_fault(mode, Some(&model))?;
-        Ok(Self { session, options, model, enabled: false, asks: false })
+        Ok(Self {
+            session,
+            options,
+            model,
+            angles: Vec::new(),
+            enabled: false,
+            asks: false,
+            is_unread: false,
+        })
     }
 
     /// The joint angles, clamped to their limits [rad].
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
         let telemetry = self.session.telemetry_now()?;
-        let joints = telemetry.joints.iter().zip(&self.model.joints);
-        // A joint at its stop may measure slightly outside.
-        Ok(joints
-            .map(|(state, joint)| state.position.clamp(joint.limits.lower, joint.limits.upper))
-            .collect())
+        self.remember(&telemetry);
+        Ok(self.angles_within_limits())
+    }
+
+    fn remember(&mut self, telemetry: &Telemetry) {
+        self.angles = telemetry.joints.iter().map(|joint| joint.position).collect();
+    }
+
+    /// The latest angles. A joint at its stop may measure slightly outside.
+    fn angles_within_limits(&self) -> Vec<f32> {
+        let joints = self.angles.iter().zip(&self.model.joints);
+        joints.map(|(angle, joint)| angle.clamp(joint.limits.lower, joint.limits.upper)).collect()
+    }
+
+    /// What pulls at the robot where it is.
+    pub fn load(&self) -> Option<Load> {
+        Load::at(&self.model, &self.angles)
+    }
+
+    /// Says what Ctrl-C does, and what becomes of a robot that gravity pulls.
+    pub fn announce_ctrl_c(&self, load: Option<&Load>) {
+        let falls = load.map_or_else(String::new, |load| format!("; {load}"));
+        output::notice(self.options, &format!("Ctrl-C disables{falls}"));
+    }
+
+    /// Holds after arrival until Ctrl-C, if it was asked for or if the robot would fall; not with `no_hold`.
+    pub fn stay(
+        &mut self,
+        hold: bool,
+        no_hold: bool,
+        load: Option<&Load>,
+        every: Duration,
+        set_point: impl FnMut(Instant) -> Request,
+    ) -> Result<(), Failure> {
+        let why = match load {
+            _ if hold => String::new(),
+            Some(load) if !no_hold => format!(", because {load}"),
+            _ => return Ok(()),
+        };
+        output::notice(self.options, &format!("holding{why}; Ctrl-C disables"));
+        self.drive(every, set_point, |_, _| false)?;
+        Ok(())
     }
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
@@ -254,7 +300,8 @@ impl<'a> Motion<'a> {
         mut done: impl FnMut(&News, Instant) -> bool,
     ) -> Result<End, Failure> {
         let interrupted = interrupted()?;
-        let (mut heard, mut reported, mut asked) = (Instant::now(), None::<Instant>, None::<Instant>);
+        let mut telemetry = Watchdog::new(&self.session);
+        let (mut reported, mut asked) = (None::<Instant>, None::<Instant>);
         // Telemetry sent before the board was enabled may still arrive.
         let mut seen_enabled = false;
         let mut next = Instant::now();
@@ -272,26 +319,58 @@ impl<'a> Motion<'a> {
             }
             let news = self.listen(next)?;
             let now = Instant::now();
-            if let Some(telemetry) = &news.telemetry {
-                heard = now;
-                self.check_mode(telemetry.mode, &mut seen_enabled)?;
-            } else if now - heard > GONE {
-                return Err(self.abandon(Failure::Late(format!(
-                    "no data from the board for {} s; its command timeout has stopped it by now",
-                    GONE.as_secs()
-                ))));
+            if let Some(latest) = &news.telemetry {
+                telemetry = Watchdog::new(&self.session);
+                self.remember(latest);
+                self.check_mode(latest.mode, &mut seen_enabled)?;
+            } else {
+                self.check_silence(&mut telemetry, now)?;
             }
             if self.options.json
+                && !self.is_unread
                 && reported.is_none_or(|last| now - last >= REPORT)
                 && let Some(report) = self.report(&news)
             {
                 reported = Some(now);
+                self.is_unread = true;
                 output::line(&report)?;
+                self.is_unread = false;
             }
             if done(&news, now) {
                 return Ok(End::Done);
             }
         }
+    }
+
+    /// Without telemetry: requests it again, and gives up after the time in which a board must answer.
+    fn check_silence(&mut self, telemetry: &mut Watchdog, now: Instant) -> Result<(), Failure> {
+        let silence = now - telemetry.heard;
+        let frames = self.session.board.counts().good;
+        if frames != telemetry.frames {
+            (telemetry.frames, telemetry.answered) = (frames, now);
+        }
+        if silence > self.options.timeout.max(2 * SILENCE) {
+            let seconds = silence.as_secs_f64();
+            if now - telemetry.answered < SILENCE {
+                return Err(Failure::Late(format!(
+                    "the board answers, but sends no telemetry for {seconds:.1} s: its control loop does not run \
+                     (try `tesaki doctor`)"
+                )));
+            }
+            // It cannot be told to disable.
+            self.enabled = false;
+            self.session.give_up();
+            return Err(Failure::Late(format!(
+                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
+                 itself {} s after the last command",
+                self.model.safety.command_timeout
+            )));
+        }
+        if silence > SILENCE && now - telemetry.requested > SILENCE {
+            telemetry.requested = now;
+            self.session.board.post(Request::SetRate { stream: Stream::Telemetry, every: 2 })?;
+        }
+        Ok(())
     }
 
     /// Receives until `deadline`.
@@ -301,7 +380,7 @@ impl<'a> Motion<'a> {
             match self.session.telemetry(deadline.saturating_duration_since(Instant::now())) {
                 Ok(telemetry) => news.telemetry = Some(telemetry),
                 Err(Failure::Late(_)) => {}
-                Err(failure) => return Err(self.abandon(failure.named(&self.model))),
+                Err(failure) => return Err(failure.named(&self.model)),
             }
         }
         news.task = self.session.task.take();
@@ -330,25 +409,39 @@ impl<'a> Motion<'a> {
     /// The latest telemetry as JSON.
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
-            (false, News { telemetry: Some(telemetry), .. }) => serde_json::to_string(telemetry).ok(),
+            (false, News { telemetry: Some(telemetry), .. }) => {
+                Some(output::telemetry(telemetry, &self.model).to_string())
+            }
             (true, News { task: Some(report), .. }) => Some(output::task(report).to_string()),
             _ => None,
         }
-    }
-
-    /// Disables the board after a failure, if that is still possible.
-    fn abandon(&mut self, failure: Failure) -> Failure {
-        if self.enabled {
-            let _ = self.session.board.disable();
-        }
-        failure
     }
 
     /// Disables the board and releases command.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
         self.session.board.disable()?;
         self.enabled = false;
-        output::notice(self.options, if interrupted { "\ninterrupted: disabled" } else { "disabled" });
+        let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
+        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
+        output::notice(self.options, &format!("{what}{load}"));
         Ok(())
+    }
+}
+
+/// Notices when telemetry fails to come.
+struct Watchdog {
+    /// When the last telemetry came.
+    heard: Instant,
+    /// When the last frame of any kind came, and how many had come by then.
+    answered: Instant,
+    frames: u32,
+    /// When telemetry was last requested.
+    requested: Instant,
+}
+
+impl Watchdog {
+    fn new(session: &BoardSession) -> Self {
+        let now = Instant::now();
+        Self { heard: now, answered: now, frames: session.board.counts().good, requested: now }
     }
 }

@@ -4,7 +4,8 @@ use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use tesaki::protocol::TaskReport;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{TaskReport, Telemetry};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -41,6 +42,24 @@ pub fn task(report: &TaskReport) -> serde_json::Value {
     serde_json::Value::Object(value)
 }
 
+/// The state of the joints for JSON, each with its name.
+pub fn telemetry(telemetry: &Telemetry, model: &RobotModel) -> serde_json::Value {
+    let mut value = exact(telemetry);
+    let joints = value.get_mut("joints").and_then(serde_json::Value::as_array_mut);
+    for (state, joint) in joints.into_iter().flatten().zip(&model.joints) {
+        if let serde_json::Value::Object(state) = state {
+            state.insert("name".to_owned(), joint.name.as_str().into());
+        }
+    }
+    value
+}
+
+/// Values of the joints for JSON, by name.
+pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
+    let names = model.joints.iter().map(|joint| joint.name.to_string());
+    serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
+}
+
 /// Prints a line.
 pub fn line(text: &str) -> Result<(), Failure> {
     match writeln!(io::stdout(), "{text}") {
@@ -52,8 +71,13 @@ pub fn line(text: &str) -> Result<(), Failure> {
 /// Prints progress; silent with `--json`.
 pub fn notice(options: &Options, text: &str) {
     if !options.json {
-        eprintln!("{text}");
+        complain(text);
     }
+}
+
+/// Prints to standard error. That nobody reads it is no reason to end.
+fn complain(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
 }
 
 /// A status line, overwritten in place on a terminal and printed once a second elsewhere; silent with
@@ -80,16 +104,16 @@ impl Live {
         self.shown = Some(Instant::now());
         if self.overwrites {
             // Return to the start, and erase the rest of a longer line.
-            eprint!("\r{text}\x1b[K");
+            let _ = write!(io::stderr(), "\r{text}\x1b[K");
         } else {
-            eprintln!("{text}");
+            complain(text);
         }
     }
 
     /// Ends the line; the last text stays visible.
     pub fn end(&self) {
         if self.overwrites && self.shown.is_some() {
-            eprintln!();
+            complain("");
         }
     }
 }
@@ -103,7 +127,7 @@ pub fn failure(options: &Options, failure: &Failure) {
         let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
         let _ = line(&value.to_string());
     } else {
-        eprintln!("tesaki: {failure}");
+        complain(&format!("tesaki: {failure}"));
     }
 }
 
@@ -112,7 +136,7 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     if options.non_interactive || options.json || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         return Ok(());
     }
-    eprint!("{question} [y/N] ");
+    let _ = write!(io::stderr(), "{question} [y/N] ");
     let mut answer = String::new();
     io::stdin().read_line(&mut answer).map_err(Failure::file("standard input"))?;
     if matches!(answer.trim(), "y" | "Y" | "yes") {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use tesaki::model::RobotModel;
 use tesaki_supervisor::Board;
 
@@ -37,7 +37,7 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
     let tips = session.tips()?.tips;
-    let mut value = output::exact(&telemetry);
+    let mut value = output::telemetry(&telemetry, model);
     value["tips"] = model
         .chains
         .iter()
@@ -89,6 +89,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         *old = parse(old, value);
     }
     let changed: RobotModel = from_tree(tree).map_err(|problem| {
+        let problem = as_typed(&problem.to_string());
         Failure::Usage(format!("{path} = {value}: {problem}; `tesaki read {path}` shows the current value"))
     })?;
     changed.validate().map_err(|error| {
@@ -97,10 +98,64 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
             .map_or_else(String::new, |joint| format!("{}: ", model.joint_name(usize::from(joint))));
         Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
     })?;
+    check_stops(&model, &changed)?;
+    let tared = tared(&mut session, &model)?;
     session.push(&changed)?;
-    output::result(options, &names, || {
+    output::result(options, &json!({ "set": names, "no_longer_tared": tared }), || {
         format!("{} = {value} (until the next reset or push)", names.join(", "))
-    })
+    })?;
+    if !tared.is_empty() {
+        output::notice(
+            options,
+            &format!(
+                "this pushed the model again, which forgets the tare: {} must be tared anew (`tesaki tare`, \
+                 while nothing touches the tips)",
+                tared.join(", ")
+            ),
+        );
+    }
+    Ok(())
+}
+
+/// The tips whose force sensors are tared.
+fn tared(session: &mut BoardSession, model: &RobotModel) -> Result<Vec<String>, Failure> {
+    if model.chains.iter().all(|chain| chain.force_sensor.is_none()) {
+        return Ok(Vec::new());
+    }
+    let tips = match session.tips() {
+        Ok(tips) => tips.tips,
+        // A board without sensor readings has tared nothing.
+        Err(Failure::Late(_)) => return Ok(Vec::new()),
+        Err(failure) => return Err(failure),
+    };
+    let chains = model.chains.iter().zip(&tips);
+    let tared = chains.filter(|(chain, tip)| chain.force_sensor.is_some() && tip.tared);
+    Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
+}
+
+/// The limits of an angle are those of the mechanism: they may be narrowed here, not widened.
+fn check_stops(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
+    for (old, new) in model.joints.iter().zip(&changed.joints) {
+        let (old, limits) = (old.limits, new.limits);
+        for (field, value, is_beyond) in [
+            ("lower", limits.lower, limits.lower < old.lower),
+            ("upper", limits.upper, limits.upper > old.upper),
+        ] {
+            if is_beyond {
+                return Err(Failure::Usage(format!(
+                    "joints.{}.limits.{field} = {value} is beyond the limits on the board, {} to {} rad: `set` \
+                     only narrows them. To widen them, change robot.urdf and push the robot folder",
+                    new.name, old.lower, old.upper
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The names of variants in an error of the decoder, as they are typed.
+fn as_typed(problem: &str) -> String {
+    if problem.starts_with("unknown variant") { problem.to_lowercase() } else { problem.to_owned() }
 }
 
 /// A value from the command line; names of variants are capitalised as in the model.
@@ -148,33 +203,54 @@ fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
         at(tree, path)?;
         return Ok(vec![path.to_owned()]);
     };
-    let group = at(tree, before.trim_end_matches('.'))?;
+    let group = at(tree, before.strip_suffix('.').unwrap_or(before))?;
     let names = group.as_object().into_iter().flat_map(|group| group.keys());
     names
         .map(|name| expand(tree, &format!("{before}{name}{after}")).map(|mut paths| paths.remove(0)))
         .collect()
 }
 
-fn steps(path: &str) -> impl Iterator<Item = &str> {
-    path.split('.').filter(|step| !step.is_empty())
+/// The member of a group that `path` begins with, and the rest of the path. A name may contain points.
+fn step<'p>(value: &Value, path: &'p str) -> Option<(&'p str, &'p str)> {
+    let names = value.as_object()?.keys();
+    let begins = names.filter_map(|name| {
+        let rest = path.strip_prefix(name.as_str())?;
+        (rest.is_empty() || rest.starts_with('.')).then_some(name.len())
+    });
+    let (name, rest) = path.split_at_checked(begins.max()?)?;
+    Some((name, rest.strip_prefix('.').unwrap_or(rest)))
 }
 
 fn at<'a>(tree: &'a Value, path: &str) -> Result<&'a Value, Failure> {
-    steps(path).try_fold(tree, |value, step| value.get(step).ok_or_else(|| unknown(value, step, path)))
+    let (mut value, mut rest) = (tree, path);
+    while !rest.is_empty() {
+        let (name, behind) = step(value, rest).ok_or_else(|| unknown(value, path, rest))?;
+        (value, rest) = (value.get(name).unwrap_or(&Value::Null), behind);
+    }
+    Ok(value)
 }
 
 fn at_mut<'a>(tree: &'a mut Value, path: &str) -> Result<&'a mut Value, Failure> {
-    steps(path).try_fold(tree, |value, step| {
-        if value.get(step).is_some() { Ok(&mut value[step]) } else { Err(unknown(value, step, path)) }
-    })
+    let (mut value, mut rest) = (tree, path);
+    while !rest.is_empty() {
+        let (name, behind) = step(value, rest).ok_or_else(|| unknown(value, path, rest))?;
+        (value, rest) = (&mut value[name], behind);
+    }
+    Ok(value)
 }
 
-fn unknown(value: &Value, step: &str, path: &str) -> Failure {
-    let known = match value {
-        Value::Object(group) => group.keys().map(String::as_str).collect::<Vec<_>>().join(", "),
-        _ => "nothing".to_owned(),
+/// `rest` of `path` names nothing in the group `value`.
+fn unknown(value: &Value, path: &str, rest: &str) -> Failure {
+    let group = path.strip_suffix(rest).unwrap_or_default().trim_end_matches('.');
+    let Value::Object(members) = value else {
+        return Failure::Usage(format!("{group} is a single parameter, it has no {rest:?}"));
     };
-    Failure::Usage(format!("there is no parameter {step:?} in {path:?}; known: {known}"))
+    let known = members.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+    Failure::Usage(if group.is_empty() {
+        format!("there is no parameter {rest:?}; the groups of parameters are {known}")
+    } else {
+        format!("there is no parameter {rest:?} in {group}, which has {known}")
+    })
 }
 
 fn leaves(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {

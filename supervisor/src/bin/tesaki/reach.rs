@@ -14,7 +14,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
-use crate::motion::{End, Motion};
+use crate::motion::{End, Motion, each_once};
 use crate::output;
 
 /// Period of the set-points: one for each tick of the board.
@@ -77,6 +77,10 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     }
     let (tip, distance) = farthest;
     if near < ARRIVED {
+        if motion.load().is_some() && !args.no_hold {
+            output::notice(options, &format!("{tip} has not arrived; the robot holds until Ctrl-C"));
+            motion.drive(PERIOD, set_point, |_, _| false)?;
+        }
         motion.end(false)?;
         return Err(Failure::Late(format!(
             "{tip} is still {:.2} mm from its target (tolerance {:.2} mm); the board is disabled. Is a joint blocked?",
@@ -84,13 +88,13 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
             1e3 * args.tolerance
         )));
     }
-    output::result(options, &json!({ "arrived": true, "largest_error": output::exact(&distance) }), || {
-        format!("arrived: the largest error is {:.2} mm", 1e3 * distance)
-    })?;
-    if args.hold {
-        output::notice(options, "holding; Ctrl-C disables");
-        motion.drive(PERIOD, set_point, |_, _| false)?;
-    }
+    output::result(
+        options,
+        &json!({ "arrived": true, "tip": tip, "largest_error": output::exact(&distance) }),
+        || format!("arrived: the largest error is {:.2} mm", 1e3 * distance),
+    )?;
+    let load = motion.load();
+    motion.stay(args.hold, args.no_hold, load.as_ref(), PERIOD, set_point)?;
     motion.end(false)
 }
 
@@ -110,6 +114,7 @@ fn duration(paths: &[TipPath], speed: f32) -> Result<f32, Failure> {
 
 /// A path for each chain; tips that are not named hold their positions.
 fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>, Failure> {
+    each_once(&args.tips, "tip")?;
     let named = |name: &str| model.chains.iter().any(|chain| chain.name == name);
     if let Some((unknown, _)) = args.tips.iter().find(|(name, _)| !named(name)) {
         let names: Vec<&str> = model.chains.iter().map(|chain| chain.name.as_str()).collect();
@@ -125,8 +130,9 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "{}: this tip cannot be moved along a line: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
-                tip.name
+                "the tips of {} cannot be moved along lines, because every chain must be a finger and the one to \
+                 {} is none: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
+                model.name, tip.name
             ))
         };
         let limits: Vec<(f32, f32)> =
@@ -163,7 +169,8 @@ fn check(model: &RobotModel, paths: &[TipPath], start: &[f32], duration: f32) ->
                     model.joint_name(path.joints.start + usize::from(joint))
                 ),
             };
-            Failure::Usage(format!("{}: {place}: {why}", path.tip))
+            let role = if path.from == path.to { " (to be held where it is)" } else { "" };
+            Failure::Usage(format!("{}{role}: {place}: {why}", path.tip))
         };
         path.finger.nearest(&path.to, &last).map_err(|error| unreachable("the target", error))?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]

@@ -1,16 +1,15 @@
-//! `record` and `replay`.
+//! `record`.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Read, Write};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::json;
 use tesaki::model::RobotModel;
-use tesaki::node::{Node, Replay};
-use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
+use tesaki::protocol::codec::{MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
@@ -28,6 +27,8 @@ use crate::output;
 const TICK: u64 = 10_000_000;
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
+/// Telemetry without entries of the log for this time: the log was stopped.
+const SILENCE: Duration = Duration::from_millis(300);
 /// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(30);
 /// An entry that is farther behind the last one comes from a board that was reset [entries].
@@ -60,7 +61,11 @@ struct Recorder<'a> {
     reported: Instant,
     /// When the board was last heard.
     heard: Instant,
-    /// When the rate of telemetry was last requested.
+    /// When the last entry of the log came.
+    logged: Instant,
+    /// When the entries were last handed to the operating system.
+    flushed: Instant,
+    /// When the rate of a stream was last requested.
     requested: Instant,
     last_tick: Option<u32>,
 }
@@ -71,8 +76,15 @@ impl<'a> Recorder<'a> {
         let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
         let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
-        let log_path = args.name.with_extension("log");
-        let mcap_path = args.name.with_extension("mcap");
+        let [log_path, mcap_path] = ["log", "mcap"].map(|extension| with_extension(&args.name, extension));
+        if !args.force
+            && let Some(path) = [&log_path, &mcap_path].into_iter().find(|path| path.exists())
+        {
+            return Err(Failure::Usage(format!(
+                "{} exists: name another recording (`tesaki record NAME`), or replace it with --force",
+                path.display()
+            )));
+        }
 
         let metadata = BTreeMap::from([
             ("robot".to_owned(), model.name.to_string()),
@@ -84,14 +96,27 @@ impl<'a> Recorder<'a> {
             Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
+        // Before the log starts: what comes meanwhile is dropped.
+        session.require_rate(Stream::Telemetry, 1)?;
         let mut log = ReplayLog::new(File::create(&log_path).map_err(Failure::file(&log_path))?);
         log.begin(session).map_err(log_failure(&log_path))?;
-        session.board.set_rate(Stream::Telemetry, 1)?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
         let notice = format!("recording {} to {log_file} and {mcap_file}; Ctrl-C stops", model.name);
         output::notice(options, &notice);
-        let (reported, heard, requested) = (Instant::now(), Instant::now(), Instant::now());
-        Ok(Self { options, log_path, mcap_path, log, viewer, reported, heard, requested, last_tick: None })
+        let now = Instant::now();
+        Ok(Self {
+            options,
+            log_path,
+            mcap_path,
+            log,
+            viewer,
+            reported: now,
+            heard: now,
+            logged: now,
+            flushed: now,
+            requested: now,
+            last_tick: None,
+        })
     }
 
     /// Takes the next event, if one comes within 50 ms.
@@ -100,7 +125,7 @@ impl<'a> Recorder<'a> {
         let now = Instant::now();
         match event {
             Some(FromBoard::Log(entry)) => {
-                self.heard = now;
+                (self.heard, self.logged) = (now, now);
                 self.log.entry(session, entry).map_err(log_failure(&self.log_path))?;
             }
             Some(FromBoard::Telemetry(telemetry)) => {
@@ -120,6 +145,11 @@ impl<'a> Recorder<'a> {
             session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
+        // A process that is killed loses one second at most.
+        if now - self.flushed > REPORT {
+            self.flushed = now;
+            self.log.file.flush().map_err(Failure::file(&self.log_path))?;
+        }
         if self.options.json && now - self.reported > REPORT {
             self.reported = now;
             let ReplayLog { ticks, gaps, lost, .. } = self.log;
@@ -138,13 +168,18 @@ impl<'a> Recorder<'a> {
             output::notice(self.options, &text);
         }
         viewer.telemetry(telemetry, log.robot()).map_err(mcap_failure(mcap_path))?;
-        // All clients share the rate: another program may have lowered it.
+        // All clients share the rate: a program of another kind may have lowered it.
         let last = self.last_tick.replace(telemetry.tick);
         let step = last.map_or(1, |last| telemetry.tick.wrapping_sub(last));
         let now = Instant::now();
         if step > 1 && now - self.requested > REPORT {
             self.requested = now;
             session.board.set_rate(Stream::Telemetry, 1)?;
+        }
+        // Another recorder that has ended may have stopped the log.
+        if now - self.logged > SILENCE && now - self.requested > SILENCE {
+            self.requested = now;
+            session.board.set_rate(Stream::Log, 1)?;
         }
         Ok(())
     }
@@ -164,6 +199,15 @@ impl<'a> Recorder<'a> {
             )
         })
     }
+}
+
+/// `name` with `.log` or `.mcap`; the point of `run.2` belongs to the name.
+fn with_extension(name: &Path, extension: &str) -> PathBuf {
+    let named = name.extension().is_some_and(|found| found == "log" || found == "mcap");
+    let mut path = if named { name.with_extension("") } else { name.to_owned() }.into_os_string();
+    path.push(".");
+    path.push(extension);
+    path.into()
 }
 
 fn mcap_failure(path: &Path) -> impl FnOnce(McapError) -> Failure + '_ {
@@ -345,56 +389,4 @@ impl Viewer {
         let time = self.time(telemetry);
         self.recording.log(time, LogLevel::Error, "board", text)
     }
-}
-
-pub fn replay(options: &Options, path: &Path) -> Result<(), Failure> {
-    let mut file = File::open(path).map_err(Failure::file(path))?;
-    let mut node = Box::new(Node::new());
-    let mut replay = Replay::new(&mut node);
-    let mut decoder = Decoder::new();
-    let (mut ticks, mut gaps, mut damaged) = (0_u64, 0_u64, 0_u64);
-    let mut start = None;
-    let mut buffer = vec![0; 65_536];
-    loop {
-        let length = file.read(&mut buffer).map_err(Failure::file(path))?;
-        if length == 0 {
-            break;
-        }
-        let mut bytes = &buffer[..length];
-        while decoder.take(&mut bytes) {
-            let record = match decoder.message::<LogRecord>() {
-                Ok(record) => record,
-                Err(_) => {
-                    damaged += 1;
-                    // It is unknown what was lost, so what follows cannot be compared.
-                    LogRecord::Gap { missing: 0 }
-                }
-            };
-            match &record {
-                LogRecord::Start(log_start) => start = Some(*log_start),
-                LogRecord::Gap { .. } => gaps += 1,
-                _ => {}
-            }
-            let same = replay
-                .feed(&record)
-                .map_err(|error| Failure::Other(format!("{}: {error}", path.display())))?;
-            ticks += u64::from(same);
-        }
-    }
-    if ticks == 0 {
-        return Err(Failure::Other(format!(
-            "{}: no tick could be compared; is this a log of `tesaki record`, or a simulator's frames.log?",
-            path.display()
-        )));
-    }
-    let value = json!({ "identical_ticks": ticks, "gaps": gaps, "damaged_frames": damaged, "start": start });
-    output::result(options, &value, || {
-        let origin = start.map_or_else(String::new, |start| {
-            let image = hex(&start.identity.image, "none");
-            format!(" (recorded with firmware {}, image {image})", version(start.identity.firmware))
-        });
-        let gaps =
-            if gaps == 0 { String::new() } else { format!("; {gaps} gaps, {damaged} damaged entries") };
-        format!("{ticks} ticks identical to the last bit{origin}{gaps}")
-    })
 }

@@ -14,8 +14,10 @@ use crate::output;
 
 /// Ticks from one telemetry to the next.
 const EVERY: u16 = 4;
+/// Ticks from one status to the next.
+const STATUS_EVERY: u16 = 100;
 /// The streams that the view needs.
-const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, 100)];
+const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, STATUS_EVERY)];
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 
@@ -23,7 +25,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     if options.json {
-        return stream(&mut session);
+        return stream(&mut session, &model);
     }
     let mut watch = Watch::new(&mut session, model)?;
     let mut screen =
@@ -49,17 +51,24 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             Some(key) => selected = key.select(selected, watch.view.joints.len()),
         }
     }
-    drop(screen);
-    let _ = session.board.set_rate(Stream::Status, 0);
+    // The streams go on: another program may need them.
     Ok(())
 }
 
 /// One JSON object per line, until the reader closes the output.
-fn stream(session: &mut BoardSession) -> Result<(), Failure> {
-    session.board.set_rate(Stream::Telemetry, EVERY)?;
+fn stream(session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure> {
+    session.require_rate(Stream::Telemetry, EVERY)?;
+    let mut last = None::<u32>;
     loop {
         match session.telemetry(Duration::from_secs(1)) {
-            Ok(telemetry) => output::line(&serde_json::to_string(&telemetry).unwrap_or_default())?,
+            // Another program may need a higher rate.
+            Ok(telemetry)
+                if last
+                    .is_some_and(|last| (1..EVERY.into()).contains(&telemetry.tick.wrapping_sub(last))) => {}
+            Ok(telemetry) => {
+                last = Some(telemetry.tick);
+                output::line(&output::telemetry(&telemetry, model).to_string())?;
+            }
             Err(Failure::Late(_)) => {
                 session.reconnect(&[(Stream::Telemetry, EVERY)])?;
             }
@@ -70,6 +79,8 @@ fn stream(session: &mut BoardSession) -> Result<(), Failure> {
 
 struct Watch {
     model: RobotModel,
+    /// Of the model on the board.
+    checksum: u32,
     view: View,
     /// When the last telemetry came.
     heard: Instant,
@@ -84,20 +95,13 @@ struct Watch {
 
 impl Watch {
     fn new(session: &mut BoardSession, model: RobotModel) -> Result<Self, Failure> {
-        let joints = model.joints.iter().map(|joint| JointView {
-            name: joint.name.to_string(),
-            lower: joint.limits.lower,
-            upper: joint.limits.upper,
-            torque_limit: joint.limits.torque,
-            ..JointView::default()
-        });
-        let title =
-            format!("{} on {}, firmware {}", model.name, session.port, version(session.identity.firmware));
+        let title = title(session, &model);
         let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
-        let view = View { title, joints: joints.collect(), link, ..View::default() };
+        let view = View { title, joints: joint_views(&model), link, ..View::default() };
         let now = Instant::now();
         let mut watch = Self {
             model,
+            checksum: 0,
             view,
             heard: now,
             last_tick: None,
@@ -106,10 +110,12 @@ impl Watch {
             known_faults: None,
             entry: troubleshooting::DOCUMENT.to_owned(),
         };
-        for &(stream, every) in STREAMS {
-            session.board.set_rate(stream, every)?;
-        }
-        watch.status(&session.board.status()?);
+        session.require_rate(Stream::Telemetry, EVERY)?;
+        // Rare: not worth waiting for two of them.
+        session.board.set_rate(Stream::Status, STATUS_EVERY)?;
+        let status = session.board.status()?;
+        watch.checksum = status.node.model_checksum;
+        watch.status(&status);
         Ok(watch)
     }
 
@@ -118,7 +124,10 @@ impl Watch {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => self.telemetry(&telemetry),
-                FromBoard::Status(status) => self.status(&status),
+                FromBoard::Status(status) => {
+                    self.refresh_model(session, &status)?;
+                    self.status(&status);
+                }
                 _ => {}
             }
         }
@@ -149,6 +158,28 @@ impl Watch {
             self.read_faults(session)?;
         }
         Ok(())
+    }
+
+    /// Another program may have pushed another model; faults and joints have its names.
+    fn refresh_model(&mut self, session: &mut BoardSession, status: &Status) -> Result<(), Failure> {
+        if status.node.model.is_empty() || status.node.model_checksum == self.checksum {
+            return Ok(());
+        }
+        match session.model() {
+            Ok(model) => {
+                self.checksum = status.node.model_checksum;
+                self.view.joints = joint_views(&model);
+                self.view.title = title(session, &model);
+                self.model = model;
+                self.known_faults = None;
+                Ok(())
+            }
+            // The next status comes soon.
+            Err(
+                Failure::NoModel | Failure::Board(BoardError::Timeout { .. } | BoardError::ExportDisturbed),
+            ) => Ok(()),
+            Err(failure) => Err(failure),
+        }
     }
 
     fn telemetry(&mut self, telemetry: &Telemetry) {
@@ -203,4 +234,19 @@ impl Watch {
             Err(error) => Err(error.into()),
         }
     }
+}
+
+fn title(session: &BoardSession, model: &RobotModel) -> String {
+    format!("{} on {}, firmware {}", model.name, session.port, version(session.identity.firmware))
+}
+
+fn joint_views(model: &RobotModel) -> Vec<JointView> {
+    let joints = model.joints.iter().map(|joint| JointView {
+        name: joint.name.to_string(),
+        lower: joint.limits.lower,
+        upper: joint.limits.upper,
+        torque_limit: joint.limits.torque,
+        ..JointView::default()
+    });
+    joints.collect()
 }

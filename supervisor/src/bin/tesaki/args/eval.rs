@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::examples;
+
 const GRIP_COLUMNS: &str = "\
 Columns of the table, in any order; contacts i = 1 to 6, at least 2 in each row:
   xi, yi, zi     position of the contact [m]
@@ -60,10 +62,13 @@ Columns of the results, in base axes:
 #[derive(Subcommand)]
 pub enum Eval {
     /// Forward kinematics: position and quaternion of each tip
+    #[command(after_help = examples::KINEMATICS)]
     Fk(Kinematics),
     /// Geometric Jacobian of each tip, in base axes
+    #[command(after_help = examples::KINEMATICS)]
     Jacobian(Kinematics),
     /// Inverse kinematics: joint angles for a position or a pose of each tip
+    #[command(after_help = examples::KINEMATICS)]
     Ik(Kinematics),
     /// Inverse dynamics (recursive Newton-Euler): joint torques for a motion under gravity and an external
     /// wrench on the tip

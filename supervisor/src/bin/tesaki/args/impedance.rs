@@ -5,9 +5,12 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
+use super::examples;
+
 #[derive(Subcommand)]
 pub enum Impedance {
     /// Hold the tool compliantly where it is, until Ctrl-C; then disable the outputs
+    #[command(after_help = examples::IMPEDANCE)]
     Hold(Hold),
     /// Show pose and external wrench of the tool
     Status,

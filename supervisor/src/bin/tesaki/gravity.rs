@@ -1,0 +1,87 @@
+//! What gravity does to a robot whose outputs are switched off.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+use tesaki::kinematics::Chain;
+use tesaki::math::abs;
+use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+
+/// The joint at which gravity exceeds friction most: without power it falls.
+pub struct Load {
+    robot: String,
+    joint: String,
+    /// The torque of gravity [N·m].
+    torque: f32,
+    /// Coulomb friction [N·m].
+    friction: f32,
+}
+
+impl Load {
+    /// The load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
+    pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
+        let gravity = Vector3::from(model.gravity);
+        let mut worst: Option<Self> = None;
+        for (tip, range) in model.chains.iter().zip(model.chain_ranges()) {
+            let (Some(joints), Some(q)) = (model.joints.get(range.clone()), angles.get(range)) else {
+                continue;
+            };
+            let mut torques = [0.0; MAX_CHAIN_JOINTS];
+            let chain = Chain::new(joints, &tip.tip);
+            chain.nonlinear_effects(&gravity, q, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
+            for (joint, torque) in joints.iter().zip(torques) {
+                let friction = joint.friction.coulomb;
+                let excess = abs(torque) - friction;
+                if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
+                    worst = Some(Self {
+                        robot: model.name.to_string(),
+                        joint: joint.name.to_string(),
+                        torque: abs(torque),
+                        friction,
+                    });
+                }
+            }
+        }
+        worst
+    }
+}
+
+impl fmt::Display for Load {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "without power {} falls unless it is supported ({}: gravity {:.2} N·m, friction {:.2} N·m)",
+            self.robot, self.joint, self.torque, self.friction
+        )
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::path::Path;
+
+    use tesaki_description::robot::RobotFolder;
+
+    use super::*;
+
+    fn model(name: &str) -> RobotModel {
+        RobotFolder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(name)).unwrap().model
+    }
+
+    #[test]
+    fn an_arm_falls_and_the_fingers_of_a_hand_stay() {
+        let arm = model("arm7");
+        let load = Load::at(&arm, &[0.0, 0.6, 0.0, 1.2, 0.0, 0.6, 0.0]).unwrap();
+        assert!(load.torque > 5.0 && load.friction < 1.0, "{load}");
+        assert!(load.to_string().contains("arm7 falls"), "{load}");
+        let hand = model("hand3");
+        for angle in [-0.5, 0.0, 0.5, 1.0] {
+            assert!(Load::at(&hand, &[angle; 9]).is_none(), "{angle}");
+        }
+        // Without friction, a finger does not stay.
+        let mut slippery = hand;
+        slippery.joints.iter_mut().for_each(|joint| joint.friction.coulomb = 0.0);
+        assert!(Load::at(&slippery, &[0.3; 9]).is_some());
+    }
+}

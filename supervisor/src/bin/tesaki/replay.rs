@@ -1,0 +1,130 @@
+//! `replay`: the control core over a recording.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde_json::json;
+use tesaki::node::{Node, Replay};
+use tesaki::protocol::codec::Decoder;
+use tesaki::protocol::{LogRecord, LogStart};
+
+use crate::args::Options;
+use crate::board_session::{hex, version};
+use crate::failure::Failure;
+use crate::output;
+
+/// What was found so far.
+#[derive(Default)]
+struct Found {
+    start: Option<LogStart>,
+    /// Ticks that were compared, all of them identical.
+    identical: u64,
+    /// Ticks behind a gap or a damaged record, whose state is unknown.
+    skipped: u64,
+    /// Entries that were lost when the log was recorded.
+    gaps: u64,
+    /// Records that cannot be read.
+    damaged: u64,
+    /// The last tick that was read, and the last before the first damaged record.
+    last_tick: Option<u32>,
+    damaged_after: Option<u32>,
+    /// Whether the file ends with a whole record.
+    is_whole: bool,
+}
+
+impl Found {
+    fn take(&mut self, record: &LogRecord, is_identical: bool) {
+        match record {
+            LogRecord::Start(start) => self.start = Some(*start),
+            LogRecord::Gap { .. } => self.gaps += 1,
+            LogRecord::Actuators(frame) => {
+                self.last_tick = Some(frame.sequence);
+                *(if is_identical { &mut self.identical } else { &mut self.skipped }) += 1;
+            }
+            _ => {}
+        }
+    }
+
+    /// What is wrong with the file.
+    fn problem(&self) -> Option<String> {
+        let Self { identical, skipped, damaged, .. } = self;
+        let after = |tick: Option<u32>| {
+            tick.map_or_else(|| "before the first tick".to_owned(), |tick| format!("after tick {tick}"))
+        };
+        if self.identical == 0 && self.damaged == 0 {
+            return Some(
+                "no tick could be compared; is this a log of `tesaki record`, or a simulator's frames.log?"
+                    .to_owned(),
+            );
+        }
+        if self.damaged > 0 {
+            let records = output::counted(usize::try_from(*damaged).unwrap_or(usize::MAX), "damaged record");
+            let first = after(self.damaged_after);
+            return Some(format!(
+                "{records}, the first {first}: {skipped} ticks could not be compared, {identical} are identical \
+                 to the last bit"
+            ));
+        }
+        (!self.is_whole).then(|| {
+            format!(
+                "the log ends in the middle of a record {}: it was cut, or its recorder was killed; {identical} \
+                 ticks are identical to the last bit",
+                after(self.last_tick)
+            )
+        })
+    }
+
+    fn text(&self) -> String {
+        let origin = self.start.map_or_else(String::new, |start| {
+            let image = hex(&start.identity.image, "none");
+            format!(" (recorded with firmware {}, image {image})", version(start.identity.firmware))
+        });
+        let gaps = if self.gaps == 0 {
+            String::new()
+        } else {
+            format!("; {} gaps, {} ticks behind them could not be compared", self.gaps, self.skipped)
+        };
+        format!("{} ticks identical to the last bit{origin}{gaps}", self.identical)
+    }
+}
+
+pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
+    let mut file = File::open(path).map_err(Failure::file(path))?;
+    let mut node = Box::new(Node::new());
+    let mut replay = Replay::new(&mut node);
+    let mut decoder = Decoder::new();
+    let mut found = Found::default();
+    let mut buffer = vec![0; 65_536];
+    loop {
+        let length = file.read(&mut buffer).map_err(Failure::file(path))?;
+        let Some(last) = buffer[..length].last() else { break };
+        // A zero ends a record and occurs nowhere else.
+        found.is_whole = *last == 0;
+        let mut bytes = &buffer[..length];
+        while decoder.take(&mut bytes) {
+            // It is unknown what a damaged record was, so what follows cannot be compared.
+            let record = decoder.message::<LogRecord>();
+            if record.is_err() {
+                if found.damaged == 0 {
+                    found.damaged_after = found.last_tick;
+                }
+                found.damaged += 1;
+            }
+            let record_or_gap = record.as_ref().unwrap_or(&LogRecord::Gap { missing: 0 });
+            let is_identical = replay
+                .feed(record_or_gap)
+                .map_err(|error| Failure::Other(format!("{}: {error}", path.display())))?;
+            if let Ok(record) = &record {
+                found.take(record, is_identical);
+            }
+        }
+    }
+    if let Some(problem) = found.problem() {
+        return Err(Failure::Other(format!("{}: {problem}", path.display())));
+    }
+    let Found { identical, skipped, gaps, start, .. } = &found;
+    let value =
+        json!({ "identical_ticks": identical, "skipped_ticks": skipped, "gaps": gaps, "start": start });
+    output::result(options, &value, || found.text())
+}
