@@ -10,6 +10,37 @@ use crate::math::{self, abs};
 /// How far a unit vector's length may be from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
+// Bounds by physics: no robot is beyond them, and the arithmetic of the tick stays finite and exact within.
+
+/// Of accelerations of gravity [m/s²]: ten times that of the earth.
+const MAX_GRAVITY: f32 = 100.0;
+/// Of lengths [m].
+const MAX_LENGTH: f32 = 100.0;
+/// Of masses [kg] and inertias [kg·m²].
+const MAX_INERTIA: f32 = 1e4;
+/// Of torques [N·m], forces [N], their derivatives and coefficients, and gains.
+const MAX_EFFORT: f32 = 1e6;
+/// Of torque rates [N·m/s]: the largest torque within a tick.
+const MAX_TORQUE_RATE: f32 = MAX_EFFORT / TICK;
+/// Of joint angles [rad]: 160 turns. Beyond it single precision has fewer digits than an encoder.
+const MAX_ANGLE: f32 = 1000.0;
+/// Of joint velocities [rad/s]: a quarter turn in a tick. A faster joint cannot be told from a jump.
+const MAX_VELOCITY: f32 = core::f32::consts::FRAC_PI_2 / TICK;
+/// Of differences between angle and reference [rad].
+const MAX_ERROR: f32 = core::f32::consts::PI;
+/// Of bandwidths [rad/s]: half the control frequency.
+const MAX_BANDWIDTH: f32 = core::f32::consts::PI / TICK;
+/// Of the bandwidth of a current loop [Hz].
+const MAX_MOTOR_BANDWIDTH: f32 = 1e5;
+/// Of encoder counts in a turn: an `i32` then holds two turns.
+const MAX_COUNTS: f32 = 1_073_741_824.0;
+/// Of the time without a command [s].
+const MAX_TIMEOUT: f32 = 10.0;
+/// Of the time of the trajectory filter [s].
+const MAX_FILTER_TIME: f32 = 100.0;
+/// Of the supply [V]: what a sensor frame can tell.
+const MAX_SUPPLY: f32 = 65.535;
+
 impl RobotModel {
     /// Checks every field.
     ///
@@ -17,7 +48,7 @@ impl RobotModel {
     /// The first thing that is wrong, by joint and field, with its value and the limit that it breaks.
     pub fn validate(&self) -> Result<(), ModelError> {
         let robot = Check { joint: None };
-        robot.all_finite(Field::Gravity, &self.gravity)?;
+        robot.all_within(Field::Gravity, &self.gravity, MAX_GRAVITY)?;
         if self.joints.is_empty() {
             return Err(robot.error(Field::Joints, 0.0, Problem::Below(1.0)));
         }
@@ -39,9 +70,9 @@ impl RobotModel {
             end += usize::from(chain.joints);
             #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
             let last = Check { joint: Some(end as u8 - 1) };
-            last.all_finite(Field::TipTranslation, &chain.tip.translation)?;
+            last.all_within(Field::TipTranslation, &chain.tip.translation, MAX_LENGTH)?;
             last.unit(Field::TipRotation, &chain.tip.rotation)?;
-            last.at_least(Field::TipRadius, chain.tip_radius, 0.0)?;
+            last.within(Field::TipRadius, chain.tip_radius, 0.0, MAX_LENGTH)?;
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
             }
@@ -71,7 +102,7 @@ impl RobotModel {
 
 impl JointModel {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.all_finite(Field::OriginTranslation, &self.origin.translation)?;
+        check.all_within(Field::OriginTranslation, &self.origin.translation, MAX_LENGTH)?;
         check.unit(Field::OriginRotation, &self.origin.rotation)?;
         check.unit(Field::Axis, &self.axis)?;
         self.link.validate(check)?;
@@ -85,9 +116,9 @@ impl JointModel {
 
 impl Inertial {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.at_least(Field::Mass, self.mass, 0.0)?;
-        check.all_finite(Field::CenterOfMass, &self.center_of_mass)?;
-        check.all_finite(Field::Inertia, &self.inertia)?;
+        check.within(Field::Mass, self.mass, 0.0, MAX_INERTIA)?;
+        check.all_within(Field::CenterOfMass, &self.center_of_mass, MAX_LENGTH)?;
+        check.all_within(Field::Inertia, &self.inertia, MAX_INERTIA)?;
         let [ixx, iyy, izz, ixy, ixz, iyz] = self.inertia;
         let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
         // Half the trace minus each principal moment is a second moment of mass, and none can be negative.
@@ -103,73 +134,74 @@ impl Inertial {
 
 impl ForceSensor {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.above(Field::ForceResolution, self.force_resolution, 0.0)?;
-        check.above(Field::TorqueResolution, self.torque_resolution, 0.0)?;
+        check.positive(Field::ForceResolution, self.force_resolution, MAX_EFFORT)?;
+        check.positive(Field::TorqueResolution, self.torque_resolution, MAX_EFFORT)?;
         #[expect(clippy::cast_precision_loss, reason = "a figure for people")]
         check.above(Field::Saturation, self.saturation as f32, 0.0)?;
-        check.above(Field::ForceLimit, self.force_limit, 0.0)?;
-        check.at_least(Field::TipMass, self.mass, 0.0)?;
-        check.all_finite(Field::TipCenterOfMass, &self.center_of_mass)
+        check.positive(Field::ForceLimit, self.force_limit, MAX_EFFORT)?;
+        check.within(Field::TipMass, self.mass, 0.0, MAX_INERTIA)?;
+        check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)
     }
 }
 
 impl Motor {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.at_least(Field::RotorInertia, self.rotor_inertia, 0.0)?;
-        check.above(Field::TorqueConstant, self.torque_constant, 0.0)?;
-        check.above(Field::CurrentLimit, self.current_limit, 0.0)?;
-        check.above(Field::CurrentResolution, self.current_resolution, 0.0)?;
-        check.above(Field::MotorBandwidth, self.bandwidth, 0.0)?;
-        check.at_least(Field::MotorDelay, self.delay, 0.0)?;
-        check.at_most(Field::MotorDelay, self.delay, TICK)
+        check.within(Field::RotorInertia, self.rotor_inertia, 0.0, MAX_INERTIA)?;
+        check.positive(Field::TorqueConstant, self.torque_constant, MAX_EFFORT)?;
+        check.positive(Field::CurrentLimit, self.current_limit, MAX_EFFORT)?;
+        check.positive(Field::CurrentResolution, self.current_resolution, MAX_EFFORT)?;
+        check.positive(Field::MotorBandwidth, self.bandwidth, MAX_MOTOR_BANDWIDTH)?;
+        check.within(Field::MotorDelay, self.delay, 0.0, TICK)
     }
 }
 
 impl Friction {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.at_least(Field::Coulomb, self.coulomb, 0.0)?;
-        check.at_least(Field::Viscous, self.viscous, 0.0)
+        check.within(Field::Coulomb, self.coulomb, 0.0, MAX_EFFORT)?;
+        check.within(Field::Viscous, self.viscous, 0.0, MAX_EFFORT)
     }
 }
 
 impl Encoder {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.at_least(Field::CountsPerTurn, self.counts_per_turn, 1.0)
+        check.within(Field::CountsPerTurn, self.counts_per_turn, 1.0, MAX_COUNTS)
     }
 }
 
 impl JointLimits {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.finite(Field::LimitLower, self.lower)?;
+        check.within(Field::LimitLower, self.lower, -MAX_ANGLE, MAX_ANGLE)?;
         check.above(Field::LimitUpper, self.upper, self.lower)?;
-        check.above(Field::LimitVelocity, self.velocity, 0.0)?;
-        check.above(Field::LimitTorque, self.torque, 0.0)?;
-        check.above(Field::LimitTorqueRate, self.torque_rate, 0.0)?;
-        check.above(Field::LimitFollowingError, self.following_error, 0.0)
+        check.at_most(Field::LimitUpper, self.upper, MAX_ANGLE)?;
+        check.positive(Field::LimitVelocity, self.velocity, MAX_VELOCITY)?;
+        check.positive(Field::LimitTorque, self.torque, MAX_EFFORT)?;
+        check.positive(Field::LimitTorqueRate, self.torque_rate, MAX_TORQUE_RATE)?;
+        check.positive(Field::LimitFollowingError, self.following_error, MAX_ERROR)
     }
 }
 
 impl ServoGains {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
-        check.at_least(Field::FilterTime, self.filter_time, TICK)?;
-        check.at_least(Field::Proportional, self.pid.proportional, 0.0)?;
-        check.at_least(Field::Integral, self.pid.integral, 0.0)?;
-        check.at_least(Field::Derivative, self.pid.derivative, 0.0)?;
-        check.above(Field::Cutoff, self.pid.cutoff, 0.0)?;
-        check.above(Field::ServoInertia, self.observer.inertia, 0.0)?;
-        check.above(Field::Bandwidth, self.observer.bandwidth, 0.0)?;
-        check.above(Field::ObserverBandwidth, self.observer.observer_bandwidth, 0.0)?;
-        check.at_least(Field::RestError, self.rest_error, 0.0)
+        check.within(Field::FilterTime, self.filter_time, TICK, MAX_FILTER_TIME)?;
+        check.within(Field::Proportional, self.pid.proportional, 0.0, MAX_EFFORT)?;
+        check.within(Field::Integral, self.pid.integral, 0.0, MAX_EFFORT)?;
+        check.within(Field::Derivative, self.pid.derivative, 0.0, MAX_EFFORT)?;
+        check.positive(Field::Cutoff, self.pid.cutoff, MAX_BANDWIDTH)?;
+        check.positive(Field::ServoInertia, self.observer.inertia, MAX_INERTIA)?;
+        check.positive(Field::Bandwidth, self.observer.bandwidth, MAX_BANDWIDTH)?;
+        check.positive(Field::ObserverBandwidth, self.observer.observer_bandwidth, MAX_BANDWIDTH)?;
+        check.within(Field::RestError, self.rest_error, 0.0, MAX_ERROR)
     }
 }
 
 impl Safety {
     fn validate(&self) -> Result<(), ModelError> {
         let check = Check { joint: None };
-        check.at_least(Field::CommandTimeout, self.command_timeout, TICK)?;
-        check.at_least(Field::Damping, self.damping, 0.0)?;
+        check.within(Field::CommandTimeout, self.command_timeout, TICK, MAX_TIMEOUT)?;
+        check.within(Field::Damping, self.damping, 0.0, MAX_EFFORT)?;
         check.at_least(Field::SupplyMin, self.supply_min, 0.0)?;
-        check.above(Field::SupplyMax, self.supply_max, self.supply_min)
+        check.above(Field::SupplyMax, self.supply_max, self.supply_min)?;
+        check.at_most(Field::SupplyMax, self.supply_max, MAX_SUPPLY)
     }
 }
 
@@ -188,8 +220,22 @@ impl Check {
         if value.is_finite() { Ok(()) } else { Err(self.error(field, value, Problem::NotFinite)) }
     }
 
-    fn all_finite(self, field: Field, values: &[f32]) -> Result<(), ModelError> {
-        values.iter().try_for_each(|&value| self.finite(field, value))
+    /// From 0 to ±`max`.
+    fn all_within(self, field: Field, values: &[f32], max: f32) -> Result<(), ModelError> {
+        values.iter().try_for_each(|&value| self.within(field, value, -max, max))
+    }
+
+    #[inline(never)]
+    fn within(self, field: Field, value: f32, min: f32, max: f32) -> Result<(), ModelError> {
+        self.at_least(field, value, min)?;
+        self.at_most(field, value, max)
+    }
+
+    /// Above 0.
+    #[inline(never)]
+    fn positive(self, field: Field, value: f32, max: f32) -> Result<(), ModelError> {
+        self.above(field, value, 0.0)?;
+        self.at_most(field, value, max)
     }
 
     fn at_least(self, field: Field, value: f32, limit: f32) -> Result<(), ModelError> {
@@ -208,7 +254,7 @@ impl Check {
     }
 
     fn unit(self, field: Field, vector: &[f32]) -> Result<(), ModelError> {
-        self.all_finite(field, vector)?;
+        self.all_within(field, vector, 2.0)?;
         let length = math::sqrt(vector.iter().map(|x| x * x).sum());
         if length.is_nan() || abs(length - 1.0) > UNIT_TOLERANCE {
             return Err(self.error(field, length, Problem::NotUnit));
@@ -251,6 +297,26 @@ mod tests {
                 refused(0.5, [value, 2e-3, 2e-3, 0.0, 0.0, 0.0]).map(|error| (error.field, error.problem));
             assert_eq!(error, Some((Field::Inertia, Problem::NotFinite)));
         }
+    }
+
+    #[test]
+    fn values_that_no_robot_has_are_refused_with_their_bound() {
+        let mut robot = crate::test_support::robot(&["elbow"]);
+        let refused = |change: &dyn Fn(&mut RobotModel), field: Field, limit: f32| {
+            let mut robot = robot.clone();
+            change(&mut robot);
+            let error = robot.validate().unwrap_err();
+            assert_eq!((error.field, error.problem), (field, Problem::Above(limit)), "{error}");
+        };
+        refused(&|robot| robot.joints[0].servo.observer.inertia = 3e38, Field::ServoInertia, 1e4);
+        refused(&|robot| robot.joints[0].limits.torque = 1e30, Field::LimitTorque, 1e6);
+        refused(&|robot| robot.joints[0].limits.velocity = 158.0, Field::LimitVelocity, MAX_VELOCITY);
+        refused(&|robot| robot.safety.command_timeout = 1e30, Field::CommandTimeout, 10.0);
+        refused(&|robot| robot.safety.damping = 1e30, Field::Damping, 1e6);
+        refused(&|robot| robot.safety.supply_max = 66.0, Field::SupplyMax, 65.535);
+        refused(&|robot| robot.gravity = [0.0, 0.0, 1e30], Field::Gravity, 100.0);
+        robot.gravity = [0.0, -1e30, 0.0];
+        assert_eq!(robot.validate().unwrap_err().problem, Problem::Below(-100.0));
     }
 
     #[test]
