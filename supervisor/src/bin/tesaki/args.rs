@@ -4,6 +4,7 @@ mod eval;
 mod grasp;
 mod identify;
 mod impedance;
+mod init;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,6 +18,7 @@ pub use eval::{Eval, Grip, Kinematics};
 pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
+pub use init::Init;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -151,6 +153,9 @@ pub enum Command {
 
 #[derive(Subcommand)]
 pub enum ModelCommand {
+    /// Write a robot folder for a URDF: settings of controller and simulator; needs no board
+    #[command(after_help = init::help())]
+    Init(Init),
     /// Send a robot's model to the board
     Push {
         /// Robot folder

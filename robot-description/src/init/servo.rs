@@ -1,0 +1,161 @@
+//! Limits and gains of a joint that fit each other.
+
+use core::f32::consts::{E, TAU};
+
+use tesaki::TICK;
+use tesaki::math::sqrt;
+
+use super::motor::MotorPreset;
+use crate::load::JointLoad;
+use crate::robot::tree::SerialJoint;
+
+/// Bandwidths of position loop and observer [rad/s], and the ratio of largest to smallest inertia that they
+/// bear, with a fifth less torque or more. The loop gain is inversely proportional to the inertia; the
+/// eigenvalues of the sampled loop stay within 0.995 for 10.5, 20 and 30 times the smallest.
+const FINE: [(f32, f32, f32); 3] = [(20.0, 80.0, 4.6), (10.0, 80.0, 9.0), (5.0, 60.0, f32::INFINITY)];
+/// The same for encoders whose steps the derivative would amplify.
+const COARSE: [(f32, f32, f32); 3] = [(15.0, 50.0, 4.6), (10.0, 50.0, 7.0), (5.0, 50.0, f32::INFINITY)];
+/// Encoders with fewer counts for a turn of the joint are coarse.
+const COARSE_COUNTS: f32 = 16384.0;
+/// Fraction of the velocity limit that a move over the whole range may reach.
+const SPEED: f32 = 0.8;
+/// Fraction of the torque left by gravity and friction that a move may need.
+const ACCELERATION: f32 = 0.5;
+/// Error of the model that following has to bear: masses a fifth too small, torque constant a fifth too large.
+const MODEL_ERROR: f32 = 0.5;
+/// Time in which the torque may reach its limit [s].
+const TORQUE_RISE: f32 = 0.02;
+/// Friction above this fraction of the motor's torque is not believed.
+const MOST_COULOMB: f32 = 0.3;
+const MOST_VISCOUS: f32 = 0.5;
+/// Distance of the start posture from the limits, as a fraction of the range.
+const MARGIN: f32 = 0.1;
+
+/// Friction of a joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FrictionChoice {
+    /// That of the URDF.
+    Urdf,
+    /// The URDF has none.
+    Missing,
+    /// That of the URDF would take too much of the motor's torque.
+    TooLarge,
+}
+
+/// Values of a joint.
+#[derive(Clone, Debug)]
+pub struct JointPlan {
+    pub name: String,
+    pub motor: MotorPreset,
+    /// Why this motor.
+    pub reason: String,
+    pub load: JointLoad,
+    /// Limits of the URDF: angles [rad], velocity [rad/s], effort [N·m].
+    pub range: (f32, f32),
+    pub urdf_velocity: f32,
+    pub urdf_effort: f32,
+    pub urdf_coulomb: f32,
+    pub urdf_viscous: f32,
+    pub coulomb_choice: FrictionChoice,
+    pub viscous_choice: FrictionChoice,
+    pub coulomb: f32,
+    pub viscous: f32,
+    pub velocity: f32,
+    pub torque: f32,
+    pub torque_rate: f32,
+    pub following_error: f32,
+    /// Smallest, largest and their geometric mean, with rotor [kg·m²].
+    pub inertia: [f32; 3],
+    pub filter_time: f32,
+    /// Velocity of a move over the whole range [rad/s].
+    pub peak_velocity: f32,
+    pub rest_error: f32,
+    pub bandwidth: f32,
+    pub observer_bandwidth: f32,
+    /// Start angle [rad].
+    pub start: f32,
+}
+
+impl JointPlan {
+    pub fn new(joint: &SerialJoint, load: JointLoad, motor: MotorPreset, reason: String) -> Self {
+        let limits = &joint.limits;
+        let torque = if limits.torque > 0.0 { limits.torque.min(motor.torque()) } else { motor.torque() };
+        let velocity = if limits.velocity > 0.0 { limits.velocity.min(motor.speed) } else { motor.speed };
+        let choose = |value: f32, most: f32| match value {
+            value if value <= 0.0 => FrictionChoice::Missing,
+            value if value > most => FrictionChoice::TooLarge,
+            _ => FrictionChoice::Urdf,
+        };
+        let coulomb_choice = choose(joint.friction.coulomb, MOST_COULOMB * torque);
+        let viscous_choice = choose(joint.friction.viscous * velocity, MOST_VISCOUS * torque);
+        let of = |choice, urdf, preset| if choice == FrictionChoice::Urdf { urdf } else { preset };
+        let coulomb = of(coulomb_choice, joint.friction.coulomb, motor.coulomb);
+        let viscous = of(viscous_choice, joint.friction.viscous, motor.viscous);
+
+        let [smallest, largest] = load.inertia.map(|inertia| inertia + motor.rotor_inertia);
+        let inertia = sqrt(smallest * largest);
+        let ladder = if motor.counts_per_turn < COARSE_COUNTS { COARSE } else { FINE };
+        let rung = ladder.iter().find(|(.., ratio)| largest / smallest <= *ratio);
+        let &(bandwidth, observer_bandwidth, _) = rung.unwrap_or(&ladder[2]);
+
+        let range = limits.upper - limits.lower;
+        let spare =
+            (0.8 * torque - 1.2 * (load.gravity + coulomb + 0.5 * viscous * velocity)).max(0.1 * torque);
+        let by_speed = range / (E * SPEED * velocity);
+        let by_torque = sqrt(largest * range / (ACCELERATION * spare));
+        let filter_time = up(by_speed.max(by_torque).max(2.0 / bandwidth).max(0.2), 0.05);
+        let acceleration = range / (filter_time * filter_time);
+        let unknown = MODEL_ERROR * (load.gravity + coulomb) + 0.3 * largest * acceleration;
+        let stiffness = inertia * bandwidth * bandwidth;
+        let following_error = up((2.0 * unknown / stiffness).clamp(0.15, 0.5), 0.01);
+        Self {
+            name: joint.name.clone(),
+            range: (limits.lower, limits.upper),
+            urdf_velocity: limits.velocity,
+            urdf_effort: limits.torque,
+            urdf_coulomb: joint.friction.coulomb,
+            urdf_viscous: joint.friction.viscous,
+            coulomb_choice,
+            viscous_choice,
+            coulomb,
+            viscous,
+            velocity,
+            torque,
+            torque_rate: torque / TORQUE_RISE,
+            following_error,
+            inertia: [smallest, largest, inertia],
+            filter_time,
+            peak_velocity: range / (E * filter_time),
+            rest_error: (1.2 * TAU / motor.counts_per_turn).max(7e-4),
+            bandwidth,
+            observer_bandwidth,
+            start: 0.0_f32.clamp(limits.lower + MARGIN * range, limits.upper - MARGIN * range),
+            motor,
+            reason,
+            load,
+        }
+    }
+
+    /// The PID with the bandwidth of the state feedback: `(s + ω)²(s + ω/4)` but for the smallest term.
+    /// Per inertia: proportional [1/s²], integral [1/s³], derivative [1/s]; cut-off [rad/s].
+    pub const fn pid(&self) -> [f32; 4] {
+        let w = self.bandwidth;
+        [w * w, w * w * w / 4.0, 2.0 * w, 4.0 * w]
+    }
+
+    /// The largest damping [N·m·s/rad] that is stable in every posture with a sampled velocity, halved twice.
+    pub const fn damping(&self) -> f32 {
+        0.25 * self.inertia[0] / TICK
+    }
+
+    /// The longest sub-step of the physics [s] in which viscous friction stays well below critical.
+    pub fn step(&self) -> f32 {
+        let longest = 0.25 * self.motor.rotor_inertia / self.viscous.max(1e-9);
+        [1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5].into_iter().find(|&step| step <= longest).unwrap_or(2e-5)
+    }
+}
+
+/// `value` rounded up to a multiple of `unit`.
+fn up(value: f32, unit: f32) -> f32 {
+    libm::ceilf(value / unit - 1e-3) * unit
+}
