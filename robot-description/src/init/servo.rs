@@ -9,12 +9,25 @@ use super::motor::MotorPreset;
 use crate::load::JointLoad;
 use crate::robot::tree::SerialJoint;
 
-/// Bandwidths of position loop and observer [rad/s], and the ratio of largest to smallest inertia that they
-/// bear, with a fifth less torque or more. The loop gain is inversely proportional to the inertia; the
-/// eigenvalues of the sampled loop stay within 0.995 for 10.5, 20 and 30 times the smallest.
-const FINE: [(f32, f32, f32); 3] = [(20.0, 80.0, 4.6), (10.0, 80.0, 9.0), (5.0, 60.0, f32::INFINITY)];
+/// Bandwidths of position loop and observer [rad/s], and the largest ratio of largest to smallest inertia for
+/// which they are stable, the slowest first. The gains are for the geometric mean `J` of both. The eigenvalues
+/// of the sampled loop stay within 0.99 for inertias of 0.22, 0.27, 0.35, 0.44 and 0.55 `J` and more, and up
+/// to 3.4 `J`; half as much is kept in reserve, for errors of torque constant and masses.
+const FINE: [(f32, f32, f32); 5] = [
+    (5.0, 60.0, f32::INFINITY),
+    (10.0, 80.0, 6.0),
+    (20.0, 80.0, 3.6),
+    (30.0, 120.0, 2.2),
+    (45.0, 160.0, 1.4),
+];
 /// The same for encoders whose steps the derivative would amplify.
-const COARSE: [(f32, f32, f32); 3] = [(15.0, 50.0, 4.6), (10.0, 50.0, 7.0), (5.0, 50.0, f32::INFINITY)];
+const COARSE: [(f32, f32, f32); 4] =
+    [(5.0, 50.0, f32::INFINITY), (10.0, 50.0, 5.0), (15.0, 50.0, 4.2), (20.0, 80.0, 3.6)];
+/// No faster than this [rad/s] unless friction demands it: real links are flexible.
+const CALM: f32 = 20.0;
+/// Distance by which the spring of the position loop should overcome Coulomb friction [rad]. Where it takes
+/// much more, integral action needs seconds to turn the torque round, and the joint hunts about its target.
+const FRICTION_DISTANCE: f32 = 0.05;
 /// Encoders with fewer counts for a turn of the joint are coarse.
 const COARSE_COUNTS: f32 = 16384.0;
 /// Fraction of the velocity limit that a move over the whole range may reach.
@@ -94,9 +107,7 @@ impl JointPlan {
 
         let [smallest, largest] = load.inertia.map(|inertia| inertia + motor.rotor_inertia);
         let inertia = sqrt(smallest * largest);
-        let ladder = if motor.counts_per_turn < COARSE_COUNTS { COARSE } else { FINE };
-        let rung = ladder.iter().find(|(.., ratio)| largest / smallest <= *ratio);
-        let &(bandwidth, observer_bandwidth, _) = rung.unwrap_or(&ladder[2]);
+        let (bandwidth, observer_bandwidth) = bandwidths(&motor, largest / smallest, coulomb / inertia);
 
         let range = limits.upper - limits.lower;
         let spare =
@@ -153,6 +164,19 @@ impl JointPlan {
         let longest = 0.25 * self.motor.rotor_inertia / self.viscous.max(1e-9);
         [1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5].into_iter().find(|&step| step <= longest).unwrap_or(2e-5)
     }
+}
+
+/// Bandwidths of position loop and observer [rad/s] for a ratio of inertias and Coulomb friction per inertia
+/// [rad/s²].
+fn bandwidths(motor: &MotorPreset, ratio: f32, friction: f32) -> (f32, f32) {
+    let ladder: &[(f32, f32, f32)] = if motor.counts_per_turn < COARSE_COUNTS { &COARSE } else { &FINE };
+    let mut chosen = (ladder[0].0, ladder[0].1);
+    for &(bandwidth, observer_bandwidth, _) in ladder.iter().filter(|(.., most)| ratio <= *most) {
+        if bandwidth <= CALM || friction > FRICTION_DISTANCE * chosen.0 * chosen.0 {
+            chosen = (bandwidth, observer_bandwidth);
+        }
+    }
+    chosen
 }
 
 /// `value` rounded up to a multiple of `unit`.

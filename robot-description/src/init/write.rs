@@ -159,9 +159,7 @@ fn sections(text: &mut String, prefix: &str, entries: &[&Entry]) {
     for entry in entries {
         if entry.section != section {
             section = entry.section;
-            // The first head follows the comment about it.
-            let gap = if text.ends_with('\n') { "\n" } else { "\n" };
-            let _ = write!(text, "{gap}[{prefix}.{section}]\n");
+            let _ = write!(text, "\n[{prefix}.{section}]\n");
         }
         line(text, entry.key, &entry.value, &entry.comment);
     }
@@ -277,7 +275,7 @@ fn servo(joint: &JointPlan, add: Add<'_>) {
     add("servo.pid", "derivative", n(derivative), "1/s; computed: 2 bandwidth".to_owned());
     add("servo.pid", "cutoff", n(cutoff), "rad/s; computed: 4 bandwidth".to_owned());
     let comment = format!(
-        "rad/s; chosen for a ratio of inertias of {:.1} and {} counts a turn",
+        "rad/s; chosen for a ratio of inertias of {:.1}, {} counts a turn and the friction",
         largest / smallest,
         n(joint.motor.counts_per_turn)
     );
@@ -366,8 +364,11 @@ fn key(name: &str) -> String {
     if bare { name.to_owned() } else { format!("{name:?}") }
 }
 
-/// Four digits, as a number of TOML that is not whole by its type.
+/// Four digits, or all of a whole number, as a number of TOML that is not whole by its type.
 fn number(value: f32) -> String {
+    if value.fract() == 0.0 {
+        return format!("{value:?}");
+    }
     let short: f32 = format!("{value:.3e}").parse().unwrap_or(value);
     format!("{short:?}")
 }

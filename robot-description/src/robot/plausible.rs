@@ -13,11 +13,14 @@ use crate::load::{JointLoad, gravity_torques, joint_loads};
 use crate::plant::PlantValues;
 use crate::urdf::{RigidBody, Urdf};
 
-/// The shortest time in which a motor's full torque can bring its bare rotor to full speed [s]. The mechanical
-/// time constants of servo motors are 2 to 50 ms.
-const FASTEST_ROTOR: f32 = 1e-3;
+/// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
+/// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
+const FASTEST_ROTOR: f32 = 2e-4;
 /// Coulomb friction above this fraction of the motor's torque is suspicious.
 const MUCH_FRICTION: f32 = 0.5;
+/// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
+/// joint hunts about its target for seconds.
+const MUCH_STICKING: f32 = 0.5;
 /// A radius of gyration above this multiple of the link's size is suspicious.
 const WIDE: f64 = 3.0;
 /// Sizes of links below this one are not trusted [m].
@@ -107,6 +110,7 @@ fn of_chain(
         rotor(joint, reports);
         motor(joint, joints, load, reports);
         speed(joint, reports);
+        sticking(joint, reports);
     }
     let Some((posture, text)) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
@@ -170,7 +174,7 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
     } else if inertia < least {
         let message = format!(
             "joint {}: motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
-             {:.2} ms; no motor takes less than 1 ms",
+             {:.3} ms; no motor takes less than 0.2 ms",
             joint.name,
             joint.limits.velocity,
             1e3 * inertia * joint.limits.velocity / torque
@@ -252,6 +256,26 @@ fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
     }
 }
 
+/// A position loop that friction overcomes.
+fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
+    let gains = &joint.servo.observer;
+    let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
+    if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
+        let message = format!(
+            "joint {}: Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
+             stops short and hunts about its target for seconds",
+            joint.name,
+            joint.friction.coulomb,
+            joint.friction.coulomb / distance,
+            gains.inertia,
+            gains.bandwidth
+        );
+        let advice =
+            "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
+        reports.settings.warning(reports.line(joint, "servo.observer.bandwidth"), message, advice);
+    }
+}
+
 /// Controller and plant must fit.
 fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &mut Report) {
     for name in plant.posture.keys() {
@@ -260,6 +284,19 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &m
             let message = format!("[posture]: the URDF has no joint {name}");
             let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
             report.dynamics(line_of(text, &format!("posture.{name}")), message, advice);
+        }
+    }
+    for joint in &model.joints {
+        let step = plant.integration.step;
+        let longest = f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
+        if step > longest {
+            let message = format!(
+                "integration.step = {step} s is too long for joint {}: its rotor ({:.1e} kg·m²) comes to rest by viscous \
+                 friction ({} N·m·s/rad) within {longest:.1e} s",
+                joint.name, joint.motor.rotor_inertia, joint.friction.viscous
+            );
+            let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
+            report.dynamics(line_of(text, "integration.step"), message, advice);
         }
     }
     let (voltage, safety) = (plant.supply.voltage, &model.safety);

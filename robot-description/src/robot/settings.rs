@@ -155,7 +155,7 @@ impl Settings {
             report.dynamics(
                 line,
                 error.message(),
-                "docs/bring-your-own-hand.md has a complete controller.toml",
+                "docs/bring-your-own-hand.md has a complete controller.toml; `tesaki model init` writes one",
             );
         });
         // The joints can be looked at all the same.

@@ -16,9 +16,9 @@ Example:
 Motors (peak torque and speed at the joint):
 "
     .to_owned();
-    for MotorPreset { id, source, speed, .. } in PRESETS {
-        let torque = PRESETS.iter().find(|preset| preset.id == *id).map_or(0.0, MotorPreset::torque);
-        text += &format!("  {id:<12} {torque:>6.2} N·m {speed:>6.1} rad/s  {source}\n");
+    for motor in PRESETS {
+        let MotorPreset { id, speed, source, .. } = motor;
+        text += &format!("  {id:<12} {:>6.2} N·m {speed:>6.1} rad/s  {source}\n", motor.torque());
     }
     text + "  generic      sized by the URDF's effort and velocity; replace its values\n\n\
         Behind each value in the files stand its unit and its source: URDF, motor, computed or assumed."
