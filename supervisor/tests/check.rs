@@ -198,8 +198,8 @@ fn changed_plant(changes: &[(&str, &str, &str)]) -> tempfile::TempDir {
 #[test]
 fn what_no_machine_is_likely_to_have_is_told_all_at_once() {
     let folder = changed_plant(&[
-        // 0.04 kg and 6e-6 kg·m² become 25 kg at 14 mm: 3.5 N·m where the motor has 0.6.
-        ("robot.urdf", "<mass value=\"0.04\"/>", "<mass value=\"25\"/>"),
+        // 25 kg at 23 mm weigh 5.6 N·m where the motor has 0.6.
+        ("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"25\"/>"),
         ("robot.urdf", "damping=\"0.002\" friction=\"0.02\"", "damping=\"0.2\" friction=\"0.7\""),
         ("controller.toml", "rotor_inertia = 2e-4", "rotor_inertia = 2e-6"),
         (
@@ -219,14 +219,15 @@ fn what_no_machine_is_likely_to_have_is_told_all_at_once() {
         &[
             "joint finger1_swing: Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m: it cannot move",
             "joint finger1_swing: viscous friction takes 1.200 N·m at the velocity limit of 6 rad/s",
-            "joint finger1_swing: gravity needs up to ",
-            "joint finger2_swing: motor.rotor_inertia = 2e-6 kg·m²: 0.6 N·m would bring the rotor to 6 rad/s in 0.020 ms",
+            "joint finger1_bend: gravity needs up to 5.7",
+            "finger3_swing, finger3_bend: motor.rotor_inertia = 2e-6 kg·m²: 0.6 N·m would bring the rotor to 6 rad/s in \
+             0.020 ms",
             "joint finger3_curl: motor.rotor_inertia = 0: every motor has a rotor",
-            "joint finger2_curl: a move over half of its range reaches 9.20 rad/s, above its limit of 6 rad/s",
+            "joints finger1_curl, finger2_curl, finger3_curl: a move over half of its range reaches 9.20 rad/s, above its limit of 6 rad/s",
             "plant.toml:51: joint finger1_bend: starts at 1.9 rad, outside its limits -1.2 to 1.7 rad",
             "supply.voltage = 12 V, outside safety.supply_min and supply_max of controller.toml, 20 to 28 V",
             "[posture]: the URDF has no joint finger4_bend",
-            "integration.step = 0.001 s is too long for joint finger1_swing",
+            "integration.step = 0.001 s is too long for joint finger3_curl",
         ],
     );
 }

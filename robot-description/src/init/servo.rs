@@ -23,8 +23,9 @@ const FINE: [(f32, f32, f32); 5] = [
 /// The same for encoders whose steps the derivative would amplify.
 const COARSE: [(f32, f32, f32); 4] =
     [(5.0, 50.0, f32::INFINITY), (10.0, 50.0, 5.0), (15.0, 50.0, 4.2), (20.0, 80.0, 3.6)];
-/// No faster than this [rad/s] unless friction demands it: real links are flexible.
+/// No faster than this [rad/s] unless friction demands it: real links are flexible, and coarse encoders noisy.
 const CALM: f32 = 20.0;
+const CALM_COARSE: f32 = 15.0;
 /// Distance by which the spring of the position loop should overcome Coulomb friction [rad]. Where it takes
 /// much more, integral action needs seconds to turn the torque round, and the joint hunts about its target.
 const FRICTION_DISTANCE: f32 = 0.05;
@@ -169,10 +170,11 @@ impl JointPlan {
 /// Bandwidths of position loop and observer [rad/s] for a ratio of inertias and Coulomb friction per inertia
 /// [rad/s²].
 fn bandwidths(motor: &MotorPreset, ratio: f32, friction: f32) -> (f32, f32) {
-    let ladder: &[(f32, f32, f32)] = if motor.counts_per_turn < COARSE_COUNTS { &COARSE } else { &FINE };
+    let (ladder, calm): (&[(f32, f32, f32)], f32) =
+        if motor.counts_per_turn < COARSE_COUNTS { (&COARSE, CALM_COARSE) } else { (&FINE, CALM) };
     let mut chosen = (ladder[0].0, ladder[0].1);
     for &(bandwidth, observer_bandwidth, _) in ladder.iter().filter(|(.., most)| ratio <= *most) {
-        if bandwidth <= CALM || friction > FRICTION_DISTANCE * chosen.0 * chosen.0 {
+        if bandwidth <= calm || friction > FRICTION_DISTANCE * chosen.0 * chosen.0 {
             chosen = (bandwidth, observer_bandwidth);
         }
     }
@@ -182,4 +184,89 @@ fn bandwidths(motor: &MotorPreset, ratio: f32, friction: f32) -> (f32, f32) {
 /// `value` rounded up to a multiple of `unit`.
 fn up(value: f32, unit: f32) -> f32 {
     libm::ceilf(value / unit - 1e-3) * unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tesaki::model::{Friction, Inertial, JointLimits, Pose};
+
+    /// A joint of ±1 rad, 2 rad/s and 4 N·m with 0.1 N·m and 0.02 N·m·s/rad of friction, moved by a
+    /// XM430-W350; its links have 1.5 to 3.5e-3 kg·m² and weigh 1 N·m.
+    fn joint() -> (SerialJoint, JointLoad) {
+        let limits = JointLimits {
+            lower: -1.0,
+            upper: 1.0,
+            velocity: 2.0,
+            torque: 4.0,
+            torque_rate: 0.0,
+            following_error: 0.0,
+        };
+        let joint = SerialJoint {
+            name: "joint".to_owned(),
+            origin: Pose::IDENTITY,
+            axis: [0.0, 0.0, 1.0],
+            link: Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] },
+            limits,
+            friction: Friction { coulomb: 0.1, viscous: 0.02 },
+        };
+        (joint, JointLoad { inertia: [1.5e-3, 3.5e-3], gravity: 1.0, posture: vec![0.0] })
+    }
+
+    fn plan(joint: &SerialJoint, load: JointLoad) -> JointPlan {
+        let motor = MotorPreset::find("xm430-w350").cloned().unwrap_or_else(|| panic!("a preset"));
+        JointPlan::new(joint, load, motor, String::new())
+    }
+
+    #[test]
+    fn limits_and_gains_are_those_worked_by_hand() {
+        let (joint, load) = joint();
+        let plan = plan(&joint, load);
+        // Inertias with the rotor's 8.5e-3: 0.010, 0.012, and √(0.010·0.012). Bandwidth 15 rad/s, because
+        // 0.1 N·m are overcome at 0.1/(0.010954·15²) = 0.041 rad. Filter by speed: 2/(e·0.8·2) = 0.46 s; by
+        // torque, 0.8·4 − 1.2·(1 + 0.1 + 0.02) = 1.856 N·m are spare: √(0.012·2/0.928) = 0.16 s. Following:
+        // 0.5·1.1 + 0.3·0.012·2/0.5² = 0.5788 N·m unknown, twice that over 0.010954·15² N·m/rad.
+        for (got, expected) in [
+            (plan.inertia[0], 0.010),
+            (plan.inertia[1], 0.012),
+            (plan.inertia[2], 0.010_954),
+            (plan.bandwidth, 15.0),
+            (plan.observer_bandwidth, 50.0),
+            (plan.filter_time, 0.5),
+            (plan.peak_velocity, 1.4715),
+            (plan.torque, 4.0),
+            (plan.torque_rate, 200.0),
+            (plan.following_error, 0.47),
+            (plan.rest_error, 1.8408e-3),
+            (plan.damping(), 0.25),
+            (plan.coulomb, 0.1),
+        ] {
+            assert!((got / expected - 1.0).abs() < 1e-3, "{got} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn friction_is_met_by_a_faster_loop_or_not_believed_and_a_varying_inertia_by_a_slower_one() {
+        let (mut joint, load) = joint();
+        joint.friction.coulomb = 0.3;
+        let much = plan(&joint, load.clone());
+        assert!(much.bandwidth > 15.0 && much.coulomb_choice == FrictionChoice::Urdf, "{much:?}");
+        joint.friction = Friction { coulomb: 1.3, viscous: 1.1 };
+        let absurd = plan(&joint, load.clone());
+        assert_eq!(
+            (absurd.coulomb_choice, absurd.viscous_choice),
+            (FrictionChoice::TooLarge, FrictionChoice::TooLarge)
+        );
+        assert!((absurd.coulomb - 0.1).abs() < 1e-6, "that of the motor");
+        joint.friction = Friction { coulomb: 0.0, viscous: 0.0 };
+        let varying = plan(&joint, JointLoad { inertia: [1.5e-3, 0.1], ..load });
+        assert!(varying.bandwidth < 15.0 && varying.coulomb_choice == FrictionChoice::Missing, "{varying:?}");
+    }
+
+    #[test]
+    fn a_joint_starts_away_from_its_limits() {
+        let (mut joint, load) = joint();
+        (joint.limits.lower, joint.limits.upper) = (0.263, 1.396);
+        assert!((plan(&joint, load).start - 0.3763).abs() < 1e-6);
+    }
 }

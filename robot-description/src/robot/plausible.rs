@@ -50,6 +50,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
         settings: Report::new(&folder.path.join("controller.toml")),
         plant: Report::new(&folder.path.join("plant.toml")),
         text: settings,
+        of_joints: Vec::new(),
     };
     let path = folder.path.join("plant.toml");
     let mut start = None;
@@ -69,6 +70,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
     if plant.is_some() {
         bodies(&folder.urdf, &mut reports.urdf);
     }
+    reports.report_joints();
     let Reports { mut urdf, mut settings, mut plant, .. } = reports;
     urdf.sort();
     settings.sort();
@@ -83,9 +85,57 @@ struct Reports<'a> {
     plant: Report,
     /// `controller.toml`.
     text: &'a str,
+    /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
+    of_joints: Vec<(JointFinding, Vec<String>)>,
+}
+
+/// Something that is said of a joint.
+#[derive(PartialEq, Eq)]
+struct JointFinding {
+    is_error: bool,
+    line: Option<usize>,
+    message: String,
+    advice: String,
 }
 
 impl Reports<'_> {
+    /// Something about a joint that does not work.
+    fn error(&mut self, joint: &JointModel, line: Option<usize>, message: String, advice: impl Into<String>) {
+        self.add(joint, JointFinding { is_error: true, line, message, advice: advice.into() });
+    }
+
+    /// Something about a joint that deserves attention.
+    fn warning(
+        &mut self,
+        joint: &JointModel,
+        line: Option<usize>,
+        message: String,
+        advice: impl Into<String>,
+    ) {
+        self.add(joint, JointFinding { is_error: false, line, message, advice: advice.into() });
+    }
+
+    fn add(&mut self, joint: &JointModel, finding: JointFinding) {
+        let name = joint.name.to_string();
+        match self.of_joints.iter_mut().find(|(known, _)| *known == finding) {
+            Some((_, names)) => names.push(name),
+            None => self.of_joints.push((finding, vec![name])),
+        }
+    }
+
+    /// Each finding once, with all joints of which it is true.
+    fn report_joints(&mut self) {
+        for (JointFinding { is_error, line, message, advice }, names) in std::mem::take(&mut self.of_joints) {
+            let plural = if names.len() > 1 { "s" } else { "" };
+            let message = format!("joint{plural} {}: {message}", names.join(", "));
+            if is_error {
+                self.settings.dynamics(line, message, advice);
+            } else {
+                self.settings.warning(line, message, advice);
+            }
+        }
+    }
+
     /// The line of a setting of a joint.
     fn line(&self, joint: &JointModel, key: &str) -> Option<usize> {
         line_of(self.text, &format!("joints.{}.{key}", joint.name))
@@ -168,20 +218,19 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
     let least = torque * FASTEST_ROTOR / joint.limits.velocity;
     let line = reports.line(joint, "motor.rotor_inertia");
     if inertia <= 0.0 {
-        let message = format!("joint {}: motor.rotor_inertia = 0: every motor has a rotor", joint.name);
+        let message = format!("motor.rotor_inertia = 0: every motor has a rotor",);
         let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
-        reports.settings.dynamics(line, message, advice);
+        reports.error(joint, line, message, advice);
     } else if inertia < least {
         let message = format!(
-            "joint {}: motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
+            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
              {:.3} ms; no motor takes less than 0.2 ms",
-            joint.name,
             joint.limits.velocity,
             1e3 * inertia * joint.limits.velocity / torque
         );
         let advice =
             format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
-        reports.settings.warning(line, message, advice);
+        reports.warning(joint, line, message, advice);
     }
 }
 
@@ -195,25 +244,23 @@ fn motor(joint: &JointModel, joints: &[JointModel], load: &JointLoad, reports: &
     let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
     if coulomb >= torque {
         let message = format!(
-            "joint {}: Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move",
-            joint.name
+            "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move",
         );
-        reports.settings.dynamics(line, message, hint);
+        reports.error(joint, line, message, hint);
     } else if coulomb > MUCH_FRICTION * torque {
         let message = format!(
-            "joint {}: Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
-            joint.name,
+            "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
             100.0 * coulomb / torque
         );
-        reports.settings.warning(line, message, hint);
+        reports.warning(joint, line, message, hint);
     }
     if viscous > torque {
         let message = format!(
-            "joint {}: viscous friction takes {viscous:.3} N·m at the velocity limit of {} rad/s; the motor has \
+            "viscous friction takes {viscous:.3} N·m at the velocity limit of {} rad/s; the motor has \
              {torque:.3} N·m",
-            joint.name, joint.limits.velocity
+            joint.limits.velocity
         );
-        reports.settings.warning(line, message, hint);
+        reports.warning(joint, line, message, hint);
     }
     let line = reports.line(joint, "motor.current_limit");
     if load.gravity > torque {
@@ -223,21 +270,20 @@ fn motor(joint: &JointModel, joints: &[JointModel], load: &JointLoad, reports: &
             .map(|(joint, angle)| format!("{}={angle:.2}", joint.name))
             .collect();
         let message = format!(
-            "joint {}: gravity needs up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
-            joint.name,
+            "gravity needs up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
             load.gravity,
             angles.join(" ")
         );
         let advice =
             "check masses, gravity, torque_constant and current_limit; or narrow the limits of the joints";
-        reports.settings.dynamics(line, message, advice);
+        reports.error(joint, line, message, advice);
     } else if load.gravity + coulomb > torque {
         let message = format!(
-            "joint {}: gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
+            "gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
              it cannot lift everywhere",
-            joint.name, load.gravity
+            load.gravity
         );
-        reports.settings.warning(line, message, "check masses, friction, torque_constant and current_limit");
+        reports.warning(joint, line, message, "check masses, friction, torque_constant and current_limit");
     }
 }
 
@@ -248,11 +294,11 @@ fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
     if peak > joint.limits.velocity {
         let line = reports.line(joint, "servo.filter_time");
         let message = format!(
-            "joint {}: a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
-            joint.name, joint.limits.velocity
+            "a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
+            joint.limits.velocity
         );
         let advice = format!("servo.filter_time = {:.2} or more", FILTER_PEAK * half / joint.limits.velocity);
-        reports.settings.warning(line, message, advice);
+        reports.warning(joint, line, message, advice);
     }
 }
 
@@ -262,9 +308,8 @@ fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
     let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
     if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
         let message = format!(
-            "joint {}: Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
+            "Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
              stops short and hunts about its target for seconds",
-            joint.name,
             joint.friction.coulomb,
             joint.friction.coulomb / distance,
             gains.inertia,
@@ -272,7 +317,7 @@ fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
         );
         let advice =
             "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
-        reports.settings.warning(reports.line(joint, "servo.observer.bandwidth"), message, advice);
+        reports.warning(joint, reports.line(joint, "servo.observer.bandwidth"), message, advice);
     }
 }
 
@@ -286,18 +331,20 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &m
             report.dynamics(line_of(text, &format!("posture.{name}")), message, advice);
         }
     }
-    for joint in &model.joints {
-        let step = plant.integration.step;
-        let longest = f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
-        if step > longest {
-            let message = format!(
-                "integration.step = {step} s is too long for joint {}: its rotor ({:.1e} kg·m²) comes to rest by viscous \
-                 friction ({} N·m·s/rad) within {longest:.1e} s",
-                joint.name, joint.motor.rotor_inertia, joint.friction.viscous
-            );
-            let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
-            report.dynamics(line_of(text, "integration.step"), message, advice);
-        }
+    let time = |joint: &JointModel| f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
+    let fastest = model.joints.iter().min_by(|one, other| time(one).total_cmp(&time(other)));
+    if let Some(joint) = fastest.filter(|joint| plant.integration.step > time(joint)) {
+        let message = format!(
+            "integration.step = {} s is too long for joint {}: its rotor ({:.1e} kg·m²) comes to rest by viscous \
+             friction ({} N·m·s/rad) within {:.1e} s",
+            plant.integration.step,
+            joint.name,
+            joint.motor.rotor_inertia,
+            joint.friction.viscous,
+            time(joint)
+        );
+        let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
+        report.dynamics(line_of(text, "integration.step"), message, advice);
     }
     let (voltage, safety) = (plant.supply.voltage, &model.safety);
     if voltage < f64::from(safety.supply_min) || voltage > f64::from(safety.supply_max) {

@@ -22,8 +22,14 @@ const ACCEPT: &str = "or accept the nearest possible inertia: its name in accept
 /// Reports masses that no body has; of the `accepted` links only what cannot be replaced.
 pub fn check(source: &Source<'_>, accepted: &[String], report: &mut Report) {
     for link in &source.links {
-        if let Some(inertial) = link.child("inertial") {
-            body(link, &inertial, accepted.iter().any(|name| name == link.name()), report);
+        let accepted = accepted.iter().any(|name| name == link.name());
+        match link.child("inertial") {
+            Some(inertial) => body(link, &inertial, accepted, report),
+            None if accepted => {
+                let message = format!("{}: accepted without mass: a gram is used", link.title());
+                report.warning(Some(link.line()), message, "give it an <inertial> when its mass is known");
+            }
+            None => {}
         }
     }
 }
