@@ -187,7 +187,7 @@ pub const PRESETS: &[MotorPreset] = &[
         torque_constant: 7.64,
         current: 15.7,
         rotor_inertia: 0.231,
-        speed: 6.28,
+        speed: core::f32::consts::TAU,
         coulomb: 2.0,
         viscous: 0.3,
         counts_per_turn: 1_048_576.0,

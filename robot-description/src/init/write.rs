@@ -283,6 +283,9 @@ fn servo(joint: &JointPlan, add: Add<'_>) {
     add("servo.observer", "observer_bandwidth", n(joint.observer_bandwidth), "rad/s; likewise".to_owned());
 }
 
+/// A section and its values: key, value, comment.
+type Section<'a> = (&'a str, &'a [(&'a str, f32, &'a str)]);
+
 fn plant(name: &str, joints: &[JointPlan]) -> String {
     let most = |value: fn(&JointPlan) -> f32| joints.iter().map(value).fold(0.0, f32::max);
     let relative = joints.iter().any(|joint| joint.motor.relative);
@@ -303,7 +306,7 @@ fn plant(name: &str, joints: &[JointPlan]) -> String {
     );
     let homing =
         if relative { "rad; assumed: homed by hand" } else { "rad, of an absolute encoder; assumed" };
-    let sections: [(&str, &[(&str, f32, &str)]); 6] = [
+    let sections: [Section<'_>; 6] = [
         (
             "mismatch",
             &[
@@ -366,7 +369,7 @@ fn key(name: &str) -> String {
 
 /// Four digits, or all of a whole number, as a number of TOML that is not whole by its type.
 fn number(value: f32) -> String {
-    if value.fract() == 0.0 {
+    if libm::fmodf(value, 1.0) == 0.0 {
         return format!("{value:?}");
     }
     let short: f32 = format!("{value:.3e}").parse().unwrap_or(value);

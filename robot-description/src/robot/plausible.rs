@@ -218,7 +218,7 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
     let least = torque * FASTEST_ROTOR / joint.limits.velocity;
     let line = reports.line(joint, "motor.rotor_inertia");
     if inertia <= 0.0 {
-        let message = format!("motor.rotor_inertia = 0: every motor has a rotor",);
+        let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
         let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
         reports.error(joint, line, message, advice);
     } else if inertia < least {
