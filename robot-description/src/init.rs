@@ -77,7 +77,7 @@ pub enum InitError {
     #[error("{}", urdf::list(.0))]
     Wrong(Vec<Finding>),
     /// There is no such motor.
-    #[error("--motor {choice}: there is no motor {choice:?}; the motors are {}", MotorPreset::names().join(", "))]
+    #[error("--motor: there is no motor {choice:?}; the motors are {}", MotorPreset::names().join(", "))]
     Motor {
         /// The name.
         choice: String,

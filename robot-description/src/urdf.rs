@@ -119,8 +119,8 @@ impl Urdf {
         Some(Self { path: path.to_owned(), robot, base: base?, link_lines, joint_lines })
     }
 
-    /// The links of `text`, the content of `path`, whose inertia no body can have; of bodies that move and have
-    /// no mass or no inertia, the first link.
+    /// The links of `text`, the content of `path`, whose inertia no body can have; of bodies that move and
+    /// have no mass or no inertia, the first link.
     pub fn impossible_inertias(path: &Path, text: &str) -> Vec<String> {
         let mut report = Report::new(path);
         let Some(document) = source::parse(text, &mut report) else { return Vec::new() };

@@ -64,7 +64,8 @@ pub const PRESETS: &[MotorPreset] = &[
     },
     MotorPreset {
         id: "maxon-16mm",
-        source: "16 mm DC motor as maxon DCX 16 L at 24 V with a planetary gear 111:1, rounded values of the maxon catalogue",
+        source: "16 mm DC motor as maxon DCX 16 L at 24 V with a planetary gear 111:1, rounded \
+            values of the maxon catalogue",
         torque_constant: 1.8,
         current: 0.35,
         rotor_inertia: 1.4e-3,
@@ -98,7 +99,8 @@ pub const PRESETS: &[MotorPreset] = &[
     },
     MotorPreset {
         id: "odri-4004",
-        source: "T-Motor Antigravity 4004 KV300 with belts 9:1 at 24 V (Grimminger et al. 2020, An Open Torque-Controlled Modular Robot Architecture)",
+        source: "T-Motor Antigravity 4004 KV300 with belts 9:1 at 24 V (Grimminger et al. 2020, An \
+            Open Torque-Controlled Modular Robot Architecture)",
         torque_constant: 0.225,
         current: 12.0,
         rotor_inertia: 3.6e-4,
@@ -231,7 +233,8 @@ impl MotorPreset {
     pub fn generic(torque: f32, speed: f32) -> Self {
         Self {
             id: GENERIC,
-            source: "no product: a geared motor that has the URDF's effort and velocity; replace its values by your motor's",
+            source: "no product: a geared motor that has the URDF's effort and velocity; replace its values by \
+                your motor's",
             torque_constant: torque / 10.0,
             current: 10.0,
             rotor_inertia: 0.02 * torque / speed,

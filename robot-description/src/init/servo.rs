@@ -10,8 +10,8 @@ use crate::load::JointLoad;
 use crate::robot::tree::SerialJoint;
 
 /// Bandwidths of position loop and observer [rad/s], and the largest ratio of largest to smallest inertia for
-/// which they are stable, the slowest first. The gains are for the geometric mean `J` of both. The eigenvalues
-/// of the sampled loop stay within 0.99 for inertias of 0.22, 0.27, 0.35, 0.44 and 0.55 `J` and more, and up
+/// which they are stable, the slowest first. The gains are for the geometric mean `J` of both. The
+/// eigenvalues of the sampled loop stay within 0.99 for inertias of 0.22, 0.27, 0.35, 0.44 and 0.55 `J` and more, and up
 /// to 3.4 `J`; half as much is kept in reserve, for errors of torque constant and masses.
 const FINE: [(f32, f32, f32); 5] = [
     (5.0, 60.0, f32::INFINITY),
@@ -23,7 +23,7 @@ const FINE: [(f32, f32, f32); 5] = [
 /// The same for encoders whose steps the derivative would amplify.
 const COARSE: [(f32, f32, f32); 4] =
     [(5.0, 50.0, f32::INFINITY), (10.0, 50.0, 5.0), (15.0, 50.0, 4.2), (20.0, 80.0, 3.6)];
-/// No faster than this [rad/s] unless friction demands it: real links are flexible, and coarse encoders noisy.
+/// No faster than this [rad/s] unless friction demands it: real links are flexible, coarse encoders noisy.
 const CALM: f32 = 20.0;
 const CALM_COARSE: f32 = 15.0;
 /// Distance by which the spring of the position loop should overcome Coulomb friction [rad]. Where it takes
@@ -35,7 +35,8 @@ const COARSE_COUNTS: f32 = 16384.0;
 const SPEED: f32 = 0.8;
 /// Fraction of the torque left by gravity and friction that a move may need.
 const ACCELERATION: f32 = 0.5;
-/// Error of the model that following has to bear: masses a fifth too small, torque constant a fifth too large.
+/// Error of the model that following has to bear: masses a fifth too small, torque constant a fifth too
+/// large.
 const MODEL_ERROR: f32 = 0.5;
 /// Time in which the torque may reach its limit [s].
 const TORQUE_RISE: f32 = 0.02;

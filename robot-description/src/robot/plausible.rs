@@ -240,7 +240,8 @@ fn motor(joint: &JointModel, joints: &[JointModel], load: &JointLoad, reports: &
     let viscous = joint.friction.viscous * joint.limits.velocity;
     let own = line_of(reports.text, &format!("joints.{}.friction", joint.name))
         .or_else(|| line_of(reports.text, "joint.friction"));
-    let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and effort";
+    let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and \
+        effort";
     let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
     if coulomb >= torque {
         let message = format!(

@@ -1,5 +1,5 @@
-//! A robot folder that `tesaki model init` has written is right as it is: it passes the check, and a simulated
-//! board moves every joint with it.
+//! A robot folder that `tesaki model init` has written is right as it is: it passes the check, and a
+//! simulated board moves every joint with it.
 
 use std::path::{Path, PathBuf};
 
