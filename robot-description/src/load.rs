@@ -83,6 +83,10 @@ mod tests {
             panic!("one joint")
         };
         assert!(load.inertia.iter().all(|inertia| (inertia - 0.5).abs() < 1e-6), "{load:?}");
-        assert!((load.gravity - 9.81).abs() < 1e-4 && (load.posture[0] - 1.5708).abs() < 1e-4, "{load:?}");
+        assert!(
+            (load.gravity - 9.81).abs() < 1e-4
+                && (load.posture[0] - core::f32::consts::FRAC_PI_2).abs() < 1e-4,
+            "{load:?}"
+        );
     }
 }
