@@ -97,6 +97,9 @@ pub struct Outcome {
 /// Why a scenario did not come to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
+    /// `plant.toml` cannot be used.
+    #[error(transparent)]
+    PlantFile(#[from] tesaki_description::plant::PlantFileError),
     /// The robot's folder.
     #[error(transparent)]
     Robot(#[from] RobotError),

@@ -4,6 +4,7 @@
 //! - [`robot`] makes a [`RobotModel`](tesaki::model::RobotModel) of the folder, or lists every [`finding`] by
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
+//! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
 //! - [`calibration`] holds the values of one machine, [`grasp`] and [`impedance`] what tasks are given.
 
 pub mod calibration;
@@ -11,6 +12,10 @@ mod file;
 pub mod finding;
 pub mod grasp;
 pub mod impedance;
+pub mod init;
+mod line;
+mod load;
+pub mod plant;
 pub mod robot;
 pub mod urdf;
 

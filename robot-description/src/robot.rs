@@ -3,17 +3,20 @@
 
 mod build;
 mod chain;
-mod settings;
-mod tree;
+mod plausible;
+pub(crate) mod settings;
+pub(crate) mod tree;
 
 use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
-pub use settings::{JointSettings, Settings};
+pub use settings::{FrictionSettings, JointSettings, Settings};
 
 use crate::finding::{Finding, Report};
+use crate::line::line_of;
+use crate::plant::PlantValues;
 use crate::urdf::{self, Urdf};
 
 /// What is wrong with a robot folder.
@@ -37,7 +40,7 @@ pub enum RobotError {
 pub struct RobotFolder {
     /// Where it lies.
     pub path: PathBuf,
-    /// The URDF as it stands there.
+    /// The URDF, with what `controller.toml` corrects: friction, limits, accepted inertias.
     pub urdf: Urdf,
     /// The model for the controller, validated.
     pub model: RobotModel,
@@ -77,11 +80,40 @@ impl RobotFolder {
 
     /// Everything that is wrong with the texts of both files, and the robot when nothing but warnings is.
     pub fn check(path: &Path, urdf: &str, settings: &str) -> (Option<Self>, Vec<Finding>) {
+        let (folder, findings) = Self::read_texts(path, urdf, settings);
+        (folder.filter(|_| !findings.iter().any(Finding::is_error)), findings)
+    }
+
+    /// Everything that is wrong or not plausible in the texts of the three files, and the robot when nothing
+    /// but warnings is. A robot that is not simulated has no `plant.toml`.
+    pub fn check_all(
+        path: &Path,
+        urdf: &str,
+        settings: &str,
+        plant: Option<&str>,
+    ) -> (Option<Self>, Vec<Finding>) {
+        let (folder, mut findings) = Self::read_texts(path, urdf, settings);
+        match (folder.as_ref().filter(|folder| plausible::is_checkable(&folder.model)), plant) {
+            (Some(folder), _) => findings.extend(plausible::check(folder, settings, plant)),
+            // What else is wrong can be told without the robot.
+            (None, Some(plant)) => findings.extend(PlantValues::check(&path.join("plant.toml"), plant).1),
+            (None, None) => {}
+        }
+        (folder.filter(|_| !findings.iter().any(Finding::is_error)), findings)
+    }
+
+    /// The robot, which may be wrong, and everything that is.
+    fn read_texts(path: &Path, urdf: &str, settings: &str) -> (Option<Self>, Vec<Finding>) {
         let mut of_urdf = Report::new(&path.join("robot.urdf"));
         let mut of_settings = Report::new(&path.join("controller.toml"));
-        let checked = Urdf::check(&path.join("robot.urdf"), urdf);
-        let tree = checked.0;
+        let accepted = settings::accepted_inertias(settings);
+        let checked = Urdf::check_accepting(&path.join("robot.urdf"), urdf, &accepted);
+        let mut tree = checked.0;
         of_urdf.findings = checked.1;
+        for link in accepted.iter().filter(|name| tree.as_ref().is_some_and(|tree| !tree.has_link(name))) {
+            let line = line_of(settings, "accept_inertia");
+            of_settings.dynamics(line, format!("accept_inertia: the URDF has no link {link}"), "remove it");
+        }
         let chains = tree.as_ref().map(|tree| tree::serial_chains(tree, &mut of_urdf));
         // Without a tree there are names all the same.
         let names = match &chains {
@@ -99,13 +131,14 @@ impl RobotFolder {
                 build::validate(model, tree, settings, &mut of_urdf, &mut of_settings);
             }
         }
+        if let (Some(tree), Some(parsed)) = (&mut tree, &parsed) {
+            build::correct(tree, parsed);
+        }
         of_urdf.sort();
         of_settings.sort();
         let findings: Vec<Finding> = of_urdf.findings.into_iter().chain(of_settings.findings).collect();
         let folder = match (tree, model) {
-            (Some(tree), Some(model)) if !findings.iter().any(Finding::is_error) => {
-                Some(Self { path: path.to_owned(), urdf: tree, model })
-            }
+            (Some(urdf), Some(model)) => Some(Self { path: path.to_owned(), urdf, model }),
             _ => None,
         };
         (folder, findings)

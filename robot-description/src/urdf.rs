@@ -8,6 +8,7 @@
 mod fold;
 mod inertia;
 mod joints;
+mod nearest;
 mod numbers;
 mod path;
 mod source;
@@ -17,6 +18,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::finding::{Finding, Matter, Report};
+use crate::robot::settings::accepted_inertias;
 use source::Source;
 
 pub use fold::{MassProperties, RigidBody, axis, isometry, point_inertia, rotated_inertia};
@@ -42,9 +44,13 @@ impl Urdf {
     /// # Errors
     /// The file cannot be read, or what is wrong in the `matters` given.
     pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, Vec<Finding>), UrdfError> {
+        let accepted = match std::fs::read_to_string(path.join("controller.toml")) {
+            Ok(settings) => accepted_inertias(&settings),
+            Err(_) => Vec::new(),
+        };
         let path = Self::locate(path);
         let text = Self::read_text(&path)?;
-        let (urdf, mut findings) = Self::check(&path, &text);
+        let (urdf, mut findings) = Self::check_accepting(&path, &text, &accepted);
         findings.retain(Finding::is_error);
         let matters =
             |finding: &Finding| finding.matter == Matter::Kinematics || matters.contains(&finding.matter);
@@ -74,22 +80,33 @@ impl Urdf {
     /// Reads `text`, the content of `path`. There is a URDF when its links form a tree; other things may be
     /// wrong.
     pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
+        Self::check_accepting(path, text, &[])
+    }
+
+    /// [`Urdf::check`], where the links in `accepted` may have an inertia that no body can have: it is
+    /// replaced by the nearest possible one.
+    pub fn check_accepting(path: &Path, text: &str, accepted: &[String]) -> (Option<Self>, Vec<Finding>) {
         let mut report = Report::new(path);
-        let urdf = Self::read(path, text, &mut report);
+        let urdf = Self::read(path, text, accepted, &mut report);
         report.sort();
         (urdf, report.findings)
     }
 
-    fn read(path: &Path, text: &str, report: &mut Report) -> Option<Self> {
+    fn read(path: &Path, text: &str, accepted: &[String], report: &mut Report) -> Option<Self> {
         let document = source::parse(text, report)?;
         let starts = source::line_starts(text);
         let source = Source::new(&document, &starts, report)?;
         numbers::check(&source, report);
         let base = structure::check(&source, report);
         joints::check(&source, report);
-        inertia::check(&source, report);
+        inertia::check(&source, accepted, report);
         let robot = match urdf_rs::read_from_string(&without_shapeless(text, &source)) {
-            Ok(robot) => robot,
+            Ok(mut robot) => {
+                for link in robot.links.iter_mut().filter(|link| accepted.contains(&link.name)) {
+                    nearest::replace(&mut link.inertial);
+                }
+                robot
+            }
             Err(error) => {
                 // What `urdf-rs` tells without a line is mostly found above.
                 if report.findings.iter().all(|finding| finding.matter != Matter::Kinematics) {
@@ -102,9 +119,38 @@ impl Urdf {
         Some(Self { path: path.to_owned(), robot, base: base?, link_lines, joint_lines })
     }
 
+    /// The links of `text`, the content of `path`, whose inertia no body can have; of bodies that move and
+    /// have no mass or no inertia, the first link.
+    pub fn impossible_inertias(path: &Path, text: &str) -> Vec<String> {
+        let mut report = Report::new(path);
+        let Some(document) = source::parse(text, &mut report) else { return Vec::new() };
+        let starts = source::line_starts(text);
+        let Some(source) = Source::new(&document, &starts, &mut report) else { return Vec::new() };
+        let mut links = inertia::impossible(&source);
+        if let (Some(urdf), _) = Self::check_accepting(path, text, &links) {
+            links.extend(urdf.bodies_without_inertia().into_iter().map(|(_, link)| link));
+        }
+        links
+    }
+
+    /// Joint and first link of every body that moves, but has no mass or no inertia.
+    pub fn bodies_without_inertia(&self) -> Vec<(String, String)> {
+        let moving = self.robot.joints.iter().filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed);
+        let empty = moving.filter(|joint| {
+            let masses = RigidBody::new(&self.robot, &joint.child.link).mass_properties();
+            masses.mass <= 0.0 || masses.inertia.symmetric_eigenvalues().min() <= 0.0
+        });
+        empty.map(|joint| (joint.name.clone(), joint.child.link.clone())).collect()
+    }
+
     /// The link that hangs on no joint.
     pub fn base(&self) -> &str {
         &self.base
+    }
+
+    /// Whether there is a link `name`.
+    pub fn has_link(&self, name: &str) -> bool {
+        self.robot.links.iter().any(|link| link.name == name)
     }
 
     /// The line of the link `name`.

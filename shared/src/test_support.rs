@@ -1,7 +1,8 @@
 //! Fixtures for tests and on-target programs.
 
 use crate::model::{
-    Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose, ServoGains,
+    ChainModel, Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose,
+    Reaction, RobotModel, Safety, ServoGains,
 };
 
 /// A joint with typical values.
@@ -41,6 +42,37 @@ pub fn joint(name: &str) -> JointModel {
             pid: PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 },
             observer: ObserverGains { inertia: 2.1e-4, bandwidth: 50.0, observer_bandwidth: 100.0 },
             rest_error: 5e-4,
+        },
+    }
+}
+
+/// A finger of three joints with parallel axes.
+///
+/// # Panics
+/// Never: names and numbers fit.
+pub fn finger() -> RobotModel {
+    let mut joints = heapless::Vec::new();
+    for name in ["base", "middle", "tip"] {
+        joints.push(joint(name)).expect("fits");
+    }
+    RobotModel {
+        name: "finger".try_into().expect("fits"),
+        gravity: [0.0, 0.0, -9.81],
+        chains: heapless::Vec::from_slice(&[ChainModel {
+            name: "tip".try_into().expect("fits"),
+            joints: 3,
+            tip: Pose::IDENTITY,
+            tip_radius: 0.0,
+            force_sensor: None,
+        }])
+        .expect("fits"),
+        joints,
+        safety: Safety {
+            command_timeout: 0.1,
+            reaction: Reaction::Hold,
+            damping: 0.01,
+            supply_min: 20.0,
+            supply_max: 28.0,
         },
     }
 }

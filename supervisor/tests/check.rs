@@ -182,3 +182,114 @@ fn a_place_without_a_robot_says_what_is_there() {
     assert_eq!(code, 1);
     contains(&text, &["robots/robot.urdf", "a folder with robot.urdf", "ur5e.urdf"]);
 }
+
+/// hand3 with changes, and its plant.toml with others.
+fn changed_plant(changes: &[(&str, &str, &str)]) -> tempfile::TempDir {
+    let folder = changed(changes);
+    let mut text = std::fs::read_to_string(workspace().join("robots/hand3/plant.toml")).unwrap();
+    for (_, from, to) in changes.iter().filter(|(file, ..)| *file == "plant.toml") {
+        assert!(text.contains(from), "{from}");
+        text = text.replacen(from, to, 1);
+    }
+    std::fs::write(folder.path().join("plant.toml"), text).unwrap();
+    folder
+}
+
+#[test]
+fn what_no_machine_is_likely_to_have_is_told_all_at_once() {
+    let folder = changed_plant(&[
+        // 25 kg at 23 mm weigh 5.6 N·m where the motor has 0.6.
+        ("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"25\"/>"),
+        ("robot.urdf", "damping=\"0.002\" friction=\"0.02\"", "damping=\"0.2\" friction=\"0.7\""),
+        ("controller.toml", "rotor_inertia = 2e-4", "rotor_inertia = 2e-6"),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.finger3_curl.motor]\nrotor_inertia = 0.0\n\n[joint.servo]",
+        ),
+        ("controller.toml", "filter_time = 0.2", "filter_time = 0.05"),
+        ("plant.toml", "finger1_bend = 0.3316125578789226", "finger1_bend = 1.9"),
+        ("plant.toml", "voltage = 24.0", "voltage = 12.0"),
+        ("plant.toml", "finger2_bend =", "finger4_bend ="),
+    ]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "joint finger1_swing: Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m: it cannot move",
+            "joint finger1_swing: viscous friction takes 1.200 N·m at the velocity limit of 6 rad/s",
+            "joint finger1_bend: gravity needs up to 5.6",
+            "finger3_swing, finger3_bend: motor.rotor_inertia = 2e-6 kg·m²: 0.6 N·m would bring the rotor to 6 rad/s in \
+             0.020 ms",
+            "joint finger3_curl: motor.rotor_inertia = 0: every motor has a rotor",
+            "joints finger1_curl, finger2_curl, finger3_curl: a move over half of its range reaches 9.20 rad/s, above its limit of 6 rad/s",
+            "plant.toml:51: joint finger1_bend: starts at 1.9 rad, outside its limits -1.2 to 1.7 rad",
+            "supply.voltage = 12 V, outside safety.supply_min and supply_max of controller.toml, 20 to 28 V",
+            "[posture]: the URDF has no joint finger4_bend",
+            "integration.step = 0.001 s is too long for joint finger3_curl",
+        ],
+    );
+}
+
+#[test]
+fn everything_wrong_with_the_plant_is_told_also_when_the_robot_is_wrong() {
+    let folder = changed_plant(&[
+        ("controller.toml", "torque_rate = 60.0", "torque_rat = 60.0"),
+        ("plant.toml", "spread = 0.2", "spread = 1.2"),
+        ("plant.toml", "step = 0.001", "stepp = 0.001"),
+        ("plant.toml", "[supply]", "[suply]"),
+    ]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "torque_rat",
+            "integration: unknown field `stepp`",
+            "unknown key suply",
+            "supply is missing",
+            "4 problems found",
+        ],
+    );
+    let folder = changed_plant(&[
+        ("plant.toml", "spread = 0.2", "spread = 1.2"),
+        ("plant.toml", "voltage = 24.0", "voltage = -24.0"),
+    ]);
+    let (_, text) = check(&[], folder.path());
+    contains(
+        &text,
+        &[
+            "plant.toml:10: mismatch.spread is 1.2: it must be from 0 to below 1",
+            "supply.voltage is -24",
+            "2 problems found",
+        ],
+    );
+}
+
+#[test]
+fn an_accepted_inertia_and_corrected_limits_and_friction_reach_the_model() {
+    let folder = changed(&[
+        ("robot.urdf", "izz=\"4.9e-07\"", "izz=\"4.9e-05\""),
+        ("controller.toml", "gravity =", "accept_inertia = [\"finger1_lower\"]\ngravity ="),
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joints.finger1_swing.friction]\ncoulomb = 0.5\n\n[joints.finger1_swing.limits]\nvelocity = 3.5\n\n[joint.servo]",
+        ),
+    ]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &[
+            "finger1_swing         -1.000 to  1.000 rad,   3.50 rad/s",
+            "link finger1_lower: accepted: the nearest inertia that a body can have is used",
+            "joint finger1_swing: Coulomb friction 0.5 N·m takes 83 % of the motor's torque",
+        ],
+    );
+    let folder = changed(&[("controller.toml", "gravity =", "accept_inertia = [\"thumb\"]\ngravity =")]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(&text, &["controller.toml:4: accept_inertia: the URDF has no link thumb"]);
+}

@@ -11,9 +11,9 @@ pub enum PlantError {
         /// Why.
         reason: String,
     },
-    /// `plant.toml` cannot be read.
-    #[error("plant.toml: {0}")]
-    Syntax(String),
+    /// `plant.toml` cannot be used.
+    #[error(transparent)]
+    File(#[from] tesaki_description::plant::PlantFileError),
     /// The description of an object cannot be read.
     #[error("object: {0}")]
     Object(String),

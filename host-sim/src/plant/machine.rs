@@ -3,6 +3,7 @@
 use rapier3d::na::Isometry3;
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki_description::plant::PlantProblem;
 use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
@@ -15,7 +16,7 @@ use super::force::ForceSensors;
 use super::object::ObjectValues;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
-use super::values::{Drive, Noise, PlantOptions, PlantValues};
+use super::values::{Drive, Noise, PlantOptions, PlantValues, steps};
 use super::world::{JointValues, World};
 use crate::purpose::Purpose;
 
@@ -45,7 +46,9 @@ impl Plant {
         values: &PlantValues,
         options: &PlantOptions,
     ) -> Result<Self, PlantError> {
-        values.validate()?;
+        if let Some(PlantProblem { field, value, expected }) = values.problems().into_iter().next() {
+            return Err(PlantError::Value { field, value, expected });
+        }
         check_count(drives)?;
         let bodies = tree::bodies(urdf)?;
         let drive_of = match_drives(&bodies, drives)?;
@@ -155,7 +158,7 @@ impl Plant {
         }
         let mut torques = vec![0.0; expected];
         self.world.begin_period();
-        let steps = self.values.steps();
+        let steps = steps(&self.values);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to steps")]
         let window = (self.forces.window() / step).round().max(1.0) as usize;
         for number in 0..steps {

@@ -2,13 +2,14 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainModel, Field, ForceSensor, JointModel, ModelError, ObserverGains, PidGains, Pose, RobotModel,
-    ServoGains,
+    ChainModel, Field, ForceSensor, Friction, JointModel, ModelError, ObserverGains, PidGains, Pose,
+    RobotModel, ServoGains,
 };
 
-use super::settings::{self, JointSettings, Settings};
+use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint};
 use crate::finding::{Finding, Report};
+use crate::line::line_of;
 use crate::urdf::Urdf;
 
 /// The model, not validated; `None` when something does not fit, which has been reported.
@@ -81,9 +82,9 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
             Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), message, advice),
             None => {
                 let key = error.field.path();
-                let line = settings::line_of(text, &format!("joints.{name}.{key}"))
-                    .or_else(|| settings::line_of(text, &format!("joint.{key}")))
-                    .or_else(|| settings::line_of(text, key));
+                let line = line_of(text, &format!("joints.{name}.{key}"))
+                    .or_else(|| line_of(text, &format!("joint.{key}")))
+                    .or_else(|| line_of(text, key));
                 of_settings.dynamics(line, message, in_settings(error.field));
             }
         }
@@ -126,11 +127,16 @@ fn joint_model(joint: &SerialJoint, settings: &JointSettings) -> Option<JointMod
         axis: joint.axis,
         link: joint.link,
         motor: settings.motor,
-        friction: joint.friction,
+        friction: Friction {
+            coulomb: settings.friction.coulomb.unwrap_or(joint.friction.coulomb),
+            viscous: settings.friction.viscous.unwrap_or(joint.friction.viscous),
+        },
         encoder: settings.encoder,
         limits: tesaki::model::JointLimits {
             torque_rate: settings.limits.torque_rate,
             following_error: settings.limits.following_error,
+            velocity: settings.limits.velocity.unwrap_or(joint.limits.velocity),
+            torque: settings.limits.torque.unwrap_or(joint.limits.torque),
             ..joint.limits
         },
         servo: ServoGains {
@@ -144,6 +150,21 @@ fn joint_model(joint: &SerialJoint, settings: &JointSettings) -> Option<JointMod
             },
         },
     })
+}
+
+/// Puts friction and limits of the settings in place of the URDF's.
+pub fn correct(urdf: &mut Urdf, settings: &Settings) {
+    for joint in &mut urdf.robot.joints {
+        let Some(own) = settings.joints.get(&joint.name) else { continue };
+        let replace = |place: &mut f64, value: Option<f32>| *place = value.map_or(*place, f64::from);
+        replace(&mut joint.limit.velocity, own.limits.velocity);
+        replace(&mut joint.limit.effort, own.limits.torque);
+        if own.friction.coulomb.is_some() || own.friction.viscous.is_some() {
+            let dynamics = joint.dynamics.get_or_insert_default();
+            replace(&mut dynamics.friction, own.friction.coulomb);
+            replace(&mut dynamics.damping, own.friction.viscous);
+        }
+    }
 }
 
 /// Gains are given per inertia: fills in the inertia that each joint of the chain feels in the middle of its

@@ -9,6 +9,7 @@ use tesaki::model::{Encoder, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
 use crate::finding::Report;
+use crate::line::line_of;
 
 /// A checked `controller.toml`.
 #[derive(Clone, Debug)]
@@ -46,6 +47,8 @@ pub struct JointSettings {
     pub encoder: Encoder,
     /// The limits that the URDF has no place for.
     pub limits: LimitSettings,
+    /// Friction in place of the URDF's.
+    pub friction: FrictionSettings,
     /// The servo.
     pub servo: ServoSettings,
 }
@@ -58,6 +61,20 @@ pub struct LimitSettings {
     pub torque_rate: f32,
     /// Largest distance between reference and joint [rad].
     pub following_error: f32,
+    /// Largest speed [rad/s] in place of the URDF's.
+    pub velocity: Option<f32>,
+    /// Largest torque [N·m] in place of the URDF's.
+    pub torque: Option<f32>,
+}
+
+/// See [`tesaki::model::Friction`]. What is left out is that of the URDF.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrictionSettings {
+    /// Coulomb friction [N·m].
+    pub coulomb: Option<f32>,
+    /// Viscous friction [N·m·s/rad].
+    pub viscous: Option<f32>,
 }
 
 /// See [`tesaki::model::ServoGains`].
@@ -92,6 +109,9 @@ struct File {
     gravity: [f32; 3],
     safety: SafetySettings,
     force_sensor: Option<ForceSensorSettings>,
+    // Known here, read by `accepted_inertias`.
+    #[serde(default, rename = "accept_inertia")]
+    _accept_inertia: Vec<String>,
     // Known here, put together by `joints`.
     #[serde(default, rename = "joint")]
     _joint: Table,
@@ -135,7 +155,7 @@ impl Settings {
             report.dynamics(
                 line,
                 error.message(),
-                "docs/bring-your-own-hand.md has a complete controller.toml",
+                "docs/bring-your-own-hand.md has a complete controller.toml; `tesaki model init` writes one",
             );
         });
         // The joints can be looked at all the same.
@@ -149,6 +169,14 @@ impl Settings {
             joints,
         })
     }
+}
+
+/// The links whose inertia a `controller.toml` accepts although no body can have it; none when the text is
+/// wrong, which [`Settings::parse`] reports.
+pub(crate) fn accepted_inertias(text: &str) -> Vec<String> {
+    let table = toml::from_str::<Table>(text).unwrap_or_default();
+    let list = table.get("accept_inertia").and_then(Value::as_array);
+    list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
 impl From<SafetySettings> for Safety {
@@ -216,7 +244,7 @@ struct Wrong {
 impl JointSettings {
     /// Reads each section, to find what is wrong in any of them.
     fn read(table: &Table, errors: &mut Vec<Wrong>) -> Option<Self> {
-        let sections = ["motor", "encoder", "limits", "servo"];
+        let sections = ["motor", "encoder", "limits", "friction", "servo"];
         for key in table.keys().filter(|key| !sections.contains(&key.as_str())) {
             let message = format!("unknown section {key:?}, expected one of {}", sections.join(", "));
             errors.push(Wrong { key: key.clone(), message });
@@ -227,7 +255,11 @@ impl JointSettings {
         }
         let (motor, encoder) = (section(table, "motor", errors), section(table, "encoder", errors));
         let (limits, servo) = (section(table, "limits", errors), section(table, "servo", errors));
-        Some(Self { motor: motor?, encoder: encoder?, limits: limits?, servo: servo? })
+        let friction = match table.get("friction") {
+            Some(_) => section(table, "friction", errors),
+            None => Some(FrictionSettings::default()),
+        };
+        Some(Self { motor: motor?, encoder: encoder?, limits: limits?, friction: friction?, servo: servo? })
     }
 }
 
@@ -278,28 +310,6 @@ fn quoted(message: &str) -> Option<&str> {
     }
     let start = message.rfind("in `").map_or(0, |at| at + 3);
     message.get(start..)?.split('`').nth(1)
-}
-
-/// The line where `key` (with its tables, or their end) has its value or starts a table.
-pub fn line_of(text: &str, key: &str) -> Option<usize> {
-    let mut header = String::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let line: String = line.chars().filter(|c| !c.is_whitespace() && !"\"'".contains(*c)).collect();
-        let here = match line.strip_prefix('[').and_then(|line| line.split(']').next()) {
-            Some(name) => {
-                header = format!(".{name}");
-                header.clone()
-            }
-            None => match line.split_once('=') {
-                Some((name, _)) if !name.starts_with('#') => format!("{header}.{name}"),
-                _ => continue,
-            },
-        };
-        if here.ends_with(&format!(".{key}")) || here.contains(&format!(".{key}.")) {
-            return Some(number);
-        }
-    }
-    None
 }
 
 /// Puts the values of `own` over those of `table`, table by table.

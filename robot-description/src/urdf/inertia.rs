@@ -16,15 +16,38 @@ const LARGEST_INERTIA: f64 = 1e6;
 
 const UNITS: &str = "inertias are in kg·m²: 1 kg·mm² is 1e-6, 1 g·mm² is 1e-9";
 
-pub fn check(source: &Source<'_>, report: &mut Report) {
+const ACCEPT: &str = "or accept the nearest possible inertia: its name in accept_inertia of controller.toml \
+    (`tesaki model init --accept-inertia`)";
+
+/// Reports masses that no body has; of the `accepted` links only what cannot be replaced.
+pub fn check(source: &Source<'_>, accepted: &[String], report: &mut Report) {
     for link in &source.links {
-        if let Some(inertial) = link.child("inertial") {
-            body(link, &inertial, report);
+        let accepted = accepted.iter().any(|name| name == link.name());
+        match link.child("inertial") {
+            Some(inertial) => body(link, &inertial, accepted, report),
+            None if accepted => {
+                let message = format!("{}: accepted without mass: a gram is used", link.title());
+                report.warning(Some(link.line()), message, "give it an <inertial> when its mass is known");
+            }
+            None => {}
         }
     }
 }
 
-fn body(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
+/// The links with errors that accepting them removes.
+pub fn impossible(source: &Source<'_>) -> Vec<String> {
+    let errors = |link: &Part<'_>, accepted| {
+        let mut report = Report::new(std::path::Path::new(""));
+        if let Some(inertial) = link.child("inertial") {
+            body(link, &inertial, accepted, &mut report);
+        }
+        report.findings.iter().filter(|finding| finding.is_error()).count()
+    };
+    let removed = |link: &&Part<'_>| errors(link, false) > errors(link, true);
+    source.links.iter().filter(removed).map(|link| link.name().to_owned()).collect()
+}
+
+fn body(link: &Part<'_>, inertial: &Part<'_>, accepted: bool, report: &mut Report) {
     let [Some(mass), Some(inertia)] = ["mass", "inertia"].map(|tag| inertial.child(tag)) else {
         let message = format!("{}: <inertial> needs <mass> and <inertia>", link.title());
         let advice = "add them, or remove <inertial> of a link that is only a frame";
@@ -41,11 +64,16 @@ fn body(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
     } else if mass > LARGEST_MASS {
         let message = format!("{}: mass = {mass} kg, more than {LARGEST_MASS} kg: grams?", link.title());
         report.dynamics(line, message, format!("masses are in kg: {mass} g are {}", mass / 1000.0));
-    } else if mass == 0.0 && tensor.iter().any(|value| *value != 0.0) {
+    } else if mass == 0.0 && tensor.iter().any(|value| *value != 0.0) && !accepted {
         let message = format!("{}: mass = 0 kg, but its inertia is not 0", link.title());
         report.dynamics(line, message, "give the mass, or set the inertia to 0");
     }
-    tensor_of(link, &inertia, &tensor, mass, report);
+    if accepted {
+        let message = format!("{}: accepted: the nearest inertia that a body can have is used", link.title());
+        report.warning(Some(inertia.line()), message, "correct it when the true one is known");
+    } else {
+        tensor_of(link, &inertia, &tensor, mass, report);
+    }
     center(link, inertial, report);
 }
 
@@ -66,17 +94,16 @@ fn tensor_of(link: &Part<'_>, part: &Part<'_>, tensor: &Matrix3<f64>, mass: f64,
     let tolerance = 1e-3 * tensor.trace().abs() + 1e-12;
     if small < -tolerance {
         let message = format!("{}: physically impossible inertia: {listed}, one is negative", link.title());
-        report.dynamics(line, message, "check its diagonal, and the signs of ixy, ixz, iyz");
+        let advice = format!("check its diagonal, and the signs of ixy, ixz, iyz; {ACCEPT}");
+        report.dynamics(line, message, advice);
     } else if (tensor.trace() / 2.0 - large) < -tolerance {
         let message = format!(
             "{}: physically impossible inertia: {listed}, one exceeds the sum of the others",
             link.title()
         );
-        report.dynamics(
-            line,
-            message,
-            "check the units (kg·m²) and export the inertia about the centre of mass",
-        );
+        let advice =
+            format!("check the units (kg·m²) and export the inertia about the centre of mass; {ACCEPT}");
+        report.dynamics(line, message, advice);
     } else if mass > 0.0 && (large / mass).sqrt() > LARGEST_RADIUS {
         let message = format!(
             "{}: radius of gyration {:.3} m, more than {LARGEST_RADIUS} m: {listed} for {mass} kg",

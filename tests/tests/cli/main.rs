@@ -9,6 +9,7 @@ mod configuring;
 mod connection;
 mod faults;
 mod grasping;
+mod init;
 mod moving;
 mod recording;
 mod server;

@@ -75,7 +75,8 @@ impl Server {
         server
     }
 
-    fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
+    /// Of any robot folder; not homed, without a model.
+    pub fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
         let robot = RobotFolder::load(folder_of_robot).unwrap();
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let values = PlantValues::load(folder_of_robot).unwrap();

@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use crate::control::ServoMode;
 use crate::fault::Fault;
-use crate::model::{ChainModel, Pose, Reaction, RobotModel, Safety};
+use crate::model::RobotModel;
 use crate::node::Node;
 use crate::protocol::{
     ActuatorFrame, BoardStatus, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
@@ -12,36 +12,9 @@ use crate::protocol::{
 };
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
-use crate::test_support::joint as test_joint;
+pub use crate::test_support::finger as model;
 
 pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
-
-pub fn model() -> RobotModel {
-    let mut joints = Vec::new();
-    for name in ["base", "middle", "tip"] {
-        joints.push(test_joint(name)).unwrap();
-    }
-    RobotModel {
-        name: "finger".try_into().unwrap(),
-        gravity: [0.0, 0.0, -9.81],
-        chains: Vec::from_slice(&[ChainModel {
-            name: "tip".try_into().unwrap(),
-            joints: 3,
-            tip: Pose::IDENTITY,
-            tip_radius: 0.0,
-            force_sensor: None,
-        }])
-        .unwrap(),
-        joints,
-        safety: Safety {
-            command_timeout: 0.1,
-            reaction: Reaction::Hold,
-            damping: 0.01,
-            supply_min: 20.0,
-            supply_max: 28.0,
-        },
-    }
-}
 
 /// A node on a simulated board: sends requests, and ticks with the sensor values of the test.
 pub struct Rig {

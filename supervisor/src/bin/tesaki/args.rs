@@ -5,6 +5,7 @@ mod examples;
 mod grasp;
 mod identify;
 mod impedance;
+mod init;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -18,6 +19,7 @@ pub use eval::{Eval, Grip, Kinematics};
 pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
+pub use init::Init;
 
 use crate::failure::Failure;
 use crate::output;
@@ -170,6 +172,9 @@ pub enum Command {
 
 #[derive(Subcommand)]
 pub enum ModelCommand {
+    /// Write a robot folder for a URDF: settings of controller and simulator; needs no board
+    #[command(after_help = init::help())]
+    Init(Init),
     /// Send a robot's model to the board
     #[command(after_help = examples::PUSH)]
     Push {

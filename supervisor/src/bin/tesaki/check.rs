@@ -32,7 +32,10 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Result<Checked, Failure> {
     let (urdf, settings) = RobotFolder::read(path)?;
-    let (folder, findings) = RobotFolder::check(path, &urdf, &settings);
+    let file = path.join("plant.toml");
+    let plant = file.is_file().then(|| std::fs::read_to_string(&file).map_err(Failure::file(&file)));
+    let plant = plant.transpose()?;
+    let (folder, findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
 }
 
@@ -95,7 +98,8 @@ fn joints(path: &SerialPath) -> String {
     format!("tip {}: base {}, joints {}", path.tip, path.base, joints.collect::<Vec<_>>().join(", "))
 }
 
-fn object(finding: &Finding) -> Value {
+/// A finding as JSON.
+pub fn object(finding: &Finding) -> Value {
     json!({
         "weight": if finding.is_error() { "bad" } else { "warning" },
         "file": finding.path.display().to_string(),
@@ -110,17 +114,24 @@ fn text(checked: &Checked) -> String {
     for good in &checked.good {
         let _ = writeln!(text, "ok    {good}");
     }
-    for finding in &checked.findings {
-        let sign = if finding.is_error() { "BAD " } else { "warn" };
-        let _ = writeln!(text, "{sign}  {}: {}", finding.place(), finding.message);
-        if !finding.advice.is_empty() {
-            let _ = writeln!(text, "      → {}", finding.advice);
-        }
-    }
+    text += &list(&checked.findings);
     let errors = checked.findings.iter().filter(|finding| finding.is_error()).count();
     text + &match (errors, checked.findings.len() - errors) {
         (0, 0) => "no problems found".to_owned(),
         (0, warnings) => format!("works; {}", output::counted(warnings, "warning")),
         (errors, _) => format!("{} found", output::counted(errors, "problem")),
     }
+}
+
+/// The findings with their advice.
+pub fn list(findings: &[Finding]) -> String {
+    let mut text = String::new();
+    for finding in findings {
+        let sign = if finding.is_error() { "BAD " } else { "warn" };
+        let _ = writeln!(text, "{sign}  {}: {}", finding.place(), finding.message);
+        if !finding.advice.is_empty() {
+            let _ = writeln!(text, "      → {}", finding.advice);
+        }
+    }
+    text
 }

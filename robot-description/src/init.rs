@@ -1,0 +1,197 @@
+//! A robot folder for a URDF: settings from the URDF, from the values of a motor, and computed from both.
+
+mod motor;
+mod servo;
+mod write;
+
+use std::path::Path;
+
+use tesaki::kinematics::Chain;
+
+pub use motor::{GENERIC, MotorPreset, PRESETS};
+
+use crate::finding::{Finding, Report};
+use crate::load::joint_loads;
+use crate::robot::tree::{SerialChain, SerialJoint, serial_chains};
+use crate::urdf::{self, Urdf};
+use motor::LARGEST_EFFORT;
+use servo::JointPlan;
+
+/// Gravity of an upright base [m/s²].
+const GRAVITY: [f32; 3] = [0.0, 0.0, -9.81];
+/// Stands for every link whose inertia no body can have.
+const ALL: &str = "all";
+
+/// What the URDF does not say.
+#[derive(Clone, Debug, Default)]
+pub struct InitOptions {
+    /// Names of motors, of one joint or of all others.
+    pub motors: Vec<MotorChoice>,
+    /// Links whose inertia is replaced by the nearest that a body can have; `all` for all that need it.
+    pub accept_inertia: Vec<String>,
+}
+
+/// The motor of a joint.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MotorChoice {
+    /// The joint; `None` for every joint without a choice of its own.
+    pub joint: Option<String>,
+    /// Name of the preset.
+    pub motor: String,
+}
+
+/// The texts of a robot folder.
+#[derive(Clone, Debug)]
+pub struct RobotTexts {
+    /// Name of the robot.
+    pub name: String,
+    /// `robot.urdf`.
+    pub urdf: String,
+    /// `controller.toml`.
+    pub controller: String,
+    /// `plant.toml`.
+    pub plant: String,
+    /// The motor of each joint, and why it was chosen.
+    pub joints: Vec<JointMotor>,
+    /// What was corrected.
+    pub notes: Vec<String>,
+}
+
+/// The motor of a joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointMotor {
+    /// The joint.
+    pub joint: String,
+    /// Name of the motor.
+    pub motor: &'static str,
+    /// Torque limit [N·m].
+    pub torque: f32,
+    /// Why this motor.
+    pub reason: String,
+}
+
+/// Why no folder can be written.
+#[derive(Debug, thiserror::Error)]
+pub enum InitError {
+    /// What is wrong in the URDF: every error that can be found.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
+    /// There is no such motor.
+    #[error("--motor: there is no motor {choice:?}; the motors are {}", MotorPreset::names().join(", "))]
+    Motor {
+        /// The name.
+        choice: String,
+    },
+    /// There is no such joint.
+    #[error("--motor {joint}=…: the URDF has no moving joint {joint:?}; its joints are {joints}")]
+    Joint {
+        /// The name.
+        joint: String,
+        /// The joints.
+        joints: String,
+    },
+    /// There is no such link.
+    #[error("--accept-inertia {0}: the URDF has no such link; `all` accepts every one that needs it")]
+    Link(String),
+}
+
+/// Makes the texts of a robot folder for `text`, the content of the URDF `path`.
+///
+/// # Errors
+/// What is wrong in the URDF, or with the options.
+pub fn robot_texts(path: &Path, text: &str, options: &InitOptions) -> Result<RobotTexts, InitError> {
+    let accepted = accepted(path, text, options)?;
+    let mut report = Report::new(path);
+    let (urdf, findings) = Urdf::check_accepting(path, text, &accepted);
+    report.findings = findings;
+    let chains = urdf.as_ref().map(|urdf| serial_chains(urdf, &mut report));
+    report.sort();
+    report.findings.retain(Finding::is_error);
+    let (Some(urdf), Some(chains)) = (urdf, chains.filter(|_| report.findings.is_empty())) else {
+        return Err(InitError::Wrong(report.findings));
+    };
+    check_joints(options, &chains)?;
+    let mut joints = Vec::new();
+    for chain in &chains {
+        joints.extend(plan_chain(chain, options)?);
+    }
+    Ok(write::texts(path, text, &urdf, &accepted, &joints))
+}
+
+/// The links whose inertia is accepted, without repetition.
+fn accepted(path: &Path, text: &str, options: &InitOptions) -> Result<Vec<String>, InitError> {
+    let mut accepted = Vec::new();
+    for name in &options.accept_inertia {
+        if name == ALL {
+            accepted.extend(Urdf::impossible_inertias(path, text));
+        } else {
+            accepted.push(name.clone());
+        }
+    }
+    if let (Some(urdf), _) = Urdf::check(path, text)
+        && let Some(stranger) = accepted.iter().find(|name| !urdf.has_link(name))
+    {
+        return Err(InitError::Link(stranger.clone()));
+    }
+    accepted.sort();
+    accepted.dedup();
+    Ok(accepted)
+}
+
+/// Every joint that is named exists.
+fn check_joints(options: &InitOptions, chains: &[SerialChain]) -> Result<(), InitError> {
+    let names: Vec<&str> =
+        chains.iter().flat_map(|chain| &chain.joints).map(|joint| joint.name.as_str()).collect();
+    for joint in options.motors.iter().filter_map(|choice| choice.joint.as_ref()) {
+        if !names.contains(&joint.as_str()) {
+            return Err(InitError::Joint { joint: joint.clone(), joints: names.join(", ") });
+        }
+    }
+    Ok(())
+}
+
+fn plan_chain(chain: &SerialChain, options: &InitOptions) -> Result<Vec<JointPlan>, InitError> {
+    let links = chain.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
+    let limits: Vec<(f32, f32)> =
+        chain.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+    let loads = joint_loads(&Chain::from_links(links, &chain.pose), &GRAVITY, &limits);
+    let plan = |(joint, load): (&SerialJoint, _)| {
+        let (motor, reason) = choose_motor(joint, &load, options)?;
+        Ok(JointPlan::new(joint, load, motor, reason))
+    };
+    chain.joints.iter().zip(loads).map(plan).collect()
+}
+
+/// The motor of a joint, and why.
+fn choose_motor(
+    joint: &SerialJoint,
+    load: &crate::load::JointLoad,
+    options: &InitOptions,
+) -> Result<(MotorPreset, String), InitError> {
+    let own = options.motors.iter().rev().find(|choice| choice.joint.as_ref() == Some(&joint.name));
+    let common = options.motors.iter().rev().find(|choice| choice.joint.is_none());
+    let effort = joint.limits.torque;
+    let speed = if joint.limits.velocity > 0.0 { joint.limits.velocity.min(40.0) } else { 6.0 };
+    // Friction and dynamics need as much again, and some more.
+    let needed = (2.5 * load.gravity).max(0.2);
+    let believed = effort > 0.0 && effort <= LARGEST_EFFORT;
+    let torque = if believed { effort } else { needed };
+    match own.or(common).map(|choice| choice.motor.as_str()) {
+        Some(GENERIC) => Ok((MotorPreset::generic(torque, speed), "as chosen".to_owned())),
+        Some(name) => match MotorPreset::find(name) {
+            Some(preset) => Ok((preset.clone(), "as chosen".to_owned())),
+            None => Err(InitError::Motor { choice: name.to_owned() }),
+        },
+        None => {
+            let motor = MotorPreset::for_torque(torque, speed);
+            let reason = if believed {
+                format!("for the URDF's effort of {effort} N·m")
+            } else {
+                format!(
+                    "for 2.5 times the gravity torque, {torque:.2} N·m: the URDF's effort is {effort} N·m"
+                )
+            };
+            Ok((motor, reason))
+        }
+    }
+}

@@ -1,0 +1,437 @@
+//! What a robot folder can hold, but no machine is likely to have.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use tesaki::kinematics::Chain;
+use tesaki::model::{ChainModel, JointModel, RobotModel};
+
+use super::RobotFolder;
+use crate::finding::{Finding, Report};
+use crate::line::line_of;
+use crate::load::{JointLoad, gravity_torques, joint_loads};
+use crate::plant::PlantValues;
+use crate::urdf::{RigidBody, Urdf};
+
+/// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
+/// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
+const FASTEST_ROTOR: f32 = 2e-4;
+/// Coulomb friction above this fraction of the motor's torque is suspicious.
+const MUCH_FRICTION: f32 = 0.5;
+/// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
+/// joint hunts about its target for seconds.
+const MUCH_STICKING: f32 = 0.5;
+/// A radius of gyration above this multiple of the link's size is suspicious.
+const WIDE: f64 = 3.0;
+/// Sizes of links below this one are not trusted [m].
+const SMALL_LINK: f64 = 0.05;
+/// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
+const FILTER_PEAK: f32 = 0.367_879;
+
+/// Whether the model is right enough to compute with.
+pub fn is_checkable(model: &RobotModel) -> bool {
+    let good = |joint: &JointModel| {
+        let limits = &joint.limits;
+        let values = [limits.lower, limits.upper, limits.velocity, limits.torque, joint.servo.filter_time];
+        values.iter().all(|value| value.is_finite())
+            && limits.lower < limits.upper
+            && limits.velocity > 0.0
+            && limits.torque > 0.0
+            && joint.servo.filter_time > 0.0
+    };
+    model.joints.iter().all(good)
+}
+
+/// What is not plausible in `folder`, whose `controller.toml` is `settings` and whose `plant.toml` is `plant`
+/// if there is one. Also everything that is wrong in `plant.toml`.
+pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<Finding> {
+    let mut reports = Reports {
+        urdf: Report::new(&folder.path.join("robot.urdf")),
+        settings: Report::new(&folder.path.join("controller.toml")),
+        plant: Report::new(&folder.path.join("plant.toml")),
+        text: settings,
+        of_joints: Vec::new(),
+    };
+    let path = folder.path.join("plant.toml");
+    let mut start = None;
+    if let Some(text) = plant {
+        let (values, findings) = PlantValues::check(&path, text);
+        reports.plant.findings = findings;
+        if let Some(values) = values {
+            against_plant(&folder.model, &values, text, &mut reports.plant);
+            start = Some((values.posture, text));
+        }
+    }
+    for (chain, range) in folder.model.chains.iter().zip(folder.model.chain_ranges()) {
+        let joints = folder.model.joints.get(range).unwrap_or_default();
+        of_chain(chain, joints, &folder.model.gravity, start.as_ref(), &mut reports);
+    }
+    links(&folder.urdf, &mut reports.urdf);
+    if plant.is_some() {
+        bodies(&folder.urdf, &mut reports.urdf);
+    }
+    reports.report_joints();
+    let Reports { mut urdf, mut settings, mut plant, .. } = reports;
+    urdf.sort();
+    settings.sort();
+    plant.sort();
+    urdf.findings.into_iter().chain(settings.findings).chain(plant.findings).collect()
+}
+
+/// One report a file.
+struct Reports<'a> {
+    urdf: Report,
+    settings: Report,
+    plant: Report,
+    /// `controller.toml`.
+    text: &'a str,
+    /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
+    of_joints: Vec<(JointFinding, Vec<String>)>,
+}
+
+/// Something that is said of a joint.
+#[derive(PartialEq, Eq)]
+struct JointFinding {
+    is_error: bool,
+    line: Option<usize>,
+    message: String,
+    advice: String,
+}
+
+impl Reports<'_> {
+    /// Something about a joint that does not work.
+    fn error(&mut self, joint: &JointModel, line: Option<usize>, message: String, advice: impl Into<String>) {
+        self.add(joint, JointFinding { is_error: true, line, message, advice: advice.into() });
+    }
+
+    /// Something about a joint that deserves attention.
+    fn warning(
+        &mut self,
+        joint: &JointModel,
+        line: Option<usize>,
+        message: String,
+        advice: impl Into<String>,
+    ) {
+        self.add(joint, JointFinding { is_error: false, line, message, advice: advice.into() });
+    }
+
+    fn add(&mut self, joint: &JointModel, finding: JointFinding) {
+        let name = joint.name.to_string();
+        match self.of_joints.iter_mut().find(|(known, _)| *known == finding) {
+            Some((_, names)) => names.push(name),
+            None => self.of_joints.push((finding, vec![name])),
+        }
+    }
+
+    /// Each finding once, with all joints of which it is true.
+    fn report_joints(&mut self) {
+        for (JointFinding { is_error, line, message, advice }, names) in std::mem::take(&mut self.of_joints) {
+            let plural = if names.len() > 1 { "s" } else { "" };
+            let message = format!("joint{plural} {}: {message}", names.join(", "));
+            if is_error {
+                self.settings.dynamics(line, message, advice);
+            } else {
+                self.settings.warning(line, message, advice);
+            }
+        }
+    }
+
+    /// The line of a setting of a joint.
+    fn line(&self, joint: &JointModel, key: &str) -> Option<usize> {
+        line_of(self.text, &format!("joints.{}.{key}", joint.name))
+            .or_else(|| line_of(self.text, &format!("joint.{key}")))
+    }
+}
+
+type Start<'a> = (BTreeMap<String, f64>, &'a str);
+
+fn of_chain(
+    model: &ChainModel,
+    joints: &[JointModel],
+    gravity: &[f32; 3],
+    start: Option<&Start<'_>>,
+    reports: &mut Reports<'_>,
+) {
+    let chain = Chain::new(joints, &model.tip);
+    let limits: Vec<(f32, f32)> =
+        joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+    let loads = joint_loads(&chain, gravity, &limits);
+    for (joint, load) in joints.iter().zip(&loads) {
+        rotor(joint, reports);
+        motor(joint, joints, load, reports);
+        speed(joint, reports);
+        sticking(joint, reports);
+    }
+    let Some((posture, text)) = start else { return };
+    #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
+    let angle = |joint: &JointModel| posture.get(joint.name.as_str()).copied().unwrap_or(0.0) as f32;
+    let angles: Vec<f32> = joints.iter().map(angle).collect();
+    for ((joint, &angle), torque) in joints.iter().zip(&angles).zip(gravity_torques(&chain, gravity, &angles))
+    {
+        let line = line_of(text, &format!("posture.{}", joint.name)).or_else(|| line_of(text, "posture"));
+        let (lower, upper) = (joint.limits.lower, joint.limits.upper);
+        if angle < lower || angle > upper {
+            let named = if posture.contains_key(joint.name.as_str()) {
+                ""
+            } else {
+                ", which it has because [posture] does not name it"
+            };
+            let message = format!(
+                "joint {}: starts at {angle} rad{named}, outside its limits {lower} to {upper} rad",
+                joint.name
+            );
+            let advice = format!(
+                "for example {} = {:.3}",
+                key(joint),
+                angle.clamp(lower, upper).midpoint(0.5 * (lower + upper))
+            );
+            reports.plant.dynamics(line, message, advice);
+        } else if torque.abs() > torque_limit(joint) {
+            let message = format!(
+                "joint {}: gravity needs {:.3} N·m in the start posture; the motor has {:.3} N·m",
+                joint.name,
+                torque.abs(),
+                torque_limit(joint)
+            );
+            reports.plant.dynamics(
+                line,
+                message,
+                "start in a posture that the motor can hold, or check gravity, masses and motor",
+            );
+        }
+    }
+}
+
+/// The name of a joint as a key in TOML.
+fn key(joint: &JointModel) -> String {
+    let bare = joint.name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    if bare { joint.name.to_string() } else { format!("{:?}", joint.name.as_str()) }
+}
+
+fn torque_limit(joint: &JointModel) -> f32 {
+    joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
+}
+
+/// A rotor that accelerates faster than any.
+fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
+    let (inertia, torque) = (joint.motor.rotor_inertia, torque_limit(joint));
+    let least = torque * FASTEST_ROTOR / joint.limits.velocity;
+    let line = reports.line(joint, "motor.rotor_inertia");
+    if inertia <= 0.0 {
+        let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
+        let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
+        reports.error(joint, line, message, advice);
+    } else if inertia < least {
+        let message = format!(
+            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
+             {:.3} ms; no motor takes less than 0.2 ms",
+            joint.limits.velocity,
+            1e3 * inertia * joint.limits.velocity / torque
+        );
+        let advice =
+            format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
+        reports.warning(joint, line, message, advice);
+    }
+}
+
+/// A motor too weak for friction and gravity.
+fn motor(joint: &JointModel, joints: &[JointModel], load: &JointLoad, reports: &mut Reports<'_>) {
+    let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
+    let viscous = joint.friction.viscous * joint.limits.velocity;
+    let own = line_of(reports.text, &format!("joints.{}.friction", joint.name))
+        .or_else(|| line_of(reports.text, "joint.friction"));
+    let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and \
+        effort";
+    let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
+    if coulomb >= torque {
+        let message = format!(
+            "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move",
+        );
+        reports.error(joint, line, message, hint);
+    } else if coulomb > MUCH_FRICTION * torque {
+        let message = format!(
+            "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
+            100.0 * coulomb / torque
+        );
+        reports.warning(joint, line, message, hint);
+    }
+    if viscous > torque {
+        let message = format!(
+            "viscous friction takes {viscous:.3} N·m at the velocity limit of {} rad/s; the motor has \
+             {torque:.3} N·m",
+            joint.limits.velocity
+        );
+        reports.warning(joint, line, message, hint);
+    }
+    let line = reports.line(joint, "motor.current_limit");
+    if load.gravity > torque {
+        let angles: Vec<String> = joints
+            .iter()
+            .zip(&load.posture)
+            .map(|(joint, angle)| format!("{}={angle:.2}", joint.name))
+            .collect();
+        let message = format!(
+            "gravity needs up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
+            load.gravity,
+            angles.join(" ")
+        );
+        let advice =
+            "check masses, gravity, torque_constant and current_limit; or narrow the limits of the joints";
+        reports.error(joint, line, message, advice);
+    } else if load.gravity + coulomb > torque {
+        let message = format!(
+            "gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
+             it cannot lift everywhere",
+            load.gravity
+        );
+        reports.warning(joint, line, message, "check masses, friction, torque_constant and current_limit");
+    }
+}
+
+/// A trajectory filter that is faster than the joint.
+fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
+    let half = 0.5 * (joint.limits.upper - joint.limits.lower);
+    let peak = FILTER_PEAK * half / joint.servo.filter_time;
+    if peak > joint.limits.velocity {
+        let line = reports.line(joint, "servo.filter_time");
+        let message = format!(
+            "a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
+            joint.limits.velocity
+        );
+        let advice = format!("servo.filter_time = {:.2} or more", FILTER_PEAK * half / joint.limits.velocity);
+        reports.warning(joint, line, message, advice);
+    }
+}
+
+/// A position loop that friction overcomes.
+fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
+    let gains = &joint.servo.observer;
+    let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
+    if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
+        let message = format!(
+            "Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
+             stops short and hunts about its target for seconds",
+            joint.friction.coulomb,
+            joint.friction.coulomb / distance,
+            gains.inertia,
+            gains.bandwidth
+        );
+        let advice =
+            "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
+        reports.warning(joint, reports.line(joint, "servo.observer.bandwidth"), message, advice);
+    }
+}
+
+/// Controller and plant must fit.
+fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &mut Report) {
+    for name in plant.posture.keys() {
+        if !model.joints.iter().any(|joint| joint.name == name.as_str()) {
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            let message = format!("[posture]: the URDF has no joint {name}");
+            let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
+            report.dynamics(line_of(text, &format!("posture.{name}")), message, advice);
+        }
+    }
+    let time = |joint: &JointModel| f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
+    let fastest = model.joints.iter().min_by(|one, other| time(one).total_cmp(&time(other)));
+    if let Some(joint) = fastest.filter(|joint| plant.integration.step > time(joint)) {
+        let message = format!(
+            "integration.step = {} s is too long for joint {}: its rotor ({:.1e} kg·m²) comes to rest by viscous \
+             friction ({} N·m·s/rad) within {:.1e} s",
+            plant.integration.step,
+            joint.name,
+            joint.motor.rotor_inertia,
+            joint.friction.viscous,
+            time(joint)
+        );
+        let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
+        report.dynamics(line_of(text, "integration.step"), message, advice);
+    }
+    let (voltage, safety) = (plant.supply.voltage, &model.safety);
+    if voltage < f64::from(safety.supply_min) || voltage > f64::from(safety.supply_max) {
+        let message = format!(
+            "supply.voltage = {voltage} V, outside safety.supply_min and supply_max of controller.toml, {} to {} V",
+            safety.supply_min, safety.supply_max
+        );
+        report.dynamics(
+            line_of(text, "supply.voltage"),
+            message,
+            "it would be a fault at once: correct one of them",
+        );
+    }
+    let sensors = model.chains.iter().any(|chain| chain.force_sensor.is_some());
+    if sensors != plant.force_sensor.is_some() {
+        let (has, lacks) =
+            if sensors { ("controller.toml", "plant.toml") } else { ("plant.toml", "controller.toml") };
+        let message = format!("{has} has [force_sensor], {lacks} has none");
+        report.dynamics(line_of(text, "force_sensor"), message, "give both or none");
+    }
+    let gravity = Vector3::from(model.gravity.map(f64::from));
+    let difference = (gravity - Vector3::from(plant.gravity)).norm();
+    if difference > 0.1 {
+        let message = format!("gravity = {:?} m/s²; controller.toml has {:?}", plant.gravity, model.gravity);
+        report.warning(line_of(text, "gravity"), message, "the controller would compensate the wrong weight");
+    }
+}
+
+/// Links whose mass would lie far outside of them.
+fn links(urdf: &Urdf, report: &mut Report) {
+    for joint in &urdf.robot.joints {
+        let Some(link) = urdf.robot.links.iter().find(|link| link.name == joint.child.link) else { continue };
+        let i = &link.inertial.inertia;
+        let mass = link.inertial.mass.value;
+        if mass <= 0.0 || joint.joint_type == urdf_rs::JointType::Fixed {
+            continue;
+        }
+        let largest = i.ixx.max(i.iyy).max(i.izz);
+        let radius = libm::sqrt(largest.max(0.0) / mass);
+        let size = size(urdf, link).max(SMALL_LINK);
+        if radius > WIDE * size {
+            let message = format!(
+                "link {}: an inertia of {largest:.1e} kg·m² for {mass} kg is a radius of gyration of {radius:.3} m; \
+                 the link is about {size:.3} m long: a placeholder?",
+                link.name
+            );
+            report.warning(
+                urdf.line_of_link(&link.name),
+                message,
+                "compute it by the CAD program, or from the link's shape",
+            );
+        }
+    }
+}
+
+/// Bodies that cannot be simulated.
+fn bodies(urdf: &Urdf, report: &mut Report) {
+    for (joint, link) in urdf.bodies_without_inertia() {
+        let message =
+            format!("link {link}, moved by joint {joint}: without mass or inertia it cannot be simulated");
+        let advice = "give it an <inertial>; or accept a gram: its name in accept_inertia of controller.toml \
+            (`tesaki model init --accept-inertia`)";
+        report.dynamics(urdf.line_of_link(&link), message, advice);
+    }
+}
+
+/// About the size of a link [m]: the distance of what is joined to it, or of its centre of mass.
+fn size(urdf: &Urdf, link: &urdf_rs::Link) -> f64 {
+    let body = RigidBody::new(&urdf.robot, &link.name);
+    let norm = |pose: &urdf_rs::Pose| Vector3::from(pose.xyz.0).norm();
+    let links =
+        body.links.iter().map(|(link, place)| place.translation.vector.norm() + norm(&link.inertial.origin));
+    let joints =
+        body.joints.iter().map(|(joint, place)| place.translation.vector.norm() + norm(&joint.origin));
+    let shapes = link.collision.iter().map(|shape| extent(&shape.geometry) + norm(&shape.origin));
+    links.chain(joints).chain(shapes).fold(0.0, f64::max)
+}
+
+/// Half of the largest extent of a shape [m]; 0 for a mesh.
+fn extent(geometry: &urdf_rs::Geometry) -> f64 {
+    match geometry {
+        urdf_rs::Geometry::Box { size } => 0.5 * Vector3::from(size.0).norm(),
+        urdf_rs::Geometry::Cylinder { radius, length } | urdf_rs::Geometry::Capsule { radius, length } => {
+            0.5 * length + radius
+        }
+        urdf_rs::Geometry::Sphere { radius } => *radius,
+        urdf_rs::Geometry::Mesh { .. } => 0.0,
+    }
+}
