@@ -331,6 +331,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         seed,
         duration: options.duration.unwrap_or(scenario.duration),
         progress: &progress,
+        intervention: None,
     };
     let outcome = scenario.run(&mut setting)?;
     let mut summary = outcome.summary.clone();
