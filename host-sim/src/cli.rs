@@ -100,6 +100,9 @@ struct Faults {
     /// A schedule as JSON, as a failing one prints it
     #[arg(long)]
     schedule: Option<String>,
+    /// Print a line for each tick
+    #[arg(long)]
+    trace: bool,
     /// Do not look for the smallest schedule that fails
     #[arg(long)]
     no_shrink: bool,
@@ -227,7 +230,8 @@ fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
     };
     let mut passed = true;
     for schedule in schedules {
-        let report = faults::run(&schedule, &robots)?;
+        let (report, trace) = faults::run_traced(&schedule, &robots, options.trace.then(Vec::new))?;
+        trace.iter().for_each(|line| println!("{line}"));
         passed &= report.violations.is_empty();
         if options.json {
             println!("{}", serde_json::to_string(&report)?);
@@ -237,7 +241,8 @@ fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
             let Report { seed, scenario, ticks: [ran, planned], .. } = &report;
             println!("seed {seed}: {scenario}: {}: {ran} of {planned} ticks: {state}", families.join(", "));
         }
-        if options.schedule.is_some() || !report.violations.is_empty() && !options.json {
+        let [ran, planned] = report.ticks;
+        if options.schedule.is_some() || (!report.violations.is_empty() || ran < planned) && !options.json {
             report.faults.iter().for_each(|fault| println!("  log: {fault}"));
             report.error.iter().for_each(|error| println!("  ended: {error}"));
         }

@@ -57,9 +57,23 @@ pub struct Report {
 /// # Errors
 /// The scenario cannot be run at all.
 pub fn run(schedule: &Schedule, robots: &Path) -> Result<Report, ScenarioError> {
+    run_traced(schedule, robots, None).map(|(report, _)| report)
+}
+
+/// [`run`] with a trace: for each tick mode, outputs, faults, kinetic energy, speed and force of the tools,
+/// and for each joint torque as commanded and as made, torque of the weight, and angle.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_traced(
+    schedule: &Schedule,
+    robots: &Path,
+    trace: Option<Vec<String>>,
+) -> Result<(Report, Vec<String>), ScenarioError> {
     let folder = robots.join(&schedule.robot);
     let robot = RobotFolder::load(&folder)?;
     let rig = SharedRig::new(schedule, &robot.model);
+    rig.lock().trace = trace;
     let result = catch_unwind(AssertUnwindSafe(|| {
         if schedule.scenario == SERVED {
             return served::run(&rig, &robot, schedule.seed);
@@ -77,14 +91,15 @@ pub fn run(schedule: &Schedule, robots: &Path) -> Result<Report, ScenarioError> 
         };
         scenario.run(&mut setting).map(|_| ())
     }));
-    let rig = rig.lock();
+    let mut rig = rig.lock();
+    let trace = rig.trace.take().unwrap_or_default();
     let error = match result {
         Ok(_) if rig.is_over() => None,
         Ok(Ok(())) => Some("the scenario ended".to_owned()),
         Ok(Err(error)) => Some(error.to_string()),
         Err(_) => Some("the scenario panicked".to_owned()),
     };
-    Ok(Report {
+    let report = Report {
         seed: schedule.seed,
         scenario: format!("{} ({}), trial {}", schedule.scenario, schedule.robot, schedule.trial + 1),
         families: schedule.families(),
@@ -93,7 +108,8 @@ pub fn run(schedule: &Schedule, robots: &Path) -> Result<Report, ScenarioError> 
         violations: rig.violations(),
         faults: rig.faults(),
         error,
-    })
+    };
+    Ok((report, trace))
 }
 
 /// The smallest schedule found that breaks the same rule as `violation`.

@@ -162,6 +162,26 @@ pub struct Sample {
     pub acting: Acting,
 }
 
+impl fmt::Display for Sample {
+    /// A line of a trace.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { tick, mode, total, energy, speed, contact, .. } = self;
+        let state = if !self.answered {
+            "no tick"
+        } else if self.enabled {
+            "on"
+        } else {
+            "off"
+        };
+        write!(f, "{tick:>5} {mode}, {state}, {total} faults, {energy:.4} J, {speed:.3} m/s, {contact:.2} N;")?;
+        let values = self.torques.iter().zip(&self.drives).zip(self.weight.iter().zip(&self.positions));
+        for ((torque, drive), (weight, angle)) in values {
+            write!(f, "  {torque:.2} {drive:.2} ({weight:.2}) N·m {angle:.4} rad")?;
+        }
+        Ok(())
+    }
+}
+
 /// What the oracle knows of the machine.
 #[derive(Clone, Debug)]
 pub struct Machine {
@@ -199,6 +219,8 @@ struct Stop {
     /// Work of the drives beyond the weight, and its allowance, since [J].
     work: f64,
     allowance: f64,
+    /// What the rate limits leave of each torque beyond the weight [N·m].
+    fading: Vec<f64>,
     /// The last disturbance.
     disturbed: u32,
     /// Whether anything but the board decides on the contact force.
@@ -463,6 +485,7 @@ impl Oracle {
                 energy: before.energy,
                 speed: before.speed,
                 work: 0.0,
+                fading: before.drives.iter().zip(&before.weight).map(|(drive, weight)| drive - weight).collect(),
                 allowance: before.energy + 0.5 * self.machine.mass * REDUCED_SPEED * REDUCED_SPEED,
                 disturbed: sample.tick,
                 excused: false,
@@ -475,10 +498,13 @@ impl Oracle {
         }
         let moved = sample.positions.iter().zip(&before.positions).map(|(now, before)| now - before);
         let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
+        let fading = stop.fading.iter_mut().zip(&self.machine.model.joints);
         if sample.enabled {
-            for ((moved, torque), weight) in moved.zip(torques).zip(&sample.weight) {
+            for (((moved, torque), weight), (fading, joint)) in moved.zip(torques).zip(&sample.weight).zip(fading) {
                 stop.work += (torque - weight) * moved;
-                stop.allowance += WEIGHT_ERROR * (weight * moved).abs();
+                stop.allowance += WEIGHT_ERROR * (weight * moved).abs() + (*fading * moved).max(0.0);
+                let step = f64::from(joint.limits.torque_rate) * T;
+                *fading -= fading.clamp(-step, step);
             }
         }
         if !sample.enabled || !sample.answered {

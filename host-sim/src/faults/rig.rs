@@ -72,6 +72,8 @@ pub struct Rig {
     touched: bool,
     is_over: bool,
     panicked: bool,
+    /// A line a tick, if asked for.
+    pub trace: Option<Vec<String>>,
 }
 
 /// A rig that board and plant share.
@@ -121,6 +123,7 @@ impl Rig {
             touched: false,
             is_over: false,
             panicked: false,
+            trace: None,
         }
     }
 
@@ -275,6 +278,7 @@ impl Rig {
             self.is_over = true;
             return Err(over());
         }
+        let reads = request == Request::ReadTask;
         match self.ask(request) {
             Some(reply @ Reply::Task(_)) => {
                 if matches!(self.board.node().mode(), Mode::Enabled(_)) || self.report.is_none() {
@@ -282,7 +286,9 @@ impl Rig {
                 }
                 self.report.clone().ok_or_else(over)
             }
-            Some(Reply::Refused(_)) => Ok(self.report.clone().unwrap_or(Reply::Done)),
+            Some(Reply::Refused(_)) if reads => self.report.clone().ok_or_else(over),
+            // The scenario does not learn of it.
+            Some(Reply::Refused(_)) => Ok(Reply::Done),
             Some(reply) => Ok(reply),
             None => Err(over()),
         }
@@ -326,7 +332,7 @@ impl Rig {
                 oracle.reset();
             }
         }
-        let skips = self.acting().any(|fault| matches!(fault.kind, Kind::Skip { .. }));
+        let skips = self.acting().any(|fault| matches!(fault.kind, Kind::Skip));
         if skips || self.panicked {
             self.missed += 1;
         } else {
@@ -424,6 +430,9 @@ impl Intervention for SharedRig {
     fn attach(&mut self, plant: &mut Plant) {
         let mut rig = self.lock();
         rig.trials += 1;
+        if rig.trials > rig.schedule.trial + 1 {
+            return;
+        }
         rig.tick = 0;
         if plant.object().is_some() {
             plant.set_sweeps(SWEEPS);
@@ -457,6 +466,9 @@ impl Intervention for SharedRig {
     fn after(&mut self, plant: &Plant) {
         let mut rig = self.lock();
         let sample = rig.sample(plant);
+        if let Some(trace) = &mut rig.trace {
+            trace.push(sample.to_string());
+        }
         if let Some(oracle) = &mut rig.oracle {
             oracle.tick(sample);
         }

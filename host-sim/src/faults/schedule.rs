@@ -38,14 +38,14 @@ const fn place(scenario: &'static str, robot: &'static str, trials: u32, ticks: 
 pub const PLACES: &[Place] = &[
     place("hand3-servo", "hand3", 4, [5, 500]),
     place("hand3-reach", "hand3", 2, [5, 600]),
-    place("arm7-release", "arm7", 4, [60, 300]),
-    place("arm7-wall", "arm7", 6, [60, 400]),
+    place("arm7-release", "arm7", 4, [60, 240]),
+    place("arm7-wall", "arm7", 6, [60, 340]),
     place("hand3-grasp", "hand3", 1, [60, 560]),
-    place("arm7-elbow", "arm7", 2, [60, 500]),
+    place("arm7-elbow", "arm7", 2, [60, 440]),
     place(SERVED, "arm7", 1, [10, 300]),
     place("arm7-straight", "arm7", 2, [60, 500]),
     place("hand3-force", "hand3", 1, [60, 560]),
-    place("arm7-bilateral", "arm7", 3, [60, 500]),
+    place("arm7-bilateral", "arm7", 3, [60, 370]),
     place("hand3-weights", "hand3", 1, [60, 560]),
     place("arm7-follow", "arm7", 1, [60, 700]),
     place("hand3-turn", "hand3", 1, [60, 700]),
@@ -160,7 +160,7 @@ pub enum Kind {
     /// Board: it is reset.
     Reset,
     /// Board: it misses ticks.
-    Skip { ticks: u32 },
+    Skip,
     /// Environment: something pushes a link; force in the base frame [N].
     Push { joint: usize, force: [f64; 3] },
     /// Environment: a wall appears ahead of the tool [m, N/m].
@@ -191,7 +191,7 @@ impl Kind {
             Self::Sag { .. } | Self::Surge { .. } => Family::Supply,
             Self::Weak { .. } | Self::Reversed { .. } | Self::Dead { .. } | Self::Late { .. } => Family::Drive,
             Self::Killed | Self::Second { .. } | Self::Nonsense { .. } => Family::Commander,
-            Self::Reset | Self::Skip { .. } => Family::Board,
+            Self::Reset | Self::Skip => Family::Board,
             Self::Push { .. } | Self::Wall { .. } | Self::Pull { .. } | Self::Removed => Family::Environment,
         }
     }
@@ -204,7 +204,6 @@ impl Kind {
             Self::Damage { probability } if probability < 0.5 => Self::Cut,
             Self::Delay { ticks } if ticks > 1 => Self::Delay { ticks: ticks / 2 },
             Self::Late { joint, ticks } if ticks > 1 => Self::Late { joint, ticks: ticks / 2 },
-            Self::Skip { ticks } if ticks > 1 => Self::Skip { ticks: ticks / 2 },
             Self::Jump { joint, counts } if counts.abs() > 1 => Self::Jump { joint, counts: counts / 2 },
             Self::Drift { joint, rate } if rate.abs() >= 2.0 => {
                 Self::Drift { joint, rate: (rate / 2.0).round() }
@@ -278,10 +277,10 @@ impl Schedule {
                 let lasting = rng.chance(0.5);
                 let ticks = 1 + rng.below(80);
                 let kind = draw_kind(&mut rng, place.robot == "arm7");
-                // A board is reset once; the number of missed ticks belongs to the fault.
+                // A board is reset once.
                 let ticks = match kind {
                     Kind::Reset | Kind::Removed => Some(1),
-                    Kind::Skip { ticks } => Some(ticks),
+                    Kind::Skip => Some(1 + ticks % 12),
                     Kind::Push { .. } | Kind::Pull { .. } => Some(ticks),
                     Kind::Wall { .. } => None,
                     _ => (!lasting).then_some(ticks),
@@ -346,7 +345,7 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
         (Family::Commander, 2..=4) => Kind::Second { probability: round(0.1 + 0.9 * size) },
         (Family::Commander, _) => Kind::Nonsense { probability: round(0.1 + 0.9 * size) },
         (Family::Board, 0..=2) => Kind::Reset,
-        (Family::Board, _) => Kind::Skip { ticks: 1 + rng.below(12) },
+        (Family::Board, _) => Kind::Skip,
         (Family::Environment, 0..=2) => {
             let force = size * if arm { 150.0 } else { 6.0 };
             Kind::Push { joint, force: direction.map(|part| round(part * force)) }
