@@ -76,7 +76,7 @@ pub fn run_traced(
     rig.lock().trace = trace;
     let result = catch_unwind(AssertUnwindSafe(|| {
         if schedule.scenario == SERVED {
-            return served::run(&rig, &robot, schedule.seed);
+            return served::run(&rig, &robot, schedule.machine());
         }
         let Some(scenario) = Scenario::find(&schedule.scenario) else { return Ok(()) };
         let mut board = rig.clone();
@@ -84,7 +84,7 @@ pub fn run_traced(
         let mut setting = Setting {
             robot: &folder,
             controller: &mut controller,
-            seed: schedule.seed,
+            seed: schedule.machine(),
             duration: scenario.duration,
             progress: &|_| {},
             intervention: Some(rig.intervention()),

@@ -18,7 +18,7 @@ const REST_SPEED: f64 = 0.02;
 const REST_TIME: u32 = 100;
 /// Reduced speed, at which people may be near (ISO 10218-1) [m/s].
 const REDUCED_SPEED: f64 = 0.25;
-/// Fraction of the weight torques by which the model may be wrong.
+/// Fraction of weight and friction by which the model may be wrong.
 const WEIGHT_ERROR: f64 = 0.25;
 /// How far a joint may press into its stop [rad].
 const STOP_COMPLIANCE: f64 = 0.02;
@@ -173,7 +173,10 @@ impl fmt::Display for Sample {
         } else {
             "off"
         };
-        write!(f, "{tick:>5} {mode}, {state}, {total} faults, {energy:.4} J, {speed:.3} m/s, {contact:.2} N;")?;
+        write!(
+            f,
+            "{tick:>5} {mode}, {state}, {total} faults, {energy:.4} J, {speed:.3} m/s, {contact:.2} N;"
+        )?;
         let values = self.torques.iter().zip(&self.drives).zip(self.weight.iter().zip(&self.positions));
         for ((torque, drive), (weight, angle)) in values {
             write!(f, "  {torque:.2} {drive:.2} ({weight:.2}) N·m {angle:.4} rad")?;
@@ -297,7 +300,9 @@ impl Oracle {
         };
         match request {
             Request::TakeCommand { .. } => {
-                if matches!(self.permission, Permission::Run) && self.commander.is_some_and(|old| old != client) {
+                if matches!(self.permission, Permission::Run)
+                    && self.commander.is_some_and(|old| old != client)
+                {
                     let text = format!("client {client} took command of an enabled board");
                     self.violate(Rule::Enabled, tick, text);
                 }
@@ -326,9 +331,11 @@ impl Oracle {
                     let text = format!("client {client} enabled it; commander: {:?}", self.commander);
                     self.violate(Rule::Enabled, tick, text);
                 }
-                if let Some((_, newer)) = self.overruled.iter().find(|(other, newer)| {
-                    *other == client && sequence.wrapping_sub(*newer) > u16::MAX / 2
-                }) {
+                if let Some((_, newer)) = self
+                    .overruled
+                    .iter()
+                    .find(|(other, newer)| *other == client && sequence.wrapping_sub(*newer) > u16::MAX / 2)
+                {
                     let text = format!("Enable number {sequence} came after Disable or Stop number {newer}");
                     self.violate(Rule::Enabled, tick, text);
                 }
@@ -399,7 +406,8 @@ impl Oracle {
             let rate = f64::from(torque - last).abs() / (T * missed as f64);
             let limit = f64::from(joint.limits.torque_rate);
             if sample.enabled && rate > limit * 1.0001 + 1e-3 {
-                let text = format!("{name}: {rate:.1} N·m/s from {last} to {torque} N·m, limit {limit} N·m/s");
+                let text =
+                    format!("{name}: {rate:.1} N·m/s from {last} to {torque} N·m, limit {limit} N·m/s");
                 self.violate(Rule::TorqueRate, sample.tick, text);
             }
         }
@@ -485,7 +493,12 @@ impl Oracle {
                 energy: before.energy,
                 speed: before.speed,
                 work: 0.0,
-                fading: before.drives.iter().zip(&before.weight).map(|(drive, weight)| drive - weight).collect(),
+                fading: before
+                    .drives
+                    .iter()
+                    .zip(&before.weight)
+                    .map(|(drive, weight)| drive - weight)
+                    .collect(),
                 allowance: before.energy + 0.5 * self.machine.mass * REDUCED_SPEED * REDUCED_SPEED,
                 disturbed: sample.tick,
                 excused: false,
@@ -500,9 +513,15 @@ impl Oracle {
         let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
         let fading = stop.fading.iter_mut().zip(&self.machine.model.joints);
         if sample.enabled {
-            for (((moved, torque), weight), (fading, joint)) in moved.zip(torques).zip(&sample.weight).zip(fading) {
+            for (((moved, torque), weight), (fading, joint)) in
+                moved.zip(torques).zip(&sample.weight).zip(fading)
+            {
                 stop.work += (torque - weight) * moved;
-                stop.allowance += WEIGHT_ERROR * (weight * moved).abs() + (*fading * moved).max(0.0);
+                let friction =
+                    f64::from(joint.friction.coulomb) + f64::from(joint.friction.viscous) * moved.abs() / T;
+                stop.allowance += WEIGHT_ERROR * (weight * moved).abs()
+                    + (1.0 + WEIGHT_ERROR) * friction * moved.abs()
+                    + (*fading * moved).max(0.0);
                 let step = f64::from(joint.limits.torque_rate) * T;
                 *fading -= fading.clamp(-step, step);
             }

@@ -7,9 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::Decoder;
-use tesaki::protocol::{
-    ActuatorFrame, FromBoard, Mode, Reply, Request, RequestFrame, SensorFrame,
-};
+use tesaki::protocol::{ActuatorFrame, FromBoard, Mode, Reply, Request, RequestFrame, SensorFrame};
 use tesaki::robot::Robot;
 use tesaki_rng::Rng;
 use tesaki_supervisor::hand::{FingerBoard, News};
@@ -35,7 +33,7 @@ const STRANGERS: u64 = 103;
 /// The drives keep their last torque for so long without a frame, then they switch themselves off [ticks].
 const DRIVE_PATIENCE: u32 = 2;
 /// Sweeps over the constraints of a grasp: the grip matters here, not its accuracy.
-const SWEEPS: usize = 32;
+const SWEEPS: usize = 256;
 /// Noise of a contact force [N].
 const FORCE_NOISE: [(&str, f64); 2] = [("arm7", 2.0), ("hand3", 0.5)];
 
@@ -151,7 +149,11 @@ impl Rig {
     pub fn faults(&self) -> Vec<String> {
         let node = self.board.node();
         let Some(model) = node.robot().map(Robot::model) else { return Vec::new() };
-        node.faults().faults.iter().map(|fault| format!("tick {}: {}", fault.tick, fault.named(model))).collect()
+        node.faults()
+            .faults
+            .iter()
+            .map(|fault| format!("tick {}: {}", fault.tick, fault.named(model)))
+            .collect()
     }
 
     /// Whether the trial of the schedule runs.
@@ -238,10 +240,8 @@ impl Rig {
 
     /// Takes the reply to a request of the scenario's client, if it has come.
     pub fn take_reply(&mut self, sequence: u16) -> Option<Reply> {
-        let place = self
-            .replies
-            .iter()
-            .position(|(client, number, _)| (*client, *number) == (CLIENT, sequence))?;
+        let place =
+            self.replies.iter().position(|(client, number, _)| (*client, *number) == (CLIENT, sequence))?;
         Some(self.replies.swap_remove(place).2)
     }
 
@@ -304,7 +304,8 @@ impl Rig {
                     (SECOND, strangers::second(&mut self.strangers, joints))
                 }
                 Kind::Nonsense { probability } if self.strangers.chance(probability) => {
-                    let client = if self.strangers.chance(0.7) { CLIENT } else { 3 + self.strangers.below(5) };
+                    let client =
+                        if self.strangers.chance(0.7) { CLIENT } else { 3 + self.strangers.below(5) };
                     (client, strangers::nonsense(&mut self.strangers, joints))
                 }
                 _ => continue,

@@ -68,7 +68,9 @@ impl Client {
     fn answer(&mut self, reply: &Reply, tick: u32) {
         self.step = match (self.step, reply) {
             (_, Reply::Refused(Refusal::SchemaMismatch { .. })) => Step::Hello,
-            (Step::Move, Reply::Refused(Refusal::NotCommander | Refusal::Commanded { .. })) => Step::TakeCommand,
+            (Step::Move, Reply::Refused(Refusal::NotCommander | Refusal::Commanded { .. })) => {
+                Step::TakeCommand
+            }
             (Step::Move, Reply::Refused(_)) => Step::ReadFaults,
             (Step::Move, _) => Step::Move,
             (Step::Hello, _) => Step::TakeCommand,

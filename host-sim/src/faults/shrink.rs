@@ -82,8 +82,7 @@ mod tests {
     #[test]
     fn what_cannot_be_smaller_stays() {
         let kind = Kind::Killed;
-        let schedule =
-            Schedule { faults: vec![Fault { kind, begin: 9, ticks: None }], ..Schedule::draw(1) };
+        let schedule = Schedule { faults: vec![Fault { kind, begin: 9, ticks: None }], ..Schedule::draw(1) };
         assert_eq!(shrink(&schedule, |_| true), schedule);
     }
 }

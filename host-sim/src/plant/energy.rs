@@ -51,7 +51,8 @@ impl World {
             let Some(frame) = self.body(index) else { continue };
             let (center, weight) = (inertial.center(&frame), self.gravity() * inertial.mass);
             let mut next = Some(index);
-            while let Some((joint, (axis, origin))) = next.and_then(|joint| Some((joint, self.joint_axis(joint)?)))
+            while let Some((joint, (axis, origin))) =
+                next.and_then(|joint| Some((joint, self.joint_axis(joint)?)))
             {
                 if let Some(torque) = torques.get_mut(joint) {
                     *torque -= axis.dot(&(center - origin).cross(&weight));

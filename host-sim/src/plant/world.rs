@@ -10,13 +10,13 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::{mass_properties, narrow, pose, vector, wide};
 use super::end_effector::Tip;
+use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
 use super::grasp::{self, Grasp};
 use super::motion::Motion;
 use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
-use super::energy::Inertial;
 use super::tree::Body;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few

@@ -6,8 +6,8 @@ use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
-use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
 use crate::plant::SharedIntervention;
+use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
