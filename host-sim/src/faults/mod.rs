@@ -8,15 +8,18 @@
 mod link;
 mod oracle;
 mod rig;
+mod rules;
+mod sample;
 mod schedule;
 mod sensors;
 mod served;
+mod shared_rig;
 mod shrink;
 mod strangers;
 #[cfg(test)]
 mod tests;
 
-pub use oracle::{Rule, Violation};
+pub use rules::{Rule, Violation};
 pub use schedule::{Family, Fault, Kind, Schedule};
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,8 +30,8 @@ use tesaki_description::robot::RobotFolder;
 
 use crate::controller::Watched;
 use crate::scenario::{Scenario, ScenarioError, Setting};
-use rig::SharedRig;
 use schedule::SERVED;
+use shared_rig::SharedRig;
 
 /// What a schedule came to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

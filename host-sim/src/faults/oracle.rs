@@ -3,12 +3,13 @@
 //! `docs/fault-schedules.md` gives each rule with its reason.
 
 use std::collections::{BTreeSet, VecDeque};
-use std::fmt;
 
-use serde::{Deserialize, Serialize};
 use tesaki::fault::{Fault, FaultCause};
-use tesaki::model::{Reaction, RobotModel};
+use tesaki::model::Reaction;
 use tesaki::protocol::{Mode, Reply, Request};
+
+use super::rules::{Rule, Violation};
+use super::sample::{Machine, Sample};
 
 /// Control period [s].
 const T: f64 = 0.01;
@@ -30,173 +31,6 @@ const BEFORE: usize = 20;
 const CONTACT: f64 = 1.0;
 /// A dead encoder is detectable after this many ticks, and after as many more its joint is pushed no more.
 const STUCK_TICKS: u32 = 3;
-
-/// The rules, by number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Rule {
-    /// Torques are finite, within the limits, and 0 while the outputs are off.
-    Torque,
-    /// Torques change no faster than the limits allow.
-    TorqueRate,
-    /// A held robot comes to rest.
-    Rest,
-    /// The drives bring no energy into a stopped robot.
-    Energy,
-    /// No joint beyond its stops.
-    Stops,
-    /// The contact force does not rise.
-    ContactForce,
-    /// The tool is slow in contact.
-    ToolSpeed,
-    /// The cause is in the fault log.
-    Cause,
-    /// Outputs are on only if the commander enabled them.
-    Enabled,
-    /// No panic.
-    Panic,
-    /// A dead encoder's joint is pushed no more.
-    DeadEncoder,
-}
-
-impl Rule {
-    /// All of them.
-    pub const ALL: [Self; 11] = [
-        Self::Torque,
-        Self::TorqueRate,
-        Self::Rest,
-        Self::Energy,
-        Self::Stops,
-        Self::ContactForce,
-        Self::ToolSpeed,
-        Self::Cause,
-        Self::Enabled,
-        Self::Panic,
-        Self::DeadEncoder,
-    ];
-
-    /// Its number in the documents.
-    pub const fn number(self) -> u8 {
-        self as u8 + 1
-    }
-}
-
-impl fmt::Display for Rule {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let text = match self {
-            Self::Torque => "torque within limits",
-            Self::TorqueRate => "torque rate within limits",
-            Self::Rest => "a held robot comes to rest",
-            Self::Energy => "no energy into a stopped robot",
-            Self::Stops => "no joint beyond its stops",
-            Self::ContactForce => "the contact force does not rise",
-            Self::ToolSpeed => "slow in contact",
-            Self::Cause => "the cause is readable",
-            Self::Enabled => "enabled by the commander only",
-            Self::Panic => "no panic",
-            Self::DeadEncoder => "a dead encoder's joint is pushed no more",
-        };
-        write!(f, "S{} ({text})", self.number())
-    }
-}
-
-/// A broken rule.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Violation {
-    /// Which.
-    pub rule: Rule,
-    /// When, in ticks of the trial.
-    pub tick: u32,
-    /// The values.
-    pub text: String,
-}
-
-/// What the schedule does in a tick.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Acting {
-    /// A fault begins or ends.
-    pub changes: bool,
-    /// The environment is disturbed, now or before.
-    pub environment: bool,
-    /// An encoder lies.
-    pub encoders: bool,
-    /// A drive does not do what it is told.
-    pub drives: bool,
-    /// A drive cannot carry its joint's weight.
-    pub weak_drives: bool,
-}
-
-/// One control period: what the board answered at its start, and the truth at its end.
-#[derive(Clone, Debug)]
-pub struct Sample {
-    /// Tick of the trial.
-    pub tick: u32,
-    /// Whether the board ticked.
-    pub answered: bool,
-    /// Mode after the tick.
-    pub mode: Mode,
-    /// Whether the outputs are on.
-    pub enabled: bool,
-    /// Torques [N·m].
-    pub torques: Vec<f32>,
-    /// Encoder counts as the board read them, and as they truly are.
-    pub counts: [Vec<i32>; 2],
-    /// Total of the fault log.
-    pub total: u32,
-    /// The latest fault.
-    pub latest: Option<Fault>,
-    /// Joint angles [rad].
-    pub positions: Vec<f64>,
-    /// Torques of the drives [N·m].
-    pub drives: Vec<f64>,
-    /// Torques of the weight [N·m].
-    pub weight: Vec<f64>,
-    /// Kinetic energy [J].
-    pub energy: f64,
-    /// Largest speed of a tip [m/s].
-    pub speed: f64,
-    /// Largest contact force on a tip [N].
-    pub contact: f64,
-    /// Stiffness of the stiffest wall [N/m].
-    pub stiffness: f64,
-    /// What the schedule does.
-    pub acting: Acting,
-}
-
-impl fmt::Display for Sample {
-    /// A line of a trace.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { tick, mode, total, energy, speed, contact, .. } = self;
-        let state = if !self.answered {
-            "no tick"
-        } else if self.enabled {
-            "on"
-        } else {
-            "off"
-        };
-        write!(
-            f,
-            "{tick:>5} {mode}, {state}, {total} faults, {energy:.4} J, {speed:.3} m/s, {contact:.2} N;"
-        )?;
-        let values = self.torques.iter().zip(&self.drives).zip(self.weight.iter().zip(&self.positions));
-        for ((torque, drive), (weight, angle)) in values {
-            write!(f, "  {torque:.2} {drive:.2} ({weight:.2}) N·m {angle:.4} rad")?;
-        }
-        Ok(())
-    }
-}
-
-/// What the oracle knows of the machine.
-#[derive(Clone, Debug)]
-pub struct Machine {
-    /// The robot's model, for its limits.
-    pub model: RobotModel,
-    /// True end stops [rad].
-    pub stops: Vec<Option<[f64; 2]>>,
-    /// Mass of all links [kg].
-    pub mass: f64,
-    /// Noise of a contact force [N].
-    pub force_noise: f64,
-}
 
 /// Whether outputs may be on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -533,7 +367,8 @@ impl Oracle {
         let mut broken = Vec::new();
         if stop.work > stop.allowance {
             let text = format!(
-                "the drives brought {:.3} J into the robot within {after} ticks of the fault; allowed: {:.3} J",
+                "the drives brought {:.3} J into the robot within {after} ticks of the fault; \
+                 allowed: {:.3} J",
                 stop.work, stop.allowance
             );
             broken.push((Rule::Energy, text));
@@ -547,7 +382,8 @@ impl Oracle {
             && !acting.drives;
         if holds && sample.tick - stop.disturbed > REST_TIME && sample.energy > rest {
             let text = format!(
-                "{:.2e} J {after} ticks after the fault and {} after the last disturbance; at rest: {rest:.2e} J",
+                "{:.2e} J {after} ticks after the fault and {} after the last disturbance; \
+                 at rest: {rest:.2e} J",
                 sample.energy,
                 sample.tick - stop.disturbed
             );

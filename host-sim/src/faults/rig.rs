@@ -3,24 +3,23 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::Decoder;
 use tesaki::protocol::{ActuatorFrame, FromBoard, Mode, Reply, Request, RequestFrame, SensorFrame};
 use tesaki::robot::Robot;
 use tesaki_rng::Rng;
-use tesaki_supervisor::hand::{FingerBoard, News};
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::BoardError;
 
 use super::link::{Link, frame};
-use super::oracle::{Acting, Machine, Oracle, Rule, Sample, Violation};
+use super::oracle::Oracle;
+use super::rules::{Rule, Violation};
+use super::sample::{Acting, Sample};
 use super::schedule::{Family, Fault, Kind, Schedule};
 use super::sensors::PlantLink;
 use super::strangers;
-use crate::controller::Controller;
 use crate::digest::FramesDigest;
-use crate::plant::{Intervention, Plant, Push, SharedIntervention};
+use crate::plant::{Plant, Push};
 use crate::virtual_board::VirtualBoard;
 
 /// The client of the scenario, and the second one.
@@ -32,70 +31,46 @@ const PLANT: u64 = 102;
 const STRANGERS: u64 = 103;
 /// The drives keep their last torque for so long without a frame, then they switch themselves off [ticks].
 const DRIVE_PATIENCE: u32 = 2;
-/// Sweeps over the constraints of a grasp: the grip matters here, not its accuracy.
-const SWEEPS: usize = 256;
-/// Noise of a contact force [N].
-const FORCE_NOISE: [(&str, f64); 2] = [("arm7", 2.0), ("hand3", 0.5)];
 
 /// Board, link, plant link and oracle of one run.
 pub struct Rig {
-    schedule: Schedule,
-    model: RobotModel,
-    board: VirtualBoard,
-    decoder: Decoder,
-    link: Link,
-    plant_link: PlantLink,
-    strangers: Rng,
+    pub(super) schedule: Schedule,
+    pub(super) model: RobotModel,
+    pub(super) board: VirtualBoard,
+    pub(super) decoder: Decoder,
+    pub(super) link: Link,
+    pub(super) plant_link: PlantLink,
+    pub(super) strangers: Rng,
     /// Trials that have begun; tick of the present one.
-    trials: u32,
-    tick: u32,
+    pub(super) trials: u32,
+    pub(super) tick: u32,
     /// Last number of a request of each client.
-    sequences: BTreeMap<u32, u16>,
+    pub(super) sequences: BTreeMap<u32, u16>,
     /// Requests without answer.
-    sent: BTreeMap<(u32, u16), Request>,
+    pub(super) sent: BTreeMap<(u32, u16), Request>,
     /// Replies that have come.
-    replies: Vec<(u32, u16, Reply)>,
+    pub(super) replies: Vec<(u32, u16, Reply)>,
     /// The last report of the task.
-    report: Option<Reply>,
+    pub(super) report: Option<Reply>,
     /// What the board answered, in how many ticks before it has not, and what the drives do.
-    answer: ActuatorFrame,
-    missed: u32,
-    driven: ActuatorFrame,
-    counts: [Vec<i32>; 2],
-    oracle: Option<Oracle>,
-    digest: FramesDigest,
+    pub(super) answer: ActuatorFrame,
+    pub(super) missed: u32,
+    pub(super) driven: ActuatorFrame,
+    pub(super) counts: [Vec<i32>; 2],
+    pub(super) oracle: Option<Oracle>,
+    pub(super) digest: FramesDigest,
     /// A fault has begun.
-    disturbed: bool,
+    pub(super) disturbed: bool,
     /// The environment was disturbed.
-    touched: bool,
-    is_over: bool,
-    panicked: bool,
+    pub(super) touched: bool,
+    pub(super) is_over: bool,
+    pub(super) panicked: bool,
     /// A line a tick, if asked for.
     pub trace: Option<Vec<String>>,
 }
 
-/// A rig that board and plant share.
-#[derive(Clone)]
-pub struct SharedRig(Arc<Mutex<Rig>>);
-
-impl SharedRig {
-    /// A rig for a robot with this model.
-    pub fn new(schedule: &Schedule, model: &RobotModel) -> Self {
-        Self(Arc::new(Mutex::new(Rig::new(schedule, model))))
-    }
-
-    /// For the plant.
-    pub fn intervention(&self) -> SharedIntervention {
-        Arc::new(Mutex::new(self.clone()))
-    }
-
-    pub fn lock(&self) -> MutexGuard<'_, Rig> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl Rig {
-    fn new(schedule: &Schedule, model: &RobotModel) -> Self {
+    pub(super) fn new(schedule: &Schedule, model: &RobotModel) -> Self {
         let rng = |stream| Rng::new(schedule.seed, stream);
         Self {
             schedule: schedule.clone(),
@@ -157,7 +132,7 @@ impl Rig {
     }
 
     /// Whether the trial of the schedule runs.
-    const fn runs(&self) -> bool {
+    pub(super) const fn runs(&self) -> bool {
         self.trials == self.schedule.trial + 1
     }
 
@@ -253,7 +228,7 @@ impl Rig {
         self.take_reply(request.sequence)
     }
 
-    fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+    pub(super) fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         if self.is_over {
             return Err(over());
         }
@@ -316,7 +291,7 @@ impl Rig {
     }
 
     /// A control period of the board.
-    fn tick(&mut self, sensors: &SensorFrame) {
+    pub(super) fn tick(&mut self, sensors: &SensorFrame) {
         let runs = self.runs();
         if runs {
             self.disturbed |= self.schedule.faults.iter().any(|fault| self.tick >= fault.begin);
@@ -353,7 +328,7 @@ impl Rig {
     }
 
     /// What happens around the robot in this tick.
-    fn disturb_plant(&mut self, plant: &mut Plant) {
+    pub(super) fn disturb_plant(&mut self, plant: &mut Plant) {
         let begins: Vec<Fault> = self.acting().filter(|fault| fault.begin == self.tick).copied().collect();
         for fault in begins {
             let hold = f64::from(fault.ticks.unwrap_or(100)) * 0.01;
@@ -377,7 +352,7 @@ impl Rig {
         self.touched |= self.acts(Family::Environment);
     }
 
-    fn sample(&self, plant: &Plant) -> Sample {
+    pub(super) fn sample(&self, plant: &Plant) -> Sample {
         let node = self.board.node();
         let truth = plant.truth();
         let norm = |vector: &[f64; 3]| vector.iter().map(|part| part * part).sum::<f64>().sqrt();
@@ -423,90 +398,6 @@ impl Rig {
     }
 }
 
-fn over() -> BoardError {
+pub(super) fn over() -> BoardError {
     BoardError::Link(io::Error::other("the run is over"))
-}
-
-impl Intervention for SharedRig {
-    fn attach(&mut self, plant: &mut Plant) {
-        let mut rig = self.lock();
-        rig.trials += 1;
-        if rig.trials > rig.schedule.trial + 1 {
-            return;
-        }
-        rig.tick = 0;
-        if plant.object().is_some() {
-            plant.set_sweeps(SWEEPS);
-        }
-        if !rig.runs() {
-            return;
-        }
-        rig.board = VirtualBoard::default();
-        (rig.report, rig.digest) = (None, FramesDigest::default());
-        let noise = FORCE_NOISE.iter().find(|(name, _)| *name == rig.schedule.robot);
-        let machine = Machine {
-            model: rig.model.clone(),
-            stops: plant.stops(),
-            mass: plant.mass(),
-            force_noise: noise.map_or(1.0, |(_, noise)| *noise),
-        };
-        rig.oracle = Some(Oracle::new(machine));
-    }
-
-    fn before(&mut self, plant: &mut Plant, frame: &mut ActuatorFrame) -> bool {
-        let mut rig = self.lock();
-        if !rig.runs() {
-            rig.tick += 1;
-            return false;
-        }
-        rig.disturb_plant(plant);
-        frame.clone_from(&rig.driven);
-        true
-    }
-
-    fn after(&mut self, plant: &Plant) {
-        let mut rig = self.lock();
-        let sample = rig.sample(plant);
-        if let Some(trace) = &mut rig.trace {
-            trace.push(sample.to_string());
-        }
-        if let Some(oracle) = &mut rig.oracle {
-            oracle.tick(sample);
-        }
-        rig.tick += 1;
-        rig.is_over |= rig.tick >= rig.schedule.end || rig.panicked;
-    }
-}
-
-impl Board for SharedRig {
-    fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
-        self.lock().request(request)
-    }
-}
-
-impl Controller for SharedRig {
-    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
-        let mut rig = self.lock();
-        if rig.is_over || rig.trials > rig.schedule.trial + 1 {
-            rig.is_over = true;
-            return Err(over());
-        }
-        rig.tick(sensors);
-        // What the scenario sees: it goes on until the run is over. The plant gets what the drives do.
-        let mut seen = rig.driven.clone();
-        seen.enabled = true;
-        Ok(seen)
-    }
-}
-
-impl FingerBoard for SharedRig {
-    fn post(&mut self, request: Request) -> Result<(), BoardError> {
-        self.request(request).map(|_| ())
-    }
-
-    fn listen(&mut self) -> Result<News, BoardError> {
-        let rig = self.lock();
-        let node = rig.board.node();
-        Ok(News { telemetry: Some(node.telemetry()), tips: Some(node.tips()), refusal: None })
-    }
 }

@@ -42,18 +42,22 @@ pub const PLACES: &[Place] = &[
     place("hand3-reach", "hand3", 2, [5, 600]),
     place("arm7-release", "arm7", 4, [60, 240]),
     place("arm7-wall", "arm7", 6, [60, 340]),
-    place("hand3-grasp", "hand3", 1, [60, 560]),
+    place("hand3-grasp", "hand3", 1, [60, 440]),
     place("arm7-elbow", "arm7", 2, [60, 440]),
     place(SERVED, "arm7", 1, [10, 300]),
     place("arm7-straight", "arm7", 2, [60, 500]),
-    place("hand3-force", "hand3", 1, [60, 560]),
+    place("hand3-force", "hand3", 1, [60, 440]),
     place("arm7-bilateral", "arm7", 3, [60, 370]),
-    place("hand3-weights", "hand3", 1, [60, 560]),
+    place("hand3-weights", "hand3", 1, [60, 440]),
     place("arm7-follow", "arm7", 1, [60, 700]),
-    place("hand3-turn", "hand3", 1, [60, 700]),
+    place("hand3-turn", "hand3", 1, [60, 440]),
     place(SERVED, "hand3", 1, [10, 300]),
     place("arm7-wall", "arm7", 6, [120, 300]),
-    place("hand3-shift", "hand3", 1, [60, 700]),
+    place("hand3-servo", "hand3", 4, [5, 500]),
+    place("arm7-elbow", "arm7", 2, [60, 440]),
+    place(SERVED, "arm7", 1, [10, 300]),
+    place("arm7-bilateral", "arm7", 3, [60, 370]),
+    place("hand3-shift", "hand3", 1, [60, 440]),
 ];
 
 /// Families of faults.
@@ -197,6 +201,7 @@ impl Kind {
     /// Simpler variants, for shrinking: half of a magnitude.
     pub fn simpler(&self) -> Vec<Self> {
         let half = |vector: [f64; 3]| vector.map(|part| (part / 2.0).round());
+        let is_large = |vector: [f64; 3]| vector.iter().any(|part| part.abs() >= 2.0);
         let simpler = match *self {
             Self::Loss { probability } if probability < 1.0 => Self::Cut,
             Self::Damage { probability } if probability < 0.5 => Self::Cut,
@@ -210,8 +215,8 @@ impl Kind {
                 Self::Noise { joint, counts: (counts / 2.0).round() }
             }
             Self::Weak { joint, factor } if factor > 0.0 => Self::Dead { joint },
-            Self::Push { joint, force } if half(force) != force => Self::Push { joint, force: half(force) },
-            Self::Pull { force } if half(force) != force => Self::Pull { force: half(force) },
+            Self::Push { joint, force } if is_large(force) => Self::Push { joint, force: half(force) },
+            Self::Pull { force } if is_large(force) => Self::Pull { force: half(force) },
             _ => return Vec::new(),
         };
         vec![simpler]

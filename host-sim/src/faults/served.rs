@@ -8,7 +8,7 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::robot::RobotFolder;
 
-use super::rig::SharedRig;
+use super::shared_rig::SharedRig;
 use crate::controller::Controller;
 use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
 use crate::scenario::ScenarioError;

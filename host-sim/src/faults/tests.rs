@@ -10,7 +10,8 @@ use tesaki::protocol::{Mode, Reply, Request};
 use tesaki::task::{TaskConfig, TaskKind};
 use tesaki_description::robot::RobotFolder;
 
-use super::oracle::{Machine, Oracle, Rule, Sample};
+use super::oracle::Oracle;
+use super::sample::{Acting, Machine, Sample};
 use super::*;
 
 const ENABLED: Mode = Mode::Enabled(TaskKind::JointServo);
@@ -53,7 +54,7 @@ fn sample(tick: u32, mode: Mode, enabled: bool) -> Sample {
         speed: 0.0,
         contact: 0.0,
         stiffness: 0.0,
-        acting: oracle::Acting::default(),
+        acting: Acting::default(),
     }
 }
 
