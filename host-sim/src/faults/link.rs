@@ -40,7 +40,7 @@ impl Link {
             match *kind {
                 Kind::Cut => copies = 0,
                 Kind::Loss { probability } if self.rng.chance(probability) => copies = 0,
-                Kind::Delay { ticks } => delay += ticks,
+                Kind::Delay { late } => delay += late,
                 Kind::Reorder { probability } if self.rng.chance(probability) => {
                     delay += 1 + self.rng.below(MAX_LATENESS);
                     order += 1000;
@@ -100,7 +100,7 @@ mod tests {
         assert_eq!(arrivals(&[Kind::Cut]), []);
         assert!((5..15).contains(&arrivals(&[Kind::Loss { probability: 0.5 }]).len()));
         let late: Vec<(u32, u8)> = sent.iter().map(|(tick, byte)| (tick + 3, *byte)).collect();
-        assert_eq!(arrivals(&[Kind::Delay { ticks: 3 }]), late);
+        assert_eq!(arrivals(&[Kind::Delay { late: 3 }]), late);
         let mixed = arrivals(&[Kind::Reorder { probability: 0.5 }]);
         assert!(mixed.len() == 20 && mixed.windows(2).any(|pair| pair[0].1 > pair[1].1));
         assert!((25..=36).contains(&arrivals(&[Kind::Duplicate { probability: 0.5 }]).len()));

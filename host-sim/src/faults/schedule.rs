@@ -119,7 +119,7 @@ pub enum Kind {
     /// Link: a request arrives a second time, up to five ticks later, with this probability.
     Duplicate { probability: f64 },
     /// Link: all requests arrive late [ticks].
-    Delay { ticks: u32 },
+    Delay { late: u32 },
     /// Link: bytes are lost, flipped and repeated with this probability each.
     Damage { probability: f64 },
     /// Link: nothing arrives.
@@ -149,7 +149,7 @@ pub enum Kind {
     /// Drive: no torque.
     Dead { joint: usize },
     /// Drive: the torque comes late [ticks].
-    Late { joint: usize, ticks: u32 },
+    Late { joint: usize, late: u32 },
     /// Commander: it sends nothing more.
     Killed,
     /// Commander: a second program wants to command, too, and sends something with this probability each
@@ -205,8 +205,8 @@ impl Kind {
         let simpler = match *self {
             Self::Loss { probability } if probability < 1.0 => Self::Cut,
             Self::Damage { probability } if probability < 0.5 => Self::Cut,
-            Self::Delay { ticks } if ticks > 1 => Self::Delay { ticks: ticks / 2 },
-            Self::Late { joint, ticks } if ticks > 1 => Self::Late { joint, ticks: ticks / 2 },
+            Self::Delay { late } if late > 1 => Self::Delay { late: late / 2 },
+            Self::Late { joint, late } if late > 1 => Self::Late { joint, late: late / 2 },
             Self::Jump { joint, counts } if counts.abs() > 1 => Self::Jump { joint, counts: counts / 2 },
             Self::Drift { joint, rate } if rate.abs() >= 2.0 => {
                 Self::Drift { joint, rate: (rate / 2.0).round() }
@@ -333,7 +333,7 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
         (Family::Link, 0) => Kind::Loss { probability: round(0.1 + 0.9 * size) },
         (Family::Link, 1) => Kind::Reorder { probability: round(0.1 + 0.9 * size) },
         (Family::Link, 2) => Kind::Duplicate { probability: round(0.1 + 0.9 * size) },
-        (Family::Link, 3) => Kind::Delay { ticks: 1 + rng.below(20) },
+        (Family::Link, 3) => Kind::Delay { late: 1 + rng.below(20) },
         (Family::Link, 4) => Kind::Damage { probability: round(0.001 + 0.02 * size) },
         (Family::Link, _) => Kind::Cut,
         (Family::Sensors, 0) => Kind::Stuck { joint },
@@ -348,7 +348,7 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
         (Family::Drive, 0 | 1) => Kind::Weak { joint, factor: round(0.9 * rng.uniform()) },
         (Family::Drive, 2 | 3) => Kind::Reversed { joint },
         (Family::Drive, 4) => Kind::Dead { joint },
-        (Family::Drive, _) => Kind::Late { joint, ticks: 1 + rng.below(10) },
+        (Family::Drive, _) => Kind::Late { joint, late: 1 + rng.below(10) },
         (Family::Commander, 0 | 1) => Kind::Killed,
         (Family::Commander, 2..=4) => Kind::Second { probability: round(0.1 + 0.9 * size) },
         (Family::Commander, _) => Kind::Nonsense { probability: round(0.1 + 0.9 * size) },

@@ -79,8 +79,8 @@ impl PlantLink {
                 }
                 Kind::Reversed { joint } => set(&mut driven.torques, joint, |torque| -torque),
                 Kind::Dead { joint } => set(&mut driven.torques, joint, |_| 0.0),
-                Kind::Late { joint, ticks } => {
-                    let ticks = usize::try_from(ticks).unwrap_or(MAX_LATE).min(MAX_LATE - 1);
+                Kind::Late { joint, late } => {
+                    let ticks = usize::try_from(late).unwrap_or(MAX_LATE).min(MAX_LATE - 1);
                     let late = self.torques.get(ticks).and_then(|torques| torques.get(joint));
                     let late = late.copied().unwrap_or(0.0);
                     set(&mut driven.torques, joint, |_| late);
@@ -137,6 +137,6 @@ mod tests {
         assert_eq!(driven(Kind::Weak { joint: 0, factor: 0.5 }), [1.0, 1.0, 1.5, 2.0]);
         assert_eq!(driven(Kind::Reversed { joint: 0 }), [1.0, -2.0, -3.0, -4.0]);
         assert_eq!(driven(Kind::Dead { joint: 0 }), [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(driven(Kind::Late { joint: 0, ticks: 2 }), [1.0, 0.0, 1.0, 2.0]);
+        assert_eq!(driven(Kind::Late { joint: 0, late: 2 }), [1.0, 0.0, 1.0, 2.0]);
     }
 }
