@@ -107,7 +107,7 @@ impl Client {
             return;
         }
         let request = match self.step {
-            Step::Move if tick % COMMAND_EVERY == 0 => Some(self.goal(tick)),
+            Step::Move if tick.is_multiple_of(COMMAND_EVERY) => Some(self.goal(tick)),
             _ => self.request(homed),
         };
         if let Some(request) = request {
