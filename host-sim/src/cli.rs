@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
 use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -29,6 +30,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
+    /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
+    Faults(Faults),
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
     #[cfg(unix)]
@@ -89,6 +92,25 @@ struct Run {
     elf: PathBuf,
 }
 
+#[derive(Args)]
+struct Faults {
+    /// Seed of a schedule; a range such as 1-200 runs all of them in turn
+    #[arg(long, default_value = "1", value_parser = seeds, conflicts_with = "schedule")]
+    seeds: RangeInclusive<u64>,
+    /// A schedule as JSON, as a failing one prints it
+    #[arg(long)]
+    schedule: Option<String>,
+    /// Print a line for each tick
+    #[arg(long)]
+    trace: bool,
+    /// Do not look for the smallest schedule that fails
+    #[arg(long)]
+    no_shrink: bool,
+    /// Print one JSON object per seed
+    #[arg(long)]
+    json: bool,
+}
+
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum ControllerKind {
     /// In this process
@@ -139,6 +161,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
+        Some(Command::Faults(options)) => run_faults(&options),
         #[cfg(unix)]
         Some(Command::Serve(options)) => serve(&options).map(|()| true),
     }
@@ -193,6 +216,44 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
             let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
             println!("{}", table(&summaries, colour));
             println!("Report: {}", page.display());
+        }
+    }
+    Ok(passed)
+}
+
+/// Runs schedules of faults; `false` if a rule was broken.
+fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
+    let robots = workspace().join("robots");
+    let schedules: Box<dyn Iterator<Item = Schedule>> = match &options.schedule {
+        Some(text) => Box::new(std::iter::once(serde_json::from_str(text)?)),
+        None => Box::new(options.seeds.clone().map(Schedule::draw)),
+    };
+    let mut passed = true;
+    for schedule in schedules {
+        let (report, trace) = faults::run_traced(&schedule, &robots, options.trace.then(Vec::new))?;
+        trace.iter().for_each(|line| println!("{line}"));
+        passed &= report.violations.is_empty();
+        if options.json {
+            println!("{}", serde_json::to_string(&report)?);
+        } else {
+            let families: Vec<String> = report.families.iter().map(ToString::to_string).collect();
+            let state = if report.violations.is_empty() { "safe" } else { "UNSAFE" };
+            let Report { seed, scenario, ticks: [ran, planned], .. } = &report;
+            println!("seed {seed}: {scenario}: {}: {ran} of {planned} ticks: {state}", families.join(", "));
+        }
+        let [ran, planned] = report.ticks;
+        if options.schedule.is_some() || (!report.violations.is_empty() || ran < planned) && !options.json {
+            report.faults.iter().for_each(|fault| println!("  log: {fault}"));
+            report.error.iter().for_each(|error| println!("  ended: {error}"));
+        }
+        for violation in &report.violations {
+            let Violation { rule, tick, text } = violation;
+            eprintln!("seed {}, tick {tick}: {rule} is broken: {text}", schedule.seed);
+            if options.no_shrink || options.schedule.is_some() {
+                eprintln!("  repeat: {}", schedule.command());
+            } else {
+                eprintln!("  repeat: {}", faults::shrink(&schedule, violation, &robots).command());
+            }
         }
     }
     Ok(passed)
@@ -330,6 +391,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         seed,
         duration: options.duration.unwrap_or(scenario.duration),
         progress: &progress,
+        intervention: None,
     };
     let outcome = scenario.run(&mut setting)?;
     let mut summary = outcome.summary.clone();

@@ -10,6 +10,7 @@
 pub mod boards;
 pub mod controller;
 pub mod digest;
+pub mod faults;
 pub mod motion;
 pub mod operator;
 pub mod plant;

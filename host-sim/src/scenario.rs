@@ -7,7 +7,7 @@ mod arm7_follow;
 mod arm7_release;
 mod arm7_straight;
 mod arm7_wall;
-mod common;
+pub(crate) mod common;
 mod grasping;
 mod hand3_force;
 mod hand3_grasp;
@@ -30,7 +30,7 @@ use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
 use crate::motion::Motion;
-use crate::plant::PlantError;
+use crate::plant::{PlantError, SharedIntervention};
 use crate::report::{Figure, Summary};
 use grasping::scene::SceneError;
 
@@ -80,6 +80,8 @@ pub struct Setting<'a, 'b> {
     pub duration: f64,
     /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a dyn Fn(f64),
+    /// What acts on the plants from outside the experiment.
+    pub intervention: Option<SharedIntervention>,
 }
 
 /// What a run leaves.

@@ -35,7 +35,16 @@ fn image(variable: &str) -> PathBuf {
 fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome {
     let robot = robot_folder(scenario.robot);
     let duration = scenario.duration;
-    scenario.run(&mut Setting { robot: &robot, controller, seed, duration, progress: &|_| {} }).unwrap()
+    scenario
+        .run(&mut Setting {
+            robot: &robot,
+            controller,
+            seed,
+            duration,
+            progress: &|_| {},
+            intervention: None,
+        })
+        .unwrap()
 }
 
 #[test]

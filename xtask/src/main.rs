@@ -1,6 +1,7 @@
 //! `cargo xtask`: the one way in, for people and for automatic checks.
 
 mod bench;
+mod faults;
 mod firmware;
 mod footprint;
 mod sweep;
@@ -25,6 +26,8 @@ enum Task {
     Firmware,
     /// Run scenarios on many machines; record, check and tabulate the results
     Sweep(sweep::Options),
+    /// Run seeded schedules of faults; record and check what the oracle of safety finds
+    Faults(faults::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -37,5 +40,6 @@ fn main() -> anyhow::Result<()> {
         Task::Firmware => firmware::run(),
         Task::Bench(options) => bench::run(&options),
         Task::Sweep(options) => sweep::run(options),
+        Task::Faults(options) => faults::run(options),
     }
 }

@@ -28,6 +28,8 @@ pub struct DriveState {
     zero: i32,
     /// Homed angle minus true angle [rad].
     pub homing_error: f64,
+    /// End stops of the joint [rad].
+    pub stops: Option<[f64; 2]>,
     /// The homing error that is part of an absolute encoder's count [rad].
     encoder_error: f64,
 }
@@ -48,6 +50,10 @@ pub fn states(
         // A URDF without a limit says 0.
         body.map(|body| body.effort).filter(|&effort| effort > 0.0).unwrap_or(f64::INFINITY)
     };
+    let stops = |index: usize| {
+        let body = drive_of.iter().position(|&drive| drive == index).and_then(|body| bodies.get(body));
+        body.and_then(|body| body.stops)
+    };
     let make = |(index, (drive, factors)): (usize, (&Drive, &JointFactors))| {
         let (motor, encoder) = (&drive.motor, &drive.encoder);
         let constant = f64::from(motor.torque_constant);
@@ -65,6 +71,7 @@ pub fn states(
             counts_per_radian: if encoder.reversed { -scale } else { scale },
             zero: if encoder.relative { offset } else { encoder.zero },
             homing_error,
+            stops: stops(index),
             encoder_error: if encoder.relative { 0.0 } else { homing_error },
         }
     };

@@ -222,6 +222,11 @@ impl Environment {
         self.tips.iter_mut().for_each(|tip| tip.anchors.clear());
     }
 
+    /// Stiffness of the stiffest wall [N/m]; 0 without walls.
+    pub fn stiffness(&self) -> f64 {
+        self.walls.iter().fold(0.0, |stiffness, wall| wall.stiffness.max(stiffness))
+    }
+
     /// Begins to hold a tip that stands at `from`.
     pub fn hold(&mut self, tip: usize, hold: Hold, from: Isometry3<f64>, begin: f64) {
         self.active = true;

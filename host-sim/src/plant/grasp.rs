@@ -22,6 +22,8 @@ use super::stiction::Creep;
 /// has no effect on a finger's 2 N at rest. The effect has converged at 256: the normal force is 2.02, 1.91,
 /// 0.77 and 0.77 N with 16, 64, 256 and 1000 iterations.
 const ITERATIONS: usize = 256;
+/// How far from the robot a removed object is [m].
+const AWAY: f32 = 100.0;
 /// Natural frequency [Hz] and damping ratio of the contact spring with the effective mass.
 const SOFTNESS: (f32, f32) = (1000.0, 1.0);
 
@@ -92,6 +94,15 @@ impl Grasp {
     pub fn disturb(&mut self, physics: &mut PhysicsWorld, time: f64, fraction: f64) {
         if let Some(body) = physics.bodies.get_mut(self.object) {
             self.disturbances.act(body, &physics.colliders, time, fraction);
+        }
+    }
+
+    /// Moves the object far away, at rest.
+    pub fn remove(&self, physics: &mut PhysicsWorld) {
+        if let Some(body) = physics.bodies.get_mut(self.object) {
+            body.set_translation(Vector::new(0.0, 0.0, -AWAY), true);
+            body.set_linvel(Vector::ZERO, true);
+            body.set_angvel(Vector::ZERO, true);
         }
     }
 

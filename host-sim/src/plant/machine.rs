@@ -13,6 +13,7 @@ use super::environment::{Hold, Wall};
 use super::error::PlantError;
 use super::factors::{self, JointFactors};
 use super::force::ForceSensors;
+use super::intervention::SharedIntervention;
 use super::object::ObjectValues;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
@@ -33,6 +34,7 @@ pub struct Plant {
     ideal_sensors: bool,
     held: bool,
     emergency_stop: bool,
+    pub(super) intervention: Option<SharedIntervention>,
 }
 
 impl Plant {
@@ -99,6 +101,7 @@ impl Plant {
             ideal_sensors: options.ideal_sensors,
             held: options.held_at_start,
             emergency_stop: false,
+            intervention: None,
         })
     }
 
@@ -138,6 +141,14 @@ impl Plant {
     /// # Errors
     /// A frame for another number of joints, or a torque that is not a number; the plant has not moved then.
     pub fn apply(&mut self, frame: &ActuatorFrame) -> Result<(), PlantError> {
+        match self.intervention.clone() {
+            None => self.advance(frame),
+            Some(intervention) => self.advance_under(&intervention, frame),
+        }
+    }
+
+    /// [`Plant::apply`] without intervention.
+    pub(super) fn advance(&mut self, frame: &ActuatorFrame) -> Result<(), PlantError> {
         let (got, expected) = (frame.torques.len(), self.drives.len());
         if got != expected {
             return Err(PlantError::Count { item: "the actuator frame", got, expected });

@@ -10,12 +10,13 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::{mass_properties, narrow, pose, vector, wide};
 use super::end_effector::Tip;
+use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
 use super::grasp::{self, Grasp};
 use super::motion::Motion;
 use super::object::ObjectValues;
-use super::push::Disturbances;
+use super::push::{Disturbances, Push};
 use super::tree::Body;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
@@ -39,6 +40,8 @@ pub struct World {
     tips: Vec<Tip>,
     grasp: Option<Grasp>,
     environment: Environment,
+    /// Pushes on the origins of bodies: which, when they began, and how they go.
+    link_pushes: Vec<(usize, f64, Push)>,
     gravity: Vector,
     step: f64,
     /// Sub-steps since the start.
@@ -53,6 +56,7 @@ struct Joint {
     before: Option<usize>,
     /// In the frame of the body.
     axis: Vector,
+    inertial: Inertial,
 }
 
 impl World {
@@ -95,12 +99,15 @@ impl World {
             }
             if let Some(joint) = physics.multibody_joints.insert(parent, handle, joint, true) {
                 let (axis, before) = (vector(&body.axis), body.parent);
-                joints.push(Joint { handle: joint, body: handle, parent, before, axis });
+                let inertial = Inertial::new(body, factors);
+                joints.push(Joint { handle: joint, body: handle, parent, before, axis, inertial });
             }
         }
         let gravity = vector(&Vector3::from(gravity));
         let (tips, grasp, environment) = (Vec::new(), None, Environment::default());
-        let mut world = Self { physics, joints, tips, grasp, environment, gravity, step, steps: 0 };
+        let link_pushes = Vec::new();
+        let mut world =
+            Self { physics, joints, tips, grasp, environment, link_pushes, gravity, step, steps: 0 };
         world.set_posture(posture);
         world.set_values(values, step);
         world
@@ -137,9 +144,10 @@ impl World {
     }
 
     fn set_values(&mut self, values: &[JointValues], step: f64) {
-        for (joint, values) in self.joints.iter().zip(values) {
+        for (joint, values) in self.joints.iter_mut().zip(values) {
             let Some((chain, link)) = self.physics.multibody_joints.get_mut(joint.handle) else { continue };
             let Some(dof) = first_dof(chain, link) else { continue };
+            joint.inertial.rotor = values.rotor_inertia;
             chain.damping_mut()[dof] = narrow(values.viscous);
             // Rapier's damping is that of the velocity at the end of the kick; this makes it the mean of both
             // ends.
@@ -174,6 +182,7 @@ impl World {
             grasp.disturb(&mut self.physics, time, fraction);
         }
         self.act_on_tips(time, fraction);
+        self.act_on_links(time, fraction);
         self.steps += 1;
         match self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step)) {
             Some(creep) => self.physics.step_with_events(&creep, &()),
@@ -198,6 +207,47 @@ impl World {
                 body.add_torque(vector(&wrench.torque), true);
             }
         }
+    }
+
+    fn act_on_links(&mut self, time: f64, fraction: f64) {
+        self.link_pushes.retain(|(_, begin, push)| !push.is_over(time - begin));
+        for (joint, begin, push) in &self.link_pushes {
+            let body = self.joints.get(*joint).and_then(|joint| self.physics.bodies.get_mut(joint.body));
+            let Some(body) = body else { continue };
+            let force = Vector3::from(push.force) * (push.fraction(time - begin) * fraction);
+            let point = body.position() * vector(&Vector3::from(push.point));
+            body.add_force_at_point(vector(&force), point, true);
+        }
+    }
+
+    /// Begins a push on the body behind a joint.
+    pub fn push_link(&mut self, joint: usize, push: Push) {
+        let time = self.time();
+        self.link_pushes.push((joint, time, push));
+    }
+
+    /// Sweeps over the constraints in a sub-step.
+    pub const fn set_sweeps(&mut self, sweeps: usize) {
+        self.physics.integration_parameters.num_internal_pgs_iterations = sweeps;
+    }
+
+    /// Takes the object away.
+    pub fn remove_object(&mut self) {
+        if let Some(grasp) = &self.grasp {
+            grasp.remove(&mut self.physics);
+        }
+    }
+
+    /// The bodies' masses, with each joint before them.
+    pub(super) fn inertials(&self) -> impl Iterator<Item = (&Inertial, Option<usize>)> {
+        self.joints.iter().map(|joint| (&joint.inertial, joint.before))
+    }
+
+    /// Axis of a joint in the frame of the base, and a point of it.
+    pub(super) fn joint_axis(&self, joint: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let joint = self.joints.get(joint)?;
+        let body = self.physics.bodies.get(joint.body)?;
+        Some((wide(body.rotation() * joint.axis), wide(body.translation())))
     }
 
     fn read_contacts(&mut self) {
@@ -313,7 +363,7 @@ impl World {
     }
 
     /// Where the body behind a joint is, in the frame of the base.
-    fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
+    pub(super) fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
         let ([x, y, z], [i, j, k, w]) = self.body_pose(joint)?;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
         Some(Isometry3::from_parts(Translation3::new(x, y, z), turn))

@@ -15,7 +15,7 @@ use super::common::{T, fault_error, introduce};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, TipTruth};
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth};
 use crate::report::{Column, csv};
 
 /// Time from power-on to the tare of the force sensor [s].
@@ -80,6 +80,7 @@ pub struct ArmRig {
     pub values: PlantValues,
     pub motion: Motion,
     seed: u64,
+    intervention: Option<SharedIntervention>,
 }
 
 impl ArmRig {
@@ -87,7 +88,8 @@ impl ArmRig {
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
         let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
-        Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed: setting.seed })
+        let (seed, intervention) = (setting.seed, setting.intervention.clone());
+        Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })
     }
 
     /// The controller's model, and the machine.
@@ -106,7 +108,7 @@ impl ArmRig {
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
         let plant = Plant::new(&self.robot.urdf, &drives, &values, &options)?;
-        Ok((model, plant))
+        Ok((model, plant.under(self.intervention.clone())))
     }
 }
 

@@ -135,7 +135,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 2.0);
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let options = PlantOptions::mismatched(setting.seed);
-        let mut plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+        let plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+        let mut plant = plant.under(setting.intervention.clone());
         let recording =
             run_trial(trial, &robot.model, &mut plant, setting.controller, &mut motion, &progress)?;
         add_metrics(&mut summary, trial, &recording);

@@ -13,7 +13,7 @@ use super::common::{T, capitalized, fault_error, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -154,9 +154,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
-        let Setting { seed, .. } = *setting;
-        let mut servo_trial =
-            ServoTrial::begin(trial, (&robot, &values, seed), setting.controller, &mut motion)?;
+        let machine = (&robot, &values, setting.seed, setting.intervention.clone());
+        let mut servo_trial = ServoTrial::begin(trial, machine, setting.controller, &mut motion)?;
         for tick in 0..ticks {
             servo_trial.tick(tick)?;
             progress(f64::from(tick + 1) / f64::from(ticks));
@@ -187,7 +186,7 @@ struct ServoTrial<'a, 'b> {
 impl<'a, 'b> ServoTrial<'a, 'b> {
     fn begin(
         trial: &Trial,
-        (robot, values, seed): (&RobotFolder, &PlantValues, u64),
+        (robot, values, seed, intervention): (&RobotFolder, &PlantValues, u64, Option<SharedIntervention>),
         controller: &'a mut Watched<'b>,
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
@@ -200,7 +199,7 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
             }
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?;
+        let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?.under(intervention);
         let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
         let joints = model.joints.len();
         let filter_time = f64::from(model.joints[0].servo.filter_time);

@@ -20,9 +20,10 @@ use clap::{Args, Subcommand};
 
 use crate::{test, tools};
 use merge::Run;
-use pool::Simulator;
+pub use pool::Simulator;
 use record::{FOLDER, Sweep};
-use set::{Partition, Set};
+pub use set::Partition;
+use set::Set;
 
 const EXAMPLES: &str = "Examples:
   cargo xtask sweep                                  all scenarios on the 20 development machines
@@ -112,12 +113,16 @@ pub fn check_built() -> Result<()> {
     check(&Simulator::built())
 }
 
-fn cores() -> usize {
+/// Cores of this machine.
+pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
 /// The commit, marked when what decides the results differs from it.
-fn commit() -> Result<String> {
+///
+/// # Errors
+/// When git cannot be run.
+pub fn commit() -> Result<String> {
     let git = |arguments: &[&str]| {
         tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
     };

@@ -34,6 +34,11 @@ impl Simulator {
         Self { path: firmware::target().join("release").join("host-sim") }
     }
 
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// All scenarios, by the first word of each line that it lists.
     ///
     /// # Errors

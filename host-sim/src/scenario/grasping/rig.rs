@@ -6,6 +6,7 @@ use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
+use crate::plant::SharedIntervention;
 use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
@@ -41,6 +42,7 @@ pub struct GraspRig {
     pub values: PlantValues,
     pub motion: Motion,
     seed: u64,
+    intervention: Option<SharedIntervention>,
 }
 
 impl GraspRig {
@@ -49,7 +51,8 @@ impl GraspRig {
         let robot = RobotFolder::load(setting.robot)?;
         let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
         let drives = robot.model.joints.iter().map(Drive::from).collect();
-        Ok(Self { values: PlantValues::load(setting.robot)?, robot, drives, motion, seed: setting.seed })
+        let (seed, intervention) = (setting.seed, setting.intervention.clone());
+        Ok(Self { values: PlantValues::load(setting.robot)?, robot, drives, motion, seed, intervention })
     }
 
     /// Name of the base link.
@@ -80,7 +83,8 @@ impl GraspRig {
         if held.paper {
             options.coulomb = Some(self.values.friction.paper);
         }
-        let mut plant = Plant::new(&self.robot.urdf, &self.drives, &self.values, &options)?;
+        let plant = Plant::new(&self.robot.urdf, &self.drives, &self.values, &options)?;
+        let mut plant = plant.under(self.intervention.clone());
         plant.configure_amplifiers(&self.robot.model);
         Ok((grasp.plan, plant))
     }
@@ -111,8 +115,14 @@ mod tests {
             for seed in 1..=20 {
                 let mut native = Native::default();
                 let mut controller = Watched::new(&mut native, false);
-                let setting =
-                    Setting { robot, controller: &mut controller, seed, duration: 0.0, progress: &|_| {} };
+                let setting = Setting {
+                    robot,
+                    controller: &mut controller,
+                    seed,
+                    duration: 0.0,
+                    progress: &|_| {},
+                    intervention: None,
+                };
                 let rig = GraspRig::load(&setting).unwrap();
                 assert_eq!(rig.base(), "palm");
                 let held = GraspedObject { label: object, object, change: &|_| {}, paper: false };

@@ -1,0 +1,416 @@
+//! The oracle of safety: knows the plant and the protocol, not the control core.
+//!
+//! `docs/fault-schedules.md` gives each rule with its reason.
+
+use std::collections::{BTreeSet, VecDeque};
+
+use tesaki::fault::{Fault, FaultCause};
+use tesaki::model::Reaction;
+use tesaki::protocol::{Mode, Reply, Request};
+
+use super::rules::{Rule, Violation};
+use super::sample::{Machine, Sample};
+
+/// Control period [s].
+const T: f64 = 0.01;
+/// A robot whose kinetic energy is that of all its mass at this speed or less is at rest [m/s].
+const REST_SPEED: f64 = 0.02;
+/// The time in which a held robot comes to rest [ticks].
+const REST_TIME: u32 = 100;
+/// Reduced speed, at which people may be near (ISO 10218-1) [m/s].
+const REDUCED_SPEED: f64 = 0.25;
+/// Fraction of weight and friction by which the model may be wrong.
+const WEIGHT_ERROR: f64 = 0.25;
+/// How far a joint may press into its stop [rad].
+const STOP_COMPLIANCE: f64 = 0.02;
+/// By how much a contact force may rise after a fault.
+const FORCE_RISE: f64 = 1.05;
+/// The contact force before a fault is the largest in this time [ticks].
+const BEFORE: usize = 20;
+/// Above this force there is a contact [N].
+const CONTACT: f64 = 1.0;
+/// A dead encoder is detectable after this many ticks, and after as many more its joint is pushed no more.
+const STUCK_TICKS: u32 = 3;
+
+/// Whether outputs may be on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Permission {
+    /// No.
+    None,
+    /// For the task that the commander enabled.
+    Run,
+    /// To stop the robot after a fault.
+    Stop,
+}
+
+/// What was so when the robot stopped with a fault.
+struct Stop {
+    /// When the first fault was recorded; number of faults before it.
+    tick: u32,
+    cause: Option<FaultCause>,
+    total: u32,
+    /// Largest contact force before [N], and energy and speed of the tool at that time.
+    contact: f64,
+    energy: f64,
+    speed: f64,
+    /// Work of the drives beyond the weight, and its allowance, since [J].
+    work: f64,
+    allowance: f64,
+    /// What the rate limits leave of each torque beyond the weight [N·m].
+    fading: Vec<f64>,
+    /// The last disturbance.
+    disturbed: u32,
+    /// Whether anything but the board decides on the contact force.
+    excused: bool,
+}
+
+/// Judges a run.
+pub struct Oracle {
+    machine: Machine,
+    permission: Permission,
+    commander: Option<u32>,
+    /// Commands that were answered: a second answer is to a repetition.
+    answered: BTreeSet<(u32, u16)>,
+    /// The newest `Disable` or `Stop` of each client, by its number.
+    overruled: Vec<(u32, u16)>,
+    before: VecDeque<Sample>,
+    stop: Option<Stop>,
+    /// Faults in the log, of every tick.
+    total: u32,
+    latest: Option<Fault>,
+    /// Ticks since each joint's count stood still although it should move.
+    stuck: Vec<u32>,
+    broken: Vec<Violation>,
+}
+
+impl Oracle {
+    /// An oracle for a machine whose board has just been switched on.
+    pub fn new(machine: Machine) -> Self {
+        let stuck = vec![0; machine.model.joints.len()];
+        Self {
+            machine,
+            permission: Permission::None,
+            commander: None,
+            answered: BTreeSet::new(),
+            overruled: Vec::new(),
+            before: VecDeque::new(),
+            stop: None,
+            total: 0,
+            latest: None,
+            stuck,
+            broken: Vec::new(),
+        }
+    }
+
+    /// The broken rules, each with its first violation.
+    pub fn violations(&self) -> &[Violation] {
+        &self.broken
+    }
+
+    /// Adds a violation, the first of its rule only.
+    pub fn violate(&mut self, rule: Rule, tick: u32, text: String) {
+        if self.broken.iter().all(|violation| violation.rule != rule) {
+            self.broken.push(Violation { rule, tick, text });
+        }
+    }
+
+    /// The board was reset.
+    pub fn reset(&mut self) {
+        (self.permission, self.commander, self.stop) = (Permission::None, None, None);
+        self.answered.clear();
+        self.overruled.clear();
+        self.before.clear();
+    }
+
+    /// A reply of the board to request number `sequence` of `client`, in `tick`.
+    pub fn reply(&mut self, client: u32, sequence: u16, request: &Request, reply: &Reply, tick: u32) {
+        if *reply != Reply::Done {
+            return;
+        }
+        let first = match request {
+            // Carried out each time.
+            Request::Disable | Request::Stop | Request::TakeCommand { .. } => true,
+            _ => self.answered.insert((client, sequence)),
+        };
+        match request {
+            Request::TakeCommand { .. } => {
+                if matches!(self.permission, Permission::Run)
+                    && self.commander.is_some_and(|old| old != client)
+                {
+                    let text = format!("client {client} took command of an enabled board");
+                    self.violate(Rule::Enabled, tick, text);
+                }
+                self.commander = Some(client);
+            }
+            Request::ReleaseCommand if first => self.commander = None,
+            Request::Disable => {
+                self.permission = Permission::None;
+                self.stop = None;
+                self.overrule(client, sequence);
+            }
+            Request::Stop => {
+                if self.permission == Permission::Run {
+                    self.permission = Permission::Stop;
+                }
+                self.overrule(client, sequence);
+            }
+            Request::ClearFaults { .. } if first => {
+                if self.permission == Permission::Stop {
+                    self.permission = Permission::None;
+                }
+                self.stop = None;
+            }
+            Request::Enable(_) if first => {
+                if self.commander != Some(client) {
+                    let text = format!("client {client} enabled it; commander: {:?}", self.commander);
+                    self.violate(Rule::Enabled, tick, text);
+                }
+                if let Some((_, newer)) = self
+                    .overruled
+                    .iter()
+                    .find(|(other, newer)| *other == client && sequence.wrapping_sub(*newer) > u16::MAX / 2)
+                {
+                    let text = format!("Enable number {sequence} came after Disable or Stop number {newer}");
+                    self.violate(Rule::Enabled, tick, text);
+                }
+                self.permission = Permission::Run;
+                self.stop = None;
+            }
+            _ => {}
+        }
+    }
+
+    fn overrule(&mut self, client: u32, sequence: u16) {
+        self.overruled.retain(|(other, _)| *other != client);
+        self.overruled.push((client, sequence));
+    }
+
+    /// Judges a control period.
+    pub fn tick(&mut self, sample: Sample) {
+        if sample.answered {
+            self.check_torques(&sample);
+            self.check_permission(&sample);
+            self.check_log(&sample);
+        }
+        self.check_stops(&sample);
+        self.check_encoders(&sample);
+        self.check_stop(&sample);
+        self.before.push_back(sample);
+        if self.before.len() > BEFORE {
+            self.before.pop_front();
+        }
+    }
+
+    /// Checks that the log still holds what was recorded, and the reason of a stop.
+    fn check_log(&mut self, sample: &Sample) {
+        let (total, tick) = (sample.total, sample.tick);
+        if total < self.total {
+            self.violate(Rule::Cause, tick, format!("the log held {} faults, now {total}", self.total));
+        }
+        if self.latest.is_some() && sample.latest.is_none() {
+            self.violate(Rule::Cause, tick, "the log is empty".to_owned());
+        }
+        let stopped = sample.mode == Mode::Fault
+            && self.before.back().is_some_and(|before| matches!(before.mode, Mode::Enabled(_)));
+        if stopped && total == self.total {
+            self.violate(Rule::Cause, tick, "stopped with a fault, and no new entry in the log".to_owned());
+        }
+        (self.total, self.latest) = (total, sample.latest);
+    }
+
+    fn check_torques(&mut self, sample: &Sample) {
+        let joints = self.machine.model.joints.clone();
+        if sample.torques.len() != joints.len() {
+            if sample.enabled {
+                let text = format!("{} torques for {} joints", sample.torques.len(), joints.len());
+                self.violate(Rule::Torque, sample.tick, text);
+            }
+            return;
+        }
+        let before = self.before.back().filter(|before| before.enabled).map(|before| before.torques.clone());
+        let missed = 1 + self.before.iter().rev().take_while(|before| !before.answered).count();
+        for (index, (joint, &torque)) in joints.iter().zip(&sample.torques).enumerate() {
+            let (name, limit) = (&joint.name, joint.limits.torque);
+            if !torque.is_finite() || torque.abs() > limit || (!sample.enabled && torque != 0.0) {
+                let on = if sample.enabled { "on" } else { "off" };
+                let text = format!("{name}: {torque} N·m with outputs {on}, limit {limit} N·m");
+                self.violate(Rule::Torque, sample.tick, text);
+            }
+            let last = before.as_ref().and_then(|torques| torques.get(index)).copied().unwrap_or(0.0);
+            let rate = f64::from(torque - last).abs() / (T * missed as f64);
+            let limit = f64::from(joint.limits.torque_rate);
+            if sample.enabled && rate > limit * 1.0001 + 1e-3 {
+                let text =
+                    format!("{name}: {rate:.1} N·m/s from {last} to {torque} N·m, limit {limit} N·m/s");
+                self.violate(Rule::TorqueRate, sample.tick, text);
+            }
+        }
+    }
+
+    fn check_permission(&mut self, sample: &Sample) {
+        if sample.mode == Mode::Fault && self.permission == Permission::Run {
+            self.permission = Permission::Stop;
+        }
+        let wrong = match (sample.enabled, sample.mode) {
+            (true, Mode::Disabled) => true,
+            (_, Mode::Enabled(_)) => self.permission != Permission::Run,
+            (true, Mode::Fault) => self.permission == Permission::None,
+            (false, _) => false,
+        };
+        if wrong {
+            let (mode, permission) = (sample.mode, self.permission);
+            let text = format!("{mode}, outputs on: {}; permitted: {permission:?}", sample.enabled);
+            self.violate(Rule::Enabled, sample.tick, text);
+        }
+    }
+
+    fn check_stops(&mut self, sample: &Sample) {
+        let stops = self.machine.stops.clone();
+        for (index, (stop, &angle)) in stops.iter().zip(&sample.positions).enumerate() {
+            let Some([lower, upper]) = *stop else { continue };
+            if !(lower - STOP_COMPLIANCE..=upper + STOP_COMPLIANCE).contains(&angle) {
+                let name = self.machine.model.joint_name(index).to_owned();
+                let text = format!("{name}: {angle:.4} rad, stops at {lower:.4} and {upper:.4} rad");
+                self.violate(Rule::Stops, sample.tick, text);
+            }
+        }
+    }
+
+    /// A dead encoder is detectable when the joint moves and its count does not, for three ticks under a
+    /// torque that moves it.
+    fn check_encoders(&mut self, sample: &Sample) {
+        let Some(before) = self.before.back() else { return };
+        let mut found = Vec::new();
+        for (index, joint) in self.machine.model.joints.iter().enumerate() {
+            let [Some(read), Some(truth)] = sample.counts.each_ref().map(|counts| counts.get(index)) else {
+                continue;
+            };
+            let [was_read, was_true] = before.counts.each_ref().map(|counts| counts.get(index));
+            let (Some(&torque), Some(&weight)) = (sample.torques.get(index), sample.weight.get(index)) else {
+                continue;
+            };
+            let excess = f64::from(torque) - weight;
+            let breakaway = f64::from(2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque)
+                + WEIGHT_ERROR * weight.abs();
+            let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
+            let dead = was_read == Some(read) && moved && sample.enabled && excess.abs() > breakaway;
+            if let Some(ticks) = self.stuck.get_mut(index) {
+                *ticks = if dead { *ticks + 1 } else { 0 };
+                if *ticks > 2 * STUCK_TICKS {
+                    found.push(format!(
+                        "{}: {excess:.3} N·m beyond its weight for {ticks} ticks, its count stands at {read}",
+                        joint.name
+                    ));
+                }
+            }
+        }
+        for text in found {
+            self.violate(Rule::DeadEncoder, sample.tick, text);
+        }
+    }
+
+    /// The rules of a robot that stopped with a fault.
+    fn check_stop(&mut self, sample: &Sample) {
+        if sample.mode != Mode::Fault {
+            self.stop = None;
+            return;
+        }
+        let Some(before) = self.before.back() else { return };
+        let acting = sample.acting;
+        if self.stop.is_none() {
+            let contact = self.before.iter().fold(0.0, |force: f64, before| force.max(before.contact));
+            self.stop = Some(Stop {
+                tick: sample.tick,
+                cause: sample.latest.map(|fault| fault.cause),
+                total: sample.total,
+                contact,
+                energy: before.energy,
+                speed: before.speed,
+                work: 0.0,
+                fading: before
+                    .drives
+                    .iter()
+                    .zip(&before.weight)
+                    .map(|(drive, weight)| drive - weight)
+                    .collect(),
+                allowance: before.energy + 0.5 * self.machine.mass * REDUCED_SPEED * REDUCED_SPEED,
+                disturbed: sample.tick,
+                excused: false,
+            });
+        }
+        let Some(stop) = &mut self.stop else { return };
+        stop.excused |= acting.environment || acting.weak_drives;
+        if acting.changes {
+            stop.disturbed = sample.tick;
+        }
+        let moved = sample.positions.iter().zip(&before.positions).map(|(now, before)| now - before);
+        let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
+        let fading = stop.fading.iter_mut().zip(&self.machine.model.joints);
+        if sample.enabled {
+            for (((moved, torque), weight), (fading, joint)) in
+                moved.zip(torques).zip(&sample.weight).zip(fading)
+            {
+                stop.work += (torque - weight) * moved;
+                let friction =
+                    f64::from(joint.friction.coulomb) + f64::from(joint.friction.viscous) * moved.abs() / T;
+                stop.allowance += WEIGHT_ERROR * (weight * moved).abs()
+                    + (1.0 + WEIGHT_ERROR) * friction * moved.abs()
+                    + (*fading * moved).max(0.0);
+                let step = f64::from(joint.limits.torque_rate) * T;
+                *fading -= fading.clamp(-step, step);
+            }
+        }
+        if !sample.enabled || !sample.answered {
+            return;
+        }
+        let after = sample.tick - stop.tick;
+        let mut broken = Vec::new();
+        if stop.work > stop.allowance {
+            let text = format!(
+                "the drives brought {:.3} J into the robot within {after} ticks of the fault; \
+                 allowed: {:.3} J",
+                stop.work, stop.allowance
+            );
+            broken.push((Rule::Energy, text));
+        }
+        let mass = self.machine.mass;
+        let rest = 0.5 * mass * REST_SPEED * REST_SPEED;
+        let holds = self.machine.model.safety.reaction == Reaction::Hold
+            && sample.total == stop.total
+            && !matches!(stop.cause, Some(FaultCause::ForceStuck | FaultCause::ForceSaturated))
+            && !acting.encoders
+            && !acting.drives;
+        if holds && sample.tick - stop.disturbed > REST_TIME && sample.energy > rest {
+            let text = format!(
+                "{:.2e} J {after} ticks after the fault and {} after the last disturbance; \
+                 at rest: {rest:.2e} J",
+                sample.energy,
+                sample.tick - stop.disturbed
+            );
+            broken.push((Rule::Rest, text));
+        }
+        // The motion goes on until its energy is in the wall's spring.
+        let stored = 2.0 * sample.stiffness * stop.energy;
+        let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
+        if !stop.excused && stop.contact > CONTACT && after > 0 {
+            if sample.contact > limit {
+                let text = format!(
+                    "{:.2} N {after} ticks after the fault, {:.2} N before it, limit {limit:.2} N",
+                    sample.contact, stop.contact
+                );
+                broken.push((Rule::ContactForce, text));
+            }
+            let limit = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
+            if sample.speed > limit {
+                let text = format!(
+                    "{:.3} m/s {after} ticks after a fault in contact, limit {limit:.3} m/s",
+                    sample.speed
+                );
+                broken.push((Rule::ToolSpeed, text));
+            }
+        }
+        for (rule, text) in broken {
+            self.violate(rule, sample.tick, text);
+        }
+    }
+}

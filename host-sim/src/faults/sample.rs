@@ -1,0 +1,95 @@
+//! What the oracle sees.
+
+use std::fmt;
+
+use tesaki::fault::Fault;
+use tesaki::model::RobotModel;
+use tesaki::protocol::Mode;
+
+/// What the schedule does in a tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Acting {
+    /// A fault begins or ends.
+    pub changes: bool,
+    /// The environment is disturbed, now or before.
+    pub environment: bool,
+    /// An encoder lies.
+    pub encoders: bool,
+    /// A drive does not do what it is told.
+    pub drives: bool,
+    /// A drive cannot carry its joint's weight.
+    pub weak_drives: bool,
+}
+
+/// One control period: what the board answered at its start, and the truth at its end.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Tick of the trial.
+    pub tick: u32,
+    /// Whether the board ticked.
+    pub answered: bool,
+    /// Mode after the tick.
+    pub mode: Mode,
+    /// Whether the outputs are on.
+    pub enabled: bool,
+    /// Torques [N·m].
+    pub torques: Vec<f32>,
+    /// Encoder counts as the board read them, and as they truly are.
+    pub counts: [Vec<i32>; 2],
+    /// Total of the fault log.
+    pub total: u32,
+    /// The latest fault.
+    pub latest: Option<Fault>,
+    /// Joint angles [rad].
+    pub positions: Vec<f64>,
+    /// Torques of the drives [N·m].
+    pub drives: Vec<f64>,
+    /// Torques of the weight [N·m].
+    pub weight: Vec<f64>,
+    /// Kinetic energy [J].
+    pub energy: f64,
+    /// Largest speed of a tip [m/s].
+    pub speed: f64,
+    /// Largest contact force on a tip [N].
+    pub contact: f64,
+    /// Stiffness of the stiffest wall [N/m].
+    pub stiffness: f64,
+    /// What the schedule does.
+    pub acting: Acting,
+}
+
+impl fmt::Display for Sample {
+    /// A line of a trace.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { tick, mode, total, energy, speed, contact, .. } = self;
+        let state = if !self.answered {
+            "no tick"
+        } else if self.enabled {
+            "on"
+        } else {
+            "off"
+        };
+        write!(
+            f,
+            "{tick:>5} {mode}, {state}, {total} faults, {energy:.4} J, {speed:.3} m/s, {contact:.2} N;"
+        )?;
+        let values = self.torques.iter().zip(&self.drives).zip(self.weight.iter().zip(&self.positions));
+        for ((torque, drive), (weight, angle)) in values {
+            write!(f, "  {torque:.2} {drive:.2} ({weight:.2}) N·m {angle:.4} rad")?;
+        }
+        Ok(())
+    }
+}
+
+/// What the oracle knows of the machine.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// The robot's model, for its limits.
+    pub model: RobotModel,
+    /// True end stops [rad].
+    pub stops: Vec<Option<[f64; 2]>>,
+    /// Mass of all links [kg].
+    pub mass: f64,
+    /// Noise of a contact force [N].
+    pub force_noise: f64,
+}

@@ -1,0 +1,210 @@
+//! The oracle must fail on what is unsafe.
+
+#![allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+
+use std::path::Path;
+
+use tesaki::control::ServoMode;
+use tesaki::fault::{Fault, FaultCause};
+use tesaki::protocol::{Mode, Reply, Request};
+use tesaki::task::{TaskConfig, TaskKind};
+use tesaki_description::robot::RobotFolder;
+
+use super::oracle::Oracle;
+use super::sample::{Acting, Machine, Sample};
+use super::*;
+
+const ENABLED: Mode = Mode::Enabled(TaskKind::JointServo);
+
+fn robots() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"))
+}
+
+/// An oracle of the hand whose commander, client 1, has enabled it.
+fn oracle() -> Oracle {
+    let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
+    let stops = model.joints.iter().map(|_| Some([-1.0, 1.0])).collect();
+    let mut oracle = Oracle::new(Machine { model, stops, mass: 0.5, force_noise: 0.5 });
+    oracle.reply(1, 1, &Request::TakeCommand { by_force: false }, &Reply::Done, 0);
+    oracle.reply(1, 2, &enable(), &Reply::Done, 0);
+    oracle
+}
+
+fn enable() -> Request {
+    Request::Enable(TaskConfig::JointServo(ServoMode::Pid))
+}
+
+/// A hand at rest, without weight, whose log holds a fault where it stopped.
+fn sample(tick: u32, mode: Mode, enabled: bool) -> Sample {
+    let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
+    let stopped = mode == Mode::Fault;
+    Sample {
+        tick,
+        answered: true,
+        mode,
+        enabled,
+        torques: vec![0.0; 9],
+        counts: [vec![0; 9], vec![0; 9]],
+        total: stopped.into(),
+        latest: stopped.then_some(fault),
+        positions: vec![0.0; 9],
+        drives: vec![0.0; 9],
+        weight: vec![0.0; 9],
+        energy: 0.0,
+        speed: 0.0,
+        contact: 0.0,
+        stiffness: 0.0,
+        acting: Acting::default(),
+    }
+}
+
+fn broken(oracle: &Oracle) -> Vec<(Rule, u32)> {
+    oracle.violations().iter().map(|violation| (violation.rule, violation.tick)).collect()
+}
+
+#[test]
+fn a_robot_that_stops_and_rests_is_safe() {
+    let mut oracle = oracle();
+    (0..50).for_each(|tick| oracle.tick(sample(tick, ENABLED, true)));
+    (50..300).for_each(|tick| oracle.tick(sample(tick, Mode::Fault, true)));
+    assert_eq!(broken(&oracle), []);
+}
+
+#[test]
+fn torques_beyond_their_limits_are_unsafe() {
+    // Limits of the hand: 0.6 N·m, and 0.6 N·m in a tick.
+    let check = |before: f32, torque: f32, enabled: bool| {
+        let mut oracle = oracle();
+        for (tick, torque, enabled) in [(0, before, true), (1, torque, enabled)] {
+            let mut next = sample(tick, if enabled { ENABLED } else { Mode::Fault }, enabled);
+            next.torques[3] = torque;
+            oracle.tick(next);
+        }
+        broken(&oracle)
+    };
+    assert_eq!(check(0.3, 0.59, true), []);
+    assert_eq!(check(0.3, 0.61, true), [(Rule::Torque, 1)]);
+    assert_eq!(check(0.3, -0.32, true), [(Rule::TorqueRate, 1)]);
+    assert_eq!(check(0.3, f32::NAN, true), [(Rule::Torque, 1)]);
+    assert_eq!(check(0.3, 0.0, false), []);
+    assert_eq!(check(0.3, 0.1, false), [(Rule::Torque, 1)]);
+}
+
+#[test]
+fn outputs_that_nobody_enabled_are_unsafe() {
+    let disable =
+        |oracle: &mut Oracle, sequence| oracle.reply(7, sequence, &Request::Disable, &Reply::Done, 5);
+    // After a Disable of anybody, in every mode.
+    for mode in [ENABLED, Mode::Fault, Mode::Disabled] {
+        let mut oracle = oracle();
+        disable(&mut oracle, 1);
+        oracle.tick(sample(6, mode, true));
+        assert_eq!(broken(&oracle), [(Rule::Enabled, 6)], "{mode}");
+    }
+    // After a reset of the board.
+    let mut reset = oracle();
+    reset.reset();
+    reset.tick(sample(6, ENABLED, true));
+    assert_eq!(broken(&reset), [(Rule::Enabled, 6)]);
+    // A repeated answer to an old Enable enables nothing.
+    let mut repeated = oracle();
+    disable(&mut repeated, 1);
+    repeated.reply(1, 2, &enable(), &Reply::Done, 6);
+    repeated.tick(sample(7, ENABLED, true));
+    assert_eq!(broken(&repeated), [(Rule::Enabled, 7)]);
+    // By a client without command, and by an Enable that was sent before a Disable.
+    let mut other = oracle();
+    disable(&mut other, 1);
+    other.reply(8, 1, &enable(), &Reply::Done, 9);
+    assert_eq!(broken(&other), [(Rule::Enabled, 9)]);
+    let mut late = oracle();
+    late.reply(1, 4, &Request::Disable, &Reply::Done, 5);
+    late.reply(1, 3, &enable(), &Reply::Done, 6);
+    assert_eq!(broken(&late), [(Rule::Enabled, 6)]);
+}
+
+#[test]
+fn a_controller_that_keeps_pushing_after_a_fault_is_unsafe() {
+    let mut oracle = oracle();
+    oracle.tick(sample(0, ENABLED, true));
+    for tick in 1..20 {
+        let mut pushed = sample(tick, Mode::Fault, true);
+        (pushed.torques[1], pushed.drives[1]) = (0.3, 0.3);
+        pushed.positions[1] = 0.01 * f64::from(tick);
+        oracle.tick(pushed);
+    }
+    // 0.003 J a tick, less friction, against the 0.016 J of 0.5 kg at 0.25 m/s.
+    let found = broken(&oracle);
+    assert!(matches!(found[..], [(Rule::Energy, 5..=12)]), "{found:?}");
+}
+
+#[test]
+fn a_held_robot_that_does_not_rest_is_unsafe() {
+    let mut oracle = oracle();
+    oracle.tick(sample(0, ENABLED, true));
+    for tick in 1..200 {
+        oracle.tick(Sample { energy: 2e-4, ..sample(tick, Mode::Fault, true) });
+    }
+    assert_eq!(broken(&oracle), [(Rule::Rest, 102)]);
+}
+
+#[test]
+fn a_rising_force_and_a_fast_tool_are_unsafe() {
+    let mut oracle = oracle();
+    oracle.tick(Sample { contact: 4.0, ..sample(0, ENABLED, true) });
+    // 1.05 × 4 N + 0.5 N.
+    for (tick, contact, speed) in [(1, 4.0, 0.0), (2, 4.6, 0.24), (3, 4.8, 0.26)] {
+        oracle.tick(Sample { contact, speed, ..sample(tick, Mode::Fault, true) });
+    }
+    assert_eq!(broken(&oracle), [(Rule::ContactForce, 3), (Rule::ToolSpeed, 3)]);
+}
+
+#[test]
+fn a_joint_beyond_its_stop_is_unsafe() {
+    let mut oracle = oracle();
+    for (tick, angle) in [(0, 1.0), (1, 1.015), (2, 1.03)] {
+        let mut beyond = sample(tick, ENABLED, true);
+        beyond.positions[4] = angle;
+        oracle.tick(beyond);
+    }
+    assert_eq!(broken(&oracle), [(Rule::Stops, 2)]);
+}
+
+#[test]
+fn a_lost_cause_is_unsafe() {
+    let mut silent = oracle();
+    silent.tick(sample(0, ENABLED, true));
+    silent.tick(Sample { total: 0, latest: None, ..sample(1, Mode::Fault, true) });
+    assert_eq!(broken(&silent), [(Rule::Cause, 1)]);
+    // A reset must keep the log.
+    let mut forgetful = oracle();
+    forgetful.tick(sample(0, ENABLED, true));
+    forgetful.tick(sample(1, Mode::Fault, true));
+    forgetful.reset();
+    forgetful.tick(sample(2, Mode::Disabled, false));
+    assert_eq!(broken(&forgetful), [(Rule::Cause, 2)]);
+}
+
+#[test]
+fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
+    let mut oracle = oracle();
+    for tick in 0..12_u8 {
+        let mut dead = sample(tick.into(), ENABLED, true);
+        dead.torques[2] = 0.4;
+        // The truth moves, what is read does not.
+        dead.counts[1][2] = 50 * i32::from(tick);
+        oracle.tick(dead);
+    }
+    let found = broken(&oracle);
+    assert!(found.contains(&(Rule::DeadEncoder, 7)), "{found:?}");
+}
+
+#[test]
+fn a_schedule_runs_the_same_twice() {
+    for seed in [6, 13, 14] {
+        let schedule = Schedule::draw(seed);
+        let (first, second) = (run(&schedule, robots()).unwrap(), run(&schedule, robots()).unwrap());
+        assert_eq!(first, second);
+        assert!(first.ticks[0] > 100 && first.error.is_none(), "{first:?}");
+    }
+}

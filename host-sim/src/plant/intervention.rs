@@ -1,0 +1,106 @@
+//! Interventions: what acts on a plant from outside the experiment that it was built for.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rapier3d::na::{Point3, Vector3};
+use tesaki::protocol::ActuatorFrame;
+
+use super::environment::Wall;
+use super::error::PlantError;
+use super::machine::Plant;
+use super::push::Push;
+
+/// Watches a plant, changes what its drives are told, and disturbs it.
+pub trait Intervention: Send {
+    /// The plant was built.
+    fn attach(&mut self, plant: &mut Plant);
+
+    /// Before a control period with the torques of `frame`. Returns whether the plant moves; if not, the
+    /// period is left out.
+    fn before(&mut self, plant: &mut Plant, frame: &mut ActuatorFrame) -> bool;
+
+    /// After the period.
+    fn after(&mut self, plant: &Plant);
+}
+
+/// An intervention and those who share it.
+pub type SharedIntervention = Arc<Mutex<dyn Intervention>>;
+
+impl Plant {
+    /// Puts the plant under an intervention, if there is one.
+    #[must_use]
+    pub fn under(mut self, intervention: Option<SharedIntervention>) -> Self {
+        if let Some(shared) = &intervention {
+            shared.lock().unwrap_or_else(PoisonError::into_inner).attach(&mut self);
+        }
+        self.intervention = intervention;
+        self
+    }
+
+    pub(super) fn advance_under(
+        &mut self,
+        intervention: &SharedIntervention,
+        frame: &ActuatorFrame,
+    ) -> Result<(), PlantError> {
+        let mut intervention = intervention.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut frame = frame.clone();
+        if intervention.before(self, &mut frame) {
+            self.advance(&frame)?;
+            intervention.after(self);
+        }
+        Ok(())
+    }
+
+    /// End stops of each joint [rad]; `None` for one that turns without end.
+    pub fn stops(&self) -> Vec<Option<[f64; 2]>> {
+        self.drives.iter().map(|drive| drive.stops).collect()
+    }
+
+    /// Stiffness of the stiffest wall [N/m]; 0 without walls.
+    pub fn wall_stiffness(&self) -> f64 {
+        self.world.environment().stiffness()
+    }
+
+    /// Sweeps over the constraints in a sub-step: fewer are faster, and hold static friction less well.
+    pub const fn set_sweeps(&mut self, sweeps: usize) {
+        self.world.set_sweeps(sweeps);
+    }
+
+    /// Begins a push on the link that a joint moves.
+    ///
+    /// # Errors
+    /// No such joint, or an invalid value.
+    pub fn push_link(&mut self, joint: usize, push: Push) -> Result<(), PlantError> {
+        push.validate()?;
+        let body = self.drive_of.iter().position(|&drive| drive == joint);
+        let expected = self.drives.len();
+        let body = body.ok_or(PlantError::Count { item: "the pushed joint", got: joint, expected })?;
+        self.world.push_link(body, push);
+        Ok(())
+    }
+
+    /// Inserts a wall ahead of a tip, `clearance` from it in a direction.
+    ///
+    /// # Errors
+    /// No such tip, or an invalid value.
+    pub fn insert_wall_ahead(
+        &mut self,
+        tip: usize,
+        direction: [f64; 3],
+        clearance: f64,
+        stiffness: f64,
+    ) -> Result<(), PlantError> {
+        let tips = self.world.tips().len();
+        let frame = self.world.tip_frame(tip).ok_or(PlantError::NoTip { tip, tips })?;
+        let Some(tip) = self.world.tips().get(tip) else { return Ok(()) };
+        let ahead = Vector3::from(direction).normalize();
+        let surface = (frame * Point3::from(tip.center)).coords + ahead * (tip.radius + clearance);
+        let (point, normal) = (surface.into(), (-ahead).into());
+        self.insert_wall(Wall { point, normal, stiffness, damping: 20.0, friction: 0.3 })
+    }
+
+    /// Takes the object away, if there is one.
+    pub fn remove_object(&mut self) {
+        self.world.remove_object();
+    }
+}

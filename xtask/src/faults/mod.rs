@@ -1,0 +1,221 @@
+//! `cargo xtask faults`: many schedules of faults, judged by the simulator's oracle of safety.
+
+mod record;
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Subcommand};
+
+use crate::sweep::{self, Partition, Simulator};
+use crate::test;
+use record::{CHECKED, FILE, Record, Run};
+
+const EXAMPLES: &str = "Examples:
+  cargo xtask faults                                    seeds 1 to 200
+  cargo xtask faults --seeds 1-10000 --record           keep the result in docs/fault-schedules.json
+  cargo xtask faults --seeds 1-10000 --partition 3/8    the third of eight jobs; then, where all files are:
+  cargo xtask faults merge target/xtask/faults/*.jsonl
+  cargo xtask faults check                              does the simulator still do what is recorded?
+  cargo sim faults --seeds 7                            one schedule; the smallest one that fails alike";
+
+/// Seeds of one process.
+const BATCH: usize = 5;
+
+/// Options of `cargo xtask faults`.
+#[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+pub struct Options {
+    #[command(subcommand)]
+    task: Option<Task>,
+    #[command(flatten)]
+    faults: FaultsOptions,
+}
+
+#[derive(Args)]
+struct FaultsOptions {
+    /// Seeds of the schedules, as 1-200
+    #[arg(long, value_parser = seeds, default_value = "1-200")]
+    seeds: RangeInclusive<u64>,
+    /// Keep the result in docs/fault-schedules.json
+    #[arg(long)]
+    record: bool,
+    /// Simulations at once [default: one a core]
+    #[arg(long)]
+    jobs: Option<usize>,
+    /// Part i of n, for the job arrays of a cluster; `faults merge` puts the parts together
+    #[arg(
+        long,
+        value_name = "I/N",
+        default_value = "1/1",
+        hide_default_value = true,
+        conflicts_with = "record"
+    )]
+    partition: Partition,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Record the parts of a run
+    Merge {
+        /// Files with one JSON object a line
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+    },
+    /// Run seeds 1 to 200 again; fail when they differ from docs/fault-schedules.json
+    Check,
+}
+
+fn seeds(text: &str) -> Result<RangeInclusive<u64>> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let seeds = first.parse()?..=last.parse()?;
+    ensure!(!seeds.is_empty(), "the first seed is larger than the last");
+    Ok(seeds)
+}
+
+/// `cargo xtask faults`.
+pub fn run(options: Options) -> Result<()> {
+    match options.task {
+        None => run_seeds(&options.faults),
+        Some(Task::Merge { files }) => merge(&files),
+        Some(Task::Check) => check(&Simulator::build()?),
+    }
+}
+
+/// Runs the recorded seeds again with the simulator that the host suite has built.
+pub fn check_built() -> Result<()> {
+    check(&Simulator::built())
+}
+
+fn check(simulator: &Simulator) -> Result<()> {
+    let record = Record::load(Path::new(FILE))?;
+    let record = record.with_context(|| format!("{FILE} is missing: `cargo xtask faults --record`"))?;
+    let runs = run_all(simulator, CHECKED.collect(), sweep::cores(), |_| Ok(()))?;
+    record.compare(&runs)?;
+    let unsafe_runs = runs.iter().filter(|run| !run.violations.is_empty()).count();
+    println!("{} schedules run again: the same, {unsafe_runs} of them with a broken rule", runs.len());
+    Ok(())
+}
+
+fn run_seeds(options: &FaultsOptions) -> Result<()> {
+    let simulator = Simulator::build()?;
+    let commit = sweep::commit()?;
+    let folder = test::out("faults");
+    std::fs::create_dir_all(&folder)?;
+    let path = folder.join(format!("{}.jsonl", options.partition));
+    let mut file = std::fs::File::create(&path).with_context(|| path.display().to_string())?;
+    let seeds = options.partition.select(options.seeds.clone().collect());
+    let jobs = options.jobs.unwrap_or_else(sweep::cores);
+    let runs = run_all(&simulator, seeds, jobs, |run| {
+        let run = Run { commit: Some(commit.clone()), ..run.clone() };
+        Ok(writeln!(file, "{}", serde_json::to_string(&run)?)?)
+    })?;
+    let broken = print(&runs);
+    println!("\nAll runs: {}", path.display());
+    if options.record {
+        Record::new(&commit, runs)?.save(Path::new(FILE))?;
+        println!("Recorded in {FILE}.");
+    }
+    ensure!(broken == 0, "{broken} schedules break a rule; `cargo sim faults --seeds N` shrinks one");
+    Ok(())
+}
+
+fn merge(files: &[PathBuf]) -> Result<()> {
+    let mut runs = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
+        for line in text.lines() {
+            runs.push(serde_json::from_str::<Run>(line).with_context(|| file.display().to_string())?);
+        }
+    }
+    let commit = runs.first().and_then(|run| run.commit.clone()).context("no runs")?;
+    ensure!(runs.iter().all(|run| run.commit.as_ref() == Some(&commit)), "the parts are of several commits");
+    print(&runs);
+    Record::new(&commit, runs)?.save(Path::new(FILE))
+}
+
+/// Runs seeds on `jobs` cores; `done` is called with each run as it comes. The runs are in the order of their
+/// seeds.
+fn run_all(
+    simulator: &Simulator,
+    seeds: Vec<u64>,
+    jobs: usize,
+    done: impl FnMut(&Run) -> Result<()> + Send,
+) -> Result<Vec<Run>> {
+    let batches: Vec<&[u64]> = seeds.chunks(BATCH).collect();
+    let (next, results) = (AtomicUsize::new(0), Mutex::new((Vec::new(), done)));
+    let work = || -> Result<()> {
+        while let Some(batch) = batches.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let runs = batch_of(simulator, batch)?;
+            let mut results = results.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            for run in runs {
+                (results.1)(&run)?;
+                results.0.push(run);
+            }
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
+    })?;
+    let (mut runs, _) = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    runs.sort_by_key(|run| run.seed);
+    Ok(runs)
+}
+
+fn batch_of(simulator: &Simulator, seeds: &[u64]) -> Result<Vec<Run>> {
+    let mut runs = Vec::new();
+    // Seeds of a partition are not consecutive.
+    let consecutive = seeds.windows(2).all(|pair| pair[0] + 1 == pair[1]);
+    let pieces: Vec<&[u64]> = if consecutive { vec![seeds] } else { seeds.chunks(1).collect() };
+    for piece in pieces {
+        let (Some(first), Some(last)) = (piece.first(), piece.last()) else { continue };
+        let mut command = Command::new(simulator.path());
+        command.args(["faults", "--json", "--seeds", &format!("{first}-{last}")]);
+        let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output();
+        let output = output.context("cannot start the simulator")?;
+        let text = String::from_utf8_lossy(&output.stdout);
+        let lines = text.lines().map(serde_json::from_str).collect::<Result<Vec<Run>, _>>();
+        let lines = lines.with_context(|| text.clone().into_owned())?;
+        if lines.len() != piece.len() {
+            bail!("seeds {first} to {last}: {} of {} runs, {}", lines.len(), piece.len(), output.status);
+        }
+        runs.extend(lines);
+    }
+    Ok(runs)
+}
+
+/// Prints what was broken; returns the number of schedules that broke a rule.
+fn print(runs: &[Run]) -> usize {
+    let (mut families, mut rules) = (BTreeMap::<&str, [usize; 2]>::new(), BTreeMap::<&str, usize>::new());
+    for run in runs {
+        for family in &run.families {
+            let [all, broken] = families.entry(family).or_default();
+            *all += 1;
+            *broken += usize::from(!run.violations.is_empty());
+        }
+        for violation in &run.violations {
+            *rules.entry(&violation.rule).or_default() += 1;
+            println!(
+                "seed {}, {}, tick {}: {} is broken: {}",
+                run.seed, run.scenario, violation.tick, violation.rule, violation.text
+            );
+        }
+    }
+    let broken = runs.iter().filter(|run| !run.violations.is_empty()).count();
+    println!("\n{} schedules, {broken} break a rule", runs.len());
+    for (family, [all, broken]) in families {
+        println!("  {all:>6} with faults of {family}, {broken} of them break a rule");
+    }
+    for (rule, count) in rules {
+        println!("  {count:>6} break {rule}");
+    }
+    broken
+}
