@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use crate::control::{JointPoint, JointServoState, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
-use crate::robot::{JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+use crate::robot::{Actuation, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
@@ -24,12 +24,11 @@ pub(super) struct JointState {
     count: i32,
     /// Change of the angle in the last tick [rad].
     change: f32,
-    /// Torque of the last tick, and its part that must move the joint when it is beyond the `breakaway` [N·m].
+    /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    breakaway: f32,
-    /// Effort when the angle last changed [N·m], and ticks in a row without a change under an effort beyond the
-    /// breakaway.
+    /// Effort when the angle last changed [N·m], and ticks in a row without a change under an effort that
+    /// overcomes stiction.
     moving_effort: f32,
     unchanged: u16,
     pub servo: JointServoState,
@@ -96,7 +95,6 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
-            breakaway: 0.0,
             moving_effort: 0.0,
             unchanged: 0,
             servo: JointServoState::at(0.0),
@@ -210,19 +208,27 @@ impl Joint<'_> {
 
     /// Checks the control. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn check_control(&mut self) -> Option<(FaultCause, f32, f32)> {
+    pub fn check_control(&mut self, actuation: Actuation) -> Option<(FaultCause, f32, f32)> {
         let (config, state) = (self.config, &mut *self.state);
         let error = self.reference.position - *self.position;
         if abs(error) > config.limits.following_error {
             return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
-        if abs(state.effort) <= state.breakaway || state.change != 0.0 {
-            state.unchanged = 0;
+        if state.change != 0.0 {
+            (state.moving_effort, state.unchanged) = (state.effort, 0);
             return None;
         }
-        state.unchanged = state.unchanged.saturating_add(1);
+        // A contact force, or errors of the model, may balance the effort: what counts is its change.
+        let (effort, breakaway) = match actuation {
+            Actuation::Acceleration { .. } => (state.effort - state.moving_effort, 2.0 * config.stiction),
+            _ if self.target.feedforward != 0.0 => {
+                (state.effort - state.moving_effort, 2.0 * config.breakaway)
+            }
+            _ => (state.effort, config.breakaway),
+        };
+        state.unchanged = if abs(effort) > breakaway { state.unchanged.saturating_add(1) } else { 0 };
         if state.unchanged >= STUCK_TICKS {
-            return Some((FaultCause::EncoderStuck, state.effort, state.breakaway));
+            return Some((FaultCause::EncoderStuck, effort, breakaway));
         }
         None
     }
@@ -254,11 +260,7 @@ impl Joint<'_> {
         let servo = &mut self.state.servo;
         let output = self.config.servo.update(servo, mode, self.reference, *self.position, feedforward);
         self.state.torque = output.torque;
-        if self.target.feedforward == 0.0 {
-            (self.state.effort, self.state.breakaway) = (output.effort, self.config.breakaway);
-        } else {
-            self.compare_effort(output.effort, 2.0 * self.config.breakaway);
-        }
+        self.state.effort = output.effort;
     }
 
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
@@ -290,18 +292,9 @@ impl Joint<'_> {
             (self.state.torque, math::clamp(servo.delay_fraction(), 0.0, MAX_COMPENSATED_LAG));
         let ahead = desired + (desired - before) * (lag / (1.0 - lag));
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
-        self.compare_effort(self.config.inertia * self.reference.acceleration, 2.0 * self.config.stiction);
+        self.state.effort = self.config.inertia * self.reference.acceleration;
         let mean = self.state.torque + lag * (before - self.state.torque);
         [servo.acceleration(mean - desired), mean]
-    }
-
-    /// Stores an effort that may be balanced by a contact force or by errors of the model: what counts is its
-    /// change since the angle last changed [N·m].
-    fn compare_effort(&mut self, effort: f32, breakaway: f32) {
-        if self.state.change != 0.0 {
-            self.state.moving_effort = effort;
-        }
-        (self.state.effort, self.state.breakaway) = (effort - self.state.moving_effort, breakaway);
     }
 
     /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward.

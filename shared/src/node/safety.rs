@@ -166,9 +166,9 @@ impl Node {
         if !enabled && !self.is_holding() {
             return None;
         }
-        let tick = self.state.tick;
+        let (tick, actuation) = (self.state.tick, self.state.targets.actuation);
         for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_control() {
+            if let Some((cause, value, limit)) = joint.check_control(actuation) {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
         }

@@ -123,12 +123,9 @@ pub(super) const NORMAL_TOLERANCE: f32 = 0.1;
 /// Integral gain of the internal forces [1/s]. Larger converges faster, up to a limit cycle of the joints'
 /// friction.
 pub(super) const FORCE_INTEGRAL_GAIN: f32 = 30.0;
-/// Bound of the correction of a finger's force, on each axis, as a fraction of the target: errors of the torque
-/// constants. A sensor that is stuck a little low can raise the grip by so much; smaller leaves weak motors
-/// uncorrected.
-pub(super) const MAX_CORRECTION_FRACTION: f32 = 0.5;
-/// In addition to [`MAX_CORRECTION_FRACTION`], on each axis [N]: the joints' dry friction.
-pub(super) const MAX_CORRECTION_FORCE: f32 = 0.5;
+/// Bound of the integral part, on each axis, against wind-up [N]. Larger corrects larger errors of the
+/// torques, and overshoots more after an error that lasts.
+pub(super) const MAX_FORCE_CORRECTION: f32 = 5.0;
 /// Dead band of the least grip: measured normal forces may exceed the target by this fraction and this force
 /// [N]. Without it, integral action and dry friction make a limit cycle, and contacts slide in its minima.
 pub(super) const DEAD_BAND_FRACTION: f32 = 0.1;

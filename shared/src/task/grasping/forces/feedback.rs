@@ -6,7 +6,7 @@ use crate::grasp::WrenchInverse;
 use crate::math::{self, abs};
 use crate::task::grasping::tuning::{
     CONVERGED_FORCE, CONVERGED_FRACTION, DEAD_BAND_FORCE, DEAD_BAND_FRACTION, FORCE_INTEGRAL_GAIN,
-    MAX_CORRECTION_FORCE, MAX_CORRECTION_FRACTION,
+    MAX_FORCE_CORRECTION,
 };
 use crate::task::grasping::{InternalForce, PerFinger};
 use crate::zip::zip;
@@ -26,13 +26,10 @@ impl Forces {
             matches!(inputs.internal, InternalForce::LeastGrip { .. }) && self.is_in_dead_band(inputs);
         if inputs.feedback && !in_dead_band {
             let error = self.internal_force_error(inputs, inverse);
-            for (correction, error, target) in zip((&mut self.correction, &error, &self.target)) {
-                let target = math::sqrt(Vector3::from(*target).norm_squared());
-                let max = MAX_CORRECTION_FRACTION * target + MAX_CORRECTION_FORCE;
-                for (correction, error) in correction.iter_mut().zip(error.iter()) {
-                    let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
-                    *correction = math::clamp(next, -max, max);
-                }
+            let axes = self.correction.iter_mut().flatten().zip(error.iter().flat_map(|force| force.iter()));
+            for (correction, error) in axes {
+                let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
+                *correction = math::clamp(next, -MAX_FORCE_CORRECTION, MAX_FORCE_CORRECTION);
             }
         }
         let mut command = internal;

@@ -96,20 +96,6 @@ fn feedback_rests_in_the_dead_band() {
 }
 
 #[test]
-fn sensors_that_read_too_little_raise_the_grip_by_a_bounded_force() {
-    // Their readings stay at 70 % of the targets, 0.44, 0.44 and 0.88 N, whatever the fingers press with.
-    let (_, mut forces) = grasp(0.0, 0.5);
-    let mut command = [Vector3::zeros(); 3];
-    for _ in 0..1000 {
-        command = tick(&mut forces, 1.0, &pressing(0.62, 0.0));
-    }
-    // Half of the target and 0.5 N on top of it.
-    for (command, target) in command.iter().zip([0.44_f32, 0.44, 0.88]) {
-        assert!((command.x.abs() - (1.5 * target + 0.5)).abs() < 0.02, "{command}");
-    }
-}
-
-#[test]
 fn feedback_exceeds_no_limit_of_a_contact() {
     let (_, mut forces) = grasp(0.0, 0.5);
     // A load that needs a grip near the limit of 9 N, and sensors that read half of what the fingers press with.
