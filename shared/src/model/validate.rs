@@ -33,7 +33,7 @@ const MAX_BANDWIDTH: f32 = core::f32::consts::PI / TICK;
 /// Of the bandwidth of a current loop [Hz].
 const MAX_MOTOR_BANDWIDTH: f32 = 1e5;
 /// Of encoder counts in a turn: an `i32` then holds two turns.
-const MAX_COUNTS: f32 = (1 << 30) as f32;
+const MAX_COUNTS: f32 = 1e9;
 /// Of the time without a command [s].
 const MAX_TIMEOUT: f32 = 10.0;
 /// Of the time of the trajectory filter [s].
