@@ -19,7 +19,7 @@ pub const AFTERMATH: u32 = 150;
 /// Where a schedule runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Name of the scenario, or [`SERVED`].
+    /// Name of the scenario, or `served`.
     pub scenario: &'static str,
     /// Folder of its robot.
     pub robot: &'static str,
@@ -253,7 +253,7 @@ impl Fault {
 pub struct Schedule {
     /// Decides the machine, and the random parts of the faults.
     pub seed: u64,
-    /// Name of the scenario, or [`SERVED`].
+    /// Name of the scenario, or `served`.
     pub scenario: String,
     /// Folder of its robot.
     pub robot: String,
