@@ -70,6 +70,10 @@ pub enum FaultCause {
     ToolPositionError,
     /// 24: the tool of an arm is rotated too far from its set-point. Value and limit in rad.
     ToolOrientationError,
+    /// 25: a joint runs away: it gains speed against the torque that should bring it back, because its drive is
+    /// reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit: the
+    /// torque that moves the joint [N·m].
+    Runaway,
 }
 
 impl FaultCause {
@@ -78,13 +82,14 @@ impl FaultCause {
         self as u8
     }
 
-    /// Whether angles and velocities are still valid after this fault. If not, the outputs are switched off,
-    /// whatever the configured reaction.
-    pub const fn leaves_sensors_valid(self) -> bool {
+    /// Whether sensors and drives can still bring the robot to rest after this fault. If not, the outputs are
+    /// switched off, whatever the configured reaction.
+    pub const fn leaves_control(self) -> bool {
         !matches!(
             self,
             Self::EncoderJump
                 | Self::EncoderStuck
+                | Self::Runaway
                 | Self::NotFinite
                 | Self::SensorCount
                 | Self::EmergencyStop
@@ -107,7 +112,7 @@ impl FaultCause {
                 "rad"
             }
             Self::VelocityLimit => "rad/s",
-            Self::EncoderStuck | Self::NotFinite => "N·m",
+            Self::EncoderStuck | Self::Runaway | Self::NotFinite => "N·m",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
             Self::ForceLimit | Self::ObjectLost => "N",
@@ -146,6 +151,7 @@ impl FaultCause {
             Self::ObjectMoved => "the object in the hand was moved, or slid between the fingers",
             Self::ToolPositionError => "the tool is too far from its set-point",
             Self::ToolOrientationError => "the tool is rotated too far from its set-point",
+            Self::Runaway => "gains speed against its torque: drive reversed, wrong encoder, or pushed",
         }
     }
 }

@@ -29,8 +29,11 @@ const FORCE_RISE: f64 = 1.05;
 const BEFORE: usize = 20;
 /// Above this force there is a contact [N].
 const CONTACT: f64 = 1.0;
-/// A dead encoder is detectable after this many ticks, and after as many more its joint is pushed no more.
+/// A dead encoder is detectable after this many ticks, and after as many more its joint is pushed no more. So is
+/// an encoder that lies otherwise, or a drive that does not what it is told, by the motion that follows.
 const STUCK_TICKS: u32 = 3;
+/// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
+const FADING: f64 = 2.0;
 
 /// Whether outputs may be on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +52,8 @@ struct Stop {
     tick: u32,
     cause: Option<FaultCause>,
     total: u32,
-    /// Largest contact force before [N], and energy and speed of the tool at that time.
+    /// Largest contact force before [N], and energy and speed of the tool at that time; or when the board ticks
+    /// again after missed ticks.
     contact: f64,
     energy: f64,
     speed: f64,
@@ -62,6 +66,10 @@ struct Stop {
     disturbed: u32,
     /// Whether anything but the board decides on the contact force.
     excused: bool,
+    /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
+    drifted: bool,
+    /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was wrong.
+    unnoticed: u32,
 }
 
 /// Judges a run.
@@ -325,7 +333,7 @@ impl Oracle {
                 total: sample.total,
                 contact,
                 energy: before.energy,
-                speed: before.speed,
+                speed: before.speed + FADING * rise(&self.before),
                 work: 0.0,
                 fading: before
                     .drives
@@ -336,10 +344,19 @@ impl Oracle {
                 allowance: before.energy + 0.5 * self.machine.mass * REDUCED_SPEED * REDUCED_SPEED,
                 disturbed: sample.tick,
                 excused: false,
+                drifted: false,
+                unnoticed: 0,
             });
         }
         let Some(stop) = &mut self.stop else { return };
         stop.excused |= acting.environment || acting.weak_drives;
+        stop.drifted |= acting.drifts;
+        if !sample.answered {
+            // Without a tick the robot falls: what counts is the motion at the next one.
+            stop.allowance += (sample.energy - before.energy).max(0.0);
+            stop.energy = stop.energy.max(sample.energy);
+            stop.speed = stop.speed.max(sample.speed + FADING * (sample.speed - before.speed).max(0.0));
+        }
         if acting.changes {
             stop.disturbed = sample.tick;
         }
@@ -365,7 +382,14 @@ impl Oracle {
         }
         let after = sample.tick - stop.tick;
         let mut broken = Vec::new();
-        if stop.work > stop.allowance {
+        let too_fast = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
+        let in_contact = !stop.excused && stop.contact > CONTACT && after > 0;
+        let energy = stop.work > stop.allowance && !stop.drifted;
+        let speed = in_contact && sample.speed > too_fast;
+        let wrong = acting.encoders || acting.drives;
+        stop.unnoticed = if wrong && (energy || speed) { stop.unnoticed + 1 } else { 0 };
+        let noticeable = !wrong || stop.unnoticed > 2 * STUCK_TICKS;
+        if energy && noticeable {
             let text = format!(
                 "the drives brought {:.3} J into the robot within {after} ticks of the fault; \
                  allowed: {:.3} J",
@@ -392,25 +416,29 @@ impl Oracle {
         // The motion goes on until its energy is in the wall's spring.
         let stored = 2.0 * sample.stiffness * stop.energy;
         let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
-        if !stop.excused && stop.contact > CONTACT && after > 0 {
-            if sample.contact > limit {
-                let text = format!(
-                    "{:.2} N {after} ticks after the fault, {:.2} N before it, limit {limit:.2} N",
-                    sample.contact, stop.contact
-                );
-                broken.push((Rule::ContactForce, text));
-            }
-            let limit = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
-            if sample.speed > limit {
-                let text = format!(
-                    "{:.3} m/s {after} ticks after a fault in contact, limit {limit:.3} m/s",
-                    sample.speed
-                );
-                broken.push((Rule::ToolSpeed, text));
-            }
+        if in_contact && sample.contact > limit {
+            let text = format!(
+                "{:.2} N {after} ticks after the fault, {:.2} N before it, limit {limit:.2} N",
+                sample.contact, stop.contact
+            );
+            broken.push((Rule::ContactForce, text));
+        }
+        if speed && noticeable {
+            let text = format!(
+                "{:.3} m/s {after} ticks after a fault in contact, limit {too_fast:.3} m/s",
+                sample.speed
+            );
+            broken.push((Rule::ToolSpeed, text));
         }
         for (rule, text) in broken {
             self.violate(rule, sample.tick, text);
         }
     }
+}
+
+/// By how much the tool got faster in the last tick [m/s].
+fn rise(before: &VecDeque<Sample>) -> f64 {
+    let mut last = before.iter().rev().map(|sample| sample.speed);
+    let [now, then] = [last.next(), last.next()].map(Option::unwrap_or_default);
+    (now - then).max(0.0)
 }

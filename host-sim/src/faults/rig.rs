@@ -374,6 +374,7 @@ impl Rig {
                         | Kind::Swapped { .. }
                 )
             }),
+            drifts: is(|kind| matches!(kind, Kind::Drift { .. })),
             drives: self.acts(Family::Drive),
             weak_drives: is(|kind| matches!(kind, Kind::Weak { .. } | Kind::Dead { .. })),
         };

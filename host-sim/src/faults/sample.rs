@@ -15,6 +15,8 @@ pub struct Acting {
     pub environment: bool,
     /// An encoder lies.
     pub encoders: bool,
+    /// An encoder drifts.
+    pub drifts: bool,
     /// A drive does not do what it is told.
     pub drives: bool,
     /// A drive cannot carry its joint's weight.

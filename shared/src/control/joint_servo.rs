@@ -76,6 +76,11 @@ impl JointServoState {
 }
 
 impl JointServo {
+    /// Time constant of the trajectory filter [s].
+    pub(crate) const fn filter_time(&self) -> f32 {
+        self.filter_time
+    }
+
     /// Acceleration [rad/s²] that `torque` [N·m] gives the joint's inertia.
     pub const fn acceleration(&self, torque: f32) -> f32 {
         self.observer.acceleration(torque)

@@ -4,6 +4,7 @@ use super::optional::Optional;
 use super::transfer::Committed;
 use super::{Node, STATE_KEY, State};
 use crate::fault::{Fault, FaultCause};
+use crate::math::abs;
 use crate::model::{MAX_CHAINS, Reaction};
 use crate::protocol::{
     BoardStatus, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY,
@@ -11,6 +12,9 @@ use crate::protocol::{
 };
 use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{TaskCommand, TaskConfig, TaskState};
+
+/// Share of its velocity limit above which a joint must not be enabled: a servo that begins at rest would swing.
+const ENABLE_SPEED: f32 = 0.1;
 
 impl Node {
     /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.
@@ -239,6 +243,9 @@ impl Node {
         if let Optional::Some(fault) = self.state.alarm {
             return Err(Refusal::Unsafe(fault));
         }
+        if let Some(fault) = self.find_motion(robot) {
+            return Err(Refusal::Unsafe(fault));
+        }
         TaskState::check(robot, &self.state.measured, config).map_err(Refusal::Task)?;
         self.state.targets.actuation = Actuation::Servo;
         joints(robot, &mut self.state).each().for_each(|mut joint| joint.hold_still());
@@ -249,6 +256,19 @@ impl Node {
         self.state.silence = 0;
         self.state.mode = Mode::Enabled(config.kind());
         Ok(())
+    }
+
+    /// The first joint that moves too fast to be enabled: every task begins at rest.
+    fn find_motion(&self, robot: &Robot) -> Option<Fault> {
+        let tick = self.state.tick;
+        (0..).zip(robot.joints().iter().zip(&self.state.measured.velocities)).find_map(
+            |(joint, (config, &value))| {
+                let limit = ENABLE_SPEED * config.limits.velocity;
+                let fault =
+                    Fault { cause: FaultCause::VelocityLimit, joint: Some(joint), value, limit, tick };
+                (abs(value) > limit).then_some(fault)
+            },
+        )
     }
 
     fn task_command(&mut self, command: &TaskCommand) -> Result<(), Refusal> {

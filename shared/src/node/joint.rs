@@ -1,6 +1,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::TICK;
 use crate::control::{JointPoint, JointServoState, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
@@ -10,7 +11,10 @@ use crate::robot::{Actuation, JointConfig, JointSetpoint, JointTarget, Measured,
 const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that overcomes stiction, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
-const STUCK_TICKS: u16 = 3;
+const STUCK_TICKS: u8 = 3;
+/// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
+/// fewer mistake a rebound for it.
+const RUNAWAY_TICKS: u8 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
 /// contact force is released within 0.3 s. A step would let what is pressed whip the joints back.
 const FEEDFORWARD_DECAY: f32 = 0.95;
@@ -27,11 +31,19 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Effort when the angle last changed [N·m], and ticks in a row without a change under an effort that
-    /// overcomes stiction.
+    /// Effort when the angle last changed [N·m].
     moving_effort: f32,
-    unchanged: u16,
+    suspicion: Suspicion,
     pub servo: JointServoState,
+}
+
+/// For how many ticks in a row a joint has behaved as one that must be switched off.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize, Schema)]
+struct Suspicion {
+    /// Its count stood still under an effort that overcomes stiction.
+    stuck: u8,
+    /// It gained speed against its effort.
+    runs_away: u8,
 }
 
 /// Configuration, state and targets of one joint.
@@ -96,7 +108,7 @@ impl JointState {
             torque: 0.0,
             effort: 0.0,
             moving_effort: 0.0,
-            unchanged: 0,
+            suspicion: Suspicion { stuck: 0, runs_away: 0 },
             servo: JointServoState::at(0.0),
         }
     }
@@ -104,7 +116,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, ..Self::new() }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -211,26 +223,50 @@ impl Joint<'_> {
     pub fn check_control(&mut self, actuation: Actuation) -> Option<(FaultCause, f32, f32)> {
         let (config, state) = (self.config, &mut *self.state);
         let error = self.reference.position - *self.position;
-        if abs(error) > config.limits.following_error {
-            return Some((FaultCause::FollowingError, error, config.limits.following_error));
+        let accelerated = matches!(actuation, Actuation::Acceleration { .. });
+        // A reference arm that touches something takes the measured state, so its error says nothing.
+        let runs_away = if abs(error) > config.deviation || accelerated && state.effort * state.change < 0.0 {
+            if abs(error) > config.limits.following_error {
+                return Some((FaultCause::FollowingError, error, config.limits.following_error));
+            }
+            self.count_runaway()
+        } else {
+            0
+        };
+        let (config, state) = (self.config, &mut *self.state);
+        if runs_away >= RUNAWAY_TICKS {
+            return Some((FaultCause::Runaway, state.effort, config.breakaway));
         }
         if state.change != 0.0 {
-            (state.moving_effort, state.unchanged) = (state.effort, 0);
+            (state.moving_effort, state.suspicion) = (state.effort, Suspicion { stuck: 0, runs_away });
             return None;
         }
         // A contact force, or errors of the model, may balance the effort: what counts is its change.
         let (effort, breakaway) = match actuation {
             Actuation::Acceleration { .. } => (state.effort - state.moving_effort, 2.0 * config.stiction),
-            _ if self.target.feedforward != 0.0 => {
+            Actuation::Torque { .. } => (state.effort - state.moving_effort, 2.0 * config.breakaway),
+            Actuation::Servo if self.target.feedforward != 0.0 => {
                 (state.effort - state.moving_effort, 2.0 * config.breakaway)
             }
-            _ => (state.effort, config.breakaway),
+            Actuation::Servo => (state.effort, config.breakaway),
         };
-        state.unchanged = if abs(effort) > breakaway { state.unchanged.saturating_add(1) } else { 0 };
-        if state.unchanged >= STUCK_TICKS {
+        let stuck = if abs(effort) > breakaway { state.suspicion.stuck.saturating_add(1) } else { 0 };
+        state.suspicion = Suspicion { stuck, runs_away };
+        if stuck >= STUCK_TICKS {
             return Some((FaultCause::EncoderStuck, effort, breakaway));
         }
         None
+    }
+
+    /// For how many ticks in a row the joint has gained speed against an effort that moves it. The filtered
+    /// velocity lags behind one that grows.
+    #[cold]
+    #[inline(never)]
+    fn count_runaway(&self) -> u8 {
+        let (config, state) = (self.config, &self.state);
+        let against = state.effort * state.change < 0.0 && abs(state.effort) > config.breakaway;
+        let gains = abs(state.change) > abs(*self.velocity) * TICK && abs(state.change) > config.fast;
+        if against && gains { state.suspicion.runs_away.saturating_add(1) } else { 0 }
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter.
@@ -243,6 +279,13 @@ impl Joint<'_> {
         *self.reference = match self.target.setpoint {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
             JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
+            JointSetpoint::FarGoal(goal) => {
+                let near = self.config.near_goal(self.reference.position, goal);
+                if near == goal {
+                    self.target.setpoint = JointSetpoint::Goal(goal);
+                }
+                self.config.servo.approach(&mut self.state.servo, near)
+            }
             JointSetpoint::Brake => {
                 let point = self.config.brake(self.reference);
                 if point.velocity == 0.0 {
@@ -272,9 +315,9 @@ impl Joint<'_> {
         } else {
             0.0
         };
-        let desired = compensation + self.target.feedforward - damping * *self.velocity;
-        self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
-        self.state.effort = 0.0;
+        let effort = self.target.feedforward - damping * *self.velocity;
+        self.state.torque = self.config.servo.limit(&mut self.state.servo, compensation + effort);
+        self.state.effort = effort;
     }
 
     /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`
@@ -297,8 +340,13 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward.
-    pub fn damp(&mut self, gravity: f32) {
+    /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward. When damping
+    /// `begins`, the feed-forward becomes what the torque has balanced so far, such as a contact force.
+    pub fn damp(&mut self, gravity: f32, begins: bool) {
+        if begins {
+            let acceleration = self.config.acceleration(self.state.change, *self.velocity);
+            self.target.feedforward = self.state.torque - gravity - self.config.inertia * acceleration;
+        }
         self.target.feedforward *= FEEDFORWARD_DECAY;
         *self.reference = JointPoint { position: *self.position, ..JointPoint::default() };
         let desired = gravity + self.target.feedforward - self.config.damping * *self.velocity;
@@ -313,7 +361,7 @@ impl Joint<'_> {
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
         state.servo.restart(position);
-        (state.torque, state.effort, state.unchanged) = (0.0, 0.0, 0);
+        (state.torque, state.effort, state.suspicion) = (0.0, 0.0, Suspicion::default());
     }
 
     /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps

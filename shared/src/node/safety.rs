@@ -21,7 +21,7 @@ impl Node {
     /// fault has failed, with a weaker one.
     pub(super) fn fail(&mut self, fault: Fault) {
         let strongest = match self.robot.loaded() {
-            Some(robot) if fault.cause.leaves_sensors_valid() => robot.model().safety.reaction,
+            Some(robot) if fault.cause.leaves_control() => robot.model().safety.reaction,
             _ => Reaction::Off,
         };
         let reaction = match self.state.mode {
@@ -29,6 +29,11 @@ impl Node {
             Mode::Enabled(_) if strongest == Reaction::Hold => self.halt(&fault),
             Mode::Enabled(_) => strongest,
             Mode::Fault => {
+                if fault.cause == FaultCause::LateTick && self.is_holding() && self.state.halting {
+                    // The motion went on without control: the stop begins anew.
+                    self.halt(&fault);
+                    return;
+                }
                 let failed = self.shows_that_holding_fails(fault.cause);
                 let reaction = strongest.min(if failed { Reaction::Damp } else { Reaction::Hold });
                 // A state that lasts, such as a low supply, is no further fault.
@@ -41,6 +46,7 @@ impl Node {
         self.state.faults.record(fault);
         self.state.mode = Mode::Fault;
         self.state.reaction = reaction;
+        self.state.damped = false;
         self.state.reacting_since = self.state.tick;
     }
 
@@ -134,8 +140,7 @@ impl Node {
             fault(cause, Some(index), value, limit)
         };
         let urgent = |found: &Fault| {
-            !found.cause.leaves_sensors_valid()
-                || self.is_holding() && self.shows_that_holding_fails(found.cause)
+            !found.cause.leaves_control() || self.is_holding() && self.shows_that_holding_fails(found.cause)
         };
         let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
@@ -148,15 +153,15 @@ impl Node {
         if found.is_some() {
             return found;
         }
+        #[expect(clippy::cast_precision_loss, reason = "for display")]
+        let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
+        if self.is_holding() && elapsed != 1 {
+            return late();
+        }
         if supply < safety.supply_min {
             return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
         }
-        let found = of_sensor(joint_fault.or(tip_fault));
-        if found.is_some() || elapsed == 1 {
-            return found;
-        }
-        #[expect(clippy::cast_precision_loss, reason = "for display")]
-        fault(FaultCause::LateTick, None, elapsed as f32, 1.0)
+        of_sensor(joint_fault.or(tip_fault)).or_else(late)
     }
 
     /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.
@@ -228,11 +233,11 @@ impl Node {
     }
 }
 
-/// The fault that makes the sensors unreliable, else the first one.
+/// The fault that leaves no control, else the first one.
 #[cold]
 fn worse(first: SensorFault, other: (u8, (FaultCause, f32, f32))) -> SensorFault {
     match first {
-        Some((_, (cause, ..))) if other.1.0.leaves_sensors_valid() || !cause.leaves_sensors_valid() => first,
+        Some((_, (cause, ..))) if other.1.0.leaves_control() || !cause.leaves_control() => first,
         _ => Some(other),
     }
 }

@@ -45,6 +45,8 @@ pub struct State {
     pub(super) reaction: Reaction,
     /// Whether the task itself brings the robot to rest under [`Reaction::Hold`].
     pub(super) halting: bool,
+    /// Whether the joints were damped in the last tick.
+    pub(super) damped: bool,
     /// The tick in which the reaction began.
     pub(super) reacting_since: u32,
     /// Sequence number of the last sensor frame; 0 before the first.
@@ -84,6 +86,7 @@ impl State {
             mode: Mode::Disabled,
             reaction: Reaction::Off,
             halting: false,
+            damped: false,
             reacting_since: 0,
             tick: 0,
             sensed: false,

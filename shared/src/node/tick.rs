@@ -98,6 +98,7 @@ impl Node {
     #[inline(never)]
     fn damp(&mut self) {
         let Some(robot) = self.robot.loaded() else { return };
+        let begins = !core::mem::replace(&mut self.state.damped, true);
         let mut all = joints(robot, &mut self.state);
         let zero = [0.0; MAX_CHAIN_JOINTS];
         let [mut q, mut torques] = [zero; 2];
@@ -107,7 +108,7 @@ impl Node {
             q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
             config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
-            of_chain.for_each(|(mut joint, gravity)| joint.damp(gravity));
+            of_chain.for_each(|(mut joint, gravity)| joint.damp(gravity, begins));
         }
     }
 

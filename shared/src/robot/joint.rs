@@ -20,6 +20,14 @@ const CURRENT_MARGIN: f32 = 1.25;
 /// from about one half on, damping swings instead.
 const MAX_DAMPED_SHARE: f32 = 0.3;
 
+/// Share of the velocity limit with which a joint approaches a goal. The rest is a margin for tracking.
+const GOAL_SPEED: f32 = 0.8;
+
+/// A joint runs away only beyond this share of its following-error limit, and above this share of its velocity
+/// limit. Smaller ones find it sooner, and mistake a push for it.
+const RUNAWAY_DEVIATION: f32 = 0.25;
+const RUNAWAY_SPEED: f32 = 0.1;
+
 /// A joint of a validated model, preprocessed for the tick.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
@@ -47,6 +55,10 @@ pub struct JointConfig {
     /// Torque that overcomes stiction, and effort of a servo, whose feed-forward has errors, that does [N·m].
     pub(crate) stiction: f32,
     pub(crate) breakaway: f32,
+    /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle per
+    /// tick of one that does [rad].
+    pub(crate) deviation: f32,
+    pub(crate) fast: f32,
 }
 
 impl JointConfig {
@@ -69,7 +81,24 @@ impl JointConfig {
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             stiction: 5.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
             breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+            deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
+            fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }
+    }
+
+    /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity` is
+    /// the filtered one [rad/s].
+    pub(crate) fn acceleration(&self, change: f32, velocity: f32) -> f32 {
+        VELOCITY_CUTOFF * (change / TICK - velocity)
+    }
+
+    /// The goal [rad] for the trajectory filter on the way from the reference at `position` to `goal`. The filter
+    /// follows one that stays a distance `d` ahead with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at
+    /// first.
+    pub(crate) fn near_goal(&self, position: f32, goal: f32) -> f32 {
+        let ahead = 2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time();
+        // Exact where the goal is near.
+        math::clamp(goal, position - ahead, position + ahead)
     }
 
     /// The reference one period after `reference`, braked: with half of the torque, or more where the joint

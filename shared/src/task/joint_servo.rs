@@ -158,7 +158,8 @@ impl Task for JointServoTask {
                     config.check_position(index, position)?;
                 }
                 for (target, &position) in io.targets.joints.iter_mut().zip(positions) {
-                    *target = JointTarget::at(position);
+                    let setpoint = JointSetpoint::FarGoal(position);
+                    *target = JointTarget { setpoint, ..JointTarget::at(position) };
                 }
             }
             JointCommand::Stream { points } => self.stream(io, points, &[])?,

@@ -330,6 +330,7 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ObjectMoved,
     FaultCause::ToolPositionError,
     FaultCause::ToolOrientationError,
+    FaultCause::Runaway,
 ];
 
 pub fn quiet_board() -> BoardStatus {

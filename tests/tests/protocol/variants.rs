@@ -103,7 +103,7 @@ variants! {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
-        ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError,
+        ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }

@@ -83,6 +83,12 @@ impl SimulatedArm {
         self.chain.posture(self.angles.as_slice()).tip().translation.vector
     }
 
+    /// Speed of the tool [m/s].
+    pub fn speed(&self) -> f32 {
+        let jacobian = self.chain.posture(self.angles.as_slice()).jacobian();
+        (jacobian * self.velocities).fixed_rows::<3>(0).norm()
+    }
+
     /// Force of the wall on the tool [N].
     pub fn wall_force(&self) -> Vector3<f32> {
         let posture = self.chain.posture(self.angles.as_slice());

@@ -7,7 +7,7 @@ use super::arm_closed_loop::{SimulatedArm, Wall};
 use super::rig::refusal;
 use crate::fault::FaultCause;
 use crate::model::Reaction;
-use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::protocol::{ActuatorFrame, Mode, Refusal, Reply, Request};
 use crate::task::impedance::ImpedanceSettings;
 use crate::task::impedance::tests::SOFT;
 
@@ -148,4 +148,71 @@ fn a_dead_encoder_under_impedance_control_switches_the_outputs_off() {
         assert!(ticks <= shown + 4, "joint {joint} off {ticks} ticks after the start");
         assert!(arm.max_speed < 0.65, "joint {joint}: {} m/s", arm.max_speed);
     }
+}
+
+#[test]
+fn a_reversed_drive_under_impedance_control_switches_the_outputs_off() {
+    // That of the shoulder; the counts of lighter joints jump before they have run away for three ticks.
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    let mut ticks = 0;
+    loop {
+        arm.rig.ask(Request::Keep);
+        arm.sense(Vector3::zeros());
+        let mut output = arm.rig.tick();
+        if !output.enabled {
+            break;
+        }
+        output.torques[0] = -output.torques[0];
+        arm.advance(Vector3::zeros(), &output);
+        ticks += 1_u8;
+    }
+    let fault = arm.rig.node.faults().faults.last().unwrap();
+    assert_eq!((fault.cause, fault.joint, arm.rig.node.faults().total), (FaultCause::Runaway, Some(0), 1));
+    assert!(ticks <= 6, "{ticks} ticks");
+}
+
+#[test]
+fn a_force_sensor_that_reads_nothing_lets_the_wall_push_the_arm_back_slowly() {
+    let mut arm = pressing(3.0, 2e3);
+    let mut before = 0.0;
+    for _ in 0..500 {
+        if let Mode::Enabled(_) = arm.rig.node.mode() {
+            (before, arm.max_force, arm.max_speed) = (arm.wall_force().norm(), 0.0, 0.0);
+            arm.rig.ask(Request::Keep);
+        }
+        arm.sense(Vector3::zeros());
+        arm.rig.sensors.forces[0] = [0; 6];
+        let output = arm.rig.tick();
+        arm.advance(Vector3::zeros(), &output);
+    }
+    assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::ForceStuck);
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
+    assert!(before > 15.0, "without its force the arm presses up to its set-point: {before} N");
+    assert!(arm.max_force <= 1.05 * before, "{} of {before} N", arm.max_force);
+    assert!(arm.max_speed <= 0.25, "{} m/s", arm.max_speed);
+}
+
+#[test]
+fn a_stop_begins_anew_after_missed_ticks() {
+    let mut arm = pressing(40.0, 2e3);
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    (0..10).for_each(|_| arm.tick(Vector3::zeros()));
+    // The board misses eight ticks: the drives keep their torques for two, then they are off.
+    let kept = arm.rig.node.telemetry().joints.iter().map(|joint| joint.torque).collect();
+    let mut frame = ActuatorFrame { sequence: 0, enabled: true, torques: kept };
+    for missed in 0..8 {
+        if missed == 2 {
+            frame.torques.fill(0.0);
+        }
+        arm.advance(Vector3::zeros(), &frame);
+    }
+    arm.rig.sensors.sequence += 8;
+    let speed = arm.speed();
+    arm.max_speed = 0.0;
+    (0..300).for_each(|_| arm.tick(Vector3::zeros()));
+    assert!(arm.max_speed < 1.3 * speed, "{} after {speed} m/s", arm.max_speed);
+    assert!(arm.speed() < 0.01, "{} m/s", arm.speed());
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
 }

@@ -82,3 +82,29 @@ fn a_stream_is_followed_exactly_and_a_goal_continues_without_a_jump() {
     let step = rig.node.telemetry().joints[1].reference - position;
     assert!((step - 0.004_756).abs() < 1e-5, "{step}");
 }
+
+#[test]
+fn a_goal_that_is_far_is_reached_within_the_velocity_limit() {
+    let mut model = model();
+    // By the filter alone the reference would reach 3 rad/(e · 0.05 s) = 22 rad/s; the limit is 8.
+    model.joints[2].servo.filter_time = 0.05;
+    let mut rig = Rig::enabled(&model);
+    assert_eq!(rig.goal([0.0, 0.0, -1.5]), Reply::Done);
+    let [mut goal, mut before, mut fastest] = [-1.5, 0.0, 0.0_f32];
+    for tick in 0..200 {
+        for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.node.telemetry().joints) {
+            *count = libm::roundf(joint.reference * COUNTS_PER_RADIAN) as i32;
+        }
+        if tick == 100 {
+            goal = 1.5;
+        }
+        assert_eq!(rig.goal([0.0, 0.0, goal]), Reply::Done);
+        rig.tick();
+        let reference = rig.node.telemetry().joints[2].reference;
+        fastest = fastest.max((reference - before).abs() / 0.01);
+        before = reference;
+        assert_eq!(rig.node.faults().total, 0, "{:?}", rig.node.faults());
+        assert!(tick % 100 < 99 || (reference - goal).abs() < 1e-3, "{tick}: {reference}");
+    }
+    assert!(fastest > 0.75 * 8.0 && fastest < 0.85 * 8.0, "{fastest} rad/s");
+}

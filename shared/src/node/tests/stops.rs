@@ -3,12 +3,13 @@
 use heapless::Vec;
 
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
-use crate::control::JointPoint;
+use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
 use crate::model::{Reaction, RobotModel};
 use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags};
-use crate::task::TaskCommand;
+use crate::robot::Actuation;
 use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig};
 
 fn stream(position: f32, velocity: f32) -> Request {
     let rest = JointPoint::default();
@@ -99,10 +100,10 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
     );
     (0..8).for_each(|_| _ = rig.tick());
     assert_eq!(rig.ask(Request::Stop), Reply::Done);
-    let torques: std::vec::Vec<_> = (0..100).map(|_| rig.tick().torques).collect();
+    let torques: std::vec::Vec<_> = (0..300).map(|_| rig.tick().torques).collect();
     // 20 g at 20 mm under 9.81 m/s² are 3.924 mN·m for each link that a joint carries.
     for (joint, links) in [(0, 3.0), (1, 2.0), (2, 1.0)] {
-        assert!((torques[99][joint] - links * 3.924e-3).abs() < 2e-5 + 1e-3 * links, "{:?}", torques[99]);
+        assert!((torques[299][joint] - links * 3.924e-3).abs() < 2e-5 + 1e-3 * links, "{:?}", torques[299]);
     }
     // 0.1 N·m at the tip, 5 % less in each tick.
     assert!((torques[0][2] - 0.098_9).abs() < 2e-4 && (torques[1][2] - 0.094_2).abs() < 2e-4, "{torques:?}");
@@ -189,7 +190,7 @@ fn an_enable_that_a_disable_or_a_stop_overtook_enables_nothing() {
         let late = rig.sequence + 1;
         rig.sequence += 1;
         rig.ask(overtaking.clone());
-        let enable = Request::Enable(crate::task::TaskConfig::JointServo(crate::control::ServoMode::Pid));
+        let enable = Request::Enable(TaskConfig::JointServo(ServoMode::Pid));
         let latest = rig.sequence;
         assert_eq!(refusal(rig.send(7, late, enable)), Refusal::Stale { latest });
         assert!(!rig.tick().enabled);
@@ -245,4 +246,91 @@ fn a_lasting_fault_hides_no_dead_encoder() {
     assert!(!rig.tick().enabled);
     let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
     assert_eq!(causes, [FaultCause::SupplyLow, FaultCause::EncoderJump]);
+}
+
+#[test]
+fn a_joint_that_gains_speed_against_its_torque_is_switched_off() {
+    let mut model = model();
+    model.joints[2].servo.observer.inertia = 0.02;
+    for mode in [ServoMode::Observer] {
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        let [mut position, mut velocity] = [0.0, 0.0];
+        while rig.tick().enabled {
+            rig.goal([0.0, 0.0, 0.5]);
+            // The drive is reversed: 0.02 kg·m² gain speed away from the goal.
+            let torque = rig.node.telemetry().joints[2].torque;
+            velocity -= torque / 0.02 * 0.01;
+            position += velocity * 0.01;
+            rig.sensors.encoders[2] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+        }
+        let fault = rig.node.faults().faults.last().unwrap();
+        assert_eq!((fault.cause, fault.joint), (FaultCause::Runaway, Some(2)), "{mode:?}");
+        assert!(velocity.abs() < 0.5 * model.joints[2].limits.velocity, "{mode:?}: {velocity} rad/s");
+    }
+}
+
+#[test]
+fn a_robot_that_moves_is_not_enabled() {
+    let mut rig = Rig::ready(&model());
+    let limit = 0.1 * model().joints[1].limits.velocity;
+    for (speed, enabled) in [(1.2 * limit, false), (0.8 * limit, true)] {
+        for step in 1..=10_u8 {
+            let position = 0.01 * speed * f32::from(step);
+            rig.sensors.encoders[1] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+            rig.tick();
+        }
+        match rig.enable() {
+            Reply::Done => assert!(enabled, "{speed} rad/s"),
+            Reply::Refused(Refusal::Unsafe(fault)) => {
+                assert!(!enabled, "{speed} rad/s");
+                assert_eq!(
+                    (fault.cause, fault.joint, fault.limit),
+                    (FaultCause::VelocityLimit, Some(1), limit)
+                );
+            }
+            other => panic!("{other:?}"),
+        }
+        rig.sensors.encoders[1] = 0;
+        (0..20).for_each(|_| _ = rig.tick());
+    }
+}
+
+#[test]
+fn a_dead_encoder_without_a_servo_is_found() {
+    let mut rig = Rig::enabled(&model());
+    // As a task does that controls contact forces by torques: they grow, and the count stands still.
+    let mut ticks = 0;
+    while rig.node.mode() != Mode::Fault {
+        rig.node.state.targets.actuation = Actuation::Torque { damping: 0.01, compensated: true };
+        rig.node.state.targets.joints[2].feedforward = 0.02 * f32::from(ticks);
+        rig.ask(Request::Keep);
+        rig.tick();
+        ticks += 1_u8;
+        assert!(ticks < 30);
+    }
+    let fault = rig.node.faults().faults.last().unwrap();
+    assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
+    assert!(rig.node.state.reaction == Reaction::Off && fault.value < 0.27, "{fault}");
+}
+
+#[test]
+fn what_a_damped_joint_has_pressed_with_fades() {
+    // The tip presses with its integral action, and is moved away with the obstacle.
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    let mut rig = Rig::enabled(&model);
+    for _ in 0..60 {
+        rig.goal([0.0, 0.0, 0.15]);
+        rig.tick();
+        // Alive, by a count.
+        rig.sensors.encoders[2] ^= 1;
+    }
+    let pressed = rig.node.telemetry().joints[2].torque;
+    assert!(pressed > 0.05, "{pressed} N·m");
+    rig.ask(Request::Stop);
+    let torques: std::vec::Vec<_> = (0..60).map(|_| rig.tick().torques[2]).collect();
+    assert!(torques[0] > 0.7 * pressed && torques[0] <= pressed, "{torques:?} after {pressed} N·m");
+    assert!(torques.iter().zip(&torques[1..]).all(|(before, after)| after <= before), "{torques:?}");
+    assert!(torques[59] < 0.1 * pressed, "{torques:?}");
 }

@@ -1,4 +1,4 @@
-use nalgebra::{IsometryMatrix3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -34,7 +34,8 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
-    /// Whether the set-point of the tool moves to the tool, after a fault.
+    /// Whether the set-point of the tool moves to the tool in a stop. That counts as contact, whatever is
+    /// left of the force: else the arm would come to rest pressing a little, and friction raise it again.
     releasing: bool,
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
@@ -151,15 +152,9 @@ impl ImpedanceState {
             self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
 
-    /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the `tool`; at once
-    /// when the contact ends.
+    /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the tool.
     #[inline(never)]
-    fn release(&mut self, tool: &IsometryMatrix3<f32>, error: &Vector6<f32>) {
-        if !self.contact {
-            self.setpoint = at_rest(tool);
-            self.releasing = false;
-            return;
-        }
+    fn release(&mut self, error: &Vector6<f32>) {
         let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
         let linear = rate(distance, RELEASE_SPEED * TICK) / TICK;
@@ -169,6 +164,7 @@ impl ImpedanceState {
         let moved = PosePoint { velocity, ..self.setpoint }.coasted();
         self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
         self.releasing = distance > RELEASE_SPEED * TICK || angle > RELEASE_ANGULAR_SPEED * TICK;
+        self.contact = self.releasing;
     }
 
     /// Checks the pose error of the last tick.
@@ -214,7 +210,7 @@ impl ImpedanceState {
         let error = pose_error(posture.tip(), &self.setpoint);
         self.pose_error = error.into();
         if self.releasing {
-            self.release(posture.tip(), &error);
+            self.release(&error);
         }
         let wrench = self.external_wrench(measurement);
         let loaded = self.contact || settings.law == Law::Direct;
@@ -278,7 +274,9 @@ impl ImpedanceState {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
         let limit = settings.contact_force * settings.contact_force;
-        let contact = if self.contact {
+        let contact = if self.releasing {
+            true
+        } else if self.contact {
             force > CONTACT_HYSTERESIS_SQUARED * limit && force > CONTACT_LOSS_SQUARED * before
         } else {
             force > limit
