@@ -50,7 +50,7 @@ struct Copy {
     /// The request's client and sequence number.
     request: (u32, u16),
     /// The board's answer to the request.
-    exported: Reply,
+    exported: Box<Reply>,
     tick: u32,
     bytes: Vec<u8>,
 }
@@ -86,7 +86,7 @@ impl Task {
 impl Copy {
     /// Whether all pieces are there, and intact; `None` while some are missing.
     fn is_intact(&self) -> Option<bool> {
-        let Reply::Exported { length, checksum: expected, .. } = self.exported else { return Some(false) };
+        let Reply::Exported { length, checksum: expected, .. } = *self.exported else { return Some(false) };
         (self.bytes.len() >= length as usize).then(|| checksum(&self.bytes) == expected)
     }
 
@@ -147,7 +147,7 @@ impl Arbiter {
             Request::Export(item) => match &own.copy {
                 // Sent again, as the answer was late.
                 Some(Copy { request, exported, tick, .. }) if *request == number => {
-                    let (exported, tick) = (exported.clone(), *tick);
+                    let (exported, tick) = (Reply::clone(exported), *tick);
                     self.answer(connection, number, tick, exported);
                 }
                 _ => self.export(connection, number, item),
@@ -269,7 +269,7 @@ impl Arbiter {
         let Export { connection, request, ref mut copy, .. } = export;
         match (&mut *copy, reply) {
             (None, exported @ Reply::Exported { .. }) => {
-                *copy = Some(Copy { request, exported, tick, bytes: Vec::new() });
+                *copy = Some(Copy { request, exported: Box::new(exported), tick, bytes: Vec::new() });
             }
             (Some(copy), Reply::Chunk { data, .. }) if !data.is_empty() => {
                 copy.bytes.extend_from_slice(&data)
@@ -280,7 +280,7 @@ impl Arbiter {
         if let Some(copy) = copy.take_if(|copy| copy.is_intact().is_some())
             && copy.is_intact() == Some(true)
         {
-            let (exported, tick) = (copy.exported.clone(), copy.tick);
+            let (exported, tick) = (Reply::clone(&copy.exported), copy.tick);
             if let Some(own) = self.connections.get_mut(&connection) {
                 own.copy = Some(copy);
                 self.answer(connection, request, tick, exported);

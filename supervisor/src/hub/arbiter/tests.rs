@@ -163,8 +163,8 @@ fn each_connection_reads_its_own_export() {
         rig.loss = loss;
         let numbers = [1, 2, 3].map(|connection| rig.ask(connection, Request::Export(Item::State)));
         rig.run();
-        let mut exports = [1, 2, 3].map(|connection| {
-            let reply = rig.answer(connection, numbers[connection as usize - 1]);
+        let mut exports = [(1, numbers[0]), (2, numbers[1]), (3, numbers[2])].map(|(connection, number)| {
+            let reply = rig.answer(connection, number);
             let Some(&Reply::Exported { length, checksum, .. }) = reply else { panic!("{reply:?}") };
             (connection, length as usize, checksum, Vec::new())
         });

@@ -78,7 +78,8 @@ fn bytes_pass_both_ways_in_pieces_of_any_size_and_are_not_readable() {
 
 #[test]
 fn damaged_repeated_missing_and_reordered_messages_end_it() {
-    let spoil: [fn(Vec<u8>, Vec<u8>) -> Vec<u8>; 6] = [
+    type Spoil = fn(Vec<u8>, Vec<u8>) -> Vec<u8>;
+    let spoil: [Spoil; 6] = [
         |first, _| [first.clone(), first].concat(),
         |first, second| [second, first].concat(),
         |_, second| second,
