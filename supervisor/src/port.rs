@@ -1,8 +1,8 @@
 //! Finding and opening the board's end of the link: serial ports, sockets, pseudo-terminals.
 //!
 //! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated
-//! boards included, which make themselves known by an [`Announcement`]. A TCP connection is encrypted when both
-//! ends have the same [`Key`].
+//! boards included, which make themselves known by an [`Announcement`]. With a [`Key`], a TCP connection is
+//! encrypted.
 
 mod address;
 mod announcement;

@@ -20,8 +20,8 @@ pub(super) enum Listener {
 }
 
 impl Listener {
-    /// Listens, and says where: with the port that the system chose, if port 0 was asked for. A TCP port needs
-    /// a key, unless only programs on this machine reach it.
+    /// Listens, and says where: with the port that the system chose, if port 0 was asked for. A TCP port
+    /// needs a key, unless only programs on this machine reach it.
     pub(super) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
         match address {
             Address::Unix(path) => Ok((Self::Unix(listen_unix(path)?, path.clone()), address.clone())),
@@ -34,10 +34,10 @@ impl Listener {
                     return Err(io::Error::new(
                         io::ErrorKind::InvalidInput,
                         format!(
-                            "cannot listen at {address} without a key: everybody who reaches this machine could \
-                             command the board. Make a key with `tesaki key FILE` and give it with --key FILE (or \
-                             TESAKI_KEY), here and to the clients; or listen where only this machine gets in, at \
-                             tcp://localhost:7400 or unix:///run/hand.sock"
+                            "cannot listen at {address} without a key: everybody who reaches this machine \
+                             could command the board. Make a key with `tesaki key FILE` and give it with \
+                             --key FILE (or TESAKI_KEY), here and to the clients; or listen where only this \
+                             machine gets in, at tcp://localhost:7400 or unix:///run/hand.sock"
                         ),
                     ));
                 }

@@ -63,8 +63,8 @@ impl Key {
             return Err(io::Error::new(
                 io::ErrorKind::PermissionDenied,
                 format!(
-                    "other users have access to this key file (mode {mode:03o}): run `chmod 600 {}`. If one of them \
-                     may have read it, make a new key",
+                    "other users have access to this key file (mode {mode:03o}): run `chmod 600 {}`. If one \
+                     of them may have read it, make a new key",
                     path.display()
                 ),
             ));
@@ -81,8 +81,8 @@ impl Key {
         };
         decode(digits).map(Self).ok_or_else(|| {
             invalid(format!(
-                "{amount}: a key file holds {DIGITS} hexadecimal digits. Copy it again from the other end, or make a \
-                 new one with `tesaki key FILE` and copy it there"
+                "{amount}: a key file holds {DIGITS} hexadecimal digits. Copy it again from the other end, or \
+                 make a new one with `tesaki key FILE` and copy it there"
             ))
         })
     }

@@ -162,8 +162,8 @@ pub enum Command {
     /// Share a board between several programs: one commands, the others watch
     #[command(after_help = examples::SHARE)]
     Share {
-        /// Address for the other programs: unix://PATH or tcp://HOST:PORT. One that other machines reach needs
-        /// a --key, which encrypts the connections: all who have it may command the board
+        /// Address for the other programs: unix://PATH or tcp://HOST:PORT. One that other machines reach
+        /// needs a --key, which encrypts the connections: all who have it may command the board
         #[arg(default_value = "tcp://localhost:7400")]
         listen: Address,
     },

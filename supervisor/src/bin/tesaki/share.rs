@@ -31,8 +31,8 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     output::notice(
         options,
         &format!(
-            "sharing {port} at {0}: {who} may command the board. Connect with `--port {0}{option}`; Ctrl-C stops \
-             sharing",
+            "sharing {port} at {0}: {who} may command the board. Connect with `--port {0}{option}`; \
+             Ctrl-C stops sharing",
             hub.address()
         ),
     );
@@ -50,8 +50,8 @@ pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
     Key::create(file).map_err(Failure::file(file))?;
     output::result(options, &json!({ "key": file }), || {
         format!(
-            "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at both ends: \
-             whoever has it may command the board",
+            "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \
+             both ends: whoever has it may command the board",
             file.display()
         )
     })
