@@ -81,8 +81,8 @@ impl Key {
         };
         decode(digits).map(Self).ok_or_else(|| {
             invalid(format!(
-                "{amount}: a key file holds {DIGITS} hexadecimal digits. Copy it again from the other end, or \
-                 make a new one with `tesaki key FILE` and copy it there"
+                "{amount}: a key file holds {DIGITS} hexadecimal digits. Copy it again from the other end, \
+                 or make a new one with `tesaki key FILE` and copy it there"
             ))
         })
     }
