@@ -51,6 +51,9 @@ struct Serve {
     /// Address for clients: unix://PATH or tcp://HOST:PORT; default: a new Unix socket
     #[arg(long)]
     listen: Option<tesaki_supervisor::port::Address>,
+    /// Key file for a TCP address that other machines reach; `tesaki key FILE` makes one
+    #[arg(long, env = "TESAKI_KEY", value_name = "FILE")]
+    key: Option<PathBuf>,
     /// Seed of the machine's deviations and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -267,7 +270,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
     use tesaki_supervisor::hub::Hub;
-    use tesaki_supervisor::port::{Address, Announcement};
+    use tesaki_supervisor::port::{Address, Announcement, Key};
 
     static STOP: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
@@ -290,7 +293,11 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     };
     let folder = tempfile::Builder::new().prefix("tesaki-").tempdir()?;
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
-    let mut hub = Hub::listen(&listen).map_err(|error| format!("cannot listen at {listen}: {error}"))?;
+    let key = options
+        .key
+        .as_ref()
+        .map(|path| Key::read(path).map_err(|error| format!("{}: {error}", path.display())));
+    let mut hub = Hub::listen(&listen, key.transpose()?.as_ref())?;
     let terminal = hub.add_pty()?;
     let kind = match options.controller {
         ControllerKind::Native => "simulated",

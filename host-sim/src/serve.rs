@@ -242,6 +242,7 @@ pub fn serve(
             requests.clear();
             hub.broadcast(&answers);
             answers.clear();
+            hub.messages().iter().for_each(|message| eprintln!("{message}"));
             if Instant::now() >= next {
                 break;
             }

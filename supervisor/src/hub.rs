@@ -1,10 +1,12 @@
 //! One link shared by several programs.
 //!
 //! To its board a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends the
-//! board's frames to all clients. A simulator calls [`Hub::receive`] and [`Hub::broadcast`] itself; for a
-//! board behind another link, [`Hub::pump`] carries the bytes. It has no threads: clients are served inside
-//! these calls.
+//! board's frames to all clients. What the board has only once, it shares out: the rates of streams and the
+//! copy of an export. Clients over TCP need its [`Key`](crate::port::Key), if it has one. A simulator calls
+//! [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link, [`Hub::pump`] carries the
+//! bytes. It has no threads: clients are served inside these calls.
 
+mod arbiter;
 mod client;
 mod listener;
 
@@ -18,7 +20,8 @@ use nix::poll::{PollFd, PollFlags};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 
 use crate::ByteLink;
-use crate::port::{Address, stream};
+use crate::port::{Address, Key, stream};
+use arbiter::Arbiter;
 use client::Client;
 use listener::Listener;
 
@@ -28,6 +31,12 @@ pub const LONGEST_FRAME: usize = 512;
 /// While this many bytes wait for the board, clients are not read: back-pressure instead of losses.
 const WAITING: usize = 64 * 1024;
 
+/// Maximum number of clients in a handshake: the oldest makes room for another.
+const MAX_HANDSHAKES: usize = 16;
+
+/// Maximum number of messages about dropped clients that wait to be shown.
+const MAX_MESSAGES: usize = 16;
+
 /// Collects a client's bytes into whole frames, so that frames of different clients do not mix.
 #[derive(Debug, Default)]
 struct Whole {
@@ -36,8 +45,8 @@ struct Whole {
 }
 
 impl Whole {
-    /// Takes bytes and appends the frames that they complete.
-    fn push(&mut self, bytes: &[u8], out: &mut VecDeque<u8>) {
+    /// Takes bytes and passes on the frames that they complete.
+    fn push(&mut self, bytes: &[u8], out: &mut impl FnMut(&[u8])) {
         for &byte in bytes {
             if self.partial.len() < LONGEST_FRAME {
                 self.partial.push(byte);
@@ -46,7 +55,7 @@ impl Whole {
             }
             if byte == 0 {
                 if !std::mem::take(&mut self.too_long) {
-                    out.extend(&self.partial);
+                    out(&self.partial);
                 }
                 self.partial.clear();
             }
@@ -60,6 +69,13 @@ impl Whole {
 pub struct Hub {
     listeners: Vec<(Listener, Address)>,
     clients: Vec<Client>,
+    /// The number of the next client.
+    next_id: u64,
+    arbiter: Arbiter,
+    /// Whether the clients have got a part of a frame.
+    in_frame: bool,
+    /// Why clients were dropped.
+    messages: Vec<String>,
     /// Whole frames from clients.
     waiting: VecDeque<u8>,
     /// By clients that are gone.
@@ -67,14 +83,24 @@ pub struct Hub {
 }
 
 impl Hub {
-    /// A hub that listens at a Unix socket or a TCP address.
+    /// A hub that listens at a Unix socket or a TCP address. With a `key`, TCP connections are encrypted, and
+    /// admit only clients that have it.
     ///
     /// # Errors
-    /// When the address is invalid or in use by another program.
-    pub fn listen(address: &Address) -> io::Result<Self> {
-        let mut hub =
-            Self { listeners: Vec::new(), clients: Vec::new(), waiting: VecDeque::new(), dropped: 0 };
-        hub.also_listen(address)?;
+    /// When the address is invalid or in use by another program, or when other machines reach it and there is
+    /// no key.
+    pub fn listen(address: &Address, key: Option<&Key>) -> io::Result<Self> {
+        let mut hub = Self {
+            listeners: Vec::new(),
+            clients: Vec::new(),
+            next_id: 0,
+            arbiter: Arbiter::new(),
+            in_frame: false,
+            messages: Vec::new(),
+            waiting: VecDeque::new(),
+            dropped: 0,
+        };
+        hub.also_listen(address, key)?;
         Ok(hub)
     }
 
@@ -82,8 +108,8 @@ impl Hub {
     ///
     /// # Errors
     /// As [`Hub::listen`].
-    pub fn also_listen(&mut self, address: &Address) -> io::Result<()> {
-        self.listeners.push(Listener::new(address)?);
+    pub fn also_listen(&mut self, address: &Address, key: Option<&Key>) -> io::Result<()> {
+        self.listeners.push(Listener::new(address, key)?);
         Ok(())
     }
 
@@ -104,7 +130,8 @@ impl Hub {
         for end in [&pty.master, &pty.slave] {
             fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
         }
-        self.clients.push(Client::new(pty.master.into(), Some(pty.slave)));
+        self.clients.push(Client::terminal(self.next_id, pty.master.into(), pty.slave));
+        self.next_id += 1;
         Ok(path)
     }
 
@@ -118,6 +145,11 @@ impl Hub {
         self.clients.len()
     }
 
+    /// Which clients were dropped and why, since the last call: without the key, or after damage.
+    pub fn messages(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.messages)
+    }
+
     /// How many bytes clients were too slow for.
     pub fn dropped(&self) -> u64 {
         self.clients.iter().fold(self.dropped, |sum, client| sum.wrapping_add(client.dropped))
@@ -127,7 +159,24 @@ impl Hub {
     pub fn broadcast(&mut self, bytes: &[u8]) {
         // Includes clients that have connected since the last call.
         self.accept();
-        self.clients.iter_mut().for_each(|client| client.write(bytes));
+        self.arbiter.reply(bytes);
+        let end = bytes.iter().rposition(|&byte| byte == 0).map_or(0, |zero| zero + 1);
+        let (ended, begun) = bytes.split_at(end);
+        for part in [ended, begun].into_iter().filter(|part| !part.is_empty()) {
+            self.clients.iter_mut().for_each(|client| client.write(part));
+            self.in_frame = !part.ends_with(&[0]);
+            self.answer();
+        }
+    }
+
+    /// Sends what the arbiter answers, between two frames of the board.
+    fn answer(&mut self) {
+        if self.in_frame {
+            return;
+        }
+        for (id, bytes) in self.arbiter.answers() {
+            self.clients.iter_mut().filter(|client| client.id == id).for_each(|client| client.write(&bytes));
+        }
     }
 
     /// Appends whole frames from clients to `frames`, waiting for the first until `deadline`, and says how
@@ -168,12 +217,9 @@ impl Hub {
     fn serve(&mut self, deadline: Instant) -> io::Result<()> {
         loop {
             self.accept();
-            let mut waiting = std::mem::take(&mut self.waiting);
-            self.keep(|client| {
-                client.flush();
-                if waiting.len() < WAITING { client.read(&mut waiting) } else { Ok(()) }
-            });
-            self.waiting = waiting;
+            self.read();
+            self.arbiter.proceed(Instant::now(), &mut self.waiting);
+            self.answer();
             if !self.waiting.is_empty() {
                 return Ok(());
             }
@@ -189,23 +235,54 @@ impl Hub {
 
     fn accept(&mut self) {
         for (listener, _) in &self.listeners {
-            // An error means that one client has gone, or that there is none.
-            while let Ok(file) = listener.accept() {
-                self.clients.push(Client::new(file, None));
+            // So many at a time, as others are to be served in between.
+            for _ in 0..MAX_HANDSHAKES {
+                // An error means that one client has gone, or that there is none.
+                let Ok(client) = listener.accept(self.next_id) else { break };
+                self.next_id += 1;
+                self.clients.push(client);
             }
         }
     }
 
-    /// Applies an action to every client and removes those that have gone.
-    fn keep(&mut self, mut action: impl FnMut(&mut Client) -> io::Result<()>) {
-        let dropped = &mut self.dropped;
-        self.clients.retain_mut(|client| {
-            let stays = action(client).is_ok();
+    /// Reads from every client, and removes those that have gone.
+    fn read(&mut self) {
+        let Self { clients, arbiter, waiting, messages, dropped, .. } = self;
+        clients.retain_mut(|client| {
+            client.flush();
+            if waiting.len() >= WAITING {
+                return true;
+            }
+            let id = client.id;
+            let Err(error) = client.read(&mut |frame: &[u8]| arbiter.request(id, frame, waiting)) else {
+                return true;
+            };
+            // What is neither is a client that has left.
+            if matches!(error.kind(), io::ErrorKind::InvalidData | io::ErrorKind::TimedOut) {
+                note(messages, client, &error.to_string());
+            }
+            arbiter.left(id);
+            *dropped = dropped.wrapping_add(client.dropped);
+            false
+        });
+        // Now that who has finished its handshake is admitted.
+        let handshakes = clients.iter().filter(|client| !client.is_admitted()).count();
+        let mut excess = handshakes.saturating_sub(MAX_HANDSHAKES);
+        clients.retain(|client| {
+            let stays = excess == 0 || client.is_admitted();
             if !stays {
-                *dropped = dropped.wrapping_add(client.dropped);
+                excess -= 1;
+                note(messages, client, "too many connections wait for their handshake");
             }
             stays
         });
+    }
+}
+
+/// Notes why a client is dropped.
+fn note(messages: &mut Vec<String>, client: &Client, why: &str) {
+    if messages.len() < MAX_MESSAGES {
+        messages.push(format!("dropped the client at {}: {why}", client.name));
     }
 }
 

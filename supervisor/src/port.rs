@@ -1,11 +1,14 @@
 //! Finding and opening the board's end of the link: serial ports, sockets, pseudo-terminals.
 //!
 //! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated
-//! boards included, which make themselves known by an [`Announcement`].
+//! boards included, which make themselves known by an [`Announcement`]. With a [`Key`], a TCP connection is
+//! encrypted.
 
 mod address;
 mod announcement;
+pub(crate) mod channel;
 mod error;
+mod key;
 mod list;
 mod open;
 mod reopening;
@@ -15,6 +18,7 @@ pub(crate) mod stream;
 pub use address::{Address, AddressError};
 pub use announcement::Announcement;
 pub use error::PortError;
+pub use key::Key;
 pub use list::{Found, latency_timer, list};
 pub use open::{Port, open};
 pub use reopening::Reopening;

@@ -102,7 +102,7 @@ fn a_simulated_board_runs_the_finger_of_the_page() {
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
     let values = PlantValues::load(&path).unwrap();
     let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(1)).unwrap();
-    let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
+    let mut hub = Hub::listen(&Address::Unix(folder.path().join("board")), None).unwrap();
     let address = hub.address().to_string();
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);

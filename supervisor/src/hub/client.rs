@@ -2,21 +2,35 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
+use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
 
 use super::Whole;
+use crate::port::channel::{Channel, GREETING};
 use crate::port::stream;
 
 /// Maximum backlog of a client in bytes: a second of telemetry. Older data would be useless.
 const BACKLOG: usize = 64 * 1024;
+/// How requests of web browsers begin, which send the bytes of any page to the ports of their machine.
+const BROWSER: [&[u8]; 2] = [b"GET ", b"POST "];
+/// A handshake that takes longer is given up.
+const HANDSHAKE: Duration = Duration::from_secs(2);
 
 /// One program at the board's link.
 #[derive(Debug)]
 pub(super) struct Client {
+    /// Its number, never used again.
+    pub(super) id: u64,
+    /// Where it is, for messages.
+    pub(super) name: String,
     file: File,
     /// Kept open at a pseudo-terminal, as its master fails while nobody has its other end open.
     slave: Option<OwnedFd>,
+    encryption: Option<Channel>,
+    since: Instant,
+    /// Whether nothing was read yet.
+    fresh: bool,
     frames: Whole,
     backlog: VecDeque<u8>,
     /// Closed at its side. What it sent before is still read: it may have said its last word and left.
@@ -26,8 +40,30 @@ pub(super) struct Client {
 }
 
 impl Client {
-    pub(super) fn new(file: File, slave: Option<OwnedFd>) -> Self {
-        Self { file, slave, frames: Whole::default(), backlog: VecDeque::new(), deaf: false, dropped: 0 }
+    pub(super) fn new(id: u64, name: String, file: File, encryption: Option<Channel>) -> Self {
+        let mut client = Self {
+            id,
+            name,
+            file,
+            slave: None,
+            encryption,
+            since: Instant::now(),
+            fresh: true,
+            frames: Whole::default(),
+            backlog: VecDeque::new(),
+            deaf: false,
+            dropped: 0,
+        };
+        if client.encryption.is_some() {
+            client.backlog.extend(GREETING);
+            client.flush();
+        }
+        client
+    }
+
+    /// At a pseudo-terminal.
+    pub(super) fn terminal(id: u64, master: File, slave: OwnedFd) -> Self {
+        Self { slave: Some(slave), ..Self::new(id, "pseudo-terminal".to_owned(), master, None) }
     }
 
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
@@ -39,14 +75,34 @@ impl Client {
         if self.backlog.is_empty() { PollFlags::POLLIN } else { PollFlags::POLLIN | PollFlags::POLLOUT }
     }
 
-    /// Reads once and appends whole frames to `out`.
+    /// Whether it may talk to the board: it has the key, if one is needed.
+    pub(super) fn is_admitted(&self) -> bool {
+        self.encryption.as_ref().is_none_or(Channel::is_open)
+    }
+
+    /// Reads once and passes whole frames to `out`.
     ///
     /// # Errors
-    /// When the client is gone.
-    pub(super) fn read(&mut self, out: &mut VecDeque<u8>) -> io::Result<()> {
+    /// When the client is gone, or is to go.
+    pub(super) fn read(&mut self, out: &mut impl FnMut(&[u8])) -> io::Result<()> {
         let mut buffer = [0; 4096];
-        if let Some(length) = stream::read(&self.file, &mut buffer)? {
-            self.frames.push(buffer.get(..length).unwrap_or_default(), out);
+        let read = stream::read(&self.file, &mut buffer)?;
+        let bytes = buffer.get(..read.unwrap_or(0)).unwrap_or_default();
+        let first = read.is_some() && std::mem::take(&mut self.fresh);
+        if first && BROWSER.iter().any(|start| bytes.starts_with(start)) {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "it is a web browser"));
+        }
+        let Some(channel) = &mut self.encryption else {
+            self.frames.push(bytes, out);
+            return Ok(());
+        };
+        let mut content = VecDeque::new();
+        channel.open(bytes, &mut self.backlog, &mut content)?;
+        self.frames.push(content.make_contiguous(), out);
+        self.flush();
+        if !self.is_admitted() && self.since.elapsed() > HANDSHAKE {
+            let why = format!("no handshake within {} s", HANDSHAKE.as_secs());
+            return Err(io::Error::new(io::ErrorKind::TimedOut, why));
         }
         Ok(())
     }
@@ -54,16 +110,26 @@ impl Client {
     /// Writes what the client takes and keeps the rest for later, or drops it if there is too much of it.
     pub(super) fn write(&mut self, bytes: &[u8]) {
         self.flush();
-        let written = if self.backlog.is_empty() { write_to(&self.file, &mut self.deaf, bytes) } else { 0 };
-        let rest = bytes.get(written..).unwrap_or_default();
-        // A pseudo-terminal is closed most of the time, and a program that opens it needs current data: the
-        // kernel's few kB are enough backlog. A frame truncated there fails its checksum.
-        let room = if self.slave.is_some() { 0 } else { BACKLOG - self.backlog.len().min(BACKLOG) };
-        if rest.len() <= room {
-            self.backlog.extend(rest);
-        } else {
-            self.dropped = self.dropped.wrapping_add(u64::try_from(rest.len()).unwrap_or(u64::MAX));
+        if !self.is_admitted() {
+            return;
         }
+        let taken = if self.slave.is_some() {
+            // A pseudo-terminal is closed most of the time, and a program that opens it needs current data:
+            // the kernel's few kB are enough backlog. A frame truncated there fails its checksum.
+            write_to(&self.file, &mut self.deaf, bytes)
+        } else if self.backlog.len() + bytes.len() > BACKLOG {
+            0
+        } else {
+            match &mut self.encryption {
+                // Cannot fail: the client is admitted, and sends less than 2^64 messages.
+                Some(channel) => drop(channel.seal(bytes, &mut self.backlog)),
+                None => self.backlog.extend(bytes),
+            }
+            self.flush();
+            bytes.len()
+        };
+        let rest = u64::try_from(bytes.len() - taken).unwrap_or(u64::MAX);
+        self.dropped = self.dropped.wrapping_add(rest);
     }
 
     /// Writes of the backlog what the client takes.

@@ -1,33 +1,50 @@
-use std::fs::{self, File};
+use std::fs;
 use std::io;
-use std::net::TcpListener;
+use std::net::{IpAddr, SocketAddr, TcpListener, ToSocketAddrs as _};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
 use std::os::unix::fs::FileTypeExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
-use crate::port::Address;
+use super::client::Client;
+use crate::port::channel::Channel;
+use crate::port::{Address, Key};
 
 /// A socket that accepts clients.
 #[derive(Debug)]
 pub(super) enum Listener {
     /// With its file, which goes with it.
     Unix(UnixListener, PathBuf),
-    Tcp(TcpListener),
+    /// With the key that its clients need.
+    Tcp(TcpListener, Option<Key>),
 }
 
 impl Listener {
-    /// Listens, and says where: with the port that the system chose, if port 0 was asked for.
-    pub(super) fn new(address: &Address) -> io::Result<(Self, Address)> {
+    /// Listens, and says where: with the port that the system chose, if port 0 was asked for. A TCP port
+    /// needs a key, unless only programs on this machine reach it.
+    pub(super) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
         match address {
             Address::Unix(path) => Ok((Self::Unix(listen_unix(path)?, path.clone()), address.clone())),
             Address::Tcp(host) => {
-                let listener = TcpListener::bind(host).map_err(|error| {
+                let fail = |error: io::Error| {
                     io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"))
-                })?;
+                };
+                let hosts: Vec<SocketAddr> = host.to_socket_addrs().map_err(fail)?.collect();
+                if key.is_none() && !hosts.iter().all(|host| is_loopback(host.ip())) {
+                    return Err(io::Error::new(
+                        io::ErrorKind::InvalidInput,
+                        format!(
+                            "cannot listen at {address} without a key: everybody who reaches this machine \
+                             could command the board. Make a key with `tesaki key FILE` and give it with \
+                             --key FILE (or TESAKI_KEY), here and to the clients; or listen where only this \
+                             machine gets in, at tcp://localhost:7400 or unix:///run/hand.sock"
+                        ),
+                    ));
+                }
+                let listener = TcpListener::bind(&hosts[..]).map_err(fail)?;
                 listener.set_nonblocking(true)?;
                 let bound = Address::Tcp(listener.local_addr()?.to_string());
-                Ok((Self::Tcp(listener), bound))
+                Ok((Self::Tcp(listener, key.cloned()), bound))
             }
             Address::Auto | Address::Path(_) => Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
@@ -41,26 +58,34 @@ impl Listener {
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
         match self {
             Self::Unix(listener, _) => listener.as_fd(),
-            Self::Tcp(listener) => listener.as_fd(),
+            Self::Tcp(listener, _) => listener.as_fd(),
         }
     }
 
-    /// The next client, as a non-blocking file.
-    pub(super) fn accept(&self) -> io::Result<File> {
+    /// The next client, which gets this number.
+    pub(super) fn accept(&self, id: u64) -> io::Result<Client> {
         match self {
-            Self::Unix(listener, _) => {
+            Self::Unix(listener, path) => {
                 let (socket, _) = listener.accept()?;
                 socket.set_nonblocking(true)?;
-                Ok(OwnedFd::from(socket).into())
+                let name = format!("unix://{}", path.display());
+                Ok(Client::new(id, name, OwnedFd::from(socket).into(), None))
             }
-            Self::Tcp(listener) => {
-                let (socket, _) = listener.accept()?;
+            Self::Tcp(listener, key) => {
+                let (socket, peer) = listener.accept()?;
                 socket.set_nonblocking(true)?;
                 socket.set_nodelay(true)?;
-                Ok(OwnedFd::from(socket).into())
+                let encryption = key.clone().map(Channel::listening);
+                Ok(Client::new(id, peer.to_string(), OwnedFd::from(socket).into(), encryption))
             }
         }
     }
+}
+
+/// Whether only this machine reaches an address.
+fn is_loopback(host: IpAddr) -> bool {
+    // An IPv4 address may be written as an IPv6 one.
+    host.to_canonical().is_loopback()
 }
 
 impl Drop for Listener {

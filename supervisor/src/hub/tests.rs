@@ -1,11 +1,13 @@
 use std::fs;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::os::unix::net::UnixListener;
 use std::thread;
 
 use super::*;
 use crate::port::{Port, open, tests::folder};
+
+mod network;
 
 fn within(milliseconds: u64) -> Instant {
     Instant::now() + Duration::from_millis(milliseconds)
@@ -15,7 +17,7 @@ fn within(milliseconds: u64) -> Instant {
 fn hub(name: &str) -> (Hub, PathBuf) {
     let folder = folder(name);
     fs::create_dir_all(&folder).unwrap();
-    (Hub::listen(&Address::Unix(folder.join("hub.sock"))).unwrap(), folder)
+    (Hub::listen(&Address::Unix(folder.join("hub.sock")), None).unwrap(), folder)
 }
 
 fn received(link: &mut impl ByteLink, length: usize) -> Vec<u8> {
@@ -34,8 +36,9 @@ fn received(link: &mut impl ByteLink, length: usize) -> Vec<u8> {
 fn two_clients_and_a_terminal_share_the_board() {
     let (mut hub, folder) = hub("hub-share");
     let pty = hub.add_pty().unwrap();
-    let mut clients: Vec<Port> =
-        [hub.address(), hub.address(), &Address::Path(pty)].map(|address| open(address).unwrap()).into();
+    let mut clients: Vec<Port> = [hub.address(), hub.address(), &Address::Path(pty)]
+        .map(|address| open(address, None).unwrap())
+        .into();
     // Pieces of different clients come whole, each frame by itself.
     clients[0].send(&[1, 1]).unwrap();
     clients[1].send(&[2, 2, 0]).unwrap();
@@ -73,7 +76,7 @@ fn a_terminal_survives_who_closes_it() {
     assert_eq!(received(&mut hub, 3), [1, 10, 0]);
     let address = Address::Path(path);
     for round in 1..=3 {
-        let mut client = open(&address).unwrap();
+        let mut client = open(&address, None).unwrap();
         client.send(&[round, 0]).unwrap();
         assert_eq!(received(&mut hub, 2), [round, 0]);
         hub.broadcast(&[round, round, 0]);
@@ -88,8 +91,8 @@ fn a_terminal_survives_who_closes_it() {
 fn who_does_not_read_holds_up_nobody() {
     let (mut hub, folder) = hub("hub-slow");
     let pty = Address::Path(hub.add_pty().unwrap());
-    let mut reads = open(hub.address()).unwrap();
-    let mut sleeps = open(hub.address()).unwrap();
+    let mut reads = open(hub.address(), None).unwrap();
+    let mut sleeps = open(hub.address(), None).unwrap();
     let frame: Vec<u8> = [[5; 99].as_slice(), &[0]].concat();
     let start = Instant::now();
     for _ in 0..20_000 {
@@ -104,7 +107,7 @@ fn who_does_not_read_holds_up_nobody() {
     sleeps.send(&[1, 0]).unwrap();
     assert_eq!(received(&mut hub, 2), [1, 0]);
     assert_eq!(received(&mut sleeps, 100), frame);
-    let mut terminal = open(&pty).unwrap();
+    let mut terminal = open(&pty, None).unwrap();
     hub.broadcast(&[9, 0]);
     assert_eq!(received(&mut terminal, 2), [9, 0]);
     fs::remove_dir_all(folder).unwrap();
@@ -113,7 +116,7 @@ fn who_does_not_read_holds_up_nobody() {
 #[test]
 fn the_last_word_of_a_client_that_left_is_heard() {
     let (mut hub, folder) = hub("hub-last");
-    let mut client = open(hub.address()).unwrap();
+    let mut client = open(hub.address(), None).unwrap();
     client.send(&[3, 0]).unwrap();
     drop(client);
     hub.broadcast(&[1, 0]);
@@ -126,7 +129,7 @@ fn the_last_word_of_a_client_that_left_is_heard() {
 
 #[test]
 fn overlong_frames_are_dropped_whole() {
-    let mut hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned())).unwrap();
+    let mut hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned()), None).unwrap();
     let Address::Tcp(host) = hub.address().clone() else { panic!() };
     let mut client = TcpStream::connect(host).unwrap();
     let longest = [[7; LONGEST_FRAME - 1].as_slice(), &[0]].concat();
@@ -143,16 +146,16 @@ fn overlong_frames_are_dropped_whole() {
 fn a_left_over_socket_is_replaced_and_a_used_one_is_not() {
     let (hub, folder) = hub("hub-socket");
     let address = hub.address().clone();
-    let error = Hub::listen(&address).unwrap_err();
+    let error = Hub::listen(&address, None).unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::AddrInUse);
     assert!(error.to_string().contains("another program listens there"), "{error}");
     drop(hub);
     drop(UnixListener::bind(folder.join("hub.sock")).unwrap()); // leaves its file
-    Hub::listen(&address).unwrap();
-    let error = Hub::listen(&Address::Auto).unwrap_err();
+    Hub::listen(&address, None).unwrap();
+    let error = Hub::listen(&Address::Auto, None).unwrap_err();
     assert!(error.to_string().contains("use a socket"), "{error}");
     fs::write(folder.join("file"), "precious").unwrap();
-    Hub::listen(&Address::Unix(folder.join("file"))).unwrap_err();
+    Hub::listen(&Address::Unix(folder.join("file")), None).unwrap_err();
     assert_eq!(fs::read(folder.join("file")).unwrap(), b"precious");
     fs::remove_dir_all(folder).unwrap();
 }
@@ -161,8 +164,8 @@ fn a_left_over_socket_is_replaced_and_a_used_one_is_not() {
 fn a_board_behind_a_link_is_pumped() {
     let (mut hub, folder) = hub("hub-pump");
     let (mut board_side, below) = self::hub("hub-pump-board");
-    let mut board = open(board_side.address()).unwrap();
-    let mut client = open(hub.address()).unwrap();
+    let mut board = open(board_side.address(), None).unwrap();
+    let mut client = open(hub.address(), None).unwrap();
     let pump = thread::spawn(move || {
         hub.pump(&mut board, Duration::from_millis(1), within(300)).unwrap();
         hub
@@ -173,7 +176,7 @@ fn a_board_behind_a_link_is_pumped() {
     assert_eq!(received(&mut client, 3), [6, 6, 0]);
     let mut hub = pump.join().unwrap();
     // A board that is gone ends it.
-    let mut board = open(board_side.address()).unwrap();
+    let mut board = open(board_side.address(), None).unwrap();
     drop(board_side);
     hub.pump(&mut board, Duration::from_millis(1), within(500)).unwrap_err();
     fs::remove_dir_all(folder).unwrap();

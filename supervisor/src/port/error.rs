@@ -68,6 +68,30 @@ pub enum PortError {
         /// All of them.
         found: Vec<Found>,
     },
+    /// A TCP port that is encrypted, opened without a key.
+    #[error(
+        "{address} is encrypted: copy the key file of the program that shares the board, and give it with \
+         --key FILE (or TESAKI_KEY)"
+    )]
+    KeyNeeded {
+        /// The requested address.
+        address: Address,
+    },
+    /// A key for a TCP port that is not encrypted.
+    #[error(
+        "{address} is not encrypted, or does not answer: share the board there with the same --key, or leave \
+         --key out (and unset TESAKI_KEY)"
+    )]
+    NotEncrypted {
+        /// The requested address.
+        address: Address,
+    },
+    /// Another key than that of the other end.
+    #[error("{address} refused the key: give both ends the same key file with --key FILE (or TESAKI_KEY)")]
+    KeyRefused {
+        /// The requested address.
+        address: Address,
+    },
     /// Anything else.
     #[error("cannot open {address}: {source}")]
     Other {
@@ -82,7 +106,10 @@ impl From<PortError> for io::Error {
     fn from(error: PortError) -> Self {
         let kind = match &error {
             PortError::DoesNotExist { .. } | PortError::NoDevice { .. } => io::ErrorKind::NotFound,
-            PortError::Permission { .. } => io::ErrorKind::PermissionDenied,
+            PortError::Permission { .. }
+            | PortError::KeyNeeded { .. }
+            | PortError::NotEncrypted { .. }
+            | PortError::KeyRefused { .. } => io::ErrorKind::PermissionDenied,
             PortError::Busy { .. } => io::ErrorKind::ResourceBusy,
             PortError::NotSerial { .. } | PortError::Several { .. } => io::ErrorKind::InvalidInput,
             PortError::Refused { .. } => io::ErrorKind::ConnectionRefused,

@@ -1,13 +1,15 @@
+use std::collections::VecDeque;
 use std::fs::File;
-use std::io;
+use std::io::{self, Read as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use super::channel::{Channel, Failed, GREETING};
 use super::serial::{busy, group, open_serial};
-use super::{Address, Found, PortError, list, stream};
+use super::{Address, Found, Key, PortError, list, stream};
 use crate::ByteLink;
 
 /// For so long a peer may take no bytes before a send is given up: many times what the longest frame needs.
@@ -20,9 +22,26 @@ const CONNECT_LIMIT: Duration = Duration::from_secs(2);
 pub struct Port {
     file: File,
     address: Address,
+    encryption: Option<Encryption>,
+    /// Whether nothing was received yet.
+    fresh: bool,
+}
+
+/// The encryption of a port.
+#[derive(Debug)]
+struct Encryption {
+    channel: Channel,
+    /// Encrypted bytes that the peer has not taken yet: it must get all of them.
+    out: VecDeque<u8>,
+    /// Decrypted bytes that nobody has received yet.
+    content: VecDeque<u8>,
 }
 
 impl Port {
+    const fn new(file: File, address: Address) -> Self {
+        Self { file, address, encryption: None, fresh: true }
+    }
+
     /// What was opened; never [`Address::Auto`].
     pub const fn address(&self) -> &Address {
         &self.address
@@ -30,38 +49,83 @@ impl Port {
 }
 
 impl ByteLink for Port {
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        stream::write_until(&self.file, bytes, Instant::now() + SEND_LIMIT)
+    fn send(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+        let deadline = Instant::now() + SEND_LIMIT;
+        let Some(Encryption { channel, out, .. }) = &mut self.encryption else {
+            return stream::write_until(&self.file, &mut bytes, deadline);
+        };
+        // What is left of the last one goes first, and a message is not begun before.
+        for content in [None, Some(bytes)] {
+            if let Some(content) = content {
+                channel.seal(content, out)?;
+            }
+            let mut rest = &*out.make_contiguous();
+            let sent = stream::write_until(&self.file, &mut rest, deadline);
+            let rest = rest.len();
+            out.drain(..out.len() - rest);
+            sent?;
+        }
+        Ok(())
     }
 
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
-        stream::read_until(&self.file, buffer, deadline)
+        let Some(Encryption { channel, content, .. }) = &mut self.encryption else {
+            let length = stream::read_until(&self.file, buffer, deadline)?;
+            let begins = |bytes: &[u8]| bytes.len() >= 8 && GREETING.starts_with(bytes);
+            if length > 0
+                && std::mem::take(&mut self.fresh)
+                && begins(buffer.get(..length.min(GREETING.len())).unwrap_or_default())
+            {
+                return Err(PortError::KeyNeeded { address: self.address.clone() }.into());
+            }
+            return Ok(length);
+        };
+        while content.is_empty() {
+            let mut received = [0; 4096];
+            let length = stream::read_until(&self.file, &mut received, deadline)?;
+            if length == 0 {
+                return Ok(0);
+            }
+            channel.open(received.get(..length).unwrap_or_default(), &mut VecDeque::new(), content)?;
+        }
+        content.read(buffer)
     }
 }
 
-/// Opens the link to a board.
+/// Opens the link to a board. With a `key`, a TCP connection is encrypted.
 ///
 /// # Errors
 /// See [`PortError`], whose texts say what to do.
-pub fn open(address: &Address) -> Result<Port, PortError> {
-    open_within(address, CONNECT_LIMIT)
+pub fn open(address: &Address, key: Option<&Key>) -> Result<Port, PortError> {
+    open_within(address, key, CONNECT_LIMIT)
 }
 
 /// Opens, but gives up a TCP connection after `limit`. (The look-up of a host's name may still take longer.)
-pub(super) fn open_within(address: &Address, limit: Duration) -> Result<Port, PortError> {
+pub(super) fn open_within(address: &Address, key: Option<&Key>, limit: Duration) -> Result<Port, PortError> {
     let address = match address {
         Address::Auto => choose(list())?,
         address => address.clone(),
     };
+    let deadline = Instant::now() + limit;
     let opened = match &address {
         Address::Auto => Err(io::ErrorKind::Unsupported.into()), // cannot be: nobody announces it
-        Address::Path(path) => return open_serial(path).map(|file| Port { file, address }),
+        Address::Path(path) => return open_serial(path).map(|file| Port::new(file, address)),
         Address::Unix(path) => connect_unix(path),
         Address::Tcp(host) => connect_tcp(host, limit),
     };
-    match opened {
-        Ok(file) => Ok(Port { file, address }),
-        Err(error) => Err(explain(address, error)),
+    let file = match opened {
+        Ok(file) => file,
+        Err(error) => return Err(explain(address, error)),
+    };
+    let (Address::Tcp(_), Some(key)) = (&address, key) else { return Ok(Port::new(file, address)) };
+    match Channel::connect(&file, key, deadline) {
+        Ok(channel) => {
+            let encryption = Encryption { channel, out: VecDeque::new(), content: VecDeque::new() };
+            Ok(Port { encryption: Some(encryption), ..Port::new(file, address) })
+        }
+        Err(Failed::NoGreeting) => Err(PortError::NotEncrypted { address }),
+        Err(Failed::Refused) => Err(PortError::KeyRefused { address }),
+        Err(Failed::Link(error)) => Err(explain(address, error)),
     }
 }
 
@@ -122,7 +186,7 @@ mod tests {
     use super::*;
     use crate::port::tests::{Pty, folder};
     use std::fs;
-    use std::io::{Read as _, Write as _};
+    use std::io::Write as _;
     use std::net::TcpListener;
     use std::os::unix::net::UnixListener;
 
@@ -137,7 +201,7 @@ mod tests {
     #[test]
     fn a_terminal_carries_every_byte_both_ways_and_is_locked() {
         let mut pty = Pty::new();
-        let mut port = open(&path(&pty.path)).unwrap();
+        let mut port = open(&path(&pty.path), None).unwrap();
         let every: Vec<u8> = (0..=255).collect();
         port.send(&every).unwrap();
         let mut buffer = [0; 256];
@@ -153,17 +217,17 @@ mod tests {
         assert_eq!(received, every);
         assert_eq!(port.receive(&mut buffer, soon()).unwrap(), 0);
 
-        let error = open(&path(&pty.path)).unwrap_err();
+        let error = open(&path(&pty.path), None).unwrap_err();
         let PortError::Busy { pid, .. } = &error else { panic!("{error}") };
         assert_eq!(*pid, Some(std::process::id()), "{error}");
         drop(port);
-        open(&path(&pty.path)).unwrap();
+        open(&path(&pty.path), None).unwrap();
     }
 
     #[test]
     fn a_terminal_that_goes_away_is_an_error_not_silence() {
         let pty = Pty::new();
-        let mut port = open(&path(&pty.path)).unwrap();
+        let mut port = open(&path(&pty.path), None).unwrap();
         drop(pty);
         assert!(port.receive(&mut [0; 8], soon()).is_err());
         assert!(port.send(&[1, 0]).is_err());
@@ -172,7 +236,7 @@ mod tests {
     #[test]
     fn a_socket_that_is_closed_is_an_error_after_its_last_bytes() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let mut port = open(&Address::Tcp(listener.local_addr().unwrap().to_string())).unwrap();
+        let mut port = open(&Address::Tcp(listener.local_addr().unwrap().to_string()), None).unwrap();
         let (mut peer, _) = listener.accept().unwrap();
         peer.write_all(&[5, 0]).unwrap();
         drop(peer);
@@ -187,24 +251,24 @@ mod tests {
         let folder = folder("failures");
         fs::create_dir_all(&folder).unwrap();
         let socket = folder.join("x.sock");
-        let error = open(&path("/dev/ttyNONE9")).unwrap_err();
+        let error = open(&path("/dev/ttyNONE9"), None).unwrap_err();
         assert!(matches!(error, PortError::DoesNotExist { .. }), "{error}");
-        let error = open(&Address::Unix(socket.clone())).unwrap_err();
+        let error = open(&Address::Unix(socket.clone()), None).unwrap_err();
         assert!(matches!(error, PortError::DoesNotExist { .. }), "{error}");
         let listener = UnixListener::bind(&socket).unwrap();
-        let error = open(&path(&socket)).unwrap_err().to_string();
+        let error = open(&path(&socket), None).unwrap_err().to_string();
         assert!(error.contains("write unix:///"), "{error}");
         drop(listener); // leaves its file
-        let error = open(&Address::Unix(socket)).unwrap_err();
+        let error = open(&Address::Unix(socket), None).unwrap_err();
         assert!(matches!(error, PortError::Refused { .. }), "{error}");
         for other in [Path::new("/dev/null"), &folder] {
-            let error = open(&path(other)).unwrap_err();
+            let error = open(&path(other), None).unwrap_err();
             assert!(matches!(error, PortError::NotSerial { .. }), "{error}");
         }
         let denied = explain(path("/dev/null"), io::ErrorKind::PermissionDenied.into());
         assert!(matches!(&denied, PortError::Permission { group, .. } if group == "dialout"), "{denied}");
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-        let error = open(&Address::Tcp(port.to_string())).unwrap_err();
+        let error = open(&Address::Tcp(port.to_string()), None).unwrap_err();
         assert!(matches!(error, PortError::Refused { .. }), "{error}");
         fs::remove_dir_all(folder).unwrap();
     }

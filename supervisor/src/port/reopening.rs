@@ -3,7 +3,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::open::open_within;
-use super::{Address, Port, PortError, open};
+use super::{Address, Key, Port, PortError, open};
 use crate::ByteLink;
 
 /// How often a lost port is tried.
@@ -11,11 +11,13 @@ const RETRY: Duration = Duration::from_millis(100);
 
 /// A link that survives unplugging and plugging in again, or a simulator's restart.
 ///
-/// It never fails: while the port is away, nothing is received, and what is sent is lost and counted, as on a
-/// bad wire. [`Address::Auto`] is looked up anew each time, as an adapter may come back under another number.
+/// While the port is away, nothing is received, and what is sent is lost and counted, as on a bad wire. It
+/// fails only when the other end wants a key ([`PortError::KeyNeeded`]). [`Address::Auto`] is looked up anew
+/// each time, as an adapter may come back under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,
+    key: Option<Key>,
     port: Option<Port>,
     next_try: Instant,
     reopened: u32,
@@ -24,18 +26,18 @@ pub struct Reopening {
 }
 
 impl Reopening {
-    /// A link to `address`, which is opened when something is first received.
-    pub fn new(address: Address) -> Self {
-        Self { address, port: None, next_try: Instant::now(), reopened: 0, lost: 0, error: None }
+    /// A link to `address`, which is opened when something is first received; see [`open`] for `key`.
+    pub fn new(address: Address, key: Option<Key>) -> Self {
+        Self { address, key, port: None, next_try: Instant::now(), reopened: 0, lost: 0, error: None }
     }
 
     /// A link to `address`, which must be there now.
     ///
     /// # Errors
     /// When it is not.
-    pub fn open(address: Address) -> Result<Self, PortError> {
-        let port = open(&address)?;
-        Ok(Self { port: Some(port), ..Self::new(address) })
+    pub fn open(address: Address, key: Option<Key>) -> Result<Self, PortError> {
+        let port = open(&address, key.as_ref())?;
+        Ok(Self { port: Some(port), ..Self::new(address, key) })
     }
 
     /// How often the port was opened again, or late.
@@ -71,7 +73,7 @@ impl Reopening {
 
     fn reopen(&mut self, deadline: Instant) {
         let now = Instant::now();
-        match open_within(&self.address, deadline.saturating_duration_since(now)) {
+        match open_within(&self.address, self.key.as_ref(), deadline.saturating_duration_since(now)) {
             Ok(port) => {
                 self.port = Some(port);
                 self.error = None;
@@ -101,6 +103,7 @@ impl ByteLink for Reopening {
             if let Some(port) = &mut self.port {
                 match port.receive(buffer, deadline) {
                     Ok(length) => return Ok(length),
+                    Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return Err(error),
                     Err(_) => self.close(),
                 }
             } else if self.next_try <= Instant::now() {
@@ -135,7 +138,7 @@ mod tests {
         fs::create_dir_all(&folder).unwrap();
         let path = folder.join("x.sock");
         let listener = UnixListener::bind(&path).unwrap();
-        let mut link = Reopening::open(Address::Unix(path.clone())).unwrap();
+        let mut link = Reopening::open(Address::Unix(path.clone()), None).unwrap();
         let (mut peer, _) = listener.accept().unwrap();
         peer.write_all(&[1]).unwrap();
         let mut buffer = [0; 8];
@@ -175,9 +178,9 @@ mod tests {
 
     #[test]
     fn what_is_not_there_at_all_is_told_at_once() {
-        let error = Reopening::open(Address::Path("/dev/ttyNONE9".into())).unwrap_err();
+        let error = Reopening::open(Address::Path("/dev/ttyNONE9".into()), None).unwrap_err();
         assert!(matches!(error, PortError::DoesNotExist { .. }));
-        let mut link = Reopening::new(Address::Path("/dev/ttyNONE9".into()));
+        let mut link = Reopening::new(Address::Path("/dev/ttyNONE9".into()), None);
         assert_eq!(link.receive(&mut [0; 8], within(10)).unwrap(), 0);
     }
 }

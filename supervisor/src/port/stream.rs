@@ -73,10 +73,22 @@ pub(crate) fn read_until(file: &File, buffer: &mut [u8], deadline: Instant) -> i
     }
 }
 
-/// Writes everything, or what goes until `deadline`.
-pub(crate) fn write_until(file: &File, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
+/// Fills the buffer, or fails at `deadline`.
+pub(crate) fn read_exact_until(file: &File, mut buffer: &mut [u8], deadline: Instant) -> io::Result<()> {
+    while !buffer.is_empty() {
+        let length = read_until(file, buffer, deadline)?;
+        if length == 0 {
+            return Err(io::Error::new(io::ErrorKind::TimedOut, "the other end does not answer"));
+        }
+        buffer = buffer.get_mut(length..).unwrap_or_default();
+    }
+    Ok(())
+}
+
+/// Writes everything, or what goes until `deadline`; leaves the rest in `bytes`.
+pub(crate) fn write_until(file: &File, bytes: &mut &[u8], deadline: Instant) -> io::Result<()> {
     loop {
-        bytes = bytes.get(write(file, bytes)?..).unwrap_or_default();
+        *bytes = bytes.get(write(file, bytes)?..).unwrap_or_default();
         if bytes.is_empty() {
             return Ok(());
         }

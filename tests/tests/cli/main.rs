@@ -11,5 +11,6 @@ mod faults;
 mod grasping;
 mod init;
 mod moving;
+mod network;
 mod recording;
 mod server;

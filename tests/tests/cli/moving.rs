@@ -89,11 +89,16 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
 #[test]
 fn other_programs_leave_the_rate_that_one_needs() {
     let server = Server::ready();
-    let port = tesaki_supervisor::port::open(&server.address).unwrap();
-    let mut watcher = LinkBoard::new(port, Duration::from_secs(2));
-    watcher.hello().unwrap();
+    let [mut watcher, mut other] = [(); 2].map(|()| {
+        let port = tesaki_supervisor::port::open(&server.address, None).unwrap();
+        let mut board = LinkBoard::new(port, Duration::from_secs(2));
+        board.hello().unwrap();
+        board
+    });
     watcher.set_rate(Stream::Telemetry, 1).unwrap();
     watcher.set_rate(Stream::Tips, 1).unwrap();
+    other.set_rate(Stream::Telemetry, 0).unwrap();
+    other.set_rate(Stream::Tips, 50).unwrap();
     server.succeeds(&["move", "finger1_swing=0.05"]);
     server.succeeds(&["read"]);
     server.succeeds(&["doctor"]);

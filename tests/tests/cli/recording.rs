@@ -32,25 +32,27 @@ fn a_recording_continues_after_a_reset_of_the_board() {
 }
 
 #[test]
-fn a_recorder_goes_on_when_another_one_ends() {
+fn recorders_do_not_disturb_each_other() {
     let server = Server::ready();
-    let name = server.folder.path().join("long");
-    let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
-    // Their exports must not overlap.
-    std::thread::sleep(Duration::from_millis(500));
-    let short = server.folder.path().join("short");
-    server.succeeds(&["record", short.to_str().unwrap(), "--duration", "0.5"]);
-    server.succeeds(&["replay", short.with_extension("log").to_str().unwrap()]);
-    std::thread::sleep(Duration::from_millis(500));
+    let path = |name: &str| server.folder.path().join(name).to_str().unwrap().to_owned();
+    let names = ["one", "two", "short"].map(path);
+    // All at once: they read model and state at the same time.
+    let long = [&names[0], &names[1]].map(|name| server.start_command(&["record", name]));
+    server.succeeds(&["record", &names[2], "--duration", "0.5"]);
     server.succeeds(&["move", "finger1_swing=0.2"]);
-    signal(&recorder, nix::sys::signal::Signal::SIGINT);
-    assert!(recorder.wait().unwrap().success());
-    let log = name.with_extension("log");
-    let records = decode(&std::fs::read(&log).unwrap());
-    let enabled = |record: &&LogRecord| matches!(record, LogRecord::Actuators(frame) if frame.enabled);
-    assert!(records.iter().filter(enabled).count() > 50, "the move is missing");
-    // What was lost until the log was asked for again is known.
-    assert_eq!(server.json(&["replay", log.to_str().unwrap()])["gaps"], 1);
+    for mut recorder in long {
+        signal(&recorder, nix::sys::signal::Signal::SIGINT);
+        assert!(recorder.wait().unwrap().success());
+    }
+    for name in &names {
+        let log = format!("{name}.log");
+        // The end of one has not stopped the log of the others.
+        assert_eq!(server.json(&["replay", &log])["gaps"], 0, "{name}");
+        let records = decode(&std::fs::read(&log).unwrap());
+        let enabled = |record: &&LogRecord| matches!(record, LogRecord::Actuators(frame) if frame.enabled);
+        let moved = records.iter().filter(enabled).count() > 50;
+        assert_eq!(moved, *name != names[2], "{name}");
+    }
 }
 
 pub fn decode(bytes: &[u8]) -> Vec<LogRecord> {

@@ -81,7 +81,7 @@ impl Server {
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let values = PlantValues::load(folder_of_robot).unwrap();
         let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
-        let mut hub = Hub::listen(&Address::Unix(folder.path().join("board"))).unwrap();
+        let mut hub = Hub::listen(&Address::Unix(folder.path().join("board")), None).unwrap();
         let address = hub.address().clone();
         let terminal = hub.add_pty().unwrap();
         let home = home_command(&plant, &robot.model).unwrap_or_default();

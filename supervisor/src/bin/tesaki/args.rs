@@ -55,6 +55,9 @@ pub struct Options {
     /// Where the board is: auto, a serial port such as /dev/ttyUSB0, unix://PATH or tcp://HOST:PORT
     #[arg(long, short, global = true, env = "TESAKI_PORT", default_value = "auto")]
     pub port: Address,
+    /// Key file for tcp://HOST:PORT, the same as at the other end; `tesaki key FILE` makes one
+    #[arg(long, global = true, env = "TESAKI_KEY", value_name = "FILE")]
+    pub key: Option<PathBuf>,
     /// Time to wait for an answer [s]
     #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds)]
     pub timeout: Duration,
@@ -159,8 +162,16 @@ pub enum Command {
     /// Share a board between several programs: one commands, the others watch
     #[command(after_help = examples::SHARE)]
     Share {
-        /// Address for the other programs: unix://PATH or tcp://HOST:PORT
+        /// Address for the other programs: unix://PATH or tcp://HOST:PORT. One that other machines reach
+        /// needs a --key, which encrypts the connections: all who have it may command the board
+        #[arg(default_value = "tcp://localhost:7400")]
         listen: Address,
+    },
+    /// Make a key file for --key, and so for boards that are shared with other machines; needs no board
+    #[command(after_help = examples::KEY)]
+    Key {
+        /// The new file
+        file: PathBuf,
     },
     /// Print shell completions
     #[command(after_help = examples::COMPLETIONS)]

@@ -1,20 +1,18 @@
-//! The short commands: list, info, disable, stop, faults, share.
+//! The short commands: list, info, disable, stop, faults.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::fault::Fault;
 use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki_supervisor::Board;
-use tesaki_supervisor::hub::Hub;
-use tesaki_supervisor::port::{self, Address, Reopening};
+use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, describe, hex, interrupted, version};
+use crate::board_session::{BoardSession, describe, hex, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -167,20 +165,4 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         }
         text
     })
-}
-
-pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
-    let interrupted = interrupted()?;
-    let mut board = Reopening::open(options.port.clone())?;
-    let mut hub = Hub::listen(listen).map_err(Failure::file(listen.to_string()))?;
-    let port = board.port().map_or_else(String::new, |port| port.address().to_string());
-    output::notice(
-        options,
-        &format!("sharing {port} at {}: connect with `--port {0}`; Ctrl-C stops sharing", hub.address()),
-    );
-    while !interrupted.load(std::sync::atomic::Ordering::Relaxed) {
-        hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
-            .map_err(Failure::file(port.clone()))?;
-    }
-    Ok(())
 }

@@ -11,7 +11,7 @@ use tesaki::protocol::{
     Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
-use tesaki_supervisor::port::Reopening;
+use tesaki_supervisor::port::{Key, Reopening};
 use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
@@ -23,9 +23,6 @@ pub type BoardLink = FaultyLink<Reopening>;
 
 /// [`tesaki::protocol::LEASE`] as a duration.
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
-
-/// A control period.
-const TICK: Duration = Duration::from_millis(10);
 
 /// A board that has answered the greeting.
 pub struct BoardSession {
@@ -150,25 +147,13 @@ impl BoardSession {
         )))
     }
 
-    /// Makes `stream` come at least every `every` ticks. All clients share its rate, and another one may need
-    /// a higher one: it is set only if it is lower.
-    pub fn require_rate(&mut self, stream: Stream, every: u16) -> Result<(), Failure> {
-        Ok(require_rate(&mut self.board, stream, every)?)
-    }
-
-    /// The current tips; leaves the stream at a rate that other programs can use.
+    /// The current tips.
     pub fn tips(&mut self) -> Result<Tips, Failure> {
-        const EVERY: u16 = 10;
+        self.board.set_rate(Stream::Tips, 10)?;
         let deadline = Instant::now() + Duration::from_secs(1);
-        let mut soon = Instant::now() + u32::from(EVERY) * TICK;
-        while Instant::now() < deadline {
-            match self.board.next_event(soon)? {
-                Some(FromBoard::Tips(tips)) => return Ok(tips),
-                Some(_) => {}
-                None => {
-                    self.board.set_rate(Stream::Tips, EVERY)?;
-                    soon = deadline;
-                }
+        while let Some(event) = self.board.next_event(deadline)? {
+            if let FromBoard::Tips(tips) = event {
+                return Ok(tips);
             }
         }
         Err(Failure::Late(
@@ -177,9 +162,9 @@ impl BoardSession {
         ))
     }
 
-    /// The current telemetry; leaves the stream at the rate of a monitor or higher.
+    /// The current telemetry, which goes on.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
-        self.require_rate(Stream::Telemetry, 2)?;
+        self.board.set_rate(Stream::Telemetry, 2)?;
         self.telemetry(Duration::from_secs(1))
     }
 
@@ -187,29 +172,6 @@ impl BoardSession {
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
-}
-
-/// See [`BoardSession::require_rate`].
-pub fn require_rate(board: &mut LinkBoard<BoardLink>, stream: Stream, every: u16) -> Result<(), BoardError> {
-    // Time for two messages, and for some delay.
-    let deadline = Instant::now() + (2 * u32::from(every) + 2) * TICK;
-    let mut last = None;
-    while Instant::now() < deadline
-        && let Some(event) = board.next_event(deadline)?
-    {
-        let tick = match (stream, event) {
-            (Stream::Telemetry, FromBoard::Telemetry(telemetry)) => telemetry.tick,
-            (Stream::Tips, FromBoard::Tips(tips)) => tips.tick,
-            (Stream::Status, FromBoard::Status(status)) => status.node.tick,
-            (Stream::Task, FromBoard::Task(report)) => report.tick,
-            _ => continue,
-        };
-        let step = last.replace(tick).map(|last: u32| tick.wrapping_sub(last));
-        if step.is_some_and(|step| (1..=u32::from(every)).contains(&step)) {
-            return Ok(());
-        }
-    }
-    board.set_rate(stream, every)
 }
 
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
@@ -221,10 +183,15 @@ pub fn refused(reply: &Reply) -> Result<(), Failure> {
     }
 }
 
+/// The key for TCP ports, if there is one.
+pub fn read_key(options: &Options) -> Result<Option<Key>, Failure> {
+    options.key.as_deref().map(|path| Key::read(path).map_err(Failure::file(path))).transpose()
+}
+
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
-    let link = FaultyLink::new(Reopening::open(options.port.clone())?, faults);
+    let link = FaultyLink::new(Reopening::open(options.port.clone(), read_key(options)?)?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
 

@@ -15,7 +15,7 @@ use tesaki_supervisor::port::{self, Address};
 use tesaki_supervisor::{Board, BoardError, LinkBoard, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardLink, dial, port_address, require_rate, version};
+use crate::board_session::{BoardLink, dial, port_address, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
@@ -252,30 +252,19 @@ fn check_board(
 
 /// Whether the emergency stop is pressed; `None` without sensor readings. Only the log shows it.
 fn emergency_stop(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
-    // During a recording the entries come by themselves, and must go on.
-    if let pressed @ Some(_) = logged_emergency_stop(board, Duration::from_millis(50))? {
-        return Ok(pressed);
-    }
     board.set_rate(Stream::Log, 1)?;
-    let pressed = logged_emergency_stop(board, Duration::from_millis(500));
-    board.set_rate(Stream::Log, 0)?;
-    pressed
-}
-
-fn logged_emergency_stop(
-    board: &mut LinkBoard<BoardLink>,
-    within: Duration,
-) -> Result<Option<bool>, Failure> {
-    let deadline = Instant::now() + within;
-    while let Some(event) = board.next_event(deadline)? {
+    let deadline = Instant::now() + Duration::from_millis(500);
+    let mut pressed = None;
+    while pressed.is_none()
+        && Instant::now() < deadline
+        && let Some(event) = board.next_event(deadline)?
+    {
         if let FromBoard::Log(LogEntry { record: LogRecord::Sensors(sensors), .. }) = event {
-            return Ok(Some(sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0));
-        }
-        if Instant::now() > deadline {
-            break;
+            pressed = Some(sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0);
         }
     }
-    Ok(None)
+    board.set_rate(Stream::Log, 0)?;
+    Ok(pressed)
 }
 
 fn check_round_trip(round_trip: Option<Duration>, doctor: &mut Doctor) {
@@ -355,7 +344,7 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) -> 
 }
 
 fn check_control(board: &mut LinkBoard<BoardLink>, doctor: &mut Doctor) -> Result<(), Failure> {
-    require_rate(board, Stream::Telemetry, 10)?;
+    board.set_rate(Stream::Telemetry, 10)?;
     let deadline = Instant::now() + Duration::from_millis(500);
     let mut alive = false;
     while !alive && let Some(event) = board.next_event(deadline)? {

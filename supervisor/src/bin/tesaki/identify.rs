@@ -57,7 +57,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         ),
     )?;
     let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
-    rates.iter().try_for_each(|&(stream, every)| session.require_rate(stream, every))?;
+    rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
     let mut machine = BoardMachine {
         session,

@@ -20,6 +20,7 @@ mod parameter;
 mod reach;
 mod recording;
 mod replay;
+mod share;
 mod watch;
 
 use std::process::ExitCode;
@@ -71,7 +72,8 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),
         Command::Replay { log } => replay::run(options, log),
-        Command::Share { listen } => board::share(options, listen),
+        Command::Share { listen } => share::share(options, listen),
+        Command::Key { file } => share::create_key(options, file),
         Command::Completions { shell } => args::completions(*shell),
     }
     .map(|()| ExitCode::SUCCESS)

@@ -24,7 +24,7 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 const ASK: Duration = Duration::from_millis(50);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
-/// Without telemetry for this time, the stream is requested again: another program may have stopped it.
+/// Without telemetry for this time, the stream is requested again: the board may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that may be gone is told to disable.
 const LAST_WORD: Duration = Duration::from_millis(500);

@@ -27,7 +27,7 @@ use crate::output;
 const TICK: u64 = 10_000_000;
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
-/// Telemetry without entries of the log for this time: the log was stopped.
+/// Telemetry without entries of the log for this time: the board has forgotten that the log is wanted.
 const SILENCE: Duration = Duration::from_millis(300);
 /// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(30);
@@ -97,7 +97,7 @@ impl<'a> Recorder<'a> {
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
         // Before the log starts: what comes meanwhile is dropped.
-        session.require_rate(Stream::Telemetry, 1)?;
+        session.board.set_rate(Stream::Telemetry, 1)?;
         let mut log = ReplayLog::new(File::create(&log_path).map_err(Failure::file(&log_path))?);
         log.begin(session).map_err(log_failure(&log_path))?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
@@ -168,7 +168,7 @@ impl<'a> Recorder<'a> {
             output::notice(self.options, &text);
         }
         viewer.telemetry(telemetry, log.robot()).map_err(mcap_failure(mcap_path))?;
-        // All clients share the rate: a program of another kind may have lowered it.
+        // The board was reset, or what shares it has started again: others may have asked since.
         let last = self.last_tick.replace(telemetry.tick);
         let step = last.map_or(1, |last| telemetry.tick.wrapping_sub(last));
         let now = Instant::now();
@@ -176,7 +176,7 @@ impl<'a> Recorder<'a> {
             self.requested = now;
             session.board.set_rate(Stream::Telemetry, 1)?;
         }
-        // Another recorder that has ended may have stopped the log.
+        // The same, when others have asked for telemetry alone.
         if now - self.logged > SILENCE && now - self.requested > SILENCE {
             self.requested = now;
             session.board.set_rate(Stream::Log, 1)?;

@@ -51,13 +51,12 @@ pub fn run(options: &Options) -> Result<(), Failure> {
             Some(key) => selected = key.select(selected, watch.view.joints.len()),
         }
     }
-    // The streams go on: another program may need them.
     Ok(())
 }
 
 /// One JSON object per line, until the reader closes the output.
 fn stream(session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure> {
-    session.require_rate(Stream::Telemetry, EVERY)?;
+    session.board.set_rate(Stream::Telemetry, EVERY)?;
     let mut last = None::<u32>;
     loop {
         match session.telemetry(Duration::from_secs(1)) {
@@ -110,9 +109,7 @@ impl Watch {
             known_faults: None,
             entry: troubleshooting::DOCUMENT.to_owned(),
         };
-        session.require_rate(Stream::Telemetry, EVERY)?;
-        // Rare: not worth waiting for two of them.
-        session.board.set_rate(Stream::Status, STATUS_EVERY)?;
+        STREAMS.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
         let status = session.board.status()?;
         watch.checksum = status.node.model_checksum;
         watch.status(&status);

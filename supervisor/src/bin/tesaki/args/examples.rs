@@ -86,8 +86,16 @@ Examples:
 
 pub const SHARE: &str = "\
 Examples:
+  tesaki --port /dev/ttyUSB0 share              # at tcp://localhost:7400, for programs on this machine
   tesaki --port /dev/ttyUSB0 share unix:///tmp/hand
-  tesaki --port unix:///tmp/hand monitor        # in another terminal";
+  tesaki --port unix:///tmp/hand monitor        # in another terminal
+  tesaki --key lab.key share tcp://0.0.0.0:7400 # for other machines that have lab.key
+  tesaki --key lab.key --port tcp://robot:7400 monitor   # on such a machine";
+
+pub const KEY: &str = "\
+Examples:
+  tesaki key lab.key                            # copy it to the other machines, and keep it secret
+  tesaki --key lab.key share tcp://0.0.0.0:7400";
 
 pub const IMPEDANCE: &str = "\
 Examples:

@@ -1,0 +1,58 @@
+//! `share` and `key`.
+
+use std::io;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use tesaki_supervisor::BoardError;
+use tesaki_supervisor::hub::Hub;
+use tesaki_supervisor::port::{Address, Key, Reopening};
+
+use crate::args::Options;
+use crate::board_session::{interrupted, read_key};
+use crate::failure::Failure;
+use crate::output;
+
+pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
+    let interrupted = interrupted()?;
+    let key = read_key(options)?;
+    let mut hub = Hub::listen(listen, key.as_ref()).map_err(|error| match error.kind() {
+        io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
+        _ => Failure::Other(error.to_string()),
+    })?;
+    let mut board = Reopening::open(options.port.clone(), key)?;
+    let port = board.port().map_or_else(String::new, |port| port.address().to_string());
+    let (who, option) = match (hub.address(), &options.key) {
+        (Address::Tcp(_), Some(path)) => ("whoever has this key", format!(" --key {}", path.display())),
+        _ => ("every program on this machine that reaches it", String::new()),
+    };
+    output::notice(
+        options,
+        &format!(
+            "sharing {port} at {0}: {who} may command the board. Connect with `--port {0}{option}`; \
+             Ctrl-C stops sharing",
+            hub.address()
+        ),
+    );
+    while !interrupted.load(Ordering::Relaxed) {
+        hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
+            .map_err(BoardError::Link)?;
+        for message in hub.messages() {
+            output::notice(options, &message);
+        }
+    }
+    Ok(())
+}
+
+pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
+    Key::create(file).map_err(Failure::file(file))?;
+    output::result(options, &json!({ "key": file }), || {
+        format!(
+            "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \
+             both ends: whoever has it may command the board",
+            file.display()
+        )
+    })
+}

@@ -1,0 +1,301 @@
+use std::collections::{BTreeMap, VecDeque};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
+use tesaki::protocol::{
+    EXPORT_CHUNK, FromBoard, Item, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY, Stream,
+};
+
+/// A request of the hub is sent again when it is not answered for this time.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// So often a request is sent before it is given up.
+const MAX_SENDINGS: u32 = 20;
+/// So often an export is begun, when its pieces do not match their checksum.
+const MAX_EXPORTS: u32 = 3;
+
+/// Shares out what a board has only once: the rate of each stream, and the copy of an export.
+///
+/// The board sends each stream at the highest rate that a connection wants. An export is read by the hub, one
+/// after the other, and each connection then reads a copy of its own. All other frames pass unchanged.
+#[derive(Debug)]
+pub(super) struct Arbiter {
+    connections: BTreeMap<u64, Connection>,
+    /// The hub's own requests, of which the first was sent.
+    tasks: VecDeque<Task>,
+    client: u32,
+    sequence: u16,
+    /// When the request was sent last, and how often.
+    sent: Option<(Instant, u32)>,
+    /// The board has forgotten the hub, which greets it first.
+    greets: bool,
+    decoder: Decoder,
+    /// Frames for single connections.
+    answers: Vec<(u64, Vec<u8>)>,
+}
+
+/// What a connection wants of the board.
+#[derive(Debug, Default)]
+struct Connection {
+    /// Periods of the streams [ticks].
+    rates: [u16; Stream::ALL.len()],
+    copy: Option<Copy>,
+}
+
+/// An export as read from the board.
+#[derive(Clone, Debug)]
+struct Copy {
+    /// The request's client and sequence number.
+    request: (u32, u16),
+    /// The board's answer to the request.
+    exported: Box<Reply>,
+    tick: u32,
+    bytes: Vec<u8>,
+}
+
+/// Something that the hub asks of the board itself.
+#[derive(Debug)]
+enum Task {
+    /// Lowers the rate of a stream that nobody wants as high any more.
+    Rate(Stream),
+    /// Reads an export.
+    Export(Export),
+}
+
+/// An export for a connection.
+#[derive(Debug)]
+struct Export {
+    connection: u64,
+    /// The request's client and sequence number.
+    request: (u32, u16),
+    item: Item,
+    copy: Option<Copy>,
+    /// How often it was begun in vain.
+    failed: u32,
+}
+
+impl Task {
+    /// Whether it is an export for this connection.
+    fn is_for(&self, connection: u64) -> bool {
+        matches!(self, Self::Export(export) if export.connection == connection)
+    }
+}
+
+impl Copy {
+    /// Whether all pieces are there, and intact; `None` while some are missing.
+    fn is_intact(&self) -> Option<bool> {
+        let Reply::Exported { length, checksum: expected, .. } = *self.exported else { return Some(false) };
+        (self.bytes.len() >= length as usize).then(|| checksum(&self.bytes) == expected)
+    }
+
+    /// The answer to [`Request::ReadExport`].
+    fn chunk(&self, offset: u32) -> Reply {
+        let rest =
+            usize::try_from(offset).ok().and_then(|offset| self.bytes.get(offset..)).unwrap_or_default();
+        if rest.is_empty() {
+            let length = u32::try_from(self.bytes.len()).unwrap_or(u32::MAX);
+            return Reply::Refused(Refusal::NotExported { length });
+        }
+        Reply::Chunk { offset, data: rest.iter().copied().take(EXPORT_CHUNK).collect() }
+    }
+}
+
+fn decode<T: DeserializeOwned>(mut frame: &[u8]) -> Option<T> {
+    let mut decoder = Decoder::new();
+    if decoder.take(&mut frame) { decoder.message().ok() } else { None }
+}
+
+fn encoded<T: Serialize>(message: &T) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME];
+    // Cannot fail: the buffer has the length of the longest frame.
+    let length = encode(message, &mut frame).unwrap_or_default();
+    frame.get(..length).unwrap_or_default().to_vec()
+}
+
+impl Arbiter {
+    pub(super) fn new() -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
+        let client = RandomState::new().build_hasher().finish() as u32 | 1;
+        Self {
+            connections: BTreeMap::new(),
+            tasks: VecDeque::new(),
+            client,
+            sequence: 0,
+            sent: None,
+            greets: false,
+            decoder: Decoder::new(),
+            answers: Vec::new(),
+        }
+    }
+
+    /// Takes a frame of a connection, and appends to `board` what the board gets.
+    pub(super) fn request(&mut self, connection: u64, frame: &[u8], board: &mut VecDeque<u8>) {
+        let Some(mut request) = decode::<RequestFrame>(frame) else {
+            board.extend(frame);
+            return;
+        };
+        let own = self.connections.entry(connection).or_default();
+        let number = (request.client, request.sequence);
+        match request.request {
+            Request::SetRate { stream, every } => {
+                own.rates[stream as usize] = every;
+                request.request = Request::SetRate { stream, every: self.rate(stream) };
+                board.extend(encoded(&request));
+            }
+            Request::Export(item) => match &own.copy {
+                // Sent again, as the answer was late.
+                Some(Copy { request, exported, tick, .. }) if *request == number => {
+                    let (exported, tick) = (Reply::clone(exported), *tick);
+                    self.answer(connection, number, tick, exported);
+                }
+                _ => self.export(connection, number, item),
+            },
+            Request::ReadExport { offset } => {
+                let nothing = Reply::Refused(Refusal::NotExported { length: 0 });
+                let read = own.copy.as_ref().map(|copy| (copy.tick, copy.chunk(offset)));
+                let (tick, reply) = read.unwrap_or((0, nothing));
+                self.answer(connection, number, tick, reply);
+            }
+            _ => board.extend(frame),
+        }
+    }
+
+    /// A connection is gone, and with it what it wanted.
+    pub(super) fn left(&mut self, connection: u64) {
+        let Some(gone) = self.connections.remove(&connection) else { return };
+        self.cancel_export(connection);
+        for stream in Stream::ALL {
+            let (wanted, rate) = (gone.rates[stream as usize], self.rate(stream));
+            let queued = |task: &Task| matches!(task, Task::Rate(other) if *other == stream);
+            if wanted != 0 && (rate == 0 || rate > wanted) && !self.tasks.iter().any(queued) {
+                self.tasks.push_back(Task::Rate(stream));
+            }
+        }
+    }
+
+    /// Takes what the board sent.
+    pub(super) fn reply(&mut self, mut bytes: &[u8]) {
+        // Between exports there is nothing to find in it.
+        while self.sent.is_some() && self.decoder.take(&mut bytes) {
+            let Ok(FromBoard::Reply(frame)) = self.decoder.message() else { continue };
+            let ReplyFrame { client, sequence, tick, reply } = frame;
+            if (client, sequence) == (self.client, self.sequence) {
+                self.sent = None;
+                self.advance(tick, reply);
+            }
+        }
+    }
+
+    /// Sends the hub's next request, or the last one again if its answer is late.
+    pub(super) fn proceed(&mut self, now: Instant, board: &mut VecDeque<u8>) {
+        match self.sent {
+            Some((sent, _)) if now < sent + PATIENCE => return,
+            Some((_, MAX_SENDINGS)) => {
+                // Who waits for it gets no answer either.
+                self.tasks.pop_front();
+                self.sent = None;
+            }
+            _ => {}
+        }
+        let Some(task) = self.tasks.front() else { return };
+        let request = match task {
+            _ if self.greets => Request::Hello { schema: SCHEMA_KEY },
+            Task::Rate(stream) => Request::SetRate { stream: *stream, every: self.rate(*stream) },
+            Task::Export(Export { item, copy: None, .. }) => Request::Export(*item),
+            Task::Export(Export { copy: Some(copy), .. }) => {
+                Request::ReadExport { offset: u32::try_from(copy.bytes.len()).unwrap_or(u32::MAX) }
+            }
+        };
+        let sendings = self.sent.map_or(0, |(_, sendings)| sendings);
+        if sendings == 0 {
+            self.sequence = self.sequence.wrapping_add(1);
+            // It may hold half of a frame of long ago.
+            self.decoder = Decoder::new();
+        }
+        self.sent = Some((now, sendings + 1));
+        let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
+        board.extend(encoded(&frame));
+    }
+
+    /// Frames for single connections, since the last call.
+    pub(super) fn answers(&mut self) -> Vec<(u64, Vec<u8>)> {
+        std::mem::take(&mut self.answers)
+    }
+
+    /// The highest rate that is wanted, as a period [ticks].
+    fn rate(&self, stream: Stream) -> u16 {
+        let rates = self.connections.values().map(|connection| connection.rates[stream as usize]);
+        rates.filter(|&every| every != 0).min().unwrap_or(0)
+    }
+
+    /// A reply to one connection.
+    fn answer(&mut self, connection: u64, (client, sequence): (u32, u16), tick: u32, reply: Reply) {
+        let frame = FromBoard::Reply(ReplyFrame { client, sequence, tick, reply });
+        self.answers.push((connection, encoded(&frame)));
+    }
+
+    /// Queues an export, in place of one that the connection asked for before.
+    fn export(&mut self, connection: u64, request: (u32, u16), item: Item) {
+        let same = |task: &Task| matches!(task, Task::Export(export) if export.request == request);
+        if !self.tasks.iter().any(|task| task.is_for(connection) && same(task)) {
+            self.cancel_export(connection);
+            self.tasks.push_back(Task::Export(Export { connection, request, item, copy: None, failed: 0 }));
+        }
+    }
+
+    fn cancel_export(&mut self, connection: u64) {
+        if self.tasks.front().is_some_and(|task| task.is_for(connection)) {
+            self.sent = None;
+        }
+        self.tasks.retain(|task| !task.is_for(connection));
+    }
+
+    /// Takes the answer to the hub's request.
+    fn advance(&mut self, tick: u32, reply: Reply) {
+        match reply {
+            Reply::Hello { .. } => self.greets = false,
+            Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) => self.greets = true,
+            reply => {
+                if let Some(Task::Export(export)) = self.tasks.pop_front() {
+                    self.advance_export(export, tick, reply);
+                }
+            }
+        }
+    }
+
+    fn advance_export(&mut self, mut export: Export, tick: u32, reply: Reply) {
+        let Export { connection, request, ref mut copy, .. } = export;
+        match (&mut *copy, reply) {
+            (None, exported @ Reply::Exported { .. }) => {
+                *copy = Some(Copy { request, exported: Box::new(exported), tick, bytes: Vec::new() });
+            }
+            (Some(copy), Reply::Chunk { data, .. }) if !data.is_empty() => {
+                copy.bytes.extend_from_slice(&data)
+            }
+            (None, refused) => return self.answer(connection, request, tick, refused),
+            (Some(_), _) => *copy = None,
+        }
+        if let Some(copy) = copy.take_if(|copy| copy.is_intact().is_some())
+            && copy.is_intact() == Some(true)
+        {
+            let (exported, tick) = (Reply::clone(&copy.exported), copy.tick);
+            if let Some(own) = self.connections.get_mut(&connection) {
+                own.copy = Some(copy);
+                self.answer(connection, request, tick, exported);
+            }
+            return;
+        }
+        export.failed += u32::from(export.copy.is_none());
+        if export.failed < MAX_EXPORTS {
+            self.tasks.push_front(Task::Export(export));
+        } else {
+            self.answer(connection, request, tick, Reply::Refused(Refusal::NotExported { length: 0 }));
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests;

@@ -1,0 +1,102 @@
+//! Boards that are shared over TCP, and keys.
+
+use std::io::{BufRead as _, BufReader};
+use std::os::unix::fs::PermissionsExt as _;
+use std::process::Child;
+
+use super::server::{Server, finish, said, signal};
+
+/// A running `tesaki share`.
+struct Share {
+    child: Option<Child>,
+    /// What it said first.
+    said: String,
+    /// Where programs on this machine find it.
+    port: String,
+}
+
+impl Share {
+    fn start(server: &Server, arguments: &[&str]) -> Self {
+        let mut child = server.start_command(arguments);
+        let mut said = String::new();
+        let mut reader = BufReader::new(child.stderr.take().unwrap());
+        reader.read_line(&mut said).unwrap();
+        child.stderr = Some(reader.into_inner());
+        let number = said.split("--port tcp://").nth(1).unwrap_or_else(|| panic!("{said}"));
+        let number = number.split(|letter: char| "` ".contains(letter)).next().unwrap();
+        let number = number.rsplit_once(':').unwrap().1;
+        Self { child: Some(child), port: format!("tcp://localhost:{number}"), said }
+    }
+
+    /// Ends it; what it said since.
+    fn stop(mut self) -> String {
+        let child = self.child.take().unwrap();
+        signal(&child, nix::sys::signal::Signal::SIGINT);
+        let (code, text) = said(&finish(child));
+        assert_eq!(code, 0, "{text}");
+        text
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+        }
+    }
+}
+
+#[test]
+fn a_board_is_shared_with_other_machines_by_a_key_only() {
+    let server = Server::start();
+    for open in ["tcp://0.0.0.0:0", "tcp://[::]:0"] {
+        server.fails(
+            &["share", open],
+            2,
+            &[open, "without a key", "tesaki key FILE", "--key FILE", "TESAKI_KEY", "tcp://localhost"],
+        );
+    }
+    let path = |name: &str| server.folder.path().join(name).to_str().unwrap().to_owned();
+    let (key, wrong) = (path("lab.key"), path("wrong.key"));
+    assert!(server.succeeds(&["key", &key]).contains(&format!("--key {key}")));
+    server.succeeds(&["key", &wrong]);
+    server.fails(&["key", &key], 1, &[&key, "exists already"]);
+
+    let share = Share::start(&server, &["share", "tcp://0.0.0.0:0", "--key", &key]);
+    assert!(share.said.contains("whoever has this key may command the board"), "{}", share.said);
+    assert!(share.said.contains("tcp://0.0.0.0:") && share.said.contains(&key), "{}", share.said);
+    assert!(!share.said.contains(std::fs::read_to_string(&key).unwrap().trim()));
+    let port = &share.port;
+    server.succeeds(&["--port", port, "--key", &key, "info"]);
+    server.succeeds(&["--key", &wrong, "info"]); // a socket of this machine needs none
+    let output = server.command(&["--port", port, "info"]).env("TESAKI_KEY", &key).output().unwrap();
+    assert_eq!(said(&output).0, 0, "{output:?}");
+    server.fails(&["--port", port, "--key", &wrong, "info"], 3, &["refused the key", "the same key file"]);
+    server.fails(&["--port", port, "info"], 3, &["is encrypted", "--key FILE", "TESAKI_KEY"]);
+    server.fails(&["--port", port, "doctor"], 3, &["is encrypted"]);
+    server.fails(&["--port", port, "share", "tcp://127.0.0.1:0"], 3, &["is encrypted"]);
+
+    std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).unwrap();
+    server.fails(&["--port", port, "--key", &key, "info"], 1, &[&key, "chmod 600"]);
+    std::fs::write(&wrong, "secret").unwrap();
+    server.fails(&["--port", port, "--key", &wrong, "info"], 1, &[&wrong, "is too short", "64"]);
+    server.fails(&["--key", "/nowhere", "info"], 1, &["/nowhere", "no such key file"]);
+    server.fails(&["--key", "/tmp", "info"], 1, &["/tmp", "is not a file"]);
+
+    let heard = share.stop();
+    assert!(heard.contains("127.0.0.1:") || heard.contains("[::1]:"), "{heard}");
+    assert!(heard.contains("has another key") && heard.contains("has no key"), "{heard}");
+}
+
+#[test]
+fn this_machine_needs_no_key() {
+    let server = Server::start();
+    let share = Share::start(&server, &["share", "tcp://localhost:0"]);
+    assert!(share.said.contains("every program on this machine"), "{}", share.said);
+    server.succeeds(&["--port", &share.port, "info"]);
+    let key = server.folder.path().join("key");
+    let key = key.to_str().unwrap();
+    server.succeeds(&["key", key]);
+    server.fails(&["--port", &share.port, "--key", key, "info"], 3, &["is not encrypted", "leave --key out"]);
+    share.stop();
+}
