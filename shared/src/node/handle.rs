@@ -14,7 +14,7 @@ use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{TaskCommand, TaskConfig, TaskState};
 
 /// Share of its velocity limit above which a joint must not be enabled: a servo that begins at rest would swing.
-const ENABLE_SPEED: f32 = 0.1;
+const ENABLE_SPEED: f32 = 0.2;
 
 impl Node {
     /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.

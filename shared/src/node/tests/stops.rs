@@ -273,7 +273,7 @@ fn a_joint_that_gains_speed_against_its_torque_is_switched_off() {
 #[test]
 fn a_robot_that_moves_is_not_enabled() {
     let mut rig = Rig::ready(&model());
-    let limit = 0.1 * model().joints[1].limits.velocity;
+    let limit = 0.2 * model().joints[1].limits.velocity;
     for (speed, enabled) in [(1.2 * limit, false), (0.8 * limit, true)] {
         for step in 1..=10_u8 {
             let position = 0.01 * speed * f32::from(step);
