@@ -23,6 +23,9 @@ const END: [u8; 50] = {
     end
 };
 
+/// From behind [`END`] to its start.
+const BACK: SeekFrom = SeekFrom::Current(-50);
+
 /// Each flush puts an end behind the data, and the next data overwrite it.
 pub struct EndedFile {
     file: BufWriter<File>,
@@ -41,7 +44,7 @@ impl EndedFile {
 impl Write for EndedFile {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         if self.is_ended {
-            self.file.seek(SeekFrom::Current(-(END.len() as i64)))?;
+            self.file.seek(BACK)?;
             self.is_ended = false;
         }
         let length = self.file.write(bytes)?;

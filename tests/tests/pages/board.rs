@@ -75,9 +75,10 @@ pub fn interrupt(child: &Child, signal: Signal) {
     let _ = kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), signal);
 }
 
-/// The program `tesaki` in `folder`, for a board at `port`.
+/// The program `tesaki` in `folder`, for a board at `port` on a busy machine.
 pub fn tesaki(port: &str, folder: &Path) -> Command {
     let mut command = tesaki_tests::program("tesaki");
-    command.current_dir(folder).env("XDG_RUNTIME_DIR", folder).env("TESAKI_PORT", port).stdin(Stdio::null());
+    command.current_dir(folder).env("XDG_RUNTIME_DIR", folder).stdin(Stdio::null());
+    command.env("TESAKI_PORT", port).env("TESAKI_TIMEOUT", "10");
     command
 }
