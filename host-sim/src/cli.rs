@@ -118,7 +118,7 @@ struct Faults {
 enum ControllerKind {
     /// In this process
     Native,
-    /// In the firmware image, on an emulated STM32F405, compared tick by tick with the core in this process
+    /// In the firmware image, on an emulated STM32F405; `run` compares each tick with the core in this process
     Qemu,
 }
 

@@ -118,8 +118,11 @@ impl<'a> Watched<'a> {
         self.digest.hex()
     }
 
-    /// Everything that went in and came out, in order.
-    pub fn into_record(self) -> Vec<LogRecord> {
+    /// Everything that went in and came out, in order: a whole recording.
+    pub fn into_record(mut self) -> Vec<LogRecord> {
+        let outputs = self.record.iter().filter(|record| matches!(record, LogRecord::Actuators(_)));
+        let ticks = u32::try_from(outputs.count()).unwrap_or(u32::MAX);
+        self.record.push(LogRecord::End { ticks });
         self.record
     }
 }

@@ -167,23 +167,64 @@ impl Board for Qemu {
     }
 }
 
-impl Controller for Qemu {
-    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
+impl Qemu {
+    /// One control period, in which the supervisor link is read, too: its bytes are appended to `out`. QEMU
+    /// sends single bytes, and less than 300 of them fill the socket; then the board waits in the midst of
+    /// them, and does not answer on the plant link.
+    ///
+    /// # Errors
+    /// The board does not answer.
+    pub fn tick_and_listen(
+        &mut self,
+        sensors: &SensorFrame,
+        out: &mut Vec<u8>,
+    ) -> Result<ActuatorFrame, BoardError> {
+        self.send_sensors(sensors)?;
+        let deadline = Instant::now() + TIMEOUT;
+        loop {
+            if let Some(actuators) = self.receive_actuators(sensors, Instant::now())? {
+                return Ok(actuators);
+            }
+            if Instant::now() > deadline {
+                return Err(BoardError::Timeout { seconds: TIMEOUT.as_secs_f64() });
+            }
+            self.listen_to_link(out)?;
+        }
+    }
+
+    /// Appends to `out` what has come on the supervisor link.
+    ///
+    /// # Errors
+    /// QEMU ended.
+    pub fn listen_to_link(&mut self, out: &mut Vec<u8>) -> io::Result<()> {
+        let mut buffer = [0; 4096];
+        let length = self.board.link_mut().receive(&mut buffer, Instant::now())?;
+        out.extend_from_slice(&buffer[..length]);
+        Ok(())
+    }
+
+    fn send_sensors(&mut self, sensors: &SensorFrame) -> Result<(), BoardError> {
         let mut frame = [0; MAX_FRAME];
         let length = encode(sensors, &mut frame).map_err(io::Error::other)?;
-        self.plant.send(&frame[..length])?;
-        let deadline = Instant::now() + TIMEOUT;
+        Ok(self.plant.send(&frame[..length])?)
+    }
+
+    /// The answer to `sensors`, if its last byte comes before the deadline.
+    fn receive_actuators(
+        &mut self,
+        sensors: &SensorFrame,
+        deadline: Instant,
+    ) -> Result<Option<ActuatorFrame>, BoardError> {
         let mut buffer = [0; MAX_FRAME];
         loop {
             let received = self.plant.receive(&mut buffer, deadline)?;
             if received == 0 {
-                return Err(BoardError::Timeout { seconds: TIMEOUT.as_secs_f64() });
+                return Ok(None);
             }
             for &byte in &buffer[..received] {
                 match self.decoder.push::<ActuatorFrame>(byte) {
                     Some(Ok(actuators)) if actuators.sequence == sensors.sequence => {
-                        self.hear(sensors.sequence)?;
-                        return Ok(actuators);
+                        return Ok(Some(actuators));
                     }
                     Some(Err(error)) => {
                         return Err(io::Error::other(format!("damaged actuator frame: {error:?}")).into());
@@ -192,6 +233,16 @@ impl Controller for Qemu {
                 }
             }
         }
+    }
+}
+
+impl Controller for Qemu {
+    fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError> {
+        self.send_sensors(sensors)?;
+        let actuators = self.receive_actuators(sensors, Instant::now() + TIMEOUT)?;
+        let actuators = actuators.ok_or(BoardError::Timeout { seconds: TIMEOUT.as_secs_f64() })?;
+        self.hear(sensors.sequence)?;
+        Ok(actuators)
     }
 }
 

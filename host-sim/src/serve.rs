@@ -10,7 +10,6 @@ use tesaki::robot::Robot;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 
-use crate::controller::Controller;
 use crate::plant::{Plant, PlantError};
 use crate::qemu::Qemu;
 use crate::virtual_board::VirtualBoard;
@@ -68,18 +67,14 @@ impl ServedBoard for VirtualBoard {
 
 impl ServedBoard for Qemu {
     fn exchange(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
-        let link = self.link_mut();
         if !bytes.is_empty() {
-            link.send(bytes)?;
+            self.link_mut().send(bytes)?;
         }
-        let mut buffer = [0; 4096];
-        let length = link.receive(&mut buffer, Instant::now())?;
-        out.extend_from_slice(&buffer[..length]);
-        Ok(())
+        self.listen_to_link(out)
     }
 
-    fn tick(&mut self, sensors: &SensorFrame, _: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError> {
-        Controller::tick(self, sensors)
+    fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> Result<ActuatorFrame, BoardError> {
+        self.tick_and_listen(sensors, out)
     }
 
     fn reset(&mut self) -> Result<(), BoardError> {

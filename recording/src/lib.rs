@@ -1,21 +1,24 @@
 //! Recordings in MCAP with ROS 2 messages, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open them.
 
+mod ended_file;
 mod messages;
 
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{BufWriter, Write},
+    io::Write,
     path::{Path, PathBuf},
 };
 
 use ::mcap::{
     WriteOptions, Writer,
     records::{MessageHeader, Metadata},
+    write::NoSeek,
 };
 use byteorder::LittleEndian;
 use serde::Serialize;
 
+use ended_file::EndedFile;
 use messages::Definition;
 
 /// Recorded time after which data go to the operating system [ns].
@@ -124,11 +127,11 @@ struct Channel {
     sequence: u32,
 }
 
-/// A recording being written. Times are nanoseconds since 1970. At most a second of recorded time is lost
-/// when the program dies; dropped without [`finish`](Self::finish), the file is completed but errors go
-/// unseen.
+/// A recording being written. Times are nanoseconds since 1970. When the program dies, at most a second of
+/// recorded time is lost, and the file is one without index; dropped without [`finish`](Self::finish), the
+/// file is completed but errors go unseen.
 pub struct Recording {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<NoSeek<EndedFile>>,
     channels: [Option<Channel>; Topic::COUNT],
     /// Waits for the first message, whose time it gets.
     urdf: Option<String>,
@@ -148,7 +151,7 @@ impl Recording {
             .library(concat!("tesaki/", env!("CARGO_PKG_VERSION")))
             .compression(None)
             .disable_seeking(true)
-            .create(BufWriter::new(file))?;
+            .create(NoSeek::new(EndedFile::new(file)))?;
         Ok(Self {
             writer,
             channels: [None; Topic::COUNT],

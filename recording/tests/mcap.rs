@@ -121,13 +121,20 @@ fn a_second_at_most_is_lost_without_an_end() {
     for step in 0..=25 {
         recording.joint_states(START + step * SECOND / 10, &joint, &[0.0], &[], &[]).unwrap();
     }
+    // A whole file, without index.
     let file = std::fs::read(&path).unwrap();
-    let messages: Vec<Message> = MessageStream::new_with_options(&file, Options::IgnoreEndMagic.into())
-        .unwrap()
-        .map_while(Result::ok)
-        .collect();
+    assert!(Summary::read(&file).unwrap().is_none_or(|summary| summary.chunk_indexes.is_empty()));
+    let messages: Vec<Message> = MessageStream::new(&file).unwrap().map(Result::unwrap).collect();
     assert_eq!(messages.last().unwrap().log_time, START + 2 * SECOND);
     assert_eq!(messages.len(), 22);
+    // The writer was killed while it wrote the last chunk: what was flushed before is read.
+    for cut in [51, 60, 200] {
+        let file = &file[..file.len() - cut];
+        assert!(Summary::read(file).is_err());
+        let messages = MessageStream::new_with_options(file, Options::IgnoreEndMagic.into()).unwrap();
+        let last = messages.map_while(Result::ok).last().unwrap();
+        assert!(last.log_time >= START + SECOND, "{}", last.log_time);
+    }
 
     // The clock is set back.
     recording.joint_states(START - 60 * SECOND, &joint, &[0.0], &[], &[]).unwrap();
@@ -136,6 +143,7 @@ fn a_second_at_most_is_lost_without_an_end() {
     drop(recording);
     let whole = std::fs::read(&path).unwrap();
     assert_eq!(MessageStream::new(&whole).unwrap().count(), 28);
+    assert_eq!(Summary::read(&whole).unwrap().unwrap().chunk_indexes.len(), 4);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Findings about a user's files: problem, location and advice.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Severity of a finding.
@@ -49,6 +50,17 @@ impl Finding {
         }
     }
 
+    /// The name of the joint that it is about, and what follows, when it is about one.
+    pub fn joint(&self) -> Option<&str> {
+        self.message.strip_prefix("joint ")
+    }
+
+    /// Whether it is about the joint `name`.
+    pub fn is_about_joint(&self, name: &str) -> bool {
+        let rest = self.joint().and_then(|message| message.strip_prefix(name));
+        rest.is_some_and(|rest| rest.starts_with([':', ' ']))
+    }
+
     /// Whether it is an error.
     pub fn is_error(&self) -> bool {
         self.weight == Weight::Error
@@ -92,6 +104,17 @@ impl Report {
     /// Adds a warning.
     pub fn warning(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
         self.push(Weight::Warning, Matter::Dynamics, line, message.into(), advice.into());
+    }
+
+    /// Whether nothing prevents the kinematics.
+    pub fn has_no_kinematics(&self) -> bool {
+        self.findings.iter().all(|finding| finding.matter != Matter::Kinematics)
+    }
+
+    /// Whether something in these lines prevents the kinematics.
+    pub fn has_kinematics_in(&self, lines: RangeInclusive<usize>) -> bool {
+        let findings = self.findings.iter().filter(|finding| finding.matter == Matter::Kinematics);
+        findings.filter_map(|finding| finding.line).any(|line| lines.contains(&line))
     }
 
     /// In the order of the file.

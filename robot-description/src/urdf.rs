@@ -13,6 +13,7 @@ mod numbers;
 mod path;
 mod source;
 mod structure;
+mod unread;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -33,13 +34,14 @@ pub struct Urdf {
     /// Its content.
     pub robot: urdf_rs::Robot,
     base: String,
+    line: usize,
     link_lines: BTreeMap<String, usize>,
     joint_lines: BTreeMap<String, usize>,
 }
 
 impl Urdf {
-    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also returns the other errors,
-    /// which do not matter.
+    /// Reads the URDF at `path`: the file itself, or `robot.urdf` in a folder. Also returns the other errors:
+    /// those about a single joint matter to the paths through it, the rest does not matter.
     ///
     /// # Errors
     /// The file cannot be read, or what is wrong in the `matters` given.
@@ -52,12 +54,18 @@ impl Urdf {
         let text = Self::read_text(&path)?;
         let (urdf, mut findings) = Self::check_accepting(&path, &text, &accepted);
         findings.retain(Finding::is_error);
-        let matters =
-            |finding: &Finding| finding.matter == Matter::Kinematics || matters.contains(&finding.matter);
+        let matters = |finding: &Finding| match finding.matter {
+            Matter::Kinematics => finding.joint().is_none(),
+            matter => matters.contains(&matter),
+        };
         match urdf {
             Some(urdf) if !findings.iter().any(matters) => Ok((urdf, findings)),
-            _ => {
+            Some(_) => {
                 findings.retain(matters);
+                Err(UrdfError::Wrong(findings))
+            }
+            None => {
+                findings.retain(|finding| finding.matter == Matter::Kinematics);
                 Err(UrdfError::Wrong(findings))
             }
         }
@@ -100,23 +108,13 @@ impl Urdf {
         let base = structure::check(&source, report);
         joints::check(&source, report);
         inertia::check(&source, accepted, report);
-        let robot = match urdf_rs::read_from_string(&without_shapeless(text, &source)) {
-            Ok(mut robot) => {
-                for link in robot.links.iter_mut().filter(|link| accepted.contains(&link.name)) {
-                    nearest::replace(&mut link.inertial);
-                }
-                robot
-            }
-            Err(error) => {
-                // What `urdf-rs` tells without a line is mostly found above.
-                if report.findings.iter().all(|finding| finding.matter != Matter::Kinematics) {
-                    report.kinematics(None, error.to_string(), "see http://wiki.ros.org/urdf/XML");
-                }
-                return None;
-            }
-        };
+        let mut robot = unread::read(text, &source, report)?;
+        for link in robot.links.iter_mut().filter(|link| accepted.contains(&link.name)) {
+            nearest::replace(&mut link.inertial);
+        }
         let (link_lines, joint_lines) = (source::lines(&source.links), source::lines(&source.joints));
-        Some(Self { path: path.to_owned(), robot, base: base?, link_lines, joint_lines })
+        let line = source.root.line();
+        Some(Self { path: path.to_owned(), robot, base: base?, line, link_lines, joint_lines })
     }
 
     /// The links of `text`, the content of `path`, whose inertia no body can have; of bodies that move and
@@ -148,6 +146,11 @@ impl Urdf {
         &self.base
     }
 
+    /// The line of the robot.
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
     /// Whether there is a link `name`.
     pub fn has_link(&self, name: &str) -> bool {
         self.robot.links.iter().any(|link| link.name == name)
@@ -162,21 +165,6 @@ impl Urdf {
     pub fn line_of_joint(&self, name: &str) -> Option<usize> {
         self.joint_lines.get(name).copied()
     }
-}
-
-/// `text` without the elements that have no shape, which `urdf-rs` does not read.
-fn without_shapeless(text: &str, source: &Source<'_>) -> String {
-    let mut kept = String::with_capacity(text.len());
-    let mut end = 0;
-    let mut ranges: Vec<_> =
-        source.links.iter().flat_map(numbers::shapeless).map(|part| part.node.range()).collect();
-    ranges.sort_by_key(|range| range.start);
-    for range in ranges {
-        kept.push_str(text.get(end..range.start).unwrap_or_default());
-        end = range.end;
-    }
-    kept.push_str(text.get(end..).unwrap_or_default());
-    kept
 }
 
 /// The joints in `text` that move, also when they make no tree.

@@ -201,6 +201,36 @@ const CASES: &[Case] = &[
         ("<sphere", "<sphere"),
         &["link palm: <sphere> has no radius"],
     ),
+    // What only urdf-rs tells
+    (
+        ("<link name=\"base\"/>", "<link name=\"base\"/>", "<link name=\"base\"/>\n  <material/>"),
+        ("<material", "<material"),
+        &["material", "name"],
+    ),
+    (
+        (
+            "<link name=\"base\"/>",
+            "<link name=\"base\"/>",
+            "<material name=\"red\">\n<color rgba=\"1 0 0\"/></material><link name=\"base\"/>",
+        ),
+        ("<color", "<color"),
+        &["material red: <color>", "expected 4 found 3"],
+    ),
+    (
+        (
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"/>",
+            "<link name=\"palm\"><visual><geometry><sphere radius=\"1\"/></geometry>\n<material name=\"a\">\n\
+             <texture/></material></visual></link>",
+        ),
+        ("<texture", "<texture"),
+        &["link palm: <texture>", "filename"],
+    ),
+    (
+        ("shoulder", "velocity=\"2\"/>", "velocity=\"2\"/>\n    <safety_controller k_position=\"1\"/>"),
+        ("<safety", "<safety"),
+        &["joint shoulder: <safety_controller>", "k_velocity"],
+    ),
     // Joints
     (
         ("shoulder", "xyz=\"0 0 2\"", "xyz=\"0 0 0\""),
@@ -292,6 +322,67 @@ fn every_bad_input_is_told_by_name_line_and_advice() {
         }
     }
     assert!(failed.is_empty(), "{failed}");
+}
+
+/// What `ROBOT` does not have.
+const RICHER: &str = r#"
+  <material name="red"><color rgba="1 0 0 1"/></material>
+  <material name="wood"><texture filename="wood.png"/></material>
+  <link name="shell">
+    <visual>
+      <origin xyz="0 0 0" rpy="0 0 0"/>
+      <geometry><box size="1 1 1"/></geometry>
+      <material name="red"/>
+    </visual>
+    <collision><geometry><cylinder radius="1" length="1"/></geometry></collision>
+    <collision><geometry><mesh filename="a.stl" scale="1 1 1"/></geometry></collision>
+  </link>
+  <joint name="to_shell" type="revolute">
+    <parent link="palm"/>
+    <child link="shell"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="0" upper="1.6" effort="1" velocity="6"/>
+    <calibration rising="0"/>
+    <dynamics damping="0.1" friction="0.1"/>
+    <safety_controller soft_lower_limit="0" soft_upper_limit="1" k_position="1" k_velocity="1"/>
+  </joint>
+</robot>
+"#;
+
+/// Every attribute is removed, emptied, and replaced by a word; every element is removed, written twice, and
+/// left without its end: whatever is an error then has a line.
+#[test]
+fn no_damage_leads_to_an_error_without_a_line() {
+    let text = ROBOT.replace("</robot>", RICHER.trim());
+    assert_eq!(check(&text).1, [], "before the damage");
+    let document = roxmltree::Document::parse(&text).unwrap();
+    let mut damaged = Vec::new();
+    let mut replace = |range: std::ops::Range<usize>, by: &str| {
+        let text = format!("{}{by}{}", &text[..range.start], &text[range.end..]);
+        damaged.push(text);
+    };
+    for node in document.descendants().filter(roxmltree::Node::is_element) {
+        for attribute in node.attributes() {
+            replace(attribute.range(), "");
+            for value in ["", "word", "-1", "1 2 3 4 5"] {
+                replace(attribute.range_value(), value);
+            }
+        }
+        let element = &text[node.range()];
+        replace(node.range(), "");
+        replace(node.range(), "<unknown/>");
+        replace(node.range(), &element.repeat(2));
+        replace(node.range(), element.trim_end_matches('>'));
+        replace(node.range(), &element.replacen(node.tag_name().name(), "unknown", 1));
+    }
+    assert!(damaged.len() > 500, "{}", damaged.len());
+    for text in damaged {
+        let (urdf, findings) = check(&text);
+        assert!(urdf.is_some() || findings.iter().any(Finding::is_error), "{text}");
+        for finding in findings {
+            assert!(finding.line.is_some_and(|line| line <= text.lines().count()), "{finding}\n{text}");
+        }
+    }
 }
 
 #[test]

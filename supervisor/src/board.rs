@@ -56,7 +56,7 @@ pub enum BoardError {
         seconds: f64,
     },
     /// The board runs another task.
-    #[error("the board's task is {reported}, not {expected}")]
+    #[error("the board's task is {reported}, not {expected}: {expected} has to be enabled first")]
     OtherTask {
         /// The expected task.
         expected: TaskKind,

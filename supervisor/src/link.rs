@@ -40,6 +40,8 @@ pub struct LinkBoard<L> {
     decoder: Decoder,
     client: u32,
     sequence: u16,
+    /// The last request whose answer was waited for and came.
+    answered: u16,
     timeout: Duration,
     inbox: VecDeque<FromBoard>,
     /// Requests that were sent again.
@@ -56,7 +58,8 @@ impl<L: ByteLink> LinkBoard<L> {
         let client = RandomState::new().build_hasher().finish() as u32 | 1;
         let inbox = VecDeque::new();
         let decoder = Decoder::new();
-        Self { link, decoder, client, sequence: 0, timeout, inbox, repeats: 0, round_trip: None }
+        let (sequence, answered) = (0, 0);
+        Self { link, decoder, client, sequence, answered, timeout, inbox, repeats: 0, round_trip: None }
     }
 
     /// Answers are waited for so long from now on.
@@ -141,6 +144,8 @@ impl<L: ByteLink> LinkBoard<L> {
                 Ok(FromBoard::Reply(ReplyFrame { client, .. })) if client != self.client => {}
                 Ok(FromBoard::Reply(reply)) if sequence == Some(reply.sequence) => answer = Some(reply.reply),
                 Ok(FromBoard::Reply(ReplyFrame { reply: Reply::Done, .. })) => {}
+                // The answer to a repetition of a request that was answered, or to an earlier one.
+                Ok(FromBoard::Reply(reply)) if self.answered.wrapping_sub(reply.sequence) < 1 << 15 => {}
                 Ok(event) => {
                     if self.inbox.len() >= INBOX {
                         self.inbox.pop_front();
@@ -185,6 +190,7 @@ impl<L: ByteLink> LinkBoard<L> {
             loop {
                 if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());
+                    self.answered = frame.sequence;
                     return Ok(answer);
                 }
                 if Instant::now() >= patience {

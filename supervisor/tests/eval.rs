@@ -478,7 +478,7 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     let robot = folder.path().to_str().unwrap();
     change("<mass value=\"", "<mass value=\"-");
     let (_, err) = eval("fk", robot, &[], "finger_joint\n0\n");
-    assert!(err.contains("1 findings that are irrelevant here; `tesaki model check "), "{err}");
+    assert!(err.contains("1 problem elsewhere in the robot: see `tesaki model check "), "{err}");
     change("upper=\"", "upper=\"100");
     eval("fk", robot, &[], "finger_joint\n0\n");
     let pad = "left_inner_finger_pad.x,left_inner_finger_pad.y,left_inner_finger_pad.z\n0,0.05,0.1\n";
@@ -488,7 +488,17 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     // Those of a joint that is not on the way to the tip matter to nobody.
     change("upper=\"0.81\"", "upper=\"100\"");
     let (code, out, err) = tesaki(&inverse, pad);
-    assert!(code == 0 && out.contains("reached") && err.contains("1 findings that are irrelevant"), "{err}");
+    assert!(code == 0 && out.contains("reached") && err.contains("1 problem elsewhere"), "{err}");
+    // Nor does their axis; that of a joint on the way does.
+    let axis = |joint: &str| {
+        change(&format!("<axis xyz=\"1 0 0\"/>{joint}"), &format!("<axis xyz=\"0 0 0\"/>{joint}"))
+    };
+    axis("\n    <limit effort=\"1000\" lower=\"0\" upper=\"0.81\"");
+    let (code, _, err) = tesaki(&inverse, pad);
+    assert!(code == 0 && err.contains("1 problem elsewhere"), "{err}");
+    axis("\n    <limit effort=\"1000\" lower=\"0\" upper=\"0.8\"");
+    let (code, _, err) = tesaki(&inverse, pad);
+    assert!(code == 1 && err.contains("joint finger_joint: its axis"), "{err}");
     change("<parent link=\"", "<parent link=\"x");
     let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");

@@ -309,6 +309,7 @@ RECORDS = {
     "state": uint(4) + uint(192) + blob([0, 1, 254, 255]),
     "restore": uint(5) + uint(196) + uint(0xDEADBEEF) + uint(STATE),
     "gap": uint(6) + uint(300),
+    "end": uint(7) + uint(70000),
 }
 
 

@@ -47,19 +47,24 @@ pub fn zero_sensors(model: &RobotModel, supply: u16) -> SensorFrame {
     }
 }
 
-/// The program `tesaki`, as cargo built it with the running test: cargo tells only tests of
-/// `tesaki-supervisor` its path.
+/// The program `tesaki`, see [`program`].
+pub fn tesaki() -> Command {
+    program("tesaki")
+}
+
+/// A program of the workspace, as cargo built it with the running test: cargo tells its path only to tests
+/// of its own package.
 ///
 /// # Panics
 /// The program is not there: it is built by `cargo test --workspace`, not by `cargo test -p tesaki-tests`.
-pub fn tesaki() -> Command {
+pub fn program(name: &str) -> Command {
     let test = std::env::current_exe().unwrap_or_default();
     // The test is in the folder `deps` beside the program.
     let folder = test.parent().and_then(Path::parent).unwrap_or(&test);
-    let program = folder.join("tesaki").with_extension(std::env::consts::EXE_EXTENSION);
+    let program = folder.join(name).with_extension(std::env::consts::EXE_EXTENSION);
     assert!(
         program.is_file(),
-        "{} is missing: run `cargo build -p tesaki-supervisor` with the same profile first",
+        "{} is missing: run `cargo build --workspace --exclude tesaki-firmware` with the same profile first",
         program.display()
     );
     Command::new(program)

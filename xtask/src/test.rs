@@ -122,7 +122,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         Ok(())
     })?;
     steps.run("the image in QEMU against the control core on this machine", || {
-        for name in ["image", "boards"] {
+        for name in ["image", "boards", "pages"] {
             let mut tests = workspace_tests(name);
             tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
             tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;

@@ -142,14 +142,15 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
         }
     };
     let all: usize = chains.iter().map(|chain| chain.joints.len()).sum();
-    most(None, "chains leave the base", chains.len(), MAX_CHAINS);
-    most(None, "joints", all, MAX_JOINTS);
+    let line = Some(urdf.line());
+    most(line, "chains leave the base", chains.len(), MAX_CHAINS);
+    most(line, "joints", all, MAX_JOINTS);
     for chain in chains {
         let line = urdf.line_of_link(&chain.tip);
         most(line, &format!("joints in the chain of {}", chain.tip), chain.joints.len(), MAX_CHAIN_JOINTS);
     }
     if all == 0 {
-        report.dynamics(None, "no joint moves", "a controller needs a revolute joint at least");
+        report.dynamics(line, "no joint moves", "a controller needs a revolute joint at least");
     }
     let joints = chains.iter().flat_map(|chain| &chain.joints).map(|joint| joint.name.as_str());
     let tips = chains.iter().map(|chain| chain.tip.as_str());
@@ -165,6 +166,6 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
         }
     }
     if urdf.robot.name.is_empty() {
-        report.dynamics(None, "the robot has no name", "<robot name=\"…\">");
+        report.dynamics(line, "the robot has no name", "<robot name=\"…\">");
     }
 }

@@ -24,6 +24,8 @@ pub struct SerialPath {
     /// Joints that move and lead elsewhere from the links on the way: the mass behind them is not that of the
     /// path.
     pub branches: Vec<String>,
+    /// All joints from base to tip, the fixed ones too.
+    pub way: Vec<String>,
 }
 
 /// One joint of a path: at angle `multiplier` · angle of its drive + `offset`.
@@ -161,6 +163,7 @@ impl Urdf {
             pose: pose(&place),
             drives,
             branches,
+            way: way.iter().map(|joint| joint.name.clone()).collect(),
         })
     }
 

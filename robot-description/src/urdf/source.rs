@@ -1,6 +1,7 @@
 //! The text of a URDF: its links and joints, and the lines where they stand.
 
 use std::collections::BTreeMap;
+use std::ops::{Range, RangeInclusive};
 
 use roxmltree::{Document, Error, Node};
 
@@ -64,8 +65,28 @@ impl<'a> Part<'a> {
 
     /// The line where it starts, counted from 1.
     pub fn line(&self) -> usize {
-        let start = self.node.range().start;
-        self.starts.partition_point(|&line| line <= start).max(1)
+        self.line_of(self.node.range().start)
+    }
+
+    /// The lines from its start to its end.
+    pub fn lines(&self) -> RangeInclusive<usize> {
+        self.line()..=self.line_of(self.node.range().end)
+    }
+
+    fn line_of(&self, position: usize) -> usize {
+        self.starts.partition_point(|&line| line <= position).max(1)
+    }
+
+    /// The text up to the end of its start tag.
+    pub fn head(&self) -> Range<usize> {
+        let end = self.node.first_child().map_or(self.node.range().end, |child| child.range().start);
+        0..end
+    }
+
+    /// The elements in it, not those in them.
+    pub fn parts(&self) -> impl Iterator<Item = Self> + use<'a> {
+        let starts = self.starts;
+        self.node.children().filter(Node::is_element).map(move |node| Self { node, starts })
     }
 
     pub fn child(&self, tag: &str) -> Option<Self> {
@@ -73,11 +94,7 @@ impl<'a> Part<'a> {
     }
 
     pub fn children<'t>(&self, tag: &'t str) -> impl Iterator<Item = Self> + use<'a, 't> {
-        let starts = self.starts;
-        self.node
-            .children()
-            .filter(move |node| node.is_element() && node.tag_name().name() == tag)
-            .map(move |node| Self { node, starts })
+        self.parts().filter(move |part| part.tag() == tag)
     }
 
     /// This and all that is in it.

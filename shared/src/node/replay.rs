@@ -169,7 +169,7 @@ impl<'a> Replay<'a> {
                     Some(difference) => Err(ReplayError::Different { tick: recorded.sequence, difference }),
                 };
             }
-            LogRecord::Actuators(_) => {}
+            LogRecord::Actuators(_) | LogRecord::End { .. } => {}
         }
         Ok(false)
     }

@@ -85,6 +85,11 @@ pub enum LogRecord {
         /// Number of missing entries.
         missing: u32,
     },
+    /// 7: the last entry of a file; a file without it was cut, or its recorder was killed.
+    End {
+        /// Number of ticks in the file: of its [`LogRecord::Actuators`].
+        ticks: u32,
+    },
 }
 
 /// Header of a recording. Its layout never changes.

@@ -1,10 +1,105 @@
 //! Recordings and their interruptions.
 
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 
+use mcap::{MessageStream, Summary};
 use tesaki::protocol::LogRecord;
 
 use super::server::{Server, hand3, signal};
+
+#[test]
+fn a_recording_that_was_cut_at_any_byte_is_told() {
+    let server = Server::ready();
+    let log = server.folder.path().join("run.log");
+    let replay = ["replay", log.to_str().unwrap()];
+    let name = server.folder.path().join("run");
+    server.succeeds(&["record", name.to_str().unwrap(), "--duration", "0.3"]);
+    server.succeeds(&replay);
+    let whole = std::fs::read(&log).unwrap();
+    let mut records = decode(&whole);
+    let Some(LogRecord::End { ticks }) = records.pop() else { panic!("no end record") };
+    let outputs = records.iter().filter(|record| matches!(record, LogRecord::Actuators(_)));
+    assert_eq!(outputs.count(), usize::try_from(ticks).unwrap());
+
+    let told =
+        ["the recording ends without its end record", "killed, or the file was cut", "ticks were read"];
+    // Within the end record, between two records, within another one; as long as there is a first one.
+    let end = whole.len() - encode(&[LogRecord::End { ticks }]).len();
+    let starts_last = end - encode(&records[records.len() - 1..]).len();
+    let first = encode(&records[..1]).len();
+    for length in [whole.len() - 1, end + 1, end, end - 1, starts_last, end / 2, first + 1, first] {
+        std::fs::write(&log, &whole[..length]).unwrap();
+        server.fails(&replay, 1, &told);
+    }
+    std::fs::write(&log, &whole[..end]).unwrap();
+    server.fails(&replay, 1, &[&format!("{ticks} ticks were read, {ticks} of them are identical")]);
+    // Nothing at all, or not even the first record.
+    for length in [0, first - 1] {
+        std::fs::write(&log, &whole[..length]).unwrap();
+        server.fails(&replay, 1, &["no tick could be compared"]);
+    }
+    // Something behind the end.
+    std::fs::write(&log, [&whole[..], b"more"].concat()).unwrap();
+    server.fails(&replay, 1, &told);
+    records.push(LogRecord::End { ticks: ticks + 1 });
+    std::fs::write(&log, encode(&records)).unwrap();
+    server.fails(&replay, 1, &[&format!("counts {} ticks, but it has {ticks}", ticks + 1)]);
+}
+
+/// The recording of a recorder that was killed after three seconds.
+fn killed_recording(server: &Server) -> PathBuf {
+    let name = server.folder.path().join("killed");
+    let mcap = name.with_extension("mcap");
+    let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
+    std::thread::sleep(Duration::from_secs(2));
+    // Not while it writes.
+    let length = || std::fs::metadata(&mcap).unwrap().len();
+    let before = length();
+    while length() == before {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    recorder.kill().unwrap();
+    recorder.wait().unwrap();
+    name
+}
+
+#[test]
+fn a_recorder_that_is_killed_leaves_files_that_lack_a_second_at_most() {
+    let server = Server::ready();
+    let name = killed_recording(&server);
+    let log = name.with_extension("log");
+    server.fails(&["replay", log.to_str().unwrap()], 1, &["without its end record", "identical"]);
+    let outputs = decode(&std::fs::read(&log).unwrap());
+    let outputs = outputs.iter().filter(|record| matches!(record, LogRecord::Actuators(_)));
+    let ticks = outputs.count();
+    // More than two seconds were recorded, and a busy machine is late.
+    assert!(ticks >= 100, "{ticks} ticks in the log");
+
+    // An MCAP file without index.
+    let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
+    assert!(Summary::read(&mcap).unwrap().is_none_or(|summary| summary.chunk_indexes.is_empty()));
+    let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
+    let states = messages.filter(|message| message.channel.topic == "/joint_states").count();
+    assert!(states >= 100, "{states} states in the MCAP file");
+}
+
+#[test]
+#[ignore = "needs Python with rosbags: cargo xtask test"]
+fn rosbags_reads_the_recording_of_a_killed_recorder() {
+    let server = Server::ready();
+    let name = killed_recording(&server);
+    let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("oracles/read_mcap.py");
+    let output = Command::new(python).arg(script).arg(name.with_extension("mcap")).output().unwrap();
+    let said = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    assert!(output.status.success(), "{said}");
+    let topics = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let states = topics.into_iter().find(|topic| topic["topic"] == "/joint_states").unwrap();
+    assert!(states["count"].as_u64().unwrap() >= 100, "{said}");
+}
 
 #[test]
 fn a_recording_continues_after_a_reset_of_the_board() {

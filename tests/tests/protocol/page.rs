@@ -6,6 +6,7 @@ use tesaki::control::{ImpedanceTerm, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::Reaction;
 use tesaki::node::Node;
+use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{FromBoard, LogRecord, Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
 use tesaki::robot::LimitRefusal;
 use tesaki::task::TaskKind;
@@ -63,6 +64,48 @@ fn the_page_quotes_the_golden_bytes() {
         let (name, bytes) = parse(line);
         let expected = golden.get(name).unwrap_or_else(|| panic!("there is no golden frame {name}"));
         assert_eq!(hex(&bytes), hex(expected), "{name} in docs/protocol.md");
+    }
+}
+
+/// The tables of a frame byte by byte: the bytes of each row, on the line and without COBS.
+fn frames_by_byte() -> Vec<Vec<[Vec<u8>; 2]>> {
+    let mut tables: Vec<Vec<_>> = Vec::new();
+    let mut is_inside = false;
+    for line in PAGE.lines() {
+        if line == "| frame | data | meaning |" {
+            tables.push(Vec::new());
+            is_inside = true;
+        } else if !line.starts_with('|') {
+            is_inside = false;
+        } else if is_inside && !line.starts_with("|-") {
+            let mut cells = line.split('|').skip(1);
+            let mut bytes = || {
+                let cell = cells.next().unwrap().trim().trim_matches('`');
+                cell.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
+            };
+            tables.last_mut().unwrap().push([bytes(), bytes()]);
+        }
+    }
+    tables
+}
+
+#[test]
+fn the_frames_byte_by_byte_are_the_golden_ones_with_cobs_and_crc_undone() {
+    let golden: BTreeMap<_, _> = golden().into_iter().collect();
+    let tables = frames_by_byte();
+    assert_eq!(tables.len(), 2);
+    for (rows, name) in tables.iter().zip(["request-session-enable", "board-session-enable"]) {
+        let [frame, data] =
+            [0, 1].map(|column| rows.iter().flat_map(|row| row[column].clone()).collect::<Vec<_>>());
+        assert_eq!(hex(&frame), hex(&golden[name]), "{name}");
+        assert_eq!(hex(&cobs::decode_vec(&frame[..frame.len() - 1]).unwrap()), hex(&data), "{name}");
+        let (message, crc) = data.split_at(data.len() - 4);
+        let quoted = format!("CRC of the eight bytes above, `{:08x}`", checksum(message));
+        assert!(PAGE.contains(&quoted) && message.len() == 8, "{name}: {quoted}");
+        assert_eq!(crc, checksum(message).to_le_bytes(), "{name}");
+        // Each row is a field, so that both columns have its bytes, but for COBS.
+        let is_field = |row: &&[Vec<u8>; 2]| !row[1].is_empty() && row[1] != [0];
+        assert!(rows.iter().filter(is_field).all(|[frame, data]| frame == data), "{name}");
     }
 }
 

@@ -423,5 +423,6 @@ pub fn records() -> [(&'static str, LogRecord); LogRecord::VARIANTS.len()] {
         ("state", LogRecord::State { offset: 192, data: list([0, 1, 254, 255]) }),
         ("restore", LogRecord::Restore { length: 196, checksum: 0xdead_beef, key: STATE }),
         ("gap", LogRecord::Gap { missing: 300 }),
+        ("end", LogRecord::End { ticks: 70_000 }),
     ]
 }

@@ -107,7 +107,7 @@ variants! {
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }
-    LogRecord { Request, Sensors, Actuators, Start, State, Restore, Gap }
+    LogRecord { Request, Sensors, Actuators, Start, State, Restore, Gap, End }
     Reaction { Off, Damp, Hold }
 }
 

@@ -58,17 +58,15 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
         Quantity::Fk | Quantity::Jacobian | Quantity::Bias | Quantity::Ik => &[],
         Quantity::Rnea | Quantity::Mass => &[Matter::Dynamics],
     };
-    let (urdf, mut others) = Urdf::load(&asked.robot, matters)?;
+    let (urdf, others) = Urdf::load(&asked.robot, matters)?;
     let table = Table::read(&asked.input)?;
     let tips = tips(&urdf, asked, what, &table)?;
     let paths = tips.iter().map(|tip| urdf.path(asked.base.as_deref(), tip));
     let paths: Vec<SerialPath> = paths.collect::<Result<_, _>>()?;
-    if matches!(what, Quantity::Ik) {
-        let (wrong, irrelevant) = others.into_iter().partition(|finding| spoils_limits(finding, &paths));
-        others = irrelevant;
-        if !wrong.is_empty() {
-            return Err(UrdfError::Wrong(wrong).into());
-        }
+    let (wrong, others): (Vec<_>, Vec<_>) =
+        others.into_iter().partition(|finding| spoils(finding, what, &paths));
+    if !wrong.is_empty() {
+        return Err(UrdfError::Wrong(wrong).into());
     }
     let mut results = match what {
         Quantity::Fk => forward::poses(&table, &paths)?,
@@ -81,27 +79,28 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
     results.notes.extend(unused(&table, &results.used));
     if !others.is_empty() {
         let path = urdf.path.display();
-        let count = others.len();
-        results.notes.push(format!(
-            "{count} findings that are irrelevant here; `tesaki model check {path}` lists them"
-        ));
+        let count = output::counted(others.len(), "problem");
+        results.notes.push(format!("{count} elsewhere in the robot: see `tesaki model check {path}`"));
     }
     let tips: Vec<&str> = paths.iter().map(|path| path.tip.as_str()).collect();
-    let text = format!("{} rows, tips {}", results.rows.len(), tips.join(", "));
+    let text = format!("{}, tips {}", output::counted(results.rows.len(), "row"), tips.join(", "));
     let value = json!({ "rows": results.rows.len(), "tips": tips, "notes": results.notes });
     finish(options, &asked.output, &results, &text, &value)
 }
 
-/// Whether the limits of a joint on the paths, or of one that moves it, are wrong.
-fn spoils_limits(finding: &Finding, paths: &[SerialPath]) -> bool {
-    let joints = paths.iter().flat_map(|path| path.joints.iter().map(|joint| &joint.name));
-    let drives = paths.iter().flat_map(|path| path.drives.iter().map(|drive| &drive.name));
-    let is_about = |name: &String| {
-        let rest =
-            finding.message.strip_prefix("joint ").and_then(|message| message.strip_prefix(name.as_str()));
-        rest.is_some_and(|rest| rest.starts_with([':', ' ']))
+/// Whether something is wrong with a joint on the paths, or with one that moves it. Limits matter to the
+/// inverse kinematics alone; where masses matter, so do the joints that are fixed beside the path.
+fn spoils(finding: &Finding, what: Quantity, paths: &[SerialPath]) -> bool {
+    let is_on_the_way = || {
+        let joints = paths.iter().flat_map(|path| &path.way);
+        let drives = paths.iter().flat_map(|path| path.drives.iter().map(|drive| &drive.name));
+        joints.chain(drives).any(|name| finding.is_about_joint(name))
     };
-    finding.matter == Matter::Limits && joints.chain(drives).any(is_about)
+    match finding.matter {
+        Matter::Kinematics => matches!(what, Quantity::Rnea | Quantity::Mass) || is_on_the_way(),
+        Matter::Limits => matches!(what, Quantity::Ik) && is_on_the_way(),
+        Matter::Dynamics => false,
+    }
 }
 
 /// The tips to compute: those named; else those with columns (inverse kinematics), or all.

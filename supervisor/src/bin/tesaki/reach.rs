@@ -1,5 +1,6 @@
 //! `reach`: fingertips along straight lines.
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
@@ -19,6 +20,8 @@ use crate::output;
 
 /// Period of the set-points: one for each tick of the board.
 const PERIOD: Duration = Duration::from_millis(10);
+/// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
+const MAX_STEP: Duration = Duration::from_millis(20);
 /// Shortest duration of a path [s].
 const MIN_DURATION: f32 = 0.5;
 /// Longest duration of a path [s].
@@ -56,21 +59,26 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         ),
     )?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    let begun = Instant::now();
+    // The time of the last set-point, and that on the path: after a pause it goes on from where it was.
+    let clock = Cell::new((Instant::now(), Duration::ZERO));
     let set_point = |now: Instant| {
-        let fraction = (now - begun).as_secs_f32() / duration;
+        let (last, on_path) = clock.get();
+        let on_path = on_path + now.saturating_duration_since(last).min(MAX_STEP);
+        clock.set((now, on_path));
+        let fraction = on_path.as_secs_f32() / duration;
         Request::Task(TaskCommand::JointServo(JointCommand::StreamTips {
             tips: paths.iter().map(|path| path.point(fraction, duration)).collect(),
         }))
     };
-    let deadline = begun + Duration::from_secs_f32(duration) + ARRIVAL_TIMEOUT;
+    let end = Duration::from_secs_f32(duration) + ARRIVAL_TIMEOUT;
+    let is_late = || clock.get().1 >= end;
     let (mut near, mut farthest) = (0, (String::new(), 0.0_f32));
-    let end = motion.drive(PERIOD, set_point, |news, now| {
+    let end = motion.drive(PERIOD, set_point, |news, _| {
         if let Some(telemetry) = &news.telemetry {
             farthest = distance(&paths, telemetry);
             near = if farthest.1 <= args.tolerance { near + 1 } else { 0 };
         }
-        near >= ARRIVED || now >= deadline
+        near >= ARRIVED || is_late()
     })?;
     if end == End::Interrupted {
         return motion.end(true);

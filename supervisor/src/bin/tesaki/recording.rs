@@ -44,7 +44,11 @@ pub fn record(options: &Options, args: &Record) -> Result<(), Failure> {
     while !interrupted.load(Ordering::Relaxed)
         && args.duration.is_none_or(|duration| start.elapsed() < duration)
     {
-        recorder.step(&mut session)?;
+        if let Err(failure) = recorder.step(&mut session) {
+            // What was recorded until then is whole.
+            let _ = recorder.log.end();
+            return Err(failure);
+        }
     }
     let _ = session.board.set_rate(Stream::Log, 0);
     recorder.finish()
@@ -185,7 +189,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn finish(mut self) -> Result<(), Failure> {
-        self.log.file.flush().map_err(Failure::file(&self.log_path))?;
+        self.log.end().map_err(Failure::file(&self.log_path))?;
         self.viewer.recording.finish().map_err(mcap_failure(&self.mcap_path))?;
         let ReplayLog { ticks, gaps, lost, .. } = self.log;
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
@@ -343,13 +347,18 @@ impl ReplayLog {
         }
         (self.last, self.in_step) = (entry.index, true);
         self.ticks += u64::from(matches!(entry.record, LogRecord::Actuators(_)));
-        self.write(&entry.record)
+        Ok(self.write(&entry.record)?)
     }
 
-    fn write(&mut self, record: &LogRecord) -> Result<(), LogError> {
+    fn end(&mut self) -> std::io::Result<()> {
+        self.write(&LogRecord::End { ticks: u32::try_from(self.ticks).unwrap_or(u32::MAX) })?;
+        self.file.flush()
+    }
+
+    fn write(&mut self, record: &LogRecord) -> std::io::Result<()> {
         let mut frame = [0; MAX_FRAME];
         let length = encode(record, &mut frame).map_err(std::io::Error::other)?;
-        Ok(self.file.write_all(&frame[..length])?)
+        self.file.write_all(&frame[..length])
     }
 }
 

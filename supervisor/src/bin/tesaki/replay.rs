@@ -29,13 +29,15 @@ struct Found {
     /// The last tick that was read, and the last before the first damaged record.
     last_tick: Option<u32>,
     damaged_after: Option<u32>,
-    /// Whether the file ends with a whole record.
-    is_whole: bool,
+    /// The number of ticks in the end record, if the file ends with it.
+    end: Option<u32>,
 }
 
 impl Found {
     fn take(&mut self, record: &LogRecord, is_identical: bool) {
+        self.end = None;
         match record {
+            LogRecord::End { ticks } => self.end = Some(*ticks),
             LogRecord::Start(start) => self.start = Some(*start),
             LogRecord::Gap { .. } => self.gaps += 1,
             LogRecord::Actuators(frame) => {
@@ -52,7 +54,8 @@ impl Found {
         let after = |tick: Option<u32>| {
             tick.map_or_else(|| "before the first tick".to_owned(), |tick| format!("after tick {tick}"))
         };
-        if self.identical == 0 && self.damaged == 0 {
+        let is_cut = self.start.is_some() && self.end.is_none();
+        if self.identical == 0 && self.damaged == 0 && !is_cut {
             return Some(
                 "no tick could be compared; is this a log of `tesaki record`, or a simulator's frames.log?"
                     .to_owned(),
@@ -66,13 +69,19 @@ impl Found {
                  to the last bit"
             ));
         }
-        (!self.is_whole).then(|| {
-            format!(
-                "the log ends in the middle of a record {}: it was cut, or its recorder was killed; {identical} \
-                 ticks are identical to the last bit",
+        let read = identical + skipped;
+        match self.end {
+            Some(ticks) if u64::from(ticks) == read => None,
+            Some(ticks) => Some(format!(
+                "its end record counts {ticks} ticks, but it has {read}: records were removed or added; \
+                 {identical} ticks are identical to the last bit"
+            )),
+            None => Some(format!(
+                "the recording ends without its end record {}: its recorder was killed, or the file was cut; {read} \
+                 ticks were read, {identical} of them are identical to the last bit",
                 after(self.last_tick)
-            )
-        })
+            )),
+        }
     }
 
     fn text(&self) -> String {
@@ -96,11 +105,12 @@ pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
     let mut decoder = Decoder::new();
     let mut found = Found::default();
     let mut buffer = vec![0; 65_536];
+    // A zero ends a record and occurs nowhere else.
+    let mut ends_with_record = false;
     loop {
         let length = file.read(&mut buffer).map_err(Failure::file(path))?;
         let Some(last) = buffer[..length].last() else { break };
-        // A zero ends a record and occurs nowhere else.
-        found.is_whole = *last == 0;
+        ends_with_record = *last == 0;
         let mut bytes = &buffer[..length];
         while decoder.take(&mut bytes) {
             // It is unknown what a damaged record was, so what follows cannot be compared.
@@ -120,6 +130,7 @@ pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
             }
         }
     }
+    found.end = found.end.filter(|_| ends_with_record);
     if let Some(problem) = found.problem() {
         return Err(Failure::Other(format!("{}: {problem}", path.display())));
     }

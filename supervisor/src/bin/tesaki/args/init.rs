@@ -18,7 +18,20 @@ Motors (peak torque and speed at the joint):
     .to_owned();
     for motor in PRESETS {
         let MotorPreset { id, speed, source, .. } = motor;
-        text += &format!("  {id:<12} {:>6.2} N·m {speed:>6.1} rad/s  {source}\n", motor.torque());
+        text += &format!("  {id:<12} {:>6.2} N·m {speed:>6.1} rad/s  ", motor.torque());
+        let indent = 41;
+        let mut column = indent;
+        for word in source.split(' ') {
+            let width = word.chars().count() + 1;
+            if column + width > 100 {
+                text += &format!("\n{:indent$}", "");
+                column = indent;
+            }
+            text += &format!("{word} ");
+            column += width;
+        }
+        text.truncate(text.trim_end().len());
+        text.push('\n');
     }
     text + "  generic      sized by the URDF's effort and velocity; replace its values\n\n\
         Behind each value in the files stand its unit and its source: URDF, motor, computed or assumed."

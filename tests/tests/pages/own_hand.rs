@@ -1,27 +1,14 @@
-//! docs/bring-your-own-hand.md: its files make a robot, its commands print what it shows, and a simulated
-//! board runs it.
-#![cfg(unix)]
-#![allow(clippy::unwrap_used, reason = "tests")]
+//! docs/bring-your-own-hand.md: its files make a robot, and its commands print what it shows.
 
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::channel;
 
-use tesaki_description::robot::RobotFolder;
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
-use tesaki_sim::serve::serve;
-use tesaki_sim::virtual_board::VirtualBoard;
-use tesaki_supervisor::hub::Hub;
-use tesaki_supervisor::port::Address;
-
-const PAGE: &str = include_str!("../../docs/bring-your-own-hand.md");
+pub const PAGE: &str = include_str!("../../../docs/bring-your-own-hand.md");
 
 /// The page's command that writes the settings.
-const INIT: &str = "tesaki model init my_finger/robot.urdf --motor maxon-16mm";
+pub const INIT: &str = "tesaki model init my_finger/robot.urdf --motor maxon-16mm";
 
 /// The folder with the page's files, and one with the mistakes that it speaks of.
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("my_finger")).unwrap();
     let files = ["my_finger/robot.urdf", "states.csv", "targets.csv", "motions.csv", "grasps.csv"];
@@ -47,7 +34,7 @@ fn folder() -> tempfile::TempDir {
 }
 
 /// Runs a command of the page; what it prints.
-fn run(folder: &Path, command: &str) -> String {
+pub fn run(folder: &Path, command: &str) -> String {
     let mut words = command.split(' ');
     if words.next() == Some("cat") {
         return std::fs::read_to_string(folder.join(words.next().unwrap())).unwrap_or_default();
@@ -91,39 +78,4 @@ fn the_commands_of_the_page_print_what_it_shows() {
         std::fs::write(&should_be, page).unwrap();
         panic!("docs/bring-your-own-hand.md shows other output than {}", should_be.display());
     }
-}
-
-#[test]
-fn a_simulated_board_runs_the_finger_of_the_page() {
-    let folder = folder();
-    run(folder.path(), INIT);
-    let path = folder.path().join("my_finger");
-    let robot = RobotFolder::load(&path).unwrap();
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let values = PlantValues::load(&path).unwrap();
-    let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(1)).unwrap();
-    let mut hub = Hub::listen(&Address::Unix(folder.path().join("board")), None).unwrap();
-    let address = hub.address().to_string();
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    let (_keep, lines) = channel();
-    let server = std::thread::spawn(move || {
-        let mut board = VirtualBoard::default();
-        let stop = || flag.load(Ordering::Relaxed);
-        serve(&mut hub, &mut board, &mut plant, &robot.model, &lines, &stop).unwrap();
-    });
-    let run = |arguments: &str| {
-        let mut command = tesaki_tests::tesaki();
-        command.current_dir(folder.path()).args(["--port", &address, "--non-interactive"]);
-        command.args(arguments.split(' '));
-        let output = command.output().unwrap();
-        assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
-    };
-    run("model push my_finger");
-    run("home bend=0 curl=0.18");
-    // A busy machine may be late with its commands.
-    run("set safety.command_timeout 1");
-    run("move bend=0.6");
-    stop.store(true, Ordering::Relaxed);
-    server.join().unwrap();
 }

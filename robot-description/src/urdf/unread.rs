@@ -1,0 +1,66 @@
+//! What `urdf-rs` does not read and tells without a line: the element is found by leaving others out.
+
+use std::ops::Range;
+
+use super::numbers;
+use super::source::{Part, Source};
+use crate::finding::Report;
+
+const ADVICE: &str = "see http://wiki.ros.org/urdf/XML";
+
+/// The robot in `text`, without the elements that have no shape, which `urdf-rs` does not read; if it cannot
+/// be read, what is wrong.
+pub fn read(text: &str, source: &Source<'_>, report: &mut Report) -> Option<urdf_rs::Robot> {
+    let mut shapeless: Vec<_> =
+        source.links.iter().flat_map(numbers::shapeless).map(|part| part.node.range()).collect();
+    shapeless.sort_by_key(|range| range.start);
+    let error = match urdf_rs::read_from_string(&without(text, 0..text.len(), &shapeless)) {
+        Ok(robot) => return Some(robot),
+        Err(error) => error,
+    };
+    for part in source.root.parts() {
+        tell(text, source, &part, &shapeless, report);
+    }
+    if report.has_no_kinematics() {
+        report.kinematics(Some(source.root.line()), error.to_string(), ADVICE);
+    }
+    None
+}
+
+/// Tells of a link, a joint or another child of `<robot>` that cannot be read by itself, unless something in
+/// its lines has been told already.
+fn tell(text: &str, source: &Source<'_>, part: &Part<'_>, shapeless: &[Range<usize>], report: &mut Report) {
+    let range = part.node.range();
+    let head = text.get(source.root.head()).unwrap_or_default();
+    let alone = |left_out: &[Range<usize>]| {
+        let element = without(text, range.clone(), left_out);
+        urdf_rs::read_from_string(&format!("{head}{element}</robot>"))
+    };
+    let Err(error) = alone(shapeless) else { return };
+    if report.has_kinematics_in(part.lines()) {
+        return;
+    }
+    // The innermost element without which the rest can be read.
+    let culprits = part.descendants().skip(1).filter(|inner| {
+        let mut left_out = shapeless.to_vec();
+        left_out.push(inner.node.range());
+        left_out.sort_by_key(|range| range.start);
+        alone(&left_out).is_ok()
+    });
+    let culprit = culprits.last().unwrap_or(*part);
+    let inner = if culprit.node == part.node { String::new() } else { format!(": <{}>", culprit.tag()) };
+    let message = format!("{}{inner}: {error}", part.title());
+    report.kinematics(Some(culprit.line()), message.trim(), ADVICE);
+}
+
+/// The part `window` of `text` without the ranges, which are in order.
+fn without(text: &str, window: Range<usize>, ranges: &[Range<usize>]) -> String {
+    let mut kept = String::with_capacity(window.len());
+    let mut end = window.start;
+    for range in ranges.iter().filter(|range| window.start <= range.start && range.end <= window.end) {
+        kept.push_str(text.get(end..range.start).unwrap_or_default());
+        end = end.max(range.end);
+    }
+    kept.push_str(text.get(end..window.end).unwrap_or_default());
+    kept
+}

@@ -1,0 +1,73 @@
+//! The pages that a reader retypes: every command in them is run as it stands there, over both kinds of
+//! board, and prints what the page shows.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod board;
+mod own_hand;
+mod page;
+mod reader;
+
+use std::sync::Mutex;
+
+use board::Kind;
+use reader::Reader;
+
+const README: &str = include_str!("../../../README.md");
+const SUPERVISOR: &str = include_str!("../../../docs/supervisor.md");
+const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
+
+/// The sections that begin with a board of their own run beside the others, which share the first board.
+fn every_command_runs(kind: Kind) {
+    let own_hand = own_hand::folder();
+    own_hand::run(own_hand.path(), own_hand::INIT);
+    // Its other commands print what the page shows: a test of their own.
+    let of_own_hand = page::steps(own_hand::PAGE).into_iter().filter(|step| step.shown.is_none()).collect();
+    let mut readers = vec![Reader::new("docs/bring-your-own-hand.md", own_hand, of_own_hand)];
+    for (name, text) in
+        [("README.md", README), ("docs/supervisor.md", SUPERVISOR), ("docs/teleoperation.md", TELEOPERATION)]
+    {
+        for steps in reader::split(page::steps(text)) {
+            readers.push(Reader::new(name, reader::folder(), steps));
+        }
+    }
+    // An emulated board takes a core for itself.
+    let at_once = if kind == Kind::Native { readers.len() } else { 2 };
+    let (readers, failures) = (Mutex::new(readers), Mutex::new(Vec::new()));
+    let read = || {
+        loop {
+            let reader = readers.lock().unwrap().pop();
+            let Some(mut reader) = reader else { break };
+            let found = reader.read(kind);
+            failures.lock().unwrap().extend(found);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..at_once {
+            scope.spawn(read);
+        }
+    });
+    let failures = failures.into_inner().unwrap();
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn every_command_of_the_pages_runs_on_the_native_board() {
+    every_command_runs(Kind::Native);
+}
+
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn every_command_of_the_pages_runs_on_the_image() {
+    every_command_runs(Kind::Qemu);
+}
+
+/// Or an entry about a command that no page has any more would go unseen.
+#[test]
+fn every_exception_is_about_a_command_of_a_page() {
+    let steps: Vec<_> = [README, SUPERVISOR, TELEOPERATION].into_iter().flat_map(page::steps).collect();
+    assert!(steps.len() >= 40, "only {} commands found", steps.len());
+    for command in reader::exceptions() {
+        assert!(steps.iter().any(|step| step.command == command), "no page has `{command}`");
+    }
+}

@@ -1,0 +1,355 @@
+//! Somebody who reads a page and types its commands.
+
+use std::fs::File;
+use std::path::Path;
+use std::process::{Child, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+
+use super::board::{Kind, Served, interrupt, tesaki};
+use super::page::{Step, prints_as_shown};
+
+/// Commands that are not run, and why.
+const EXCUSED: &[(&str, &str)] = &[
+    ("alias tesaki='cargo tesaki'", "it is for the reader's shell"),
+    ("cargo sim", "host-sim/tests/cli.rs runs the demonstration"),
+    ("cargo xtask test --fast", "it is what runs this test"),
+    ("cargo xtask firmware", "`cargo xtask test` builds the image"),
+    ("cargo sim run hand3-servo --seed 1-20", "minutes; `cargo xtask sweep check` runs all scenarios"),
+    ("cargo sim run hand3-grasp", "likewise"),
+    ("cargo sim run arm7-follow", "likewise"),
+    ("cargo sim run hand3-servo --controller qemu", "tests/image.rs runs it"),
+    (
+        "tesaki identify robots/hand3/grasps/box.toml --out calibration.toml",
+        "two minutes; the scenario hand3-force identifies the joints in simulated time",
+    ),
+];
+
+/// Commands that fail: command, beginning of the comment, exit code.
+const FAILING: &[(&str, &str, i32)] = &[
+    ("tesaki doctor", "diagnosis", 1), // the board has no model yet
+    ("cargo tesaki doctor", "", 1),
+    ("tesaki grasp run robots/hand3/grasps/box.toml lift=0.2", "", 7),
+    ("tesaki grasp run robots/hand3/grasps/box.toml hold=5", "", 8),
+];
+
+/// Commands that are typed in another terminal while the one before runs, as soon as it prints what is shown.
+const MEANWHILE: &[&str] = &["tesaki grasp status"];
+
+/// Commands that run until Ctrl-C, and what happens before.
+const UNTIL_CTRL_C: &[(&str, &[&str])] = &[("tesaki record grip", &["move", "finger1_swing=0.2"])];
+
+/// Commands before which the page tells of something: a board without an object, a program that was killed.
+const WITHOUT_OBJECT: &str = "tesaki grasp run robots/hand3/grasps/box.toml hold=5";
+const AFTER_A_KILL: &str = "tesaki faults";
+
+/// It fills the terminal until `q`.
+const FULL_SCREEN: &str = "tesaki monitor";
+
+/// Sections that say "push the model, home and tare as above".
+const SET_UP: &[&str] = &["Grasping", "Impedance control of an arm"];
+
+/// What the identification would have written.
+const CALIBRATION: &str = "[joints.finger1_bend]\ntorque_constant = 1.9\n";
+
+/// A command that has not ended by then hangs.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The commands that are named above.
+pub fn exceptions() -> impl Iterator<Item = &'static str> {
+    let excused = EXCUSED.iter().map(|(command, _)| *command);
+    let failing = FAILING.iter().map(|(command, ..)| *command);
+    let interrupted = UNTIL_CTRL_C.iter().map(|(command, _)| *command);
+    let others = [WITHOUT_OBJECT, AFTER_A_KILL, FULL_SCREEN].into_iter().chain(MEANWHILE.iter().copied());
+    excused.chain(failing).chain(interrupted).chain(others)
+}
+
+/// The arguments of `cargo sim serve …`, as every kind of board gets them.
+fn serve(step: &Step) -> Option<Vec<&str>> {
+    let arguments = step.command.strip_prefix("cargo sim ")?.split(' ');
+    let arguments: Vec<&str> = arguments.filter(|word| !["--controller", "qemu"].contains(word)).collect();
+    (arguments[0] == "serve").then_some(arguments)
+}
+
+/// The commands of a page for each board: those of the first, and those of every section that has its own.
+pub fn split(steps: Vec<Step>) -> Vec<Vec<Step>> {
+    let first = steps.iter().find(|step| serve(step).is_some()).map(|step| step.section.clone());
+    let has_board = |section: &str| {
+        Some(section) != first.as_deref()
+            && steps.iter().any(|step| step.section == section && serve(step).is_some())
+    };
+    let mut boards: Vec<Vec<Step>> = vec![Vec::new()];
+    for step in &steps {
+        let own = boards.iter().skip(1).position(|board| board[0].section == step.section);
+        match own {
+            Some(own) => boards[own + 1].push(step.clone()),
+            None if has_board(&step.section) => boards.push(vec![step.clone()]),
+            None => boards[0].push(step.clone()),
+        }
+    }
+    boards
+}
+
+/// A folder to type in, with the robots and a calibration.
+pub fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").canonicalize().unwrap();
+    std::os::unix::fs::symlink(robots, folder.path().join("robots")).unwrap();
+    std::fs::write(folder.path().join("calibration.toml"), CALIBRATION).unwrap();
+    folder
+}
+
+/// A command that runs; what it prints goes to a file, as to a terminal in one stream.
+struct Running {
+    child: Child,
+    output: tempfile::NamedTempFile,
+}
+
+impl Running {
+    fn printed(&self) -> String {
+        std::fs::read_to_string(self.output.path()).unwrap()
+    }
+
+    /// Waits for its end, or until it has printed what is shown up to `^C`: then it is interrupted.
+    fn finish(mut self, shown: &[String]) -> (Option<i32>, String) {
+        let before = shown.iter().position(|line| line == "^C").map(|end| &shown[..end]);
+        let mut is_interrupted = false;
+        let status: Option<ExitStatus> = wait_for(|| {
+            if let Some(before) = before.filter(|_| !is_interrupted)
+                && prints_as_shown(before, &self.printed())
+            {
+                interrupt(&self.child, Signal::SIGINT);
+                is_interrupted = true;
+            }
+            self.child.try_wait().unwrap()
+        });
+        if status.is_none() {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+        (status.and_then(|status| status.code()), self.printed())
+    }
+}
+
+fn wait_for<T>(mut event: impl FnMut() -> Option<T>) -> Option<T> {
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        if let Some(found) = event() {
+            return Some(found);
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    None
+}
+
+pub struct Reader {
+    page: &'static str,
+    folder: tempfile::TempDir,
+    steps: Vec<Step>,
+    failures: Vec<String>,
+}
+
+impl Reader {
+    pub fn new(page: &'static str, folder: tempfile::TempDir, steps: Vec<Step>) -> Self {
+        Self { page, folder, steps, failures: Vec::new() }
+    }
+
+    /// Types all commands. Returns what was not as the page has it.
+    pub fn read(&mut self, kind: Kind) -> Vec<String> {
+        let steps = std::mem::take(&mut self.steps);
+        let mut board: Option<(Vec<&str>, Served)> = None;
+        let mut steps = steps.iter().peekable();
+        while let Some(step) = steps.next() {
+            if EXCUSED.iter().any(|(command, _)| *command == step.command) {
+                continue;
+            }
+            if let Some(arguments) = serve(step) {
+                // The other kind of the same board is what the other test runs.
+                if board.as_ref().is_none_or(|(present, _)| *present != arguments) {
+                    drop(board.take());
+                    board = Some((arguments.clone(), self.serve(kind, &arguments, &step.section)));
+                }
+                continue;
+            }
+            if let Some(arguments) = step.command.strip_prefix("cargo sim ") {
+                let mut command = tesaki_tests::program("host-sim");
+                self.check(step, command.args(arguments.split(' ')).current_dir(self.folder.path()));
+                continue;
+            }
+            let Some(arguments) = step.arguments("tesaki") else {
+                self.fail(
+                    step,
+                    "the test does not know how to run this command; say so in EXCUSED, with the reason",
+                );
+                continue;
+            };
+            if step.command == WITHOUT_OBJECT
+                && let Some((mut arguments, _)) = board.take()
+            {
+                let object = arguments.iter().position(|word| *word == "--object").unwrap();
+                arguments.drain(object..object + 2);
+                board = Some((arguments.clone(), self.serve(kind, &arguments, &step.section)));
+            }
+            let (_, board) = board.as_ref().unwrap_or_else(|| panic!("no board for `{}`", step.command));
+            let next = steps.next_if(|next| MEANWHILE.contains(&&*next.command));
+            self.type_command(board, step, &arguments, next);
+        }
+        std::mem::take(&mut self.failures)
+    }
+
+    fn fail(&mut self, step: &Step, message: &str) {
+        let Self { page, .. } = self;
+        self.failures.push(format!("{page}, section {:?}: `{}`: {message}", step.section, step.command));
+    }
+
+    fn serve(&mut self, kind: Kind, arguments: &[&str], section: &str) -> Served {
+        let board = Served::start(kind, arguments, self.folder.path());
+        if SET_UP.contains(&section) {
+            for command in board.set_up() {
+                self.succeeds(&board, &command.split(' ').collect::<Vec<_>>());
+            }
+        }
+        board
+    }
+
+    /// Runs a command that is not in the page. Behind `model push`, a busy machine gets more than the 100 ms
+    /// between two commands that a real one has to keep.
+    fn succeeds(&mut self, board: &Served, arguments: &[&str]) {
+        let running = self.start(tesaki(&board.port, self.folder.path()).args(arguments));
+        let (code, printed) = running.finish(&[]);
+        if code != Some(0) {
+            self.failures
+                .push(format!("{}: tesaki {arguments:?}: exit code {code:?}:\n{printed}", self.page));
+        }
+        self.grant_time(board, arguments);
+    }
+
+    fn grant_time(&mut self, board: &Served, arguments: &[&str]) {
+        if arguments.starts_with(&["model", "push"]) {
+            self.succeeds(board, &["set", "safety.command_timeout", "1"]);
+        }
+    }
+
+    fn start(&self, command: &mut std::process::Command) -> Running {
+        let output = tempfile::NamedTempFile::new_in(self.folder.path()).unwrap();
+        let appended = || Stdio::from(File::options().append(true).open(output.path()).unwrap());
+        let child = command.stdout(appended()).stderr(appended()).spawn().unwrap();
+        Running { child, output }
+    }
+
+    fn type_command(&mut self, board: &Served, step: &Step, arguments: &[&str], meanwhile: Option<&Step>) {
+        let mut command = tesaki(&board.port, self.folder.path());
+        match arguments.split_last() {
+            // As printed by the board.
+            Some((&"…", name)) => {
+                let words = board.told(&name.join(" ")).unwrap_or_else(|| panic!("{name:?} was not told"));
+                command.args(name).args(words);
+            }
+            _ => drop(command.args(arguments)),
+        }
+        if step.command == FULL_SCREEN {
+            return self.full_screen(step, command);
+        }
+        if step.command == AFTER_A_KILL {
+            self.kill_a_commander(board, step);
+        }
+        let until = UNTIL_CTRL_C.iter().find(|(command, _)| *command == step.command);
+        if until.is_none() && meanwhile.is_none() {
+            self.check(step, &mut command);
+            return self.grant_time(board, arguments);
+        }
+        let running = self.start(&mut command);
+        if let Some((_, others)) = until {
+            let starts = || running.printed().contains("Ctrl-C").then_some(());
+            if wait_for(starts).is_some() {
+                self.succeeds(board, others);
+            }
+            interrupt(&running.child, Signal::SIGINT);
+        }
+        if let Some(meanwhile) = meanwhile {
+            self.wait_until_shown(board, meanwhile);
+        }
+        self.judge(step, running);
+    }
+
+    /// Runs the command of the page to its end.
+    fn check(&mut self, step: &Step, command: &mut std::process::Command) {
+        let running = self.start(command);
+        self.judge(step, running);
+    }
+
+    fn judge(&mut self, step: &Step, running: Running) {
+        let shown = step.shown.as_deref().unwrap_or_default();
+        let (code, printed) = running.finish(shown);
+        let failing = FAILING
+            .iter()
+            .find(|(command, comment, _)| *command == step.command && step.comment.starts_with(comment));
+        let expected = failing.map_or(0, |(.., code)| *code);
+        if code != Some(expected) {
+            self.fail(step, &format!("exit code {code:?}, expected {expected}:\n{printed}"));
+        } else if step.shown.is_some() && !prints_as_shown(shown, &printed) {
+            self.fail(step, &format!("the page shows something else than it prints:\n{printed}"));
+        } else if step.comment == "no problems found" && !printed.contains(&step.comment) {
+            self.fail(step, &format!("no {:?} in:\n{printed}", step.comment));
+        }
+    }
+
+    /// Repeats the command until it prints what is shown.
+    fn wait_until_shown(&mut self, board: &Served, step: &Step) {
+        let arguments = step.arguments("tesaki").unwrap();
+        let mut last = String::new();
+        let shown = wait_for(|| {
+            let running = self.start(tesaki(&board.port, self.folder.path()).args(&arguments));
+            let (code, printed) = running.finish(&[]);
+            let is_shown = code == Some(0) && prints_as_shown(step.shown.as_ref().unwrap(), &printed);
+            last = printed;
+            is_shown.then_some(())
+        });
+        if shown.is_none() {
+            self.fail(step, &format!("it never printed what is shown, but:\n{last}"));
+        }
+    }
+
+    /// "Kill the process instead": the board stops by itself.
+    fn kill_a_commander(&mut self, board: &Served, step: &Step) {
+        let mut commander = self.start(tesaki(&board.port, self.folder.path()).arg("enable"));
+        let enabled = wait_for(|| commander.printed().contains("enabled").then_some(()));
+        commander.child.kill().unwrap();
+        commander.child.wait().unwrap();
+        let mode = || {
+            let running = self.start(tesaki(&board.port, self.folder.path()).arg("info"));
+            running.finish(&[]).1.contains("in fault").then_some(())
+        };
+        if enabled.and_then(|()| wait_for(mode)).is_none() {
+            self.fail(step, &format!("the board is not in fault before it: {}", commander.printed()));
+        }
+    }
+
+    /// On a terminal of its own: it draws the joints, and `q` ends it.
+    fn full_screen(&mut self, step: &Step, mut command: std::process::Command) {
+        use std::io::{Read, Write};
+        let size = nix::pty::Winsize { ws_row: 40, ws_col: 120, ws_xpixel: 0, ws_ypixel: 0 };
+        let nix::pty::OpenptyResult { master, slave } = nix::pty::openpty(Some(&size), None).unwrap();
+        let mut terminal = File::from(master);
+        let end = || Stdio::from(slave.try_clone().unwrap());
+        let mut child = command.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+        // The child alone keeps the terminal open.
+        drop((command, slave));
+        let (mut drawn, mut buffer) = (String::new(), [0; 4096]);
+        let start = Instant::now();
+        while !drawn.contains("finger1_swing") && start.elapsed() < PATIENCE {
+            let Ok(length) = terminal.read(&mut buffer) else { break };
+            drawn += &String::from_utf8_lossy(&buffer[..length]);
+        }
+        let _ = terminal.write_all(b"q");
+        // It writes on until it ends, and must not wait for a reader.
+        let mut rest = terminal.try_clone().unwrap();
+        std::thread::spawn(move || std::io::copy(&mut rest, &mut std::io::sink()));
+        let status = wait_for(|| child.try_wait().unwrap());
+        let _ = child.kill();
+        if !status.is_some_and(|status| status.success()) || !drawn.contains("finger1_swing") {
+            self.fail(step, &format!("{status:?}: {drawn}"));
+        }
+    }
+}
