@@ -179,3 +179,19 @@ fn a_command_that_was_overtaken_by_a_quarter_of_the_numbers_is_not_answered_as_i
     assert_eq!(rig.node.mode(), Mode::Disabled);
     assert_eq!(rig.send(7, number + 1, enable()), Reply::Done);
 }
+
+#[test]
+fn a_program_that_restarts_with_its_old_client_number_can_disable_but_not_enable() {
+    let mut rig = Rig::enabled(&model());
+    let latest = rig.sequence;
+    rig.send(7, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(rig.send(7, 2, take(true))), Refusal::Stale { latest });
+    assert_eq!(rig.send(7, 3, Request::Disable), Reply::Done);
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+    assert_eq!(refusal(rig.send(7, 4, enable())), Refusal::Stale { latest });
+    assert!(!rig.tick().enabled);
+    // With a client number of its own.
+    rig.send(31, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(rig.send(31, 2, take(true)), Reply::Done);
+    assert_eq!(rig.send(31, 3, enable()), Reply::Done);
+}

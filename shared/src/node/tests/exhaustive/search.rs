@@ -92,7 +92,7 @@ impl Hasher for FastHasher {
     }
 
     fn write_isize(&mut self, number: isize) {
-        self.write_u64(number as u64);
+        self.write_u64(number.cast_unsigned() as u64);
     }
 
     fn write_usize(&mut self, number: usize) {
@@ -309,8 +309,8 @@ fn check_newest_word(variation: &Variation, now: &Specification, after: View) ->
     let Some(commander) = CLIENTS.iter().position(|&client| after.commander == Some(client)) else {
         return Err("nothing is enabled without a commander");
     };
-    let words = now.heard[commander].iter().flatten().map(|heard| heard.word);
-    let newest = words.filter(|word| matches!(word, Word::Enable | Word::Disable | Word::Stop)).last();
+    let mut words = now.heard[commander].iter().rev().flatten().map(|heard| heard.word);
+    let newest = words.find(|word| matches!(word, Word::Enable | Word::Disable | Word::Stop));
     let says_so = newest == Some(Word::Enable);
     says_so.then_some(()).ok_or("the newest word of the commander is to enable")
 }
