@@ -20,7 +20,7 @@ impl Node {
     /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
         self.state.records = self.state.records.wrapping_add(1);
-        self.state.lease.register(frame.client, frame.sequence, self.state.tick);
+        self.state.register(frame.client, frame.sequence);
         let reply = self.answer(frame, board).unwrap_or_else(Reply::Refused);
         ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
@@ -29,24 +29,24 @@ impl Node {
         let client = frame.client;
         match &frame.request {
             Request::Hello { schema } => {
-                self.state.set_accepted(client, *schema == SCHEMA_KEY);
+                self.state.set_accepted(client, frame.sequence, *schema == SCHEMA_KEY);
+                self.state.overrule(client, frame.sequence);
                 return Ok(Reply::Hello { schema: SCHEMA_KEY, identity: board.identity });
             }
             // From any client, also of another version: these requests only make the machine safer.
             Request::Disable => {
-                self.state.lease.overrule(client, frame.sequence);
+                self.state.overrule(client, frame.sequence);
                 self.disable();
             }
             Request::Stop => {
-                self.state.lease.overrule(client, frame.sequence);
+                self.state.overrule(client, frame.sequence);
                 self.stop();
             }
             _ if !self.state.is_accepted(client) => {
                 return Err(Refusal::SchemaMismatch { board: SCHEMA_KEY, firmware: board.identity.firmware });
             }
             Request::TakeCommand { by_force } => {
-                let enabled = matches!(self.state.mode, Mode::Enabled(_));
-                self.state.lease.take(client, frame.sequence, *by_force, enabled, self.state.tick)?;
+                self.state.take(client, frame.sequence, *by_force)?;
             }
             Request::SetRate { stream, every } => {
                 if let Some(rate) = self.state.rates.get_mut(*stream as usize) {
@@ -67,12 +67,19 @@ impl Node {
             | Request::Keep
             | Request::ClearFaults { .. }
             | Request::ReleaseCommand => {
-                if let Admitted::Repeated(result) = self.state.lease.admit(client, frame.sequence)? {
-                    return result.map(|()| Reply::Done);
+                match self.state.lease.admit(client, frame.sequence) {
+                    Ok(Admitted::New) => {
+                        let result = self.command(&frame.request);
+                        self.state.lease.remember(frame.sequence, result);
+                        result?;
+                    }
+                    Ok(Admitted::Repeated(result)) => result?,
+                    Err(refusal) => {
+                        // A repetition is not executed once the client commands.
+                        self.state.outdate(client, frame.sequence);
+                        return Err(refusal);
+                    }
                 }
-                let result = self.command(&frame.request);
-                self.state.lease.remember(frame.sequence, result);
-                result?;
             }
         }
         Ok(Reply::Done)

@@ -16,16 +16,16 @@ const MAX_REPETITION_AGE: u16 = 1 << 14;
 /// delay and duplicate them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Lease {
-    held: bool,
+    pub(super) held: bool,
     /// The commander, or the last one.
-    client: Option<u32>,
+    pub(super) client: Option<u32>,
     /// Its last command, and the refusal of it.
-    sequence: u16,
-    refusal: Optional<Refusal>,
+    pub(super) sequence: u16,
+    pub(super) refusal: Optional<Refusal>,
     /// The tick of its last request.
-    last_request: u32,
+    pub(super) last_request: u32,
     /// The commanders before, the latest first, with the last command of each.
-    former: [Option<(u32, u16)>; FORMER],
+    pub(super) former: [Option<(u32, u16)>; FORMER],
 }
 
 /// Whether to execute a command.
@@ -58,7 +58,7 @@ impl Lease {
     /// Registers a request of any kind.
     pub fn register(&mut self, client: u32, sequence: u16, now: u32) {
         for (former, latest) in self.former.iter_mut().flatten() {
-            if *former == client && (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(*latest)) {
+            if *former == client && is_far_ahead(sequence, *latest) {
                 *latest = sequence.wrapping_sub(1);
             }
         }
@@ -68,9 +68,10 @@ impl Lease {
         self.last_request = now;
         // Requests other than commands use sequence numbers, too. After half of the numbers the next command
         // would appear older than the last one, so the last one is moved up. This request may itself be a
-        // command.
-        if (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(self.sequence)) {
-            (self.sequence, self.refusal) = (sequence.wrapping_sub(1), Optional::None);
+        // command. The number before it may be that of a command that comes late: it was not executed.
+        if is_far_ahead(sequence, self.sequence) {
+            let latest = sequence.wrapping_sub(1);
+            (self.sequence, self.refusal) = (latest, Optional::Some(Refusal::Stale { latest }));
         }
     }
 
@@ -83,16 +84,16 @@ impl Lease {
         enabled: bool,
         now: u32,
     ) -> Result<(), Refusal> {
-        if self.client == Some(client) && self.is_older(sequence) {
-            return Err(Refusal::Stale { latest: self.sequence });
-        }
-        // A late duplicate from a time when this client commanded.
-        let before = self.former.iter().flatten().find(|(former, _)| *former == client);
-        if let Some(&(_, latest)) = before
-            && self.client != Some(client)
-            && sequence.wrapping_sub(latest).cast_signed() <= 0
-        {
-            return Err(Refusal::Stale { latest });
+        let own = Some((client, self.sequence)).filter(|_| self.client == Some(client));
+        let before =
+            own.or_else(|| self.former.iter().flatten().find(|(former, _)| *former == client).copied());
+        if let Some((_, latest)) = before {
+            let ahead = sequence.wrapping_sub(latest).cast_signed();
+            // A late duplicate from a time when this client commanded.
+            let again = ahead == 0 && self.commander() != Some(client);
+            if ahead < 0 || again {
+                return Err(Refusal::Stale { latest });
+            }
         }
         let expired = now.wrapping_sub(self.last_request) > LEASE;
         if let Some(by) = self.commander()
@@ -115,8 +116,8 @@ impl Lease {
         Ok(())
     }
 
-    /// A request that needs no lease and switches the outputs off: commands that the same client sent before it,
-    /// and that arrive after it, must not switch them on again.
+    /// A request that anybody may send at any time: commands that the same client sent before it, and that
+    /// arrive after it, must not be executed; after a stop they would switch the outputs on again.
     pub fn overrule(&mut self, client: u32, sequence: u16) {
         for (former, latest) in self.former.iter_mut().flatten() {
             if *former == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
@@ -158,6 +159,11 @@ impl Lease {
     fn is_older(&self, sequence: u16) -> bool {
         sequence.wrapping_sub(self.sequence).cast_signed() < 0
     }
+}
+
+/// Whether `sequence` is so far ahead of `latest` that nothing before it is repeated any more.
+pub(super) fn is_far_ahead(sequence: u16, latest: u16) -> bool {
+    (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(latest))
 }
 
 #[cfg(test)]

@@ -3,12 +3,12 @@ use serde::{Deserialize, Serialize};
 
 use super::force_sensor::ForceSensorState;
 use super::joint::JointState;
-use super::lease::Lease;
+use super::lease::{Lease, is_far_ahead};
 use super::optional::Optional;
 use crate::control::JointPoint;
 use crate::fault::{Fault, FaultLog};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
-use crate::protocol::{Mode, Stream};
+use crate::protocol::{Mode, Refusal, Stream};
 use crate::robot::{Measured, Targets};
 use crate::task::TaskState;
 
@@ -37,8 +37,9 @@ pub const STATE_KEY: u64 = {
 #[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {
-    /// The clients whose hello had our schema key, the latest first.
-    accepted: [Option<u32>; CLIENTS],
+    /// The clients whose hello had our schema key, the latest first, each with the number of a request: with
+    /// one that it sent before, it does not take command any more.
+    pub(super) accepted: [Option<(u32, u16)>; CLIENTS],
     pub(super) lease: Lease,
     pub(super) mode: Mode,
     /// What the outputs do in [`Mode::Fault`].
@@ -109,20 +110,70 @@ impl State {
 
     /// Whether the client has our schema key. The commander's hello is never dropped.
     pub fn is_accepted(&self, client: u32) -> bool {
-        self.accepted.contains(&Some(client)) || self.lease.commander() == Some(client)
+        self.place(client).is_some() || self.lease.commander() == Some(client)
     }
 
     /// Stores whether the client's hello had our schema key.
-    pub fn set_accepted(&mut self, client: u32, accepted: bool) {
-        for entry in &mut self.accepted {
-            if *entry == Some(client) {
-                *entry = None;
+    pub fn set_accepted(&mut self, client: u32, sequence: u16, accepted: bool) {
+        let own = self.place(client);
+        let free = || self.accepted.iter().position(Option::is_none).unwrap_or(CLIENTS - 1);
+        // In place of the client's own entry, of none, or of the oldest one.
+        let Some(place) = own.or_else(|| accepted.then(free)) else { return };
+        let entry = own.and_then(|place| *self.accepted.get(place)?).unwrap_or((client, sequence));
+        let mut moved = accepted.then_some(entry);
+        for entry in self.accepted.iter_mut().take(place + 1) {
+            core::mem::swap(entry, &mut moved);
+        }
+    }
+
+    /// The index of the client among the accepted ones.
+    fn place(&self, client: u32) -> Option<usize> {
+        self.accepted.iter().position(|entry| entry.is_some_and(|(known, _)| known == client))
+    }
+
+    /// Registers a request of any kind.
+    pub fn register(&mut self, client: u32, sequence: u16) {
+        self.lease.register(client, sequence, self.tick);
+        for (known, latest) in self.accepted.iter_mut().flatten() {
+            if *known == client && is_far_ahead(sequence, *latest) {
+                *latest = sequence.wrapping_sub(1);
             }
         }
-        if accepted {
-            self.accepted.rotate_right(1);
-            self.accepted[0] = Some(client);
+    }
+
+    /// What the client sent before this request does not take command any more, so that no repetition or late
+    /// request of it is executed.
+    pub fn outdate(&mut self, client: u32, sequence: u16) {
+        for (known, latest) in self.accepted.iter_mut().flatten() {
+            if *known == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
+                *latest = sequence;
+            }
         }
+    }
+
+    /// A request that anybody may send at any time: commands that the same client sent before it, and that
+    /// arrive after it, are not executed.
+    pub fn overrule(&mut self, client: u32, sequence: u16) {
+        self.lease.overrule(client, sequence);
+        self.outdate(client, sequence);
+    }
+
+    /// Gives the lease to `client`, unless it is another's or the request is late.
+    pub fn take(&mut self, client: u32, sequence: u16, by_force: bool) -> Result<(), Refusal> {
+        let newest = self.accepted.iter().flatten().find(|(known, _)| *known == client);
+        if let Some(&(_, latest)) = newest
+            && self.lease.commander() != Some(client)
+            && sequence.wrapping_sub(latest).cast_signed() <= 0
+        {
+            return Err(Refusal::Stale { latest });
+        }
+        let enabled = matches!(self.mode, Mode::Enabled(_));
+        let taken = self.lease.take(client, sequence, by_force, enabled, self.tick);
+        if taken.is_err() {
+            // The request itself may be repeated.
+            self.outdate(client, sequence.wrapping_sub(1));
+        }
+        taken
     }
 }
 

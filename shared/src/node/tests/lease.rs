@@ -4,6 +4,7 @@ use heapless::Vec;
 
 use super::rig::{Rig, model, refusal};
 use crate::control::ServoMode;
+use crate::node::Node;
 use crate::protocol::{Mode, Refusal, Reply, Request, SCHEMA_KEY, Stream};
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
@@ -72,4 +73,125 @@ fn repeated_and_late_requests_change_nothing() {
     rig.command();
     assert!(matches!(refusal(rig.send(7, first, enable())), Refusal::Stale { .. }));
     assert_eq!(rig.node.mode(), Mode::Disabled);
+}
+
+fn enable() -> Request {
+    Request::Enable(TaskConfig::JointServo(ServoMode::Pid))
+}
+
+fn take(by_force: bool) -> Request {
+    Request::TakeCommand { by_force }
+}
+
+#[test]
+fn a_disable_that_overtook_the_take_and_the_enable_of_a_new_client_overrules_both() {
+    let mut rig = Rig::ready(&model());
+    rig.ask(Request::ReleaseCommand);
+    rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(rig.send(8, 4, Request::Disable), Reply::Done);
+    assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 4 });
+    assert_eq!(refusal(rig.send(8, 3, enable())), Refusal::NotCommander);
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+    assert_eq!(rig.send(8, 5, take(false)), Reply::Done);
+    assert_eq!(rig.send(8, 6, enable()), Reply::Done);
+}
+
+#[test]
+fn what_was_refused_to_a_client_without_command_enables_nothing_when_it_arrives_again() {
+    let mut rig = Rig::ready(&model());
+    rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    let commanded = Refusal::Commanded { by: 7 };
+    assert_eq!(refusal(rig.send(8, 2, take(false))), commanded);
+    assert_eq!(refusal(rig.send(8, 3, enable())), commanded);
+    rig.ask(Request::ReleaseCommand);
+    assert_eq!(refusal(rig.send(8, 2, take(false))), Refusal::Stale { latest: 3 });
+    assert_eq!(refusal(rig.send(8, 3, enable())), Refusal::NotCommander);
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+    // A `TakeCommand` alone may be repeated until it is granted.
+    assert_eq!(rig.send(8, 4, take(false)), Reply::Done);
+}
+
+#[test]
+fn a_take_that_was_refused_may_be_repeated_but_makes_older_requests_stale() {
+    let mut rig = Rig::ready(&model());
+    rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(rig.send(8, 4, take(false))), Refusal::Commanded { by: 7 });
+    assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 3 });
+    rig.ask(Request::ReleaseCommand);
+    assert_eq!(rig.send(8, 4, take(false)), Reply::Done);
+    assert_eq!(refusal(rig.send(8, 3, enable())), Refusal::Stale { latest: 4 });
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+}
+
+#[test]
+fn after_a_reset_and_a_new_hello_nothing_from_before_enables() {
+    let mut rig = Rig::new();
+    rig.command();
+    rig.node = Node::new();
+    assert!(matches!(refusal(rig.send(8, 2, take(true))), Refusal::SchemaMismatch { .. }));
+    rig.command();
+    assert_eq!(rig.push(&model()), Reply::Done);
+    rig.tick();
+    rig.ask(Request::ReleaseCommand);
+    rig.send(8, 10, Request::Hello { schema: SCHEMA_KEY });
+    // Sent and executed before the reset; they arrive again.
+    assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 10 });
+    assert_eq!(refusal(rig.send(8, 3, enable())), Refusal::NotCommander);
+    // The old hello as well.
+    rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 10 });
+    assert_eq!(rig.send(8, 11, take(false)), Reply::Done);
+}
+
+#[test]
+fn a_repeated_hello_pushes_no_other_client_out() {
+    let mut rig = Rig::ready(&model());
+    for client in [21, 22, 23, 24] {
+        rig.send(client, 1, Request::Hello { schema: SCHEMA_KEY });
+    }
+    for _ in 0..5 {
+        rig.send(24, 1, Request::Hello { schema: SCHEMA_KEY });
+        rig.send(22, 1, Request::Hello { schema: SCHEMA_KEY });
+    }
+    for client in [21, 22, 23, 24] {
+        assert!(matches!(rig.send(client, 2, Request::ReadStatus), Reply::Status(_)), "{client}");
+    }
+    // A fifth one pushes out the client whose hello was the longest ago.
+    rig.send(25, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert!(matches!(refusal(rig.send(21, 3, Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
+    assert!(matches!(rig.send(23, 3, Request::ReadStatus), Reply::Status(_)));
+    // One that does not speak our schema any more leaves its place.
+    rig.send(23, 4, Request::Hello { schema: SCHEMA_KEY ^ 1 });
+    assert!(matches!(refusal(rig.send(23, 5, Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
+    rig.send(26, 1, Request::Hello { schema: SCHEMA_KEY });
+    for client in [22, 24, 25, 26] {
+        assert!(matches!(rig.send(client, 6, Request::ReadStatus), Reply::Status(_)), "{client}");
+    }
+}
+
+#[test]
+fn a_command_that_was_overtaken_by_a_quarter_of_the_numbers_is_not_answered_as_if_executed() {
+    let mut rig = Rig::ready(&model());
+    let number = rig.sequence.wrapping_add(20_000);
+    rig.send(7, number, Request::ReadStatus);
+    let latest = number - 1;
+    assert_eq!(refusal(rig.send(7, latest, enable())), Refusal::Stale { latest });
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+    assert_eq!(rig.send(7, number + 1, enable()), Reply::Done);
+}
+
+#[test]
+fn a_program_that_restarts_with_its_old_client_number_can_disable_but_not_enable() {
+    let mut rig = Rig::enabled(&model());
+    let latest = rig.sequence;
+    rig.send(7, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(rig.send(7, 2, take(true))), Refusal::Stale { latest });
+    assert_eq!(rig.send(7, 3, Request::Disable), Reply::Done);
+    assert_eq!(rig.node.mode(), Mode::Disabled);
+    assert_eq!(refusal(rig.send(7, 4, enable())), Refusal::Stale { latest });
+    assert!(!rig.tick().enabled);
+    // With a client number of its own.
+    rig.send(31, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(rig.send(31, 2, take(true)), Reply::Done);
+    assert_eq!(rig.send(31, 3, enable()), Reply::Done);
 }

@@ -4,6 +4,7 @@ mod arm;
 mod arm_closed_loop;
 mod arm_stops;
 mod enabling;
+mod exhaustive;
 mod export;
 mod faults;
 mod fingertips;
