@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use roxmltree::{Document, Error, Node};
 
+use crate::file::{MAX_URDF, check_length};
 use crate::finding::Report;
 
 /// Deepest nesting of elements: vendors put things of their own into a URDF.
@@ -13,6 +14,9 @@ const XACRO: &str = "a robot folder needs plain URDF: generate it with `xacro FI
 
 /// Reads the XML.
 pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
+    if !check_length(text, MAX_URDF, report) {
+        return None;
+    }
     match Document::parse(text) {
         Ok(document) => Some(document),
         Err(error) => {
