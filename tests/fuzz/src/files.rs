@@ -76,7 +76,7 @@ fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     rig.ask(Request::Enable(task));
     rig.ask(Request::Task(command));
     for _ in 0..20 {
-        follow(rig, true);
+        follow(rig);
         rig.ask(Request::Keep);
         rig.tick();
     }

@@ -107,7 +107,7 @@ fn folder(urdf: &str, settings: &str, plant: Option<&str>) {
     rig.ask(Request::Home { positions });
     rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer)));
     for _ in 0..20 {
-        follow(&mut rig, false);
+        follow(&mut rig);
         rig.ask(Request::Keep);
         rig.tick();
     }

@@ -98,7 +98,11 @@ fn corpus(target: &Target) -> PathBuf {
 }
 
 /// The instrumented program.
-struct Fuzzer(PathBuf);
+struct Fuzzer {
+    path: PathBuf,
+    /// What it was built from.
+    commit: String,
+}
 
 impl Fuzzer {
     fn build() -> Result<Self> {
@@ -120,11 +124,12 @@ impl Fuzzer {
         // With a target named, build scripts and macros are not instrumented.
         cargo.args(["--profile", "fuzz", "--target", host, "--target-dir"]).arg(&folder);
         tools::run(cargo.env("RUSTFLAGS", INSTRUMENTATION))?;
-        Ok(Self(std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?))
+        let path = std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?;
+        Ok(Self { path, commit: commit()? })
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(&self.0);
+        let mut command = Command::new(&self.path);
         command.args(arguments);
         command
     }
@@ -176,8 +181,8 @@ impl Fuzzer {
             let kept = tools::output(&mut self.command(&["pack", &target.name, &out.display().to_string()]))?;
             let numbers: Vec<u64> = kept.split_whitespace().filter_map(|word| word.parse().ok()).collect();
             let [inputs, bytes] = *numbers else { bail!("{kept:?} are not two numbers") };
-            let Share { edges, functions, of_target } = coverage::measure(&self.0, &out, &target.modules)?;
-            run = Run { inputs, bytes, edges, functions, of_target, commit: commit()?, ..run };
+            let Share { edges, functions, of_target } = coverage::measure(&self.path, &out, &target.modules)?;
+            run = Run { inputs, bytes, edges, functions, of_target, commit: self.commit.clone(), ..run };
         }
         Ok(run)
     }
@@ -193,7 +198,7 @@ fn executions(log: &str) -> u64 {
     total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
 }
 
-/// The commit that was fuzzed.
+/// The commit of the sources.
 fn commit() -> Result<String> {
     let git = |arguments: &[&str]| {
         tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())

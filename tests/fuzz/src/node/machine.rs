@@ -90,17 +90,27 @@ impl Machine {
     }
 }
 
-/// Moves the joints to where their references are, and presses the tips as the task wants it.
-pub fn follow(rig: &mut Rig, touching: bool) {
+/// Moves the joints to where their references are, and presses the tips as the task wants it. Readings that
+/// never change would be faults.
+pub fn follow(rig: &mut Rig) {
+    let tick = rig.sensors.sequence;
+    let touching = tick % 100 > 50;
+    // From 0 to 15, in no order.
+    let noise =
+        |place: usize| tick.wrapping_mul(0x9e37).wrapping_add(place.to_le_bytes()[0].into()) >> 3 & 15;
     let Some(robot) = rig.node.robot() else { return };
     let joints = rig.node.telemetry().joints;
     let model = robot.model();
-    for ((count, joint), config) in rig.sensors.encoders.iter_mut().zip(&joints).zip(&model.joints) {
+    let encoders = rig.sensors.encoders.iter_mut().enumerate();
+    for (((place, count), joint), config) in encoders.zip(&joints).zip(&model.joints) {
         let sign = if config.encoder.reversed { -1.0 } else { 1.0 };
         let turns = (joint.reference - joint.position) / TAU;
         #[expect(clippy::cast_possible_truncation, reason = "saturates")]
         let change = (turns * config.encoder.counts_per_turn * sign).round() as i32;
-        *count = count.wrapping_add(change);
+        *count = count.wrapping_add(change).wrapping_add_unsigned(noise(place) % 5).wrapping_sub(2);
+    }
+    for (place, count) in rig.sensors.forces.as_flattened_mut().iter_mut().enumerate() {
+        *count = (*count & !15).wrapping_add_unsigned(noise(place));
     }
     let Some(TaskTelemetry::Grasping(grasp)) = rig.node.task_report().map(|report| report.telemetry) else {
         return;
@@ -118,10 +128,10 @@ pub fn follow(rig: &mut Rig, touching: bool) {
         };
         let posture = Chain::new(&model.joints[range.clone()], &chain.tip).posture(&angles[range]);
         let force = posture.tip().rotation.inverse_transform_vector(&push.into());
-        for (count, force) in counts.iter_mut().zip(force.iter()) {
+        for ((place, count), force) in counts.iter_mut().enumerate().zip(force.iter()) {
             #[expect(clippy::cast_possible_truncation, reason = "saturates")]
             let reading = (force * -1000.0) as i32;
-            *count = reading;
+            *count = reading.wrapping_add_unsigned(noise(place)).wrapping_sub(8);
         }
     }
 }

@@ -13,30 +13,39 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 
 use crate::input::Input;
-use machine::{before_the_box, box_plan, follow, machines, soft, spoil};
+use machine::{Machine, before_the_box, box_plan, follow, machines, soft, spoil};
 use rig::Rig;
 
 pub use seeds::seeds;
 
 /// Ticks of a run: a longer one is slow and shows no more.
-const MAX_TICKS: u32 = 600;
+const MAX_TICKS: u32 = 1200;
 
 /// The first byte names the robot, and whether the run is repeated. Each step is a byte and what it needs.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let first = input.byte();
-    let machine = &machines()[usize::from(first & 3) % 3];
-    let mut rig = machine.rig(first & 4 != 0);
+    let mut rig = start(first);
+    while !input.is_empty() && rig.ticks < MAX_TICKS {
+        step(&mut rig, &machine(first).encoded, &mut input);
+    }
+    rig.finish();
+}
+
+fn machine(first: u8) -> &'static Machine {
+    &machines()[usize::from(first & 3) % 3]
+}
+
+/// A node, perhaps homed and tared.
+fn start(first: u8) -> Rig {
+    let mut rig = machine(first).rig(first & 4 != 0);
     if first & 8 != 0 {
         rig.tick();
         rig.tick();
         home(&mut rig, 0.0, &mut Input(&[]));
         rig.ask(Request::Tare);
     }
-    while !input.is_empty() && rig.ticks < MAX_TICKS {
-        step(&mut rig, &machine.encoded, &mut input);
-    }
-    rig.finish();
+    rig
 }
 
 fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
@@ -44,7 +53,7 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
         0 => {
             let how = input.byte();
             for tick in 0..1 + (how & 63) {
-                follow(rig, tick % 16 > 7);
+                follow(rig);
                 if how & 64 != 0 && tick % 4 == 0 {
                     rig.ask(Request::Keep);
                 }

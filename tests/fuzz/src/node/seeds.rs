@@ -4,7 +4,7 @@ use tesaki::protocol::{Request, RequestFrame};
 use tesaki::task::TaskConfig;
 
 /// Ticks that follow, with commands between them.
-const RUN: [u8; 2] = [0, 64 + 40];
+const RUN: [u8; 2] = [0, 64 + 63];
 
 /// Runs of each robot and each task.
 pub fn seeds() -> Vec<Vec<u8>> {
@@ -57,7 +57,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     }
     for end in [[10, 4], [10, 5], [15, 1], [15, 0]] {
         let mut steps = vec![8, 14, 6, 2, 10, 0];
-        (0..8).for_each(|_| steps.extend(RUN));
+        (0..12).for_each(|_| steps.extend(RUN));
         steps.extend(end);
         (0..4).for_each(|_| steps.extend(RUN));
         seeds.push(steps);
@@ -72,4 +72,45 @@ pub fn seeds() -> Vec<Vec<u8>> {
         seeds.push([&[9], &*steps.concat()].concat());
     }
     seeds
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use tesaki::task::TaskTelemetry;
+
+    use super::*;
+    use crate::input::Input;
+    use crate::node::{machine, start, step};
+
+    #[test]
+    fn the_runs_reach_every_phase_of_a_grasp_and_the_contact_of_an_arm() {
+        let mut reached = BTreeSet::new();
+        for seed in seeds() {
+            let mut input = Input(&seed);
+            let first = input.byte();
+            let mut rig = start(first);
+            while !input.is_empty() {
+                step(&mut rig, &machine(first).encoded, &mut input);
+                let mode = rig.node.mode();
+                match rig.node.task_report().map(|report| report.telemetry) {
+                    Some(TaskTelemetry::Grasping(grasp)) => reached.insert(format!("{:?}", grasp.phase)),
+                    Some(TaskTelemetry::Impedance(tool)) => {
+                        reached.insert(format!("contact {}", tool.contact))
+                    }
+                    _ => reached.insert(format!("{mode:?}")),
+                };
+                if let Some(fault) = rig.node.faults().faults.last() {
+                    reached.insert(format!("fault {:?}", fault.cause));
+                }
+            }
+        }
+        println!("{reached:?}");
+        for name in
+            ["Approach", "Touch", "Squeeze", "ProbeFriction", "Hold", "Move", "Lower", "Open", "contact true"]
+        {
+            assert!(reached.contains(name), "{name} is not in {reached:?}");
+        }
+    }
 }
