@@ -4,6 +4,13 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
+use crate::finding::Report;
+
+/// Longest URDF [bytes]. Those of whole humanoids have half of it.
+pub(crate) const MAX_URDF: usize = 1 << 20;
+/// Longest TOML file [bytes]. A board's sixteen joints, each with settings of its own, take a third.
+pub(crate) const MAX_TOML: usize = 1 << 16;
+
 /// Why a TOML file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
@@ -25,9 +32,29 @@ pub enum FileError {
     },
 }
 
+/// Why a text is too long to be read: the time for it grows with the square of its length.
+fn too_long(text: &str, most: usize) -> Option<String> {
+    let length = text.len();
+    (length > most).then(|| format!("the file has {length} bytes; at most {most} are read"))
+}
+
+/// Whether `text` can be read; else reports that it is too long.
+pub(crate) fn check_length(text: &str, most: usize, report: &mut Report) -> bool {
+    let problem = too_long(text, most);
+    let fits = problem.is_none();
+    if let Some(message) = problem {
+        report.kinematics(None, message, "remove what does not belong to the robot");
+    }
+    fits
+}
+
 /// Reads a TOML file.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
-    let place = || path.to_path_buf();
-    let text = std::fs::read_to_string(path).map_err(|source| FileError::Read { path: place(), source })?;
-    toml::from_str(&text).map_err(|error| FileError::Toml { path: place(), message: error.to_string() })
+    let toml = |message| FileError::Toml { path: path.to_owned(), message };
+    let read = std::fs::read_to_string(path);
+    let text = read.map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+    match too_long(&text, MAX_TOML) {
+        Some(message) => Err(toml(message)),
+        None => toml::from_str(&text).map_err(|error| toml(error.to_string())),
+    }
 }

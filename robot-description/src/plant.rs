@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
+use crate::file::{MAX_TOML, check_length};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::urdf;
@@ -151,6 +152,9 @@ impl PlantValues {
     /// Everything that is wrong with `text`, the content of `path`, and the values when nothing is.
     pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
         let mut report = Report::new(path);
+        if !check_length(text, MAX_TOML, &mut report) {
+            return (None, report.findings);
+        }
         let table = match toml::from_str::<Table>(text) {
             Ok(table) => table,
             Err(error) => {

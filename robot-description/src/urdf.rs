@@ -169,7 +169,7 @@ impl Urdf {
 
 /// The joints in `text` that move, also when they make no tree.
 pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
-    let Ok(document) = roxmltree::Document::parse(text) else { return Vec::new() };
+    let Some(document) = source::parse(text, &mut Report::new(Path::new(""))) else { return Vec::new() };
     let starts = source::line_starts(text);
     let source = Source::new(&document, &starts, &mut Report::new(Path::new("")));
     let moving = source.iter().flat_map(|source| &source.joints).filter(|joint| joint.moves());

@@ -4,6 +4,7 @@ mod bench;
 mod faults;
 mod firmware;
 mod footprint;
+mod fuzz;
 mod sweep;
 mod test;
 mod tools;
@@ -28,6 +29,8 @@ enum Task {
     Sweep(sweep::Options),
     /// Run seeded schedules of faults; record and check what the oracle of safety finds
     Faults(faults::Options),
+    /// Let libFuzzer look for inputs that break the control core or the readers of files
+    Fuzz(fuzz::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -41,5 +44,6 @@ fn main() -> anyhow::Result<()> {
         Task::Bench(options) => bench::run(&options),
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),
+        Task::Fuzz(options) => fuzz::run(&options),
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, faults, firmware, sweep};
+use crate::{bench, faults, firmware, fuzz, sweep};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, control core, host; needs nothing but Rust
@@ -86,7 +86,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn fast(steps: &mut Steps) -> Result<()> {
     steps.run("format and lints", lints)?;
-    steps.run("tables against recorded sweeps", sweep::check_tables)?;
+    steps.run("tables against what is recorded", tables)?;
     steps.run("the control core, with overflow checks", core)?;
     steps.run("the host suite", host)
 }
@@ -101,7 +101,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("lints of the firmware", || firmware_lints(compiler))?;
     steps.run("documentation", documentation)?;
     steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
-    steps.run("tables against recorded sweeps", sweep::check_tables)?;
+    steps.run("tables against what is recorded", tables)?;
     steps.run("the control core, with overflow checks", core)?;
     steps.run("the host suite", host)?;
     steps.run("recorded sweeps against the simulator", sweep::check_built)?;
@@ -134,6 +134,11 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
     // alone.
     let host_sim = Command::new(firmware::target().join("release").join("host-sim"));
     steps.run("the image", || firmware::report(&image, host_sim))
+}
+
+fn tables() -> Result<()> {
+    sweep::check_tables()?;
+    fuzz::check_table()
 }
 
 fn lints() -> Result<()> {

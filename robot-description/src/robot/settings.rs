@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
+use crate::file::{MAX_TOML, check_length};
 use crate::finding::Report;
 use crate::line::line_of;
 
@@ -149,6 +150,9 @@ impl Settings {
     /// Reads the text of a `controller.toml` for the joints `names`; `None` when something is wrong with it.
     pub(crate) fn parse(text: &str, names: &[&str], report: &mut Report) -> Option<Self> {
         let before = report.findings.len();
+        if !check_length(text, MAX_TOML, report) {
+            return None;
+        }
         let file = toml::from_str::<File>(text).map_err(|error| {
             let line =
                 error.span().map(|span| text.get(..span.start).unwrap_or(text).matches('\n').count() + 1);
@@ -174,7 +178,7 @@ impl Settings {
 /// The links whose inertia a `controller.toml` accepts although no body can have it; none when the text is
 /// wrong, which [`Settings::parse`] reports.
 pub(crate) fn accepted_inertias(text: &str) -> Vec<String> {
-    let table = toml::from_str::<Table>(text).unwrap_or_default();
+    let table = if text.len() > MAX_TOML { Table::new() } else { toml::from_str(text).unwrap_or_default() };
     let list = table.get("accept_inertia").and_then(Value::as_array);
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }

@@ -5,6 +5,7 @@ use std::ops::{Range, RangeInclusive};
 
 use roxmltree::{Document, Error, Node};
 
+use crate::file::{MAX_URDF, check_length};
 use crate::finding::Report;
 
 /// Deepest nesting of elements: vendors put things of their own into a URDF.
@@ -14,6 +15,9 @@ const XACRO: &str = "a robot folder needs plain URDF: generate it with `xacro FI
 
 /// Reads the XML.
 pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
+    if !check_length(text, MAX_URDF, report) {
+        return None;
+    }
     match Document::parse(text) {
         Ok(document) => Some(document),
         Err(error) => {

@@ -11,6 +11,7 @@
 
 mod arm;
 mod codec;
+mod files;
 mod hand;
 mod node;
 mod random;

@@ -1,0 +1,225 @@
+//! A node, and what must hold whatever it is asked and whatever its sensors read.
+
+use tesaki::model::{MAX_JOINTS, RobotModel};
+use tesaki::node::{MAX_STATE, Node, Replay};
+use tesaki::protocol::codec::{MAX_FRAME, checksum, encode};
+use tesaki::protocol::{
+    ActuatorFrame, BoardStatus, FromBoard, Item, LogRecord, MODEL_CHUNK, Mode, Reply, Request, RequestFrame,
+    SensorFrame, Stream,
+};
+
+/// Period of the ticks [s].
+const TICK: f32 = 0.01;
+
+/// A node that is judged at every step.
+pub struct Rig {
+    /// The node under test.
+    pub node: Box<Node>,
+    /// What the sensors read next.
+    pub sensors: SensorFrame,
+    /// Ticks so far.
+    pub ticks: u32,
+    /// Of the last request of client 1.
+    sequence: u16,
+    twin: Option<Box<Node>>,
+    records: Vec<LogRecord>,
+    /// The outputs of the last tick.
+    last: ActuatorFrame,
+    /// Whether an `Enable` was accepted, and no `Disable` since.
+    may_be_enabled: bool,
+    /// Ticks since the commander was last heard.
+    silence: u32,
+}
+
+impl Rig {
+    /// Around `node`, in which `sequence` requests of client 1 were handled. With `repeat`, the run is
+    /// repeated at the end, and must give the same.
+    pub fn new(node: &Node, sequence: u16, sensors: SensorFrame, repeat: bool) -> Self {
+        Self {
+            node: Box::new(node.clone()),
+            sensors,
+            ticks: 0,
+            sequence,
+            twin: repeat.then(|| Box::new(node.clone())),
+            records: Vec::new(),
+            last: ActuatorFrame::default(),
+            may_be_enabled: false,
+            silence: 0,
+        }
+    }
+
+    /// Sends a request of client 1.
+    pub fn ask(&mut self, request: Request) -> Reply {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.send(RequestFrame { client: 1, sequence: self.sequence, request })
+    }
+
+    /// Sends a request of any client.
+    pub fn send(&mut self, frame: RequestFrame) -> Reply {
+        let before = self.node.mode();
+        let reply = self.node.handle(&frame, &BoardStatus::default());
+        fits_a_frame(&FromBoard::Reply(reply.clone()));
+        let reply = reply.reply;
+        let (after, done) = (self.node.mode(), reply == Reply::Done);
+        if let Reply::Refused(refusal) = &reply {
+            assert_eq!(before, after, "refused, but the mode changed: {frame:?}");
+            let _ = refusal.to_string();
+        }
+        if let (Mode::Disabled | Mode::Fault, Mode::Enabled(_)) = (before, after) {
+            assert!(before == Mode::Disabled && done, "{before:?} to {after:?} with {reply:?}");
+            assert!(matches!(frame.request, Request::Enable(_)), "enabled by {frame:?}");
+            self.may_be_enabled = true;
+        }
+        if after == Mode::Disabled {
+            // Torques begin at 0 again, also when the next `Enable` comes before the next tick.
+            self.last = ActuatorFrame::default();
+        }
+        match frame.request {
+            Request::Disable => {
+                assert!(done, "Disable is always granted: {reply:?}");
+                self.may_be_enabled = false;
+            }
+            Request::Stop => assert!(done && !matches!(after, Mode::Enabled(_)), "{reply:?}, {after:?}"),
+            Request::Enable(_) | Request::Task(_) | Request::Keep if done => self.silence = 0,
+            _ => {}
+        }
+        if self.twin.is_some() {
+            self.records.push(LogRecord::Request(frame));
+        }
+        reply
+    }
+
+    /// Ticks with the sensors as they are, and counts them on.
+    pub fn tick(&mut self) {
+        let frame = self.sensors.clone();
+        self.tick_with(frame);
+        self.sensors.sequence = self.sensors.sequence.wrapping_add(1);
+    }
+
+    /// Ticks with `frame`.
+    pub fn tick_with(&mut self, frame: SensorFrame) {
+        let before = self.node.mode();
+        let actuators = self.node.tick(&frame);
+        let after = self.node.mode();
+        self.ticks += 1;
+        self.silence += 1;
+        assert_eq!(actuators.sequence, frame.sequence);
+        let enabled = matches!(after, Mode::Enabled(_));
+        assert!(!enabled || before == after, "a tick led from {before:?} to {after:?}");
+        assert!(!(enabled && frame.flags.emergency_stop()), "enabled with the emergency stop pressed");
+        assert!(!(after == Mode::Disabled && actuators.enabled), "the outputs are on while disabled");
+        self.may_be_enabled &= after != Mode::Disabled;
+        assert!(!actuators.enabled || self.may_be_enabled, "the outputs are on without an Enable");
+        self.check_torques(&actuators);
+        if let Some(robot) = self.node.robot() {
+            let timeout = robot.model().safety.command_timeout;
+            #[expect(clippy::cast_precision_loss, reason = "small numbers")]
+            let silence = self.silence as f32 * TICK;
+            assert!(!enabled || silence <= timeout + 2.0 * TICK, "no command for {silence} s");
+        }
+        self.last = actuators.clone();
+        if self.twin.is_some() {
+            self.records.push(LogRecord::Sensors(frame));
+            self.records.push(LogRecord::Actuators(actuators));
+        }
+        if self.ticks.is_multiple_of(8) {
+            self.read();
+        }
+    }
+
+    /// Finite, within the limits and their rates, and 0 while the outputs are off.
+    fn check_torques(&self, actuators: &ActuatorFrame) {
+        let Some(robot) = self.node.robot() else {
+            return assert!(actuators.torques.is_empty() && !actuators.enabled);
+        };
+        let joints = &robot.model().joints;
+        assert_eq!(actuators.torques.len(), joints.len());
+        let zeros = [0.0; MAX_JOINTS];
+        let last = if self.last.torques.is_empty() { &zeros[..] } else { &self.last.torques };
+        for ((&torque, joint), &last) in actuators.torques.iter().zip(joints).zip(last) {
+            let limit = joint.limits.torque;
+            assert!(torque.is_finite() && torque.abs() <= limit, "{}: {torque} of {limit} N·m", joint.name);
+            if !actuators.enabled {
+                assert!(torque == 0.0, "{}: {torque} N·m with outputs off", joint.name);
+                continue;
+            }
+            let change = joint.limits.torque_rate * TICK * 1.0001;
+            // What is lost in the subtraction of large numbers.
+            let rounding = limit * 1e-6;
+            assert!(
+                (torque - last).abs() <= change + rounding,
+                "{}: from {last} to {torque} N·m, {change} a tick",
+                joint.name
+            );
+        }
+    }
+
+    /// Everything that can be read has finite size and a frame to go in.
+    fn read(&self) {
+        for stream in Stream::ALL {
+            if let Some(message) = self.node.due(stream, &BoardStatus::default()) {
+                fits_a_frame(&message);
+            }
+        }
+        fits_a_frame(&FromBoard::Telemetry(self.node.telemetry()));
+        fits_a_frame(&FromBoard::Tips(self.node.tips()));
+        if let Some(report) = self.node.task_report() {
+            fits_a_frame(&FromBoard::Task(report));
+        }
+        for fault in &self.node.faults().faults {
+            let _ = fault.to_string();
+        }
+    }
+
+    /// Pushes `bytes` as a model; whether it was accepted.
+    pub fn push(&mut self, bytes: &[u8]) -> bool {
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        self.ask(Request::ModelBegin { length, checksum: checksum(bytes) });
+        for (offset, chunk) in (0..).step_by(MODEL_CHUNK).zip(bytes.chunks(MODEL_CHUNK)) {
+            let data = heapless::Vec::from_slice(chunk).unwrap_or_default();
+            self.ask(Request::ModelChunk { offset, data });
+        }
+        let accepted = self.ask(Request::ModelCommit) == Reply::Done;
+        if accepted && let Some(robot) = self.node.robot() {
+            let model: &RobotModel = robot.model();
+            assert!(model.validate().is_ok(), "accepted, but not valid");
+            let forces = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+            self.sensors.encoders = model.joints.iter().map(|_| 0).collect();
+            self.sensors.currents = model.joints.iter().map(|_| 0).collect();
+            self.sensors.forces = (0..forces).map(|_| [0; 6]).collect();
+        }
+        accepted
+    }
+
+    /// Reads the whole state; it is as long as announced, and no longer than there is room.
+    pub fn export(&mut self, item: Item) {
+        let Reply::Exported { length, checksum: announced, .. } = self.ask(Request::Export(item)) else {
+            return;
+        };
+        assert!(item == Item::Model || usize::try_from(length).is_ok_and(|length| length <= MAX_STATE));
+        let mut bytes = Vec::new();
+        while bytes.len() < usize::try_from(length).unwrap_or(usize::MAX) {
+            let offset = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+            match self.ask(Request::ReadExport { offset }) {
+                Reply::Chunk { data, .. } if !data.is_empty() => bytes.extend_from_slice(&data),
+                reply => panic!("at {offset} of {length} bytes: {reply:?}"),
+            }
+        }
+        assert_eq!(checksum(&bytes), announced);
+    }
+
+    /// The same again gives the same again.
+    pub fn finish(mut self) {
+        self.read();
+        let Some(twin) = &mut self.twin else { return };
+        let mut replay = Replay::new(twin);
+        for record in &self.records {
+            replay.feed(record).unwrap_or_else(|error| panic!("a repetition differs: {error}"));
+        }
+    }
+}
+
+fn fits_a_frame(message: &FromBoard) {
+    let mut frame = [0; MAX_FRAME];
+    encode(message, &mut frame).unwrap_or_else(|error| panic!("{error}: {message:?}"));
+}

@@ -1,0 +1,116 @@
+//! Runs that reach every task.
+
+use tesaki::protocol::{Request, RequestFrame};
+use tesaki::task::TaskConfig;
+
+/// Ticks that follow, with commands between them.
+const RUN: [u8; 2] = [0, 64 + 63];
+
+/// Runs of each robot and each task.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let mut seeds = Vec::new();
+    for robot in 0..3 {
+        let homed = robot | 8;
+        let mut add = |steps: &[&[u8]]| seeds.push([&[homed], &*steps.concat()].concat());
+        for servo in 0..2 {
+            add(&[&[6, servo], &[9, 0, 20, 20, 20, 20, 20, 20, 20, 20, 20], &RUN, &RUN, &[15, 0], &RUN]);
+            add(&[
+                &[6, servo],
+                &RUN,
+                &[9, 1, 1, 1, 1, 1, 1, 1, 1, 1],
+                &RUN,
+                &[15, 1],
+                &RUN,
+                &[8],
+                &[6, servo],
+            ]);
+            add(&[&[6, servo], &RUN, &[9, 2], &RUN, &[1, 1, 0, 255, 255, 255, 127], &RUN, &[8], &RUN]);
+            add(&[&[6, servo], &[9, 3], &RUN, &[1, 32, 5], &RUN, &[1, 16, 1], &RUN, &[15, 0], &[8], &RUN]);
+        }
+        // Model, export, commands by others.
+        add(&[&[12, 1, 40, 0, 2], &RUN, &[13, 0], &[13, 1], &[6, 0], &RUN]);
+        add(&[&[15, 4], &[15, 3], &[6, 0], &[2, 1, 1, 1], &[2, 255, 255], &RUN]);
+        let other = RequestFrame { client: 2, sequence: 1, request: Request::TakeCommand { by_force: true } };
+        let other = postcard::to_stdvec(&other).unwrap_or_default();
+        add(&[&[6, 0], &RUN, &[5], &other, &RUN]);
+        let enable = postcard::to_stdvec(&Request::Enable(TaskConfig::Grasping(()))).unwrap_or_default();
+        add(&[&[4], &enable, &RUN]);
+    }
+    // Each way to hold the box.
+    for how in [0_u8, 0x11, 0x22, 0x44, 0x68, 0xa0, 0xb2] {
+        let grasp = [10, 1, how, 20, 20, 20, 20, 0, 0, 0, 0, 0, 0, 0];
+        let steps: [&[u8]; 12] = [
+            &[14],
+            &[6, 2],
+            &grasp,
+            &RUN,
+            &RUN,
+            &RUN,
+            &RUN,
+            &RUN,
+            &RUN,
+            &[10, 3, 20, 0, 0, 0, 20],
+            &RUN,
+            &RUN,
+        ];
+        seeds.push([&[8], &*steps.concat()].concat());
+    }
+    for end in [[10, 4], [10, 5], [15, 1], [15, 0]] {
+        let mut steps = vec![8, 14, 6, 2, 10, 0];
+        (0..12).for_each(|_| steps.extend(RUN));
+        steps.extend(end);
+        (0..4).for_each(|_| steps.extend(RUN));
+        seeds.push(steps);
+    }
+    // The arm, pushed, with every kind of settings.
+    let push = [3, 0, 60, 200, 10, 5, 250, 1];
+    for how in [0_u8, 0x08, 0x18, 0x28, 0x48, 0x68, 0x80, 0x07] {
+        let enable = [6, 4, how, 2, 30, 30, 30, 1];
+        let target = [11, 1, 10, 250, 20, 1, 2, 3, 4];
+        let configure = [11, 0, how ^ 0x38, 1, 20, 20];
+        let steps: [&[u8]; 8] = [&enable, &RUN, &push, &RUN, &target, &RUN, &configure, &RUN];
+        seeds.push([&[9], &*steps.concat()].concat());
+    }
+    seeds
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use tesaki::task::TaskTelemetry;
+
+    use super::*;
+    use crate::input::Input;
+    use crate::node::{machine, start, step};
+
+    #[test]
+    fn the_runs_reach_every_phase_of_a_grasp_and_the_contact_of_an_arm() {
+        let mut reached = BTreeSet::new();
+        for seed in seeds() {
+            let mut input = Input(&seed);
+            let first = input.byte();
+            let mut rig = start(first);
+            while !input.is_empty() {
+                step(&mut rig, &machine(first).encoded, &mut input);
+                let mode = rig.node.mode();
+                match rig.node.task_report().map(|report| report.telemetry) {
+                    Some(TaskTelemetry::Grasping(grasp)) => reached.insert(format!("{:?}", grasp.phase)),
+                    Some(TaskTelemetry::Impedance(tool)) => {
+                        reached.insert(format!("contact {}", tool.contact))
+                    }
+                    _ => reached.insert(format!("{mode:?}")),
+                };
+                if let Some(fault) = rig.node.faults().faults.last() {
+                    reached.insert(format!("fault {:?}", fault.cause));
+                }
+            }
+        }
+        println!("{reached:?}");
+        for name in
+            ["Approach", "Touch", "Squeeze", "ProbeFriction", "Hold", "Move", "Lower", "Open", "contact true"]
+        {
+            assert!(reached.contains(name), "{name} is not in {reached:?}");
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! `cargo xtask fuzz`: libFuzzer on the targets in `tests/fuzz`.
+
+mod coverage;
+mod record;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+
+use crate::{test, tools};
+use coverage::Share;
+use record::{FILE, Record, Run};
+
+const EXAMPLES: &str = "Examples:
+  cargo xtask fuzz                           every target for a minute
+  cargo xtask fuzz node --seconds 600        one for ten
+  cargo xtask fuzz node --record             keep its inputs in tests/fuzz/corpus, the result in docs/fuzzing.json
+
+Needs a C++ compiler, for libFuzzer; the stable Rust toolchain is enough. The whole corpus of all runs stays in
+target/xtask/fuzz.";
+
+/// Where libFuzzer's targets are.
+const CRATE: &str = "tests/fuzz";
+/// What counts edges, as `cargo fuzz` sets it; only the sanitizers, which safe code hardly needs, would take a
+/// nightly toolchain. Comparisons are not traced: that takes more than half of the time. Names are mangled so
+/// that they can be read back whole.
+const INSTRUMENTATION: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+     -Csymbol-mangling-version=v0";
+/// Longest time for one input [s].
+const TIMEOUT: u32 = 10;
+
+/// Options of `cargo xtask fuzz`.
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Options {
+    /// Targets: codec, node, robot, files, recording; without one, all
+    targets: Vec<String>,
+    /// Time for each target
+    #[arg(long, default_value_t = 60)]
+    seconds: u32,
+    /// Keep the smallest corpus with the same edges, and the result
+    #[arg(long)]
+    record: bool,
+}
+
+/// `cargo xtask fuzz`.
+pub fn run(options: &Options) -> Result<()> {
+    let fuzzer = Fuzzer::build()?;
+    let known = fuzzer.targets()?;
+    let names: Vec<&String> = known.iter().map(|target| &target.name).collect();
+    for name in &options.targets {
+        ensure!(names.contains(&name), "there is no target {name}; the targets are {names:?}");
+    }
+    let wanted = |target: &&Target| options.targets.is_empty() || options.targets.contains(&target.name);
+    let mut crashed = Vec::new();
+    for target in known.iter().filter(wanted) {
+        let run = fuzzer.run(target, options)?;
+        println!("{}: {run}", target.name);
+        if run.crashes > 0 {
+            crashed.push(target.name.as_str());
+        } else if options.record {
+            std::fs::copy(out(target).join("packed.bin"), corpus(target))?;
+            Record::load()?.with(&target.name, run).save()?;
+            println!("kept in {} and {FILE}", corpus(target).display());
+        }
+    }
+    ensure!(
+        crashed.is_empty(),
+        "crashes of {}. Copy the input to {CRATE}/crashes/TARGET/what-happens: then `cargo test -p tesaki-fuzz` shows it, \
+         and keeps showing it",
+        crashed.join(", ")
+    );
+    Ok(())
+}
+
+/// Fails when the table of the document differs from the record.
+pub fn check_table() -> Result<()> {
+    Record::load()?.check()
+}
+
+/// A target, with the modules it is about.
+struct Target {
+    name: String,
+    modules: Vec<String>,
+}
+
+/// Working files of a target.
+fn out(target: &Target) -> PathBuf {
+    test::out("fuzz").join(&target.name)
+}
+
+/// Its kept inputs.
+fn corpus(target: &Target) -> PathBuf {
+    Path::new(CRATE).join("corpus").join(&target.name).with_extension("bin")
+}
+
+/// The instrumented program.
+struct Fuzzer {
+    path: PathBuf,
+    /// What it was built from.
+    commit: String,
+}
+
+impl Fuzzer {
+    fn build() -> Result<Self> {
+        ensure!(
+            cfg!(target_os = "linux"),
+            "fuzzing needs Linux: the tables of covered edges are found by GNU ld"
+        );
+        let compiler = std::env::var("CXX").unwrap_or_else(|_| "c++".to_owned());
+        ensure!(
+            tools::succeeds(Command::new(&compiler).arg("--version")),
+            "there is no C++ compiler {compiler:?}, which libFuzzer needs: install g++ or clang, or name one in CXX"
+        );
+        let version = tools::output(Command::new("rustc").arg("-vV"))?;
+        let host = version.lines().find_map(|line| line.strip_prefix("host: "));
+        let host = host.context("rustc does not tell its host")?;
+        let folder = Path::new("target").join("fuzz");
+        let mut cargo = Command::new("cargo");
+        cargo.args(["build", "--quiet", "--locked", "-p", "tesaki-fuzz", "--features", "libfuzzer"]);
+        // With a target named, build scripts and macros are not instrumented.
+        cargo.args(["--profile", "fuzz", "--target", host, "--target-dir"]).arg(&folder);
+        tools::run(cargo.env("RUSTFLAGS", INSTRUMENTATION))?;
+        let path = std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?;
+        Ok(Self { path, commit: commit()? })
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(&self.path);
+        command.args(arguments);
+        command
+    }
+
+    fn targets(&self) -> Result<Vec<Target>> {
+        let text = tools::output(&mut self.command(&["list"]))?;
+        let words = text.lines().map(|line| line.split(' ').map(str::to_owned));
+        Ok(words
+            .filter_map(|mut words| Some(Target { name: words.next()?, modules: words.collect() }))
+            .collect())
+    }
+
+    /// Runs a target, and measures what its corpus then covers.
+    fn run(&self, target: &Target, options: &Options) -> Result<Run> {
+        let out = out(target);
+        let (corpus, crashes) = (out.join("corpus"), out.join("crashes"));
+        std::fs::create_dir_all(&crashes)?;
+        let before = count(&crashes)?;
+        tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
+        let log = out.join("log");
+        println!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
+        let mut command = self.command(&["run", &target.name]);
+        command.arg(format!("-max_total_time={}", options.seconds)).arg(format!("-timeout={TIMEOUT}"));
+        command.arg(format!("-artifact_prefix={}/", crashes.display()));
+        let words = out.join("words");
+        if words.exists() {
+            command.arg(format!("-dict={}", words.display()));
+        }
+        command
+            .args(["-print_final_stats=1", "-rss_limit_mb=900", "-reload=0", "-len_control=0"])
+            .arg(&corpus);
+        let start = std::time::Instant::now();
+        let status =
+            command.stderr(std::fs::File::create(&log)?).status().context("cannot start the fuzzer")?;
+        let seconds = start.elapsed().as_secs();
+        let text = String::from_utf8_lossy(&std::fs::read(&log)?).into_owned();
+        let found = count(&crashes)? - before;
+        if !status.success() {
+            let head = text.find("panicked at").or_else(|| text.find("ERROR: libFuzzer"));
+            let tail = head.and_then(|head| text.get(head..)).unwrap_or(&text);
+            println!("{}", tail.lines().take(12).collect::<Vec<_>>().join("\n"));
+            if found == 0 {
+                bail!("{} ended with {status} and left no input; see {}", target.name, log.display());
+            }
+            println!("its input is in {}", crashes.display());
+        }
+        let mut run = Run { seconds, executions: executions(&text), crashes: found, ..Run::default() };
+        if found == 0 {
+            let kept = tools::output(&mut self.command(&["pack", &target.name, &out.display().to_string()]))?;
+            let numbers: Vec<u64> = kept.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+            let [inputs, bytes] = *numbers else { bail!("{kept:?} are not two numbers") };
+            let Share { edges, functions, of_target } = coverage::measure(&self.path, &out, &target.modules)?;
+            run = Run { inputs, bytes, edges, functions, of_target, commit: self.commit.clone(), ..run };
+        }
+        Ok(run)
+    }
+}
+
+fn count(folder: &Path) -> Result<u64> {
+    Ok(std::fs::read_dir(folder)?.map(|_| 1).sum())
+}
+
+/// How many inputs were run, as libFuzzer says at its end.
+fn executions(log: &str) -> u64 {
+    let total = log.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
+    total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
+}
+
+/// The commit of the sources.
+fn commit() -> Result<String> {
+    let git = |arguments: &[&str]| {
+        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
+    };
+    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
+    let sources =
+        ["shared", "robot-description", "robots", "tests/fuzz", "Cargo.lock", ":!tests/fuzz/corpus"];
+    let changed = git(&[&["status", "--porcelain", "--"], &sources[..]].concat())?;
+    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
+}

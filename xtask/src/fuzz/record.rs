@@ -1,0 +1,153 @@
+//! The record of fuzzing, and its table in the documents.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+
+use super::coverage::Part;
+
+/// Where it is kept.
+pub const FILE: &str = "docs/fuzzing.json";
+/// The page with the table, and what is around it.
+const DOCUMENT: &str = "docs/measurements.md";
+const BEGIN: &str = "<!-- fuzz:begin -->\n";
+const END: &str = "<!-- fuzz:end -->";
+
+/// What came of a target.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Run {
+    /// What was fuzzed.
+    pub commit: String,
+    /// Time on one core [s].
+    pub seconds: u64,
+    /// Inputs that were run.
+    pub executions: u64,
+    /// Inputs that are kept, and their size.
+    pub inputs: u64,
+    pub bytes: u64,
+    /// Of the project's code, covered and in the program.
+    pub edges: Part,
+    /// Likewise, functions.
+    pub functions: Part,
+    /// Likewise, functions of the modules that the target is about.
+    pub of_target: Part,
+    /// Inputs that crashed it.
+    pub crashes: u64,
+}
+
+impl fmt::Display for Run {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { seconds, executions, inputs, bytes, edges, functions, of_target, crashes, .. } = self;
+        let rate = executions / (*seconds).max(1);
+        write!(f, "{executions} executions in {seconds} s ({rate}/s), {crashes} crashes")?;
+        if *crashes > 0 {
+            return Ok(());
+        }
+        write!(
+            f,
+            "; covered: {} of the functions it is about, {} of all in the program, {} edges; {inputs} inputs of {bytes} \
+             bytes cover that",
+            part(*of_target),
+            part(*functions),
+            part(*edges)
+        )
+    }
+}
+
+fn part([covered, all]: Part) -> String {
+    format!("{covered} of {all}")
+}
+
+/// What is recorded, by target.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Record(BTreeMap<String, Run>);
+
+impl Record {
+    /// Reads the record; an empty one where there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or holds something else.
+    pub fn load() -> Result<Self> {
+        if !Path::new(FILE).exists() {
+            return Ok(Self::default());
+        }
+        let text = std::fs::read_to_string(FILE).context(FILE)?;
+        serde_json::from_str(&text).context(FILE)
+    }
+
+    /// With the run of a target in place of an earlier one.
+    pub fn with(mut self, target: &str, run: Run) -> Self {
+        self.0.insert(target.to_owned(), run);
+        self
+    }
+
+    /// Writes it, and its table.
+    ///
+    /// # Errors
+    /// When a file cannot be written, or the document has no place for the table.
+    pub fn save(&self) -> Result<()> {
+        std::fs::write(FILE, serde_json::to_string_pretty(self)? + "\n").context(FILE)?;
+        let text = std::fs::read_to_string(DOCUMENT).context(DOCUMENT)?;
+        std::fs::write(DOCUMENT, replace(&text, &self.table())?).context(DOCUMENT)
+    }
+
+    /// Fails when the table in the document is another.
+    ///
+    /// # Errors
+    /// Then, and when the document has no place for it.
+    pub fn check(&self) -> Result<()> {
+        let text = std::fs::read_to_string(DOCUMENT).context(DOCUMENT)?;
+        ensure!(
+            replace(&text, &self.table())? == text,
+            "{DOCUMENT}: the table of fuzzing differs from {FILE}; `cargo xtask fuzz --record` writes both"
+        );
+        Ok(())
+    }
+
+    fn table(&self) -> String {
+        let mut table = "\n| target | commit | time | executions | functions it is about | edges of the project | kept inputs | \
+             crashes |\n|---|---|---|---|---|---|---|---|\n"
+            .to_owned();
+        for (name, run) in &self.0 {
+            let Run { commit, seconds, executions, inputs, bytes, edges, of_target, crashes, .. } = run;
+            let size = bytes.div_ceil(1000);
+            table += &format!(
+                "| `{name}` | {commit} | {seconds} s | {executions} | {} | {} | {inputs}, {size} kB | {crashes} |\n",
+                part(*of_target),
+                part(*edges)
+            );
+        }
+        table + "\n"
+    }
+}
+
+/// The text with `table` between the markers.
+fn replace(text: &str, table: &str) -> Result<String> {
+    let (head, rest) = text.split_once(BEGIN).with_context(|| format!("{DOCUMENT} has no {BEGIN}"))?;
+    let (_, tail) = rest.split_once(END).with_context(|| format!("{DOCUMENT} has no {END}"))?;
+    Ok(format!("{head}{BEGIN}{table}{END}{tail}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_by_hand() {
+        let run = Run { commit: "0123abc".into(), seconds: 60, executions: 7, bytes: 1001, ..Run::default() };
+        let record = Record::default().with("node", run);
+        let text = "head\n<!-- fuzz:begin -->\nold\n<!-- fuzz:end -->\ntail\n";
+        let after = replace(text, &record.table()).expect("the markers are there");
+        let row =
+            "| `node` | 0123abc | 60 s | 7 | 0 of 0 | 0 of 0 | 0, 2 kB | 0 |\n\n<!-- fuzz:end -->\ntail\n";
+        assert!(
+            after.starts_with("head\n<!-- fuzz:begin -->\n\n| target") && after.ends_with(row),
+            "{after}"
+        );
+        assert!(replace("head", "").is_err());
+    }
+}
