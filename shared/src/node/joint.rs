@@ -354,14 +354,15 @@ impl Joint<'_> {
         self.state.effort = 0.0;
     }
 
-    /// Sets target and reference to the present position at rest. Keeps only the adapted friction.
+    /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque of
+    /// outputs that are on: its rate counts from there.
     pub fn hold_still(&mut self) {
         let position = *self.position;
         *self.target = JointTarget::at(position);
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
-        state.servo.restart(position);
-        (state.torque, state.effort, state.suspicion) = (0.0, 0.0, Suspicion::default());
+        state.servo.restart_under_torque(position);
+        (state.effort, state.suspicion) = (0.0, Suspicion::default());
     }
 
     /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps

@@ -334,3 +334,24 @@ fn what_a_damped_joint_has_pressed_with_fades() {
     assert!(torques.iter().zip(&torques[1..]).all(|(before, after)| after <= before), "{torques:?}");
     assert!(torques[59] < 0.1 * pressed, "{torques:?}");
 }
+
+#[test]
+fn a_robot_that_is_enabled_out_of_a_stop_keeps_the_torque_rate() {
+    let mut model = model();
+    model.joints[2].limits.torque_rate = 1.0;
+    let mut rig = Rig::enabled(&model);
+    for _ in 0..60 {
+        rig.goal([0.0, 0.0, 0.15]);
+        rig.tick();
+        rig.sensors.encoders[2] ^= 1;
+    }
+    rig.ask(Request::Stop);
+    let held = rig.tick().torques[2];
+    assert!(held > 0.05, "{held} N·m");
+    // Between two ticks: the outputs are never off.
+    let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
+    assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+    assert_eq!(rig.enable(), Reply::Done);
+    let torque = rig.tick().torques[2];
+    assert!((torque - held).abs() <= 0.01 + 1e-6, "{held} then {torque} N·m, 1 N·m/s");
+}
