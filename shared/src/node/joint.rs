@@ -280,10 +280,13 @@ impl Joint<'_> {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
             JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
             JointSetpoint::FarGoal(goal) => {
-                let near = self.config.near_goal(self.reference.position, goal);
-                if near == goal {
+                let (ahead, max) = (goal - self.reference.position, self.config.max_goal_distance());
+                let near = if abs(ahead) > max {
+                    self.reference.position + math::clamp(ahead, -max, max)
+                } else {
                     self.target.setpoint = JointSetpoint::Goal(goal);
-                }
+                    goal
+                };
                 self.config.servo.approach(&mut self.state.servo, near)
             }
             JointSetpoint::Brake => {

@@ -92,13 +92,10 @@ impl JointConfig {
         VELOCITY_CUTOFF * (change / TICK - velocity)
     }
 
-    /// The goal [rad] for the trajectory filter on the way from the reference at `position` to `goal`. The filter
-    /// follows one that stays a distance `d` ahead with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at
-    /// first.
-    pub(crate) fn near_goal(&self, position: f32, goal: f32) -> f32 {
-        let ahead = 2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time();
-        // Exact where the goal is near.
-        math::clamp(goal, position - ahead, position + ahead)
+    /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows one that stays `d` ahead
+    /// with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at first.
+    pub(crate) fn max_goal_distance(&self) -> f32 {
+        2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time()
     }
 
     /// The reference one period after `reference`, braked: with half of the torque, or more where the joint
