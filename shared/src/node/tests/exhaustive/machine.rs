@@ -1,8 +1,8 @@
 //! The real node as a finite automaton.
 //!
 //! A state of the automaton is the whole [`State`] of the node, exactly, except for three numbers without
-//! effect: the tick's (all ticks are counted relative to the present one; ages beyond the lease are equal), the
-//! log's index, and the faults before the last one, whose total stays. The robot stands still.
+//! effect: the tick's (all ticks are counted relative to the present one; ages beyond the lease are equal),
+//! the log's index, and the faults before the last one, whose total stays. The robot stands still.
 
 use std::collections::HashMap;
 use std::vec::Vec;

@@ -99,8 +99,8 @@ const TWINS: Variation =
 /// Where errors are looked for.
 const WIDE: Variation = Variation { slots: [3, 2], depth: 6, ..BASE };
 
-/// Searches with the bounds of the variation, or with those in `TESAKI_SEARCH`: the numbers of messages of the
-/// two commanders, of faults, and of events.
+/// Searches with the bounds of the variation, or with those in `TESAKI_SEARCH`: the numbers of messages of
+/// the two commanders, of faults, and of events.
 fn run(variation: &Variation) {
     let mut variation = *variation;
     if let Ok(bounds) = std::env::var("TESAKI_SEARCH") {

@@ -49,8 +49,8 @@ pub struct Specification {
     /// The commander has sent nothing for more than a second.
     pub idle: bool,
     pub heard: [[Option<Heard>; SLOTS]; COMMANDERS],
-    /// Twice the slot of the newest message of each client after which older commands are stale; one less: just
-    /// before that slot.
+    /// Twice the slot of the newest message of each client after which older commands are stale; one less:
+    /// just before that slot.
     newest: [u8; COMMANDERS],
     /// Whether the board has the client's hello.
     welcome: [bool; COMMANDERS],
@@ -104,7 +104,7 @@ impl Specification {
         said
     }
 
-    /// The last command counts as that before this message when it is more than a quarter of the numbers behind.
+    /// The last command counts as that before this message when it is a quarter of the numbers behind.
     fn forget_old_numbers(&mut self, rules: &Rules, index: usize, slot: u8) {
         let newest = &mut self.newest[index];
         if (1 << 14..1 << 15).contains(&rules.number(2 * slot).wrapping_sub(rules.number(*newest))) {
