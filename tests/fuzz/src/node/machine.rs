@@ -106,7 +106,7 @@ pub fn follow(rig: &mut Rig) {
         let sign = if config.encoder.reversed { -1.0 } else { 1.0 };
         let turns = (joint.reference - joint.position) / TAU;
         #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-        let change = (turns * config.encoder.counts_per_turn * sign).round() as i32;
+        let change = f64::from(turns * config.encoder.counts_per_turn * sign).round() as i32;
         *count = count.wrapping_add(change).wrapping_add_unsigned(noise(place) % 5).wrapping_sub(2);
     }
     for (place, count) in rig.sensors.forces.as_flattened_mut().iter_mut().enumerate() {

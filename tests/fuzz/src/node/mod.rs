@@ -326,7 +326,7 @@ fn model(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
                 let numbers = [0.0, 1e-30, 1e-6, 1e6, 1e18, 1e30, f32::MAX, -1.0];
                 numbers[usize::from(how >> 2) % numbers.len()].to_le_bytes()
             }
-            _ => f32::exp2(input.number(1.0)).to_le_bytes(),
+            _ => (1.0 + 0.5 * input.number(1.0)).to_le_bytes(),
         };
         bytes.iter_mut().skip(at).zip(number).for_each(|(byte, other)| *byte = other);
     }
