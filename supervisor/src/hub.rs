@@ -2,7 +2,7 @@
 //!
 //! To its board a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends the
 //! board's frames to all clients. What the board has only once, it shares out: the rates of streams and the
-//! copy of an export. Clients over TCP need its [`Key`](crate::port::Key), if it has one. A simulator calls
+//! copy of an export. Clients over TCP need its [`Key`], if it has one. A simulator calls
 //! [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link, [`Hub::pump`] carries the
 //! bytes. It has no threads: clients are served inside these calls.
 
