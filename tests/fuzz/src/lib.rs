@@ -24,7 +24,7 @@ pub struct Target {
     pub run: fn(&[u8]),
     /// Inputs to begin with.
     pub seeds: fn() -> Vec<Vec<u8>>,
-    /// Longest input [bytes].
+    /// Longest input in bytes.
     pub max_len: usize,
     /// Paths of the modules it is about, for the share that is covered.
     pub modules: &'static [&'static str],
