@@ -13,8 +13,9 @@ Steps are carried out in order. Positions and rotations are relative to the pose
   hold=S         hold still for this time [s]
   hold           hold until Ctrl-C
 
-Without steps the object is held until Ctrl-C. At the end, and at Ctrl-C, the object is lowered until \
-something supports it, and the outputs are disabled. A second Ctrl-C disables them at once: the object falls.
+Without steps the object is held until Ctrl-C. At the end, and at Ctrl-C, the object is lowered
+until something supports it, and the outputs are disabled. A second Ctrl-C disables them at once:
+the object falls.
 
   tesaki grasp run robots/hand3/grasps/box.toml lift=0.01 turn=0,0.1,0 turn=0,0,0 hold=5";
 
