@@ -24,6 +24,12 @@ const EXCUSED: &[(&str, &str)] = &[
         "tesaki identify robots/hand3/grasps/box.toml --out calibration.toml",
         "two minutes; the scenario hand3-force identifies the joints in simulated time",
     ),
+    ("tesaki --port /dev/ttyUSB0 share", "it needs a serial port; cli/network.rs shares a simulated board"),
+    ("tesaki --port /dev/ttyUSB0 share unix:///tmp/hand", "likewise"),
+    ("tesaki --port unix:///tmp/hand monitor", "likewise"),
+    ("scp -p lab.key robot:", "it needs another machine"),
+    ("tesaki --key lab.key --port /dev/ttyUSB0 share tcp://0.0.0.0:7400", "likewise"),
+    ("tesaki --key lab.key --port tcp://robot:7400 monitor", "likewise"),
 ];
 
 /// Commands that fail: command, beginning of the comment, exit code.
