@@ -86,7 +86,7 @@ Examples:
 
 pub const SHARE: &str = "\
 Examples:
-  tesaki --port /dev/ttyUSB0 share              # at tcp://localhost:7400, for programs on this machine
+  tesaki --port /dev/ttyUSB0 share              # at localhost:7400, for programs of this machine
   tesaki --port /dev/ttyUSB0 share unix:///tmp/hand
   tesaki --port unix:///tmp/hand monitor        # in another terminal
   tesaki --key lab.key share tcp://0.0.0.0:7400 # for other machines that have lab.key

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 
 const HELP: &str = "\
-Preparation: push the model, home, put the object at the position in the file, open the fingers around it \
-with room for the sweeps, and tare. Each joint is swept back and forth alone. Then the object is grasped, \
-lifted by 10 mm, shifted by 6 mm and turned by 0.06 rad back and forth, and put down, once for each grip. \
-This takes about 2 minutes. Ctrl-C disables the outputs: a held object falls.
+Preparation: push the model, home, put the object at the position in the file, open the fingers
+around it with room for the sweeps, and tare. Each joint is swept back and forth alone. Then the
+object is grasped, lifted by 10 mm, shifted by 6 mm and turned by 0.06 rad back and forth, and put
+down, once for each grip. This takes about 2 minutes. Ctrl-C disables the outputs: a held object
+falls.
 
-The force sensors are the reference: their gain errors appear in every torque constant. A joint that \
-moved or was loaded too little is listed with the reason and keeps its values.
+The force sensors are the reference: their gain errors appear in every torque constant. A joint
+that moved or was loaded too little is listed with the reason and keeps its values.
 
   tesaki identify robots/hand3/grasps/box.toml --out calibration.toml
   tesaki model push robots/hand3 --calibration calibration.toml";
