@@ -279,24 +279,32 @@ impl Joint<'_> {
         *self.reference = match self.target.setpoint {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
             JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
-            JointSetpoint::FarGoal(goal) => {
-                let (ahead, max) = (goal - self.reference.position, self.config.max_goal_distance());
-                let near = if abs(ahead) > max {
-                    self.reference.position + math::clamp(ahead, -max, max)
-                } else {
-                    self.target.setpoint = JointSetpoint::Goal(goal);
-                    goal
-                };
-                self.config.servo.approach(&mut self.state.servo, near)
-            }
-            JointSetpoint::Brake => {
+            JointSetpoint::FarGoal(_) | JointSetpoint::Brake => self.advance_slowly(),
+        };
+    }
+
+    /// The reference of this tick on the way to a goal that is far, or to rest.
+    #[cold]
+    #[inline(never)]
+    fn advance_slowly(&mut self) -> JointPoint {
+        let servo = &self.config.servo;
+        let goal = match self.target.setpoint {
+            JointSetpoint::FarGoal(goal) => goal,
+            _ => {
                 let point = self.config.brake(self.reference);
                 if point.velocity == 0.0 {
                     self.target.setpoint = JointSetpoint::Goal(point.position);
                 }
-                self.config.servo.follow(&mut self.state.servo, point)
+                return servo.follow(&mut self.state.servo, point);
             }
         };
+        let (ahead, max) = (goal - self.reference.position, self.config.max_goal_distance());
+        if abs(ahead) <= max {
+            self.target.setpoint = JointSetpoint::Goal(goal);
+            return servo.approach(&mut self.state.servo, goal);
+        }
+        let near = self.reference.position + math::clamp(ahead, -max, max);
+        servo.approach(&mut self.state.servo, near)
     }
 
     /// Computes the torque by the servo. `model_torque` is the inverse dynamics at the reference [N·m].
