@@ -244,11 +244,10 @@ impl Joint<'_> {
         // A contact force, or errors of the model, may balance the effort: what counts is its change.
         let (effort, breakaway) = match actuation {
             Actuation::Acceleration { .. } => (state.effort - state.moving_effort, 2.0 * config.stiction),
-            Actuation::Torque { .. } => (state.effort - state.moving_effort, 2.0 * config.breakaway),
-            Actuation::Servo if self.target.feedforward != 0.0 => {
+            _ if self.target.feedforward != 0.0 => {
                 (state.effort - state.moving_effort, 2.0 * config.breakaway)
             }
-            Actuation::Servo => (state.effort, config.breakaway),
+            _ => (state.effort, config.breakaway),
         };
         let stuck = if abs(effort) > breakaway { state.suspicion.stuck.saturating_add(1) } else { 0 };
         state.suspicion = Suspicion { stuck, runs_away };
@@ -328,7 +327,8 @@ impl Joint<'_> {
         };
         let effort = self.target.feedforward - damping * *self.velocity;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, compensation + effort);
-        self.state.effort = effort;
+        // Contact forces balance what is fed forward: a count that stands still says nothing.
+        self.state.effort = 0.0;
     }
 
     /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`

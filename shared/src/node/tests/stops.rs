@@ -7,7 +7,6 @@ use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
 use crate::model::{Reaction, RobotModel};
 use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags};
-use crate::robot::Actuation;
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
 
@@ -294,24 +293,6 @@ fn a_robot_that_moves_is_not_enabled() {
         rig.sensors.encoders[1] = 0;
         (0..20).for_each(|_| _ = rig.tick());
     }
-}
-
-#[test]
-fn a_dead_encoder_without_a_servo_is_found() {
-    let mut rig = Rig::enabled(&model());
-    // As a task does that controls contact forces by torques: they grow, and the count stands still.
-    let mut ticks = 0;
-    while rig.node.mode() != Mode::Fault {
-        rig.node.state.targets.actuation = Actuation::Torque { damping: 0.01, compensated: true };
-        rig.node.state.targets.joints[2].feedforward = 0.02 * f32::from(ticks);
-        rig.ask(Request::Keep);
-        rig.tick();
-        ticks += 1_u8;
-        assert!(ticks < 30);
-    }
-    let fault = rig.node.faults().faults.last().unwrap();
-    assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
-    assert!(rig.node.state.reaction == Reaction::Off && fault.value < 0.27, "{fault}");
 }
 
 #[test]
