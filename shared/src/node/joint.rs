@@ -11,7 +11,7 @@ use crate::robot::{Actuation, JointConfig, JointSetpoint, JointTarget, Measured,
 const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that overcomes stiction, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
-const STUCK_TICKS: u8 = 3;
+const STUCK_TICKS: u16 = 3;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -33,17 +33,12 @@ pub(super) struct JointState {
     pub effort: f32,
     /// Effort when the angle last changed [N·m].
     moving_effort: f32,
-    suspicion: Suspicion,
+    /// Ticks in a row without a change under an effort that overcomes stiction.
+    unchanged: u16,
+    /// Ticks in a row in which the joint gained speed against its effort, up to which tick.
+    running_away: u8,
+    ran_away: u32,
     pub servo: JointServoState,
-}
-
-/// For how many ticks in a row a joint has behaved as one that must be switched off.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize, Schema)]
-struct Suspicion {
-    /// Its count stood still under an effort that overcomes stiction.
-    stuck: u8,
-    /// It gained speed against its effort.
-    runs_away: u8,
 }
 
 /// Configuration, state and targets of one joint.
@@ -108,7 +103,9 @@ impl JointState {
             torque: 0.0,
             effort: 0.0,
             moving_effort: 0.0,
-            suspicion: Suspicion { stuck: 0, runs_away: 0 },
+            unchanged: 0,
+            running_away: 0,
+            ran_away: 0,
             servo: JointServoState::at(0.0),
         }
     }
@@ -116,7 +113,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, ran_away: u32::MAX, ..Self::new() }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -194,13 +191,20 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// Checks the measurements. Returns a fault: cause, value, limit.
+    /// Checks the measurements in `tick`. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn check_measurement(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
-        let (config, state, position) = (self.config, &self.state, *self.position);
-        if abs(state.change) > config.jump {
-            return Some((FaultCause::EncoderJump, state.change, config.jump));
+    pub fn check_measurement(
+        &mut self,
+        current: i16,
+        actuation: Actuation,
+        tick: u32,
+    ) -> Option<(FaultCause, f32, f32)> {
+        if abs(self.state.change) > self.config.fast
+            && let Some(fault) = self.check_fast(actuation, tick)
+        {
+            return Some(fault);
         }
+        let (config, state, position) = (self.config, &self.state, *self.position);
         let current = f32::from(current);
         if abs(current) > config.current_limit {
             let scale = config.amperes_per_count;
@@ -218,27 +222,40 @@ impl Joint<'_> {
         None
     }
 
+    /// Checks a joint that is fast: does its encoder jump, does it gain speed against the effort of the last tick?
+    #[cold]
+    #[inline(never)]
+    fn check_fast(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &mut *self.state);
+        if abs(state.change) > config.jump {
+            return Some((FaultCause::EncoderJump, state.change, config.jump));
+        }
+        // A reference arm that touches something takes the measured state, so its error says nothing.
+        let accelerated = matches!(actuation, Actuation::Acceleration { .. });
+        let deviates = accelerated || abs(self.reference.position - *self.position) > config.deviation;
+        let against = state.effort * state.change < 0.0 && abs(state.effort) > config.breakaway;
+        // The filtered velocity lags behind one that grows.
+        let gains = abs(state.change) > abs(*self.velocity) * TICK;
+        if !(deviates && against && gains) {
+            state.running_away = 0;
+            return None;
+        }
+        let goes_on = state.ran_away.wrapping_add(1) == tick;
+        state.running_away = if goes_on { state.running_away.saturating_add(1) } else { 1 };
+        state.ran_away = tick;
+        (state.running_away >= RUNAWAY_TICKS).then_some((FaultCause::Runaway, state.effort, config.breakaway))
+    }
+
     /// Checks the control. Returns a fault: cause, value, limit.
     #[inline]
     pub fn check_control(&mut self, actuation: Actuation) -> Option<(FaultCause, f32, f32)> {
         let (config, state) = (self.config, &mut *self.state);
         let error = self.reference.position - *self.position;
-        let accelerated = matches!(actuation, Actuation::Acceleration { .. });
-        // A reference arm that touches something takes the measured state, so its error says nothing.
-        let runs_away = if abs(error) > config.deviation || accelerated && state.effort * state.change < 0.0 {
-            if abs(error) > config.limits.following_error {
-                return Some((FaultCause::FollowingError, error, config.limits.following_error));
-            }
-            self.count_runaway()
-        } else {
-            0
-        };
-        let (config, state) = (self.config, &mut *self.state);
-        if runs_away >= RUNAWAY_TICKS {
-            return Some((FaultCause::Runaway, state.effort, config.breakaway));
+        if abs(error) > config.limits.following_error {
+            return Some((FaultCause::FollowingError, error, config.limits.following_error));
         }
         if state.change != 0.0 {
-            (state.moving_effort, state.suspicion) = (state.effort, Suspicion { stuck: 0, runs_away });
+            (state.moving_effort, state.unchanged) = (state.effort, 0);
             return None;
         }
         // A contact force, or errors of the model, may balance the effort: what counts is its change.
@@ -249,23 +266,11 @@ impl Joint<'_> {
             }
             _ => (state.effort, config.breakaway),
         };
-        let stuck = if abs(effort) > breakaway { state.suspicion.stuck.saturating_add(1) } else { 0 };
-        state.suspicion = Suspicion { stuck, runs_away };
-        if stuck >= STUCK_TICKS {
+        state.unchanged = if abs(effort) > breakaway { state.unchanged.saturating_add(1) } else { 0 };
+        if state.unchanged >= STUCK_TICKS {
             return Some((FaultCause::EncoderStuck, effort, breakaway));
         }
         None
-    }
-
-    /// For how many ticks in a row the joint has gained speed against an effort that moves it. The filtered
-    /// velocity lags behind one that grows.
-    #[cold]
-    #[inline(never)]
-    fn count_runaway(&self) -> u8 {
-        let (config, state) = (self.config, &self.state);
-        let against = state.effort * state.change < 0.0 && abs(state.effort) > config.breakaway;
-        let gains = abs(state.change) > abs(*self.velocity) * TICK && abs(state.change) > config.fast;
-        if against && gains { state.suspicion.runs_away.saturating_add(1) } else { 0 }
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter.
@@ -373,7 +378,7 @@ impl Joint<'_> {
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
         state.servo.restart_under_torque(position);
-        (state.effort, state.suspicion) = (0.0, Suspicion::default());
+        (state.effort, state.unchanged, state.running_away) = (0.0, 0, 0);
     }
 
     /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps

@@ -101,6 +101,7 @@ impl Node {
         let first = !core::mem::replace(&mut self.state.sensed, true);
         // The first frame has no tick before it.
         let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
+        let actuation = self.state.targets.actuation;
         let mut all = joints(robot, &mut self.state);
         if first {
             all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
@@ -115,7 +116,7 @@ impl Node {
             (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
         {
             joint.read(count);
-            if let Some(fault) = joint.check_measurement(current) {
+            if let Some(fault) = joint.check_measurement(current, actuation, tick) {
                 joint_fault = worse(joint_fault, (index, fault));
             }
         }
