@@ -35,9 +35,10 @@ pub(super) struct JointState {
     moving_effort: f32,
     /// Ticks in a row without a change under an effort that overcomes stiction.
     unchanged: u16,
-    /// Ticks in a row in which the joint gained speed against its effort, up to which tick.
+    /// The last tick in which the joint was fast, and the ticks in a row up to there in which it gained speed
+    /// against its effort.
+    fast_tick: u32,
     running_away: u8,
-    ran_away: u32,
     pub servo: JointServoState,
 }
 
@@ -104,8 +105,8 @@ impl JointState {
             effort: 0.0,
             moving_effort: 0.0,
             unchanged: 0,
+            fast_tick: 0,
             running_away: 0,
-            ran_away: 0,
             servo: JointServoState::at(0.0),
         }
     }
@@ -113,7 +114,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, ran_away: u32::MAX, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, fast_tick: u32::MAX, ..Self::new() }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -191,27 +192,20 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// Checks the measurements in `tick`. Returns a fault: cause, value, limit.
+    /// Whether the joint is so fast that [`check_fast`](Self::check_fast) may find a fault.
     #[inline]
-    pub fn check_measurement(
-        &mut self,
-        current: i16,
-        actuation: Actuation,
-        tick: u32,
-    ) -> Option<(FaultCause, f32, f32)> {
-        if abs(self.state.change) > self.config.fast
-            && let Some(fault) = self.check_fast(actuation, tick)
-        {
-            return Some(fault);
-        }
+    pub fn is_fast(&self) -> bool {
+        abs(self.state.change) > self.config.fast
+    }
+
+    /// Checks the measurements. Returns a fault: cause, value, limit.
+    #[inline]
+    pub fn check_measurement(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
         let (config, state, position) = (self.config, &self.state, *self.position);
         let current = f32::from(current);
         if abs(current) > config.current_limit {
             let scale = config.amperes_per_count;
             return Some((FaultCause::OverCurrent, current * scale, config.current_limit * scale));
-        }
-        if abs(*self.velocity) > config.limits.velocity {
-            return Some((FaultCause::VelocityLimit, *self.velocity, config.limits.velocity));
         }
         if state.homed && position < config.min_angle {
             return Some((FaultCause::PositionLimit, position, config.limits.lower));
@@ -222,10 +216,12 @@ impl Joint<'_> {
         None
     }
 
-    /// Checks a joint that is fast: does its encoder jump, does it gain speed against the effort of the last tick?
-    #[cold]
-    #[inline(never)]
-    fn check_fast(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+    /// Checks a joint if it is fast: does its encoder jump, does it gain speed against the effort of the last
+    /// tick, does it exceed its velocity limit? Returns a fault: cause, value, limit.
+    pub fn check_fast(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+        if !self.is_fast() {
+            return None;
+        }
         let (config, state) = (self.config, &mut *self.state);
         if abs(state.change) > config.jump {
             return Some((FaultCause::EncoderJump, state.change, config.jump));
@@ -236,14 +232,18 @@ impl Joint<'_> {
         let against = state.effort * state.change < 0.0 && abs(state.effort) > config.breakaway;
         // The filtered velocity lags behind one that grows.
         let gains = abs(state.change) > abs(*self.velocity) * TICK;
-        if !(deviates && against && gains) {
-            state.running_away = 0;
-            return None;
+        let ticks = if state.fast_tick.wrapping_add(1) == tick { state.running_away } else { 0 };
+        state.running_away = if deviates && against && gains { ticks.saturating_add(1) } else { 0 };
+        state.fast_tick = tick;
+        if state.running_away >= RUNAWAY_TICKS {
+            return Some((FaultCause::Runaway, state.effort, config.breakaway));
         }
-        let goes_on = state.ran_away.wrapping_add(1) == tick;
-        state.running_away = if goes_on { state.running_away.saturating_add(1) } else { 1 };
-        state.ran_away = tick;
-        (state.running_away >= RUNAWAY_TICKS).then_some((FaultCause::Runaway, state.effort, config.breakaway))
+        // A joint that exceeds its velocity limit first does so with a change that is as fast.
+        (abs(*self.velocity) > config.limits.velocity).then_some((
+            FaultCause::VelocityLimit,
+            *self.velocity,
+            config.limits.velocity,
+        ))
     }
 
     /// Checks the control. Returns a fault: cause, value, limit.
@@ -273,9 +273,10 @@ impl Joint<'_> {
         None
     }
 
-    /// Computes the reference of this tick from the target; goals pass the trajectory filter.
+    /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false` for
+    /// targets that [`advance_slowly`](Self::advance_slowly) has to advance.
     #[inline]
-    pub fn advance(&mut self) {
+    pub fn advance(&mut self) -> bool {
         if self.target.restart {
             self.target.restart = false;
             self.state.servo.restart(*self.position);
@@ -283,32 +284,34 @@ impl Joint<'_> {
         *self.reference = match self.target.setpoint {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),
             JointSetpoint::Point(point) => self.config.servo.follow(&mut self.state.servo, point),
-            JointSetpoint::FarGoal(_) | JointSetpoint::Brake => self.advance_slowly(),
+            JointSetpoint::FarGoal(_) | JointSetpoint::Brake => return false,
         };
+        true
     }
 
-    /// The reference of this tick on the way to a goal that is far, or to rest.
-    #[cold]
-    #[inline(never)]
-    fn advance_slowly(&mut self) -> JointPoint {
+    /// Computes the reference of this tick on the way to a goal that is far, or to rest.
+    pub fn advance_slowly(&mut self) {
         let servo = &self.config.servo;
-        let goal = match self.target.setpoint {
-            JointSetpoint::FarGoal(goal) => goal,
-            _ => {
+        *self.reference = match self.target.setpoint {
+            JointSetpoint::FarGoal(goal) => {
+                let (ahead, max) = (goal - self.reference.position, self.config.max_goal_distance());
+                let near = if abs(ahead) > max {
+                    self.reference.position + math::clamp(ahead, -max, max)
+                } else {
+                    self.target.setpoint = JointSetpoint::Goal(goal);
+                    goal
+                };
+                servo.approach(&mut self.state.servo, near)
+            }
+            JointSetpoint::Brake => {
                 let point = self.config.brake(self.reference);
                 if point.velocity == 0.0 {
                     self.target.setpoint = JointSetpoint::Goal(point.position);
                 }
-                return servo.follow(&mut self.state.servo, point);
+                servo.follow(&mut self.state.servo, point)
             }
+            JointSetpoint::Goal(_) | JointSetpoint::Point(_) => return,
         };
-        let (ahead, max) = (goal - self.reference.position, self.config.max_goal_distance());
-        if abs(ahead) <= max {
-            self.target.setpoint = JointSetpoint::Goal(goal);
-            return servo.approach(&mut self.state.servo, goal);
-        }
-        let near = self.reference.position + math::clamp(ahead, -max, max);
-        servo.approach(&mut self.state.servo, near)
     }
 
     /// Computes the torque by the servo. `model_torque` is the inverse dynamics at the reference [N·m].

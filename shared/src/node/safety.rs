@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::Node;
 use super::force_sensor::ForceSensorState;
 use super::handle::joints;
+use super::state::State;
 use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
@@ -101,7 +102,6 @@ impl Node {
         let first = !core::mem::replace(&mut self.state.sensed, true);
         // The first frame has no tick before it.
         let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
-        let actuation = self.state.targets.actuation;
         let mut all = joints(robot, &mut self.state);
         if first {
             all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
@@ -111,15 +111,12 @@ impl Node {
             let joints = all.each().zip(&sensors.encoders);
             joints.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
         }
-        let mut joint_fault = None;
-        for (index, ((mut joint, &count), &current)) in
-            (0..).zip(all.each().zip(&sensors.encoders).zip(&sensors.currents))
-        {
+        let mut suspect = false;
+        for ((mut joint, &count), &current) in all.each().zip(&sensors.encoders).zip(&sensors.currents) {
             joint.read(count);
-            if let Some(fault) = joint.check_measurement(current, actuation, tick) {
-                joint_fault = worse(joint_fault, (index, fault));
-            }
+            suspect |= joint.is_fast() || joint.check_measurement(current).is_some();
         }
+        let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
         let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
@@ -201,9 +198,12 @@ impl Node {
 
     /// The first joint whose torque is not finite.
     pub(super) fn find_not_finite(&self) -> Option<Fault> {
-        let (index, state) = (0..)
-            .zip(self.state.joints.iter().take(self.robot.joints().len()))
-            .find(|(_, joint)| !joint.torque.is_finite())?;
+        let joints = self.state.joints.get(..self.robot.joints().len()).unwrap_or_default();
+        // Almost always all are finite: then the sum is 0, else it is not a number.
+        if joints.iter().fold(0.0, |sum, joint| sum + 0.0 * joint.torque) == 0.0 {
+            return None;
+        }
+        let (index, state) = (0..).zip(joints).find(|(_, joint)| !joint.torque.is_finite())?;
         Some(Fault {
             cause: FaultCause::NotFinite,
             joint: Some(index),
@@ -234,8 +234,20 @@ impl Node {
     }
 }
 
-/// The fault that leaves no control, else the first one.
+/// Checks the measurements of all joints. Returns the worst fault.
 #[cold]
+#[inline(never)]
+fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> SensorFault {
+    let (tick, actuation) = (state.tick, state.targets.actuation);
+    let mut found = None;
+    for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
+        let faults = [joint.check_fast(actuation, tick), joint.check_measurement(current)];
+        found = faults.into_iter().flatten().fold(found, |found, fault| worse(found, (index, fault)));
+    }
+    found
+}
+
+/// The fault that leaves no control, else the first one.
 fn worse(first: SensorFault, other: (u8, (FaultCause, f32, f32))) -> SensorFault {
     match first {
         Some((_, (cause, ..))) if other.1.0.leaves_control() || !cause.leaves_control() => first,

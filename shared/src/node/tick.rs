@@ -1,5 +1,6 @@
 use super::Node;
 use super::handle::joints;
+use super::joint::Joints;
 use super::optional::Optional;
 use crate::fault::Fault;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
@@ -75,7 +76,11 @@ impl Node {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
         let mut all = joints(robot, &mut self.state);
-        all.each().for_each(|mut joint| joint.advance());
+        let mut all_advanced = true;
+        all.each().for_each(|mut joint| all_advanced &= joint.advance());
+        if !all_advanced {
+            advance_slowly(&mut all);
+        }
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
@@ -144,4 +149,11 @@ impl Node {
         self.state.joints.iter_mut().for_each(super::joint::JointState::release);
         self.state.targets.joints.iter_mut().for_each(|target| target.feedforward = 0.0);
     }
+}
+
+/// Advances the joints on the way to goals that are far, or to rest.
+#[cold]
+#[inline(never)]
+fn advance_slowly(joints: &mut Joints<'_>) {
+    joints.each().for_each(|mut joint| joint.advance_slowly());
 }
