@@ -216,12 +216,9 @@ impl Joint<'_> {
         None
     }
 
-    /// Checks a joint if it is fast: does its encoder jump, does it gain speed against the effort of the last
+    /// Checks a joint that is fast: does its encoder jump, does it gain speed against the effort of the last
     /// tick, does it exceed its velocity limit? Returns a fault: cause, value, limit.
     pub fn check_fast(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
-        if !self.is_fast() {
-            return None;
-        }
         let (config, state) = (self.config, &mut *self.state);
         if abs(state.change) > config.jump {
             return Some((FaultCause::EncoderJump, state.change, config.jump));

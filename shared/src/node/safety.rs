@@ -241,13 +241,20 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     let (tick, actuation) = (state.tick, state.targets.actuation);
     let mut found = None;
     for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
-        let faults = [joint.check_fast(actuation, tick), joint.check_measurement(current)];
-        found = faults.into_iter().flatten().fold(found, |found, fault| worse(found, (index, fault)));
+        if joint.is_fast()
+            && let Some(fault) = joint.check_fast(actuation, tick)
+        {
+            found = worse(found, (index, fault));
+        }
+        if let Some(fault) = joint.check_measurement(current) {
+            found = worse(found, (index, fault));
+        }
     }
     found
 }
 
 /// The fault that leaves no control, else the first one.
+#[cold]
 fn worse(first: SensorFault, other: (u8, (FaultCause, f32, f32))) -> SensorFault {
     match first {
         Some((_, (cause, ..))) if other.1.0.leaves_control() || !cause.leaves_control() => first,
