@@ -35,9 +35,9 @@ pub(super) struct JointState {
     moving_effort: f32,
     /// Ticks in a row without a change under an effort that overcomes stiction.
     unchanged: u16,
-    /// The last tick in which the joint was fast, and the ticks in a row up to there in which it gained speed
-    /// against its effort.
-    fast_tick: u32,
+    /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so against
+    /// its effort.
+    gained_in: u32,
     running_away: u8,
     pub servo: JointServoState,
 }
@@ -105,7 +105,7 @@ impl JointState {
             effort: 0.0,
             moving_effort: 0.0,
             unchanged: 0,
-            fast_tick: 0,
+            gained_in: 0,
             running_away: 0,
             servo: JointServoState::at(0.0),
         }
@@ -114,7 +114,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, fast_tick: u32::MAX, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, gained_in: u32::MAX, ..Self::new() }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -192,10 +192,23 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// Whether the joint is so fast that [`check_fast`](Self::check_fast) may find a fault.
+    /// Whether the joint gains speed in a way that [`check_speed`](Self::check_speed) has to judge: against its
+    /// effort, or beyond its velocity limit. (The filtered velocity lags behind one that grows, and exceeds the limit
+    /// only after a change has.)
     #[inline]
-    pub fn is_fast(&self) -> bool {
-        abs(self.state.change) > self.config.fast
+    pub fn gains_speed(&self) -> bool {
+        let (config, state) = (self.config, &self.state);
+        let change = abs(state.change);
+        change > config.fast
+            && change >= abs(*self.velocity) * TICK
+            && (self.is_opposed() || change > config.limits.velocity * TICK)
+    }
+
+    /// Whether the effort of the last tick, one that moves the joint, is against its motion.
+    #[inline]
+    fn is_opposed(&self) -> bool {
+        let (effort, change) = (self.state.effort, self.state.change);
+        (if change > 0.0 { -effort } else { effort }) > self.config.breakaway
     }
 
     /// Checks the measurements. Returns a fault: cause, value, limit.
@@ -216,9 +229,10 @@ impl Joint<'_> {
         None
     }
 
-    /// Checks a joint that is fast: does its encoder jump, does it gain speed against the effort of the last
-    /// tick, does it exceed its velocity limit? Returns a fault: cause, value, limit.
-    pub fn check_fast(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+    /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against the effort
+    /// of the last tick, does it exceed its velocity limit? Returns a fault: cause, value, limit.
+    pub fn check_speed(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+        let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
         if abs(state.change) > config.jump {
             return Some((FaultCause::EncoderJump, state.change, config.jump));
@@ -226,21 +240,14 @@ impl Joint<'_> {
         // A reference arm that touches something takes the measured state, so its error says nothing.
         let accelerated = matches!(actuation, Actuation::Acceleration { .. });
         let deviates = accelerated || abs(self.reference.position - *self.position) > config.deviation;
-        let against = state.effort * state.change < 0.0 && abs(state.effort) > config.breakaway;
-        // The filtered velocity lags behind one that grows.
-        let gains = abs(state.change) > abs(*self.velocity) * TICK;
-        let ticks = if state.fast_tick.wrapping_add(1) == tick { state.running_away } else { 0 };
-        state.running_away = if deviates && against && gains { ticks.saturating_add(1) } else { 0 };
-        state.fast_tick = tick;
+        let ticks = if state.gained_in.wrapping_add(1) == tick { state.running_away } else { 0 };
+        state.running_away = if deviates && is_opposed { ticks.saturating_add(1) } else { 0 };
+        state.gained_in = tick;
         if state.running_away >= RUNAWAY_TICKS {
             return Some((FaultCause::Runaway, state.effort, config.breakaway));
         }
-        // A joint that exceeds its velocity limit first does so with a change that is as fast.
-        (abs(*self.velocity) > config.limits.velocity).then_some((
-            FaultCause::VelocityLimit,
-            *self.velocity,
-            config.limits.velocity,
-        ))
+        let (velocity, limit) = (*self.velocity, config.limits.velocity);
+        (abs(velocity) > limit).then_some((FaultCause::VelocityLimit, velocity, limit))
     }
 
     /// Checks the control. Returns a fault: cause, value, limit.

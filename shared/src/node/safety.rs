@@ -114,7 +114,7 @@ impl Node {
         let mut suspect = false;
         for ((mut joint, &count), &current) in all.each().zip(&sensors.encoders).zip(&sensors.currents) {
             joint.read(count);
-            suspect |= joint.is_fast() || joint.check_measurement(current).is_some();
+            suspect |= joint.gains_speed() || joint.check_measurement(current).is_some();
         }
         let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
         let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
@@ -241,8 +241,8 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     let (tick, actuation) = (state.tick, state.targets.actuation);
     let mut found = None;
     for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
-        if joint.is_fast()
-            && let Some(fault) = joint.check_fast(actuation, tick)
+        if joint.gains_speed()
+            && let Some(fault) = joint.check_speed(actuation, tick)
         {
             found = worse(found, (index, fault));
         }
