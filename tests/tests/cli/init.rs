@@ -2,7 +2,6 @@
 //! simulated board moves every joint with it.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use tesaki_sim::plant::PlantOptions;
 
@@ -31,21 +30,6 @@ fn check(folder: &Path) -> String {
     text
 }
 
-/// Moves, once an arm that fell after the move before is slow enough to be enabled.
-fn move_joints(server: &Server, targets: &[String]) {
-    let targets: Vec<&str> =
-        ["move", "--no-hold"].into_iter().chain(targets.iter().map(String::as_str)).collect();
-    for _ in 0..100 {
-        let (code, text) = server.run(&targets);
-        if code == 0 {
-            return;
-        }
-        assert!(text.contains("enabling now would end at once in fault 2"), "{targets:?}: {text}");
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    panic!("{targets:?}: the robot does not come to rest");
-}
-
 /// Moves each joint to a quarter and to three quarters of its range, then all of them to the middle.
 fn move_every_joint(folder: &Path, seed: u64) {
     let server = Server::start_robot(folder, tempfile::tempdir().unwrap(), &PlantOptions::mismatched(seed));
@@ -58,11 +42,11 @@ fn move_every_joint(folder: &Path, seed: u64) {
         let [lower, upper] = ["lower", "upper"].map(|key| joint["limits"][key].as_f64().unwrap());
         let target = |part: f64| format!("{name}={}", lower + part * (upper - lower));
         for part in [0.25, 0.75] {
-            move_joints(&server, &[target(part)]);
+            server.moves(&[&target(part)]);
         }
         middle.push(target(0.5));
     }
-    move_joints(&server, &middle);
+    server.moves(&middle.iter().map(String::as_str).collect::<Vec<_>>());
     let list = server.succeeds(&["faults"]);
     assert!(list.contains("0 faults since power-on"), "{list}");
 }
