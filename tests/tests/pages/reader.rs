@@ -296,7 +296,10 @@ impl Reader {
             self.fail(step, &format!("exit code {code:?}, expected {expected}:\n{printed}"));
         } else if step.shown.is_some() && !prints_as_shown(shown, &printed) {
             self.fail(step, &format!("the page shows something else than it prints:\n{printed}"));
-        } else if step.comment == "no problems found" && !printed.contains(&step.comment) {
+        } else if step.comment == "no problems found"
+            && !printed.contains(&step.comment)
+            && !is_busy(&printed)
+        {
             self.fail(step, &format!("no {:?} in:\n{printed}", step.comment));
         }
     }
@@ -358,4 +361,9 @@ impl Reader {
             self.fail(step, &format!("{status:?}: {drawn}"));
         }
     }
+}
+
+/// Whether the only warning of `tesaki doctor` is of a machine that is too busy for its board.
+fn is_busy(printed: &str) -> bool {
+    printed.contains("works; 1 warning") && printed.contains("requests were sent again")
 }
