@@ -363,7 +363,9 @@ impl Reader {
     }
 }
 
-/// Whether the only warning of `tesaki doctor` is of a machine that is too busy for its board.
+/// Whether `tesaki doctor` warns only of a machine that is too busy for its board.
 fn is_busy(printed: &str) -> bool {
-    printed.contains("works; 1 warning") && printed.contains("requests were sent again")
+    let mut warnings = printed.lines().filter(|line| line.starts_with("warn"));
+    printed.contains("works; ")
+        && warnings.all(|line| line.contains("a request takes") || line.contains("requests were sent again"))
 }
