@@ -162,14 +162,14 @@ impl Arbiter {
         }
     }
 
-    /// A connection is gone, and with it what it wanted.
+    /// A connection is gone, and with it the rates that it asked for.
     pub(super) fn left(&mut self, connection: u64) {
         let Some(gone) = self.connections.remove(&connection) else { return };
         self.cancel_export(connection);
         for stream in Stream::ALL {
-            let (wanted, rate) = (gone.rates[stream as usize], self.rate(stream));
+            let (asked, rate) = (gone.rates[stream as usize], self.rate(stream));
             let queued = |task: &Task| matches!(task, Task::Rate(other) if *other == stream);
-            if wanted != 0 && (rate == 0 || rate > wanted) && !self.tasks.iter().any(queued) {
+            if asked != 0 && (rate == 0 || rate > asked) && !self.tasks.iter().any(queued) {
                 self.tasks.push_back(Task::Rate(stream));
             }
         }

@@ -63,7 +63,7 @@ fn a_board_is_shared_with_other_machines_by_a_key_only() {
     server.fails(&["key", &key], 1, &[&key, "exists already"]);
 
     let share = Share::start(&server, &["share", "tcp://0.0.0.0:0", "--key", &key]);
-    assert!(share.said.contains("whoever has this key may command the board"), "{}", share.said);
+    assert!(share.said.contains("every program with this key may command the board"), "{}", share.said);
     assert!(share.said.contains("tcp://0.0.0.0:") && share.said.contains(&key), "{}", share.said);
     assert!(!share.said.contains(std::fs::read_to_string(&key).unwrap().trim()));
     let port = &share.port;

@@ -18,8 +18,8 @@ use crate::output;
 pub fn run(options: &Options, args: &Init) -> Result<ExitCode, Failure> {
     let path = Urdf::locate(&args.urdf);
     let text = Urdf::read_text(&path)?;
-    let wanted = InitOptions { motors: args.motors.clone(), accept_inertia: args.accept_inertia.clone() };
-    let texts = robot_texts(&path, &text, &wanted).map_err(|error| match error {
+    let choices = InitOptions { motors: args.motors.clone(), accept_inertia: args.accept_inertia.clone() };
+    let texts = robot_texts(&path, &text, &choices).map_err(|error| match error {
         InitError::Wrong(findings) => Failure::Robot(RobotError::Wrong(findings)),
         other => Failure::Usage(other.to_string()),
     })?;

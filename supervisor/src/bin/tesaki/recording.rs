@@ -27,7 +27,7 @@ use crate::output;
 const TICK: u64 = 10_000_000;
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
-/// Telemetry without entries of the log for this time: the board has forgotten that the log is wanted.
+/// Telemetry without entries of the log for this time: the board was reset and streams no log.
 const SILENCE: Duration = Duration::from_millis(300);
 /// A board that is silent for longer is considered lost.
 const GONE: Duration = Duration::from_secs(30);

@@ -25,7 +25,7 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     let mut board = Reopening::open(options.port.clone(), key)?;
     let port = board.port().map_or_else(String::new, |port| port.address().to_string());
     let (who, option) = match (hub.address(), &options.key) {
-        (Address::Tcp(_), Some(path)) => ("whoever has this key", format!(" --key {}", path.display())),
+        (Address::Tcp(_), Some(path)) => ("every program with this key", format!(" --key {}", path.display())),
         _ => ("every program on this machine that reaches it", String::new()),
     };
     output::notice(
@@ -51,7 +51,7 @@ pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
     output::result(options, &json!({ "key": file }), || {
         format!(
             "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \
-             both ends: whoever has it may command the board",
+             both ends: every program with it may command the board",
             file.display()
         )
     })
