@@ -10,14 +10,14 @@ use crate::tools::{self, ArmCompiler};
 use crate::{bench, faults, firmware, fuzz, sweep};
 
 const EXAMPLES: &str = "Examples:
-  cargo xtask test --fast    while working: format, lints, control core, host; needs nothing but Rust
+  cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
   cargo xtask test           before a merge: also documents, dependencies, recorded sweeps, emulated board";
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Only format, lints, control core and host tests, which need nothing installed
+    /// Only format, lints and host tests, which need nothing installed
     #[arg(long)]
     fast: bool,
 }
@@ -87,7 +87,6 @@ pub fn run(options: &Options) -> Result<()> {
 fn fast(steps: &mut Steps) -> Result<()> {
     steps.run("format and lints", lints)?;
     steps.run("tables against what is recorded", tables)?;
-    steps.run("the control core, with overflow checks", core)?;
     steps.run("the host suite", host)
 }
 
@@ -102,7 +101,6 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("documentation", documentation)?;
     steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
     steps.run("tables against what is recorded", tables)?;
-    steps.run("the control core, with overflow checks", core)?;
     steps.run("the host suite", host)?;
     steps.run("recorded sweeps against the simulator", sweep::check_built)?;
     steps.run("recorded fault schedules against the simulator", faults::check_built)?;
@@ -181,10 +179,6 @@ fn dependencies(python: &Path) -> Result<()> {
         println!("advisories: skipped, their database cannot be reached");
     }
     Ok(())
-}
-
-fn core() -> Result<()> {
-    tools::run(&mut cargo(&["test", "--quiet", "-p", "tesaki"]))
 }
 
 fn host() -> Result<()> {

@@ -68,7 +68,7 @@ enum Task {
         #[arg(required = true)]
         files: Vec<PathBuf>,
     },
-    /// Run seeds 1 to 200 again; fail when they differ from docs/fault-schedules.json
+    /// Run seeds 1 to 50 again; fail when they differ from docs/fault-schedules.json
     Check,
 }
 

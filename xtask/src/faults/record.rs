@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 /// Where it is kept.
 pub const FILE: &str = "docs/fault-schedules.json";
 /// The seeds that the tests run again.
-pub const CHECKED: std::ops::RangeInclusive<u64> = 1..=200;
+pub const CHECKED: std::ops::RangeInclusive<u64> = 1..=50;
 
 /// A broken rule, as the simulator tells it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

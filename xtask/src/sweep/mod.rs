@@ -98,7 +98,7 @@ pub fn run(options: Options) -> Result<()> {
     match options.task {
         None => sweep(&options.sweep),
         Some(Task::Merge { files, commit }) => merge_files(&files, commit.as_deref()),
-        Some(Task::Check) => check(&Simulator::build()?),
+        Some(Task::Check) => check(&Simulator::build()?, &Set::ALL),
         Some(Task::Tables { check }) => tables::run(check),
     }
 }
@@ -108,9 +108,10 @@ pub fn check_tables() -> Result<()> {
     tables::run(true)
 }
 
-/// [`check`] with the simulator that the host suite has built.
+/// The evaluation machines, with the simulator that the host suite has built. (The runs that are replayed on
+/// the emulated board are compared with what is recorded of the development machines.)
 pub fn check_built() -> Result<()> {
-    check(&Simulator::built())
+    check(&Simulator::built(), &[Set::Evaluation])
 }
 
 /// Cores of this machine.
@@ -215,12 +216,12 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
 }
 
 /// Runs a development and an evaluation machine of every scenario again, and compares with what is recorded.
-fn check(simulator: &Simulator) -> Result<()> {
+fn check(simulator: &Simulator, sets: &[Set]) -> Result<()> {
     let mut recorded = BTreeMap::new();
     let mut runs = Vec::new();
     let mut stale = Vec::new();
     for (index, scenario) in simulator.scenarios()?.into_iter().enumerate() {
-        for set in Set::ALL {
+        for &set in sets {
             let sweep = Sweep::load(Path::new(FOLDER), &scenario, set)?;
             let chosen = sweep.as_ref().and_then(|sweep| check::chosen(sweep, index));
             if let (Some(sweep), Some(seed)) = (sweep, chosen) {

@@ -18,10 +18,13 @@ use crate::failure::Failure;
 use crate::motion::{End, Motion, each_once};
 use crate::output;
 
-/// Period of the set-points: one for each tick of the board.
+/// Period of the board's ticks, and of the set-points.
 const PERIOD: Duration = Duration::from_millis(10);
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
 const MAX_STEP: Duration = Duration::from_millis(20);
+/// How far the path may be ahead of the board's ticks, as its telemetry tells them: set-points that arrive
+/// together, after a pause of the link, must not let the joints jump either.
+const MAX_LEAD: Duration = Duration::from_millis(30);
 /// Shortest duration of a path [s].
 const MIN_DURATION: f32 = 0.5;
 /// Longest duration of a path [s].
@@ -39,6 +42,35 @@ struct TipPath {
     joints: std::ops::Range<usize>,
     from: Vector3<f32>,
     to: Vector3<f32>,
+}
+
+/// The time on the path: that of this machine, but never far ahead of the board's.
+#[derive(Clone, Copy)]
+struct PathClock {
+    /// When it was last advanced.
+    last: Instant,
+    on_path: Duration,
+    /// The first tick of the board that was heard of, and the latest.
+    board: Option<(u32, u32)>,
+}
+
+impl PathClock {
+    const fn start(now: Instant) -> Self {
+        Self { last: now, on_path: Duration::ZERO, board: None }
+    }
+
+    /// With telemetry from `tick`.
+    fn heard(self, tick: u32) -> Self {
+        Self { board: Some((self.board.map_or(tick, |(first, _)| first), tick)), ..self }
+    }
+
+    /// At `now`, for the next set-point. After a pause it goes on from where it was.
+    fn advanced(self, now: Instant) -> Self {
+        let step = now.saturating_duration_since(self.last).min(MAX_STEP);
+        let board = self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
+        let on_path = (self.on_path + step).min(board + MAX_LEAD).max(self.on_path);
+        Self { last: now, on_path, ..self }
+    }
 }
 
 pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
@@ -59,26 +91,24 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         ),
     )?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    // The time of the last set-point, and that on the path: after a pause it goes on from where it was.
-    let clock = Cell::new((Instant::now(), Duration::ZERO));
+    let clock = Cell::new(PathClock::start(Instant::now()));
     let set_point = |now: Instant| {
-        let (last, on_path) = clock.get();
-        let on_path = on_path + now.saturating_duration_since(last).min(MAX_STEP);
-        clock.set((now, on_path));
-        let fraction = on_path.as_secs_f32() / duration;
+        clock.set(clock.get().advanced(now));
+        let fraction = clock.get().on_path.as_secs_f32() / duration;
         Request::Task(TaskCommand::JointServo(JointCommand::StreamTips {
             tips: paths.iter().map(|path| path.point(fraction, duration)).collect(),
         }))
     };
-    let end = Duration::from_secs_f32(duration) + ARRIVAL_TIMEOUT;
-    let is_late = || clock.get().1 >= end;
+    let end_of_path = Duration::from_secs_f32(duration);
     let (mut near, mut farthest) = (0, (String::new(), 0.0_f32));
     let end = motion.drive(PERIOD, set_point, |news, _| {
         if let Some(telemetry) = &news.telemetry {
+            clock.set(clock.get().heard(telemetry.tick));
             farthest = distance(&paths, telemetry);
             near = if farthest.1 <= args.tolerance { near + 1 } else { 0 };
         }
-        near >= ARRIVED || is_late()
+        let on_path = clock.get().on_path;
+        (near >= ARRIVED && on_path >= end_of_path) || on_path >= end_of_path + ARRIVAL_TIMEOUT
     })?;
     if end == End::Interrupted {
         return motion.end(true);
@@ -234,5 +264,36 @@ impl TipPath {
             velocity: (line * (rate / duration)).into(),
             acceleration: (line * (change / (duration * duration))).into(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The time on the path after each of the set-points, with the time at which it is sent [ms] and the tick
+    /// of the latest telemetry.
+    fn times<const N: usize>(set_points: [(u64, u32); N]) -> [u128; N] {
+        let start = Instant::now();
+        let mut clock = PathClock::start(start);
+        set_points.map(|(time, tick)| {
+            clock = clock.heard(tick).advanced(start + Duration::from_millis(time));
+            clock.on_path.as_millis()
+        })
+    }
+
+    #[test]
+    fn the_path_keeps_time_with_the_board_and_jumps_after_no_pause() {
+        // Telemetry in each second tick.
+        assert_eq!(times([(0, 500), (10, 500), (20, 502), (30, 502), (40, 504)]), [0, 10, 20, 30, 40]);
+        // The board, or the link to it, stands still for 70 ms: the set-points it then finds are one place.
+        assert_eq!(
+            times([(0, 500), (20, 502), (40, 502), (60, 502), (80, 502), (90, 504), (100, 506)]),
+            [0, 20, 40, 50, 50, 60, 70]
+        );
+        // This program stands still.
+        assert_eq!(times([(0, 500), (10, 501), (90, 509), (100, 510)]), [0, 10, 30, 40]);
+        // The board is reset, and counts from 0.
+        assert_eq!(times([(0, 500), (10, 501), (20, 0), (30, 1)]), [0, 10, 20, 30]);
     }
 }
