@@ -3,12 +3,15 @@
 //! - [`Chain::posture`] is the forward kinematics; the [`Posture`] gives Jacobian and bias acceleration.
 //! - [`Finger`] has the inverse in closed form for a three-joint finger, all branches.
 //! - [`InverseKinematics`] iterates for any chain, to a position or a pose, within limits.
+//! - [`Hand`] solves all fingers of a hand together, with a joint that several of them share.
 //!
 //! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six
 //! components are `[v; ω]`, linear first, in base axes, of the tip's point.
 
 mod chain;
 mod finger;
+mod hand;
+mod hand_inverse;
 mod inverse;
 mod posture;
 mod setpoint;
@@ -20,6 +23,8 @@ mod tests;
 pub use chain::Chain;
 pub(crate) use chain::Link;
 pub use finger::{Finger, FingerError, FingerShapeError, FingerSolutions};
+pub use hand::{Angles, Coupling, FingerDescription, Hand, HandFinger, InvalidHand, MAX_FINGERS};
+pub use hand_inverse::{FingertipTarget, FingertipTargets, HandOptions, HandReport};
 pub use inverse::{
     InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,
 };

@@ -1,0 +1,101 @@
+//! Accuracy and times of the inverse kinematics of a five-finger hand on this machine:
+//! `cargo run --release -p tesaki --features test-support --example hand_speed`.
+
+#![allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a measurement")]
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use tesaki::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions};
+use tesaki::test_support::{HAND5_LIMITS, hand5};
+use tesaki_rng::Rng;
+
+const TARGETS: u32 = 100_000;
+
+fn random_angles(rng: &mut Rng) -> Angles {
+    let mut angles = Angles::zeros();
+    for (angle, (lower, upper)) in angles.iter_mut().zip(HAND5_LIMITS) {
+        *angle = lower + (upper - lower) * rng.uniform() as f32;
+    }
+    angles
+}
+
+/// The tips at `angles`, as targets of the fingers in `fingers`.
+fn targets(hand: &Hand, angles: &Angles, fingers: core::ops::Range<usize>) -> FingertipTargets {
+    core::array::from_fn(|finger| {
+        let (position, _) = hand.tip(finger, angles).filter(|_| fingers.contains(&finger))?;
+        Some(FingertipTarget { position, weight: 1.0, direction: None })
+    })
+}
+
+/// Tips made from joint angles, each search from the middle of the ranges.
+fn accuracy(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
+    let mut rng = Rng::new(1, 0);
+    let (mut worst, mut missed, mut evaluations, mut most) = (0.0_f32, 0, 0, 0);
+    let start = Instant::now();
+    for _ in 0..TARGETS {
+        let goal = random_angles(&mut rng);
+        let mut angles = hand.center();
+        let targets = targets(hand, &goal, fingers.clone());
+        let report = hand.search(&targets, &HandOptions::default(), &mut angles);
+        let error = fingers.clone().map(|finger| report.distance(finger)).fold(0.0, f32::max);
+        worst = worst.max(error);
+        missed += u32::from(error > 5e-5);
+        evaluations += u32::from(report.evaluations);
+        most = most.max(report.evaluations);
+    }
+    let each = start.elapsed().as_secs_f64() * 1e6 / f64::from(TARGETS);
+    println!(
+        "{name:12} cold: worst {:.4} mm, {missed} of {TARGETS} missed by more than 0.05 mm, {:.1} evaluations \
+         (at most {most}), {each:.2} µs",
+        1e3 * worst,
+        f64::from(evaluations) / f64::from(TARGETS)
+    );
+}
+
+/// Follows a smooth path of the joints; the step is that of a hand at 100 samples a second.
+fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
+    let mut rng = Rng::new(2, 0);
+    let mut path = Vec::new();
+    let (mut from, mut to) = (random_angles(&mut rng), random_angles(&mut rng));
+    for frame in 0..4000_u16 {
+        if frame % 50 == 0 {
+            (from, to) = (to, random_angles(&mut rng));
+        }
+        let s = f32::from(frame % 50) / 50.0;
+        path.push(targets(hand, &(from + (to - from) * (s * s * (3.0 - 2.0 * s))), fingers.clone()));
+    }
+    let (mut best, mut worst, mut evaluations, mut reached) = (f64::INFINITY, 0.0_f32, 0, 0);
+    for round in 0..20 {
+        let mut angles = hand.center();
+        hand.search(&path[0], &HandOptions::default(), &mut angles);
+        let start = Instant::now();
+        for targets in &path {
+            let report = hand.solve(black_box(targets), &HandOptions::default(), &mut angles);
+            if round == 0 {
+                let error = fingers.clone().map(|finger| report.distance(finger)).fold(0.0, f32::max);
+                worst = worst.max(error);
+                reached += u32::from(error < 5e-5);
+                evaluations += u32::from(report.evaluations);
+            }
+        }
+        best = best.min(start.elapsed().as_secs_f64() * 1e6 / path.len() as f64);
+    }
+    println!(
+        "{name:12} warm: worst {:.4} mm, {reached} of {} within 0.05 mm, {:.2} evaluations, {best:.3} µs",
+        1e3 * worst,
+        path.len(),
+        f64::from(evaluations) / path.len() as f64
+    );
+}
+
+fn main() {
+    let hand = hand5();
+    let names = ["thumb", "index", "middle", "ring", "little"];
+    for (finger, name) in names.iter().enumerate() {
+        accuracy(name, &hand, finger..finger + 1);
+        tracking(name, &hand, finger..finger + 1);
+    }
+    accuracy("all fingers", &hand, 0..5);
+    tracking("all fingers", &hand, 0..5);
+}

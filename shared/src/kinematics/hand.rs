@@ -1,0 +1,316 @@
+use core::fmt;
+
+use heapless::Vec;
+use nalgebra::{SVector, Vector3};
+
+use super::{Chain, Posture};
+use crate::math::{self, abs};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
+
+/// Maximum number of fingers of a [`Hand`].
+pub const MAX_FINGERS: usize = 5;
+
+/// Angles of all actuated joints of a robot [rad].
+pub type Angles = SVector<f32, MAX_JOINTS>;
+
+/// What moves a joint of a finger: its angle is `multiplier` · angle of the actuated joint + `offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coupling {
+    /// The actuated joint, as index into the robot's.
+    pub actuated: u8,
+    /// Factor; 1 for the actuated joint itself.
+    pub multiplier: f32,
+    /// Angle at which the joint stands when the actuated one is at 0 [rad].
+    pub offset: f32,
+}
+
+impl Coupling {
+    /// The actuated joint itself.
+    pub const fn direct(actuated: u8) -> Self {
+        Self { actuated, multiplier: 1.0, offset: 0.0 }
+    }
+}
+
+/// A finger: a chain, and what moves each of its joints.
+#[derive(Clone, Debug)]
+pub struct HandFinger {
+    /// Its chain, coupled joints included.
+    pub(super) chain: Chain,
+    /// What moves its joints, base to tip: [`Coupling`] with the index into `variables` for the actuated joint.
+    pub(super) joints: Vec<Coupling, MAX_CHAIN_JOINTS>,
+    /// The actuated joints that move this finger; the shared one, if it is among them, is the last.
+    pub(super) variables: Vec<u8, MAX_CHAIN_JOINTS>,
+    /// Whether the last of `variables` moves other fingers, too.
+    pub(super) shares: bool,
+    /// Direction in which the fingertip points, in the tip's frame; a unit vector.
+    pub(super) pointing: Vector3<f32>,
+    /// Length of the stretched finger behind its first joint [m].
+    pub(super) length: f32,
+}
+
+/// Fingers on a common palm: serial chains, of which one actuated joint may move several, as the actuator that
+/// spreads the fingers of a hand does. A validated configuration without state.
+#[derive(Clone, Debug)]
+pub struct Hand {
+    pub(super) fingers: Vec<HandFinger, MAX_FINGERS>,
+    /// Lower and upper limit of each actuated joint [rad], narrowed to what the coupled joints allow.
+    pub(super) limits: Vec<(f32, f32), MAX_JOINTS>,
+    /// The actuated joint that moves more than one finger.
+    pub(super) shared: Option<u8>,
+}
+
+/// Why there is no [`Hand`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InvalidHand {
+    /// No finger, or more than [`MAX_FINGERS`].
+    Fingers,
+    /// More actuated joints than a robot can have.
+    TooMany,
+    /// A limit is not finite, or the lower one is not below the upper one.
+    Limits {
+        /// The actuated joint.
+        joint: u8,
+    },
+    /// A finger without joints, or with another number of couplings than joints.
+    Couplings {
+        /// The finger.
+        finger: u8,
+    },
+    /// A coupling to a joint that does not exist, or with a multiplier or offset that is not finite or a
+    /// multiplier of 0.
+    Coupling {
+        /// The finger.
+        finger: u8,
+        /// The joint of its chain.
+        joint: u8,
+    },
+    /// A coupled joint leaves its actuated joint no angle within the limits of both.
+    CoupledLimits {
+        /// The finger.
+        finger: u8,
+        /// The joint of its chain.
+        joint: u8,
+    },
+    /// A second joint moves more than one finger: only one can.
+    Shared {
+        /// The actuated joint.
+        joint: u8,
+    },
+    /// The direction of a fingertip is no unit vector.
+    Pointing {
+        /// The finger.
+        finger: u8,
+    },
+}
+
+/// What a [`Hand`] is built from: one finger.
+#[derive(Clone, Debug)]
+pub struct FingerDescription<'a> {
+    /// The chain, base to tip, coupled joints included, in the frame of the hand.
+    pub chain: Chain,
+    /// What moves each of its joints.
+    pub couplings: &'a [Coupling],
+    /// Limits of the joints that an actuated joint moves by a coupling [rad], one for each joint of the chain;
+    /// `None` where only the limits of the actuated joint count.
+    pub limits: &'a [Option<(f32, f32)>],
+    /// Direction in which the fingertip points, in the tip's frame; a unit vector.
+    pub pointing: [f32; 3],
+}
+
+impl Hand {
+    /// The hand of `fingers` whose actuated joints have `limits` [rad].
+    ///
+    /// # Errors
+    /// What is wrong, by finger and joint.
+    pub fn try_new<'a>(
+        fingers: impl IntoIterator<Item = FingerDescription<'a>>,
+        limits: &[(f32, f32)],
+    ) -> Result<Self, InvalidHand> {
+        let limits: Vec<(f32, f32), MAX_JOINTS> =
+            Vec::from_slice(limits).map_err(|_| InvalidHand::TooMany)?;
+        for (joint, (lower, upper)) in (0..).zip(&limits) {
+            if !(lower.is_finite() && upper.is_finite() && lower < upper) {
+                return Err(InvalidHand::Limits { joint });
+            }
+        }
+        let mut hand = Self { fingers: Vec::new(), limits, shared: None };
+        for (index, finger) in (0..).zip(fingers) {
+            let finger = hand.finger(index, finger)?;
+            hand.fingers.push(finger).map_err(|_| InvalidHand::Fingers)?;
+        }
+        if hand.fingers.is_empty() {
+            return Err(InvalidHand::Fingers);
+        }
+        hand.find_shared()?;
+        Ok(hand)
+    }
+
+    /// Checks one finger and narrows the limits of its actuated joints.
+    fn finger(&mut self, index: u8, finger: FingerDescription<'_>) -> Result<HandFinger, InvalidHand> {
+        let FingerDescription { chain, couplings, limits, pointing } = finger;
+        let pointing = Vector3::from(pointing);
+        if abs(pointing.norm_squared() - 1.0).is_nan() || abs(pointing.norm_squared() - 1.0) > 1e-3 {
+            return Err(InvalidHand::Pointing { finger: index });
+        }
+        if chain.is_empty() || chain.len() != couplings.len() || chain.len() != limits.len() {
+            return Err(InvalidHand::Couplings { finger: index });
+        }
+        let (mut joints, mut variables) = (Vec::new(), Vec::<u8, MAX_CHAIN_JOINTS>::new());
+        for (joint, (coupling, limit)) in (0..).zip(couplings.iter().zip(limits)) {
+            let Coupling { actuated, multiplier, offset } = *coupling;
+            let known = self.limits.get_mut(usize::from(actuated));
+            let finite = multiplier.is_finite() && multiplier != 0.0 && offset.is_finite();
+            let Some((lower, upper)) = known.filter(|_| finite) else {
+                return Err(InvalidHand::Coupling { finger: index, joint });
+            };
+            if let Some((low, high)) = limit {
+                let ends = [(low - offset) / multiplier, (high - offset) / multiplier];
+                *lower = lower.max(ends[0].min(ends[1]));
+                *upper = upper.min(ends[0].max(ends[1]));
+                // Also when a limit is no number.
+                if !(*lower < *upper && low <= high) {
+                    return Err(InvalidHand::CoupledLimits { finger: index, joint });
+                }
+            }
+            let slot = variables.iter().position(|&known| known == actuated).unwrap_or(variables.len());
+            if slot == variables.len() {
+                // Neither list can overflow: a chain has no more joints.
+                let _ = variables.push(actuated);
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "at most 7")]
+            let _ = joints.push(Coupling { actuated: slot as u8, multiplier, offset });
+        }
+        let behind = chain.links.iter().skip(1).map(|link| &link.translation);
+        let lengths =
+            behind.chain([&chain.tip.translation.vector]).map(|step| math::sqrt(step.norm_squared()));
+        let length = lengths.sum();
+        Ok(HandFinger { chain, joints, variables, shares: false, pointing, length })
+    }
+
+    /// Finds the joint that moves more than one finger, and puts it last among the variables of each.
+    fn find_shared(&mut self) -> Result<(), InvalidHand> {
+        for joint in (0..).take(self.limits.len()) {
+            let users = self.fingers.iter().filter(|finger| finger.variables.contains(&joint)).count();
+            if users > 1 && self.shared.is_some() {
+                return Err(InvalidHand::Shared { joint });
+            }
+            if users > 1 {
+                self.shared = Some(joint);
+            }
+        }
+        let Some(shared) = self.shared else { return Ok(()) };
+        for finger in &mut self.fingers {
+            let Some(slot) = finger.variables.iter().position(|&joint| joint == shared) else { continue };
+            finger.shares = true;
+            let last = finger.variables.len() - 1;
+            finger.variables.swap(slot, last);
+            for joint in &mut finger.joints {
+                let own = usize::from(joint.actuated);
+                #[expect(clippy::cast_possible_truncation, reason = "at most 7")]
+                if own == slot {
+                    joint.actuated = last as u8;
+                } else if own == last {
+                    joint.actuated = slot as u8;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of fingers.
+    pub fn len(&self) -> usize {
+        self.fingers.len()
+    }
+
+    /// Whether it has no finger: never.
+    pub fn is_empty(&self) -> bool {
+        self.fingers.is_empty()
+    }
+
+    /// Limits of the actuated joints [rad], narrowed to what the coupled joints allow.
+    pub fn limits(&self) -> &[(f32, f32)] {
+        &self.limits
+    }
+
+    /// The actuated joint that moves more than one finger.
+    pub const fn shared(&self) -> Option<u8> {
+        self.shared
+    }
+
+    /// The actuated joints that move a finger.
+    pub fn actuated(&self, finger: usize) -> &[u8] {
+        self.fingers.get(finger).map_or(&[], |finger| &finger.variables)
+    }
+
+    /// A finger at the angles of the actuated joints.
+    pub fn posture(&self, finger: usize, angles: &Angles) -> Option<Posture> {
+        Some(self.fingers.get(finger)?.posture(angles))
+    }
+
+    /// Position of a fingertip [m] and the direction in which it points.
+    pub fn tip(&self, finger: usize, angles: &Angles) -> Option<(Vector3<f32>, Vector3<f32>)> {
+        let finger = self.fingers.get(finger)?;
+        let tip = finger.posture(angles).tip;
+        Some((tip.translation.vector, tip.rotation * finger.pointing))
+    }
+
+    /// The middle of the limits [rad].
+    pub fn center(&self) -> Angles {
+        let mut center = Angles::zeros();
+        for (angle, (lower, upper)) in center.iter_mut().zip(&self.limits) {
+            *angle = 0.5 * (lower + upper);
+        }
+        center
+    }
+
+    /// Limits angles to their ranges.
+    pub fn limit(&self, angles: &mut Angles) {
+        for (angle, &(lower, upper)) in angles.iter_mut().zip(&self.limits) {
+            *angle = math::clamp(*angle, lower, upper);
+        }
+    }
+}
+
+impl HandFinger {
+    pub(super) fn posture(&self, angles: &Angles) -> Posture {
+        let mut own = [0.0; MAX_CHAIN_JOINTS];
+        for (angle, joint) in own.iter_mut().zip(&self.joints) {
+            let variable = self.variables.get(usize::from(joint.actuated));
+            let actuated = variable.and_then(|&variable| angles.get(usize::from(variable)));
+            *angle = joint.multiplier * actuated.copied().unwrap_or(0.0) + joint.offset;
+        }
+        self.chain.posture(&own)
+    }
+}
+
+impl fmt::Display for InvalidHand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fingers => write!(f, "a hand has 1 to {MAX_FINGERS} fingers"),
+            Self::TooMany => write!(f, "a hand has at most {MAX_JOINTS} actuated joints"),
+            Self::Limits { joint } => {
+                write!(f, "actuated joint {joint}: limits must be finite, the lower one below the upper one")
+            }
+            Self::Couplings { finger } => {
+                write!(f, "finger {finger}: it needs joints, and one coupling and limit for each")
+            }
+            Self::Coupling { finger, joint } => write!(
+                f,
+                "finger {finger}, joint {joint}: it must follow an actuated joint, by finite numbers and a \
+                 multiplier that is not 0"
+            ),
+            Self::CoupledLimits { finger, joint } => write!(
+                f,
+                "finger {finger}, joint {joint}: its limits, and those of the joint that moves it, leave no angle"
+            ),
+            Self::Shared { joint } => {
+                write!(f, "actuated joint {joint}: a second joint that moves several fingers; only one can")
+            }
+            Self::Pointing { finger } => {
+                write!(f, "finger {finger}: the direction of its tip must be a unit vector")
+            }
+        }
+    }
+}
+
+impl core::error::Error for InvalidHand {}

@@ -1,0 +1,604 @@
+//! Inverse kinematics of a [`Hand`]: the weighted least squares of all fingertips under joint limits.
+//!
+//! The cost is `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)` with the position errors `e` and, at a weight `μ` so small that it decides
+//! only what the positions leave free, the secondary objective `s`: the distance from the middle of the joints'
+//! ranges or the deviation of the fingertip's direction. The minimum is found by Newton's method with the exact
+//! Hessian, which for a serial chain costs one cross product a joint: `∂²p/∂qᵢ∂qⱼ = aᵢ × (aⱼ × (p − oⱼ))`,
+//! `i ≤ j`. It converges quadratically also for targets out of reach, where Gauss–Newton does not. Joints at a
+//! limit beyond which the cost falls are fixed (projected Newton method, Bertsekas 1982), and a step that raises
+//! the cost is repeated with Levenberg's damping.
+//!
+//! One joint that several fingers share makes the Hessian an arrow: each finger has a block of its own, and only
+//! the last row couples them. The Schur complement of that row is one number, so the cost of a step grows
+//! linearly with the fingers.
+
+use heapless::Vec;
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::hand::{Angles, Hand, HandFinger, MAX_FINGERS};
+use super::inverse::MAX_DISTANCE;
+use super::posture::Posture;
+use crate::math::{self, abs};
+use crate::model::MAX_CHAIN_JOINTS;
+
+/// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it causes
+/// are removed by the last iterations.
+const SECONDARY: f32 = 5e-5;
+/// Weight of the middle of the ranges where a direction is the secondary objective, over that of the direction.
+const TERTIARY: f32 = 0.01;
+/// Damping of the last iterations over `μ`.
+const FINAL_DAMPING: f32 = 0.02;
+/// Largest change of an angle in one iteration [rad].
+const MAX_STEP: f32 = 0.5;
+/// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its square.
+const CONVERGED: f32 = 3e-3;
+/// First damping after a step that raised the cost, over the squared length of the finger.
+const FIRST_DAMPING: f32 = 3e-3;
+/// Errors above this are not worked on by the last iterations [m]: the tip is out of reach.
+const FINAL_RANGE: f32 = 2e-3;
+/// Maximum number of last iterations.
+const FINAL_ITERATIONS: usize = 4;
+/// Values of the shared joint from which a search starts.
+const GRID: u8 = 7;
+/// Starts for each finger at each of these values.
+const FINGER_STARTS: u8 = 3;
+/// A search ends when the direction is that near [rad²/2].
+const DIRECTION_TOLERANCE: f32 = 6e-6;
+
+/// Where a fingertip shall be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingertipTarget {
+    /// Position [m], in the frame of the hand.
+    pub position: Vector3<f32>,
+    /// Weight of the square of its error, above 0.
+    pub weight: f32,
+    /// Direction of the fingertip, a unit vector: approached as far as the position leaves it free. Without it
+    /// the joints tend to the middle of their ranges.
+    pub direction: Option<Vector3<f32>>,
+}
+
+/// Targets of the fingers of a [`Hand`], in its order. A finger without target keeps its own joints.
+pub type FingertipTargets = [Option<FingertipTarget>; MAX_FINGERS];
+
+/// Tolerance and iteration limits of the inverse kinematics of a [`Hand`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandOptions {
+    /// A fingertip that near its target is there [m].
+    pub tolerance: f32,
+    /// Maximum iterations for each start; four more remove what the secondary objective left.
+    pub iterations: u8,
+    /// Maximum number of random starts of a search, after those on the grid of the shared joint.
+    pub restarts: u8,
+}
+
+impl Default for HandOptions {
+    fn default() -> Self {
+        Self { tolerance: 5e-6, iterations: 12, restarts: 30 }
+    }
+}
+
+/// Result of the inverse kinematics of a [`Hand`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandReport {
+    /// Target minus tip of each finger [m]; 0 for a finger without target.
+    pub errors: [Vector3<f32>; MAX_FINGERS],
+    /// `Σ wᵢ ‖eᵢ‖²` [m²].
+    pub weighted: f32,
+    /// Number of evaluations of the cost.
+    pub evaluations: u16,
+}
+
+impl HandReport {
+    /// Distance of a fingertip from its target [m].
+    pub fn distance(&self, finger: usize) -> f32 {
+        self.errors.get(finger).map_or(0.0, |error| math::sqrt(error.norm_squared()))
+    }
+}
+
+/// Angles and what follows from them.
+#[derive(Clone, Debug)]
+struct Point {
+    angles: Angles,
+    /// Of the fingers with a target.
+    postures: Vec<Posture, MAX_FINGERS>,
+    errors: [Vector3<f32>; MAX_FINGERS],
+    /// `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)`.
+    cost: f32,
+    /// `Σ wᵢ ½‖eᵢ‖²`.
+    primary: f32,
+    /// Whether all tips are within the tolerance, and whether the directions are, too.
+    reached: bool,
+    directed: bool,
+}
+
+impl Point {
+    fn is_better_than(&self, other: &Self) -> bool {
+        match (self.reached, other.reached) {
+            (true, true) => self.cost < other.cost,
+            (false, false) => self.primary < other.primary,
+            (reached, _) => reached,
+        }
+    }
+}
+
+/// Negative gradient and Hessian of one finger's cost over its variables; lower triangle only.
+struct Block {
+    gradient: SVector<f32, MAX_CHAIN_JOINTS>,
+    hessian: SMatrix<f32, MAX_CHAIN_JOINTS, MAX_CHAIN_JOINTS>,
+}
+
+/// What is solved for.
+#[derive(Clone, Copy)]
+struct Problem<'a> {
+    hand: &'a Hand,
+    targets: &'a FingertipTargets,
+    options: &'a HandOptions,
+    /// Whether the shared joint may move.
+    moves_shared: bool,
+}
+
+/// Which terms the cost has.
+#[derive(Clone, Copy, PartialEq)]
+enum Terms {
+    All,
+    Positions,
+}
+
+impl Hand {
+    /// Moves `angles` [rad] from where they are, limited first, to the nearest minimum of the weighted squared
+    /// errors of the fingertips. For targets that move a little from call to call: the angles move continuously.
+    /// At most `iterations` + 5 evaluations. Angles and targets that are not finite are left as they are.
+    pub fn solve(
+        &self,
+        targets: &FingertipTargets,
+        options: &HandOptions,
+        angles: &mut Angles,
+    ) -> HandReport {
+        self.run(targets, options, angles, false)
+    }
+
+    /// As [`Hand::solve`], and when a tip is not reached also from other starts, for the global minimum. For the
+    /// first target, and for those far from the one before.
+    pub fn search(
+        &self,
+        targets: &FingertipTargets,
+        options: &HandOptions,
+        angles: &mut Angles,
+    ) -> HandReport {
+        self.run(targets, options, angles, true)
+    }
+
+    fn run(
+        &self,
+        targets: &FingertipTargets,
+        options: &HandOptions,
+        angles: &mut Angles,
+        global: bool,
+    ) -> HandReport {
+        let mut report =
+            HandReport { errors: [Vector3::zeros(); MAX_FINGERS], weighted: 0.0, evaluations: 0 };
+        let valid = |target: &FingertipTarget| {
+            target.position.iter().all(|value| abs(*value) < MAX_DISTANCE)
+                && target.weight.is_finite()
+                && target.weight > 0.0
+                && target.direction.is_none_or(|direction| direction.iter().all(|value| abs(*value) <= 1.01))
+        };
+        if !targets.iter().flatten().all(valid) || !angles.iter().all(|angle| angle.is_finite()) {
+            report.errors = [Vector3::repeat(f32::NAN); MAX_FINGERS];
+            report.weighted = f32::NAN;
+            return report;
+        }
+        let problem = Problem { hand: self, targets, options, moves_shared: true };
+        self.limit(angles);
+        let mut best = problem.descend(angles, &mut report.evaluations);
+        if global && !(best.reached && best.directed) {
+            problem.search(&mut best, &mut report.evaluations);
+        }
+        *angles = best.angles;
+        report.errors = best.errors;
+        report.weighted = 2.0 * best.primary;
+        report
+    }
+}
+
+/// Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a start.
+struct Starts(u32);
+
+impl Starts {
+    fn between(&mut self, (lower, upper): (f32, f32)) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        #[expect(clippy::cast_precision_loss, reason = "24 bits")]
+        let fraction = (self.0 >> 8) as f32 / 16_777_216.0;
+        lower + fraction * (upper - lower)
+    }
+}
+
+impl Problem<'_> {
+    /// The fingers with their targets.
+    fn fingers(&self) -> impl Iterator<Item = (usize, &HandFinger, &FingertipTarget)> {
+        let pairs = self.hand.fingers.iter().zip(self.targets).enumerate();
+        pairs.filter_map(|(index, (finger, target))| Some((index, finger, target.as_ref()?)))
+    }
+
+    fn limits(&self, joint: u8) -> (f32, f32) {
+        self.hand.limits.get(usize::from(joint)).copied().unwrap_or((0.0, 0.0))
+    }
+
+    /// Searches beyond the local minimum `best`. For a given angle of the shared joint the fingers are
+    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together from
+    /// its two best values; then random starts.
+    fn search(&self, best: &mut Point, evaluations: &mut u16) {
+        let mut starts = Starts(1);
+        let mut try_from = |angles: &Angles, best: &mut Point| {
+            let point = self.descend(angles, evaluations);
+            if point.is_better_than(best) {
+                *best = point;
+            }
+            best.reached && best.directed
+        };
+        let shared = self.hand.shared.filter(|_| self.fingers().any(|(_, finger, _)| finger.shares));
+        if let Some(shared) = shared {
+            let mut two = [(f32::INFINITY, best.angles); 2];
+            let (lower, upper) = self.limits(shared);
+            for number in 0..GRID {
+                let fraction = (f32::from(number) + 0.5) / f32::from(GRID);
+                let mut angles = best.angles;
+                angles[usize::from(shared)] = lower + fraction * (upper - lower);
+                let cost = self.fingers_alone(&mut angles, &mut starts);
+                if cost < two[0].0 {
+                    two = [(cost, angles), two[0]];
+                } else if cost < two[1].0 {
+                    two[1] = (cost, angles);
+                }
+            }
+            for (_, angles) in &two {
+                if try_from(angles, best) {
+                    return;
+                }
+            }
+        }
+        for _ in 0..self.options.restarts {
+            let mut angles = best.angles;
+            for (_, finger, _) in self.fingers() {
+                for &joint in &finger.variables {
+                    angles[usize::from(joint)] = starts.between(self.limits(joint));
+                }
+            }
+            if try_from(&angles, best) {
+                return;
+            }
+        }
+    }
+
+    /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns the
+    /// sum of the costs of positions.
+    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts) -> f32 {
+        let mut sum = 0.0;
+        let center = self.hand.center();
+        for (index, finger, target) in self.fingers() {
+            let mut targets = [None; MAX_FINGERS];
+            if let Some(place) = targets.get_mut(index) {
+                *place = Some(*target);
+            }
+            let alone = Problem { targets: &targets, moves_shared: false, ..*self };
+            let own = finger.variables.len() - usize::from(finger.shares);
+            let mut best: Option<Point> = None;
+            for start in 0..FINGER_STARTS {
+                let mut from = *angles;
+                for &joint in finger.variables.iter().take(own) {
+                    match start {
+                        0 => {}
+                        1 => from[usize::from(joint)] = center[usize::from(joint)],
+                        _ => from[usize::from(joint)] = starts.between(self.limits(joint)),
+                    }
+                }
+                let point = alone.descend(&from, &mut 0);
+                if best.as_ref().is_none_or(|best| point.is_better_than(best)) {
+                    best = Some(point);
+                }
+            }
+            if let Some(best) = best {
+                sum += best.primary;
+                *angles = best.angles;
+            }
+        }
+        sum
+    }
+
+    /// Newton's method from `angles`, which are within their limits; then without the secondary objective.
+    fn descend(&self, angles: &Angles, evaluations: &mut u16) -> Point {
+        let mut here = self.evaluate(angles, Terms::All);
+        let mut count = 1;
+        self.iterate(&mut here, Terms::All, self.options.iterations.into(), &mut count);
+        let tolerance = self.options.tolerance;
+        let squares = || here.errors.iter().map(Vector3::norm_squared);
+        if squares().any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
+            let cost = here.cost;
+            here.cost = here.primary;
+            self.iterate(&mut here, Terms::Positions, FINAL_ITERATIONS, &mut count);
+            // The last steps are too small to matter to the secondary objective.
+            here.cost += (cost - here.cost).max(0.0);
+        }
+        *evaluations = evaluations.saturating_add(count);
+        here
+    }
+
+    fn iterate(&self, here: &mut Point, terms: Terms, iterations: usize, count: &mut u16) {
+        let mut damping = 0.0;
+        for _ in 0..iterations {
+            if terms == Terms::Positions && here.reached {
+                return;
+            }
+            let step = self.step(here, terms, damping);
+            let mut angles = here.angles + step;
+            self.hand.limit(&mut angles);
+            let moved = (angles - here.angles).amax();
+            let there = self.evaluate(&angles, terms);
+            *count += 1;
+            let falls = there.cost <= here.cost;
+            if falls {
+                *here = there;
+            }
+            if moved < CONVERGED && (damping == 0.0 || moved < 0.01 * CONVERGED) && terms == Terms::All {
+                return;
+            }
+            damping = match (falls, damping) {
+                (true, damping) if damping <= FIRST_DAMPING => 0.0,
+                (true, damping) => 0.1 * damping,
+                (false, damping) => (10.0 * damping).max(FIRST_DAMPING),
+            };
+        }
+    }
+
+    /// Cost at `angles`.
+    fn evaluate(&self, angles: &Angles, terms: Terms) -> Point {
+        let mut point = Point {
+            angles: *angles,
+            postures: Vec::new(),
+            errors: [Vector3::zeros(); MAX_FINGERS],
+            cost: 0.0,
+            primary: 0.0,
+            reached: true,
+            directed: true,
+        };
+        let tolerance = self.options.tolerance;
+        for (index, finger, target) in self.fingers() {
+            let posture = finger.posture(angles);
+            let error = target.position - posture.tip.translation.vector;
+            let square = error.norm_squared();
+            point.primary += 0.5 * target.weight * square;
+            point.reached &= square <= tolerance * tolerance;
+            let (mut secondary, mut center) = (0.0, 1.0);
+            if let Some(direction) = target.direction {
+                // 1 − cos of the angle between the directions; exact for small angles.
+                let away = posture.tip.rotation * finger.pointing - direction;
+                secondary = 0.5 * away.norm_squared();
+                point.directed &= secondary < DIRECTION_TOLERANCE;
+                center = TERTIARY;
+            }
+            if terms == Terms::All {
+                let own = finger.variables.len() - usize::from(finger.shares);
+                for &joint in finger.variables.iter().take(own) {
+                    let (lower, upper) = self.limits(joint);
+                    let away = angles[usize::from(joint)] - 0.5 * (lower + upper);
+                    secondary += 0.5 * center * away * away;
+                }
+                point.cost += target.weight * finger.secondary_weight() * secondary;
+            }
+            if let Some(place) = point.errors.get_mut(index) {
+                *place = error;
+            }
+            // There are as many places as fingers.
+            let _ = point.postures.push(posture);
+        }
+        point.cost += point.primary;
+        point
+    }
+
+    /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite.
+    fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
+        let exact = terms == Terms::All;
+        if exact && let Some(step) = self.try_step(here, terms, damping, true) {
+            return step;
+        }
+        self.try_step(here, terms, damping, false).unwrap_or_else(Angles::zeros)
+    }
+
+    /// The step; `None` if the Hessian is not positive definite.
+    fn try_step(&self, here: &Point, terms: Terms, damping: f32, exact: bool) -> Option<Angles> {
+        let shared = self.hand.shared.filter(|_| self.moves_shared);
+        // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
+        let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
+        let mut moves: Vec<Move, MAX_FINGERS> = Vec::new();
+        for ((index, finger, target), posture) in self.fingers().zip(&here.postures) {
+            let error = here.errors.get(index).copied().unwrap_or_default();
+            let mut block = finger.block(posture, &error, exact);
+            let mut floor = finger.secondary_weight() * FINAL_DAMPING;
+            if terms == Terms::All {
+                let at_center = finger.add_secondary(&mut block, posture, target);
+                floor = finger.secondary_weight() * at_center;
+                for (slot, &joint) in finger.variables.iter().enumerate() {
+                    let (lower, upper) = self.limits(joint);
+                    let away = here.angles[usize::from(joint)] - 0.5 * (lower + upper);
+                    let is_own = slot + usize::from(finger.shares) < finger.variables.len();
+                    block.gradient[slot] -= if is_own { floor * away } else { 0.0 };
+                }
+            }
+            let diagonal = floor + damping * finger.length * finger.length;
+            for slot in 0..finger.variables.len() {
+                block.hessian[(slot, slot)] += diagonal;
+            }
+            let own = finger.variables.len() - usize::from(finger.shares);
+            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
+                if self.is_held(joint, here.angles[usize::from(joint)], block.gradient[slot]) {
+                    block.fix(slot, finger.variables.len());
+                }
+            }
+            let solution = block.solve(own)?;
+            if finger.shares && shared.is_some() {
+                let (mut pull, mut stiffness) = (block.gradient[own], block.hessian[(own, own)]);
+                gradient += target.weight * pull;
+                for slot in 0..own {
+                    pull -= block.hessian[(own, slot)] * solution.step[slot];
+                    stiffness -= block.hessian[(own, slot)] * solution.follow[slot];
+                }
+                reduced += target.weight * pull;
+                curvature += target.weight * stiffness;
+            }
+            let _ = moves.push(solution);
+        }
+        let mut step = Angles::zeros();
+        let mut shared_step = 0.0;
+        if let Some(shared) = shared.filter(|_| curvature != 0.0) {
+            // Also when it is not a number.
+            if !(curvature > 0.0) {
+                return None;
+            }
+            if !self.is_held(shared, here.angles[usize::from(shared)], gradient) {
+                shared_step = reduced / curvature;
+            }
+            step[usize::from(shared)] = shared_step;
+        }
+        for ((_, finger, _), solution) in self.fingers().zip(&moves) {
+            let own = finger.variables.len() - usize::from(finger.shares);
+            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
+                step[usize::from(joint)] = solution.step[slot] - solution.follow[slot] * shared_step;
+            }
+        }
+        let largest = step.amax();
+        Some(if largest > MAX_STEP { step * (MAX_STEP / largest) } else { step })
+    }
+
+    /// Whether a joint stands at a limit beyond which the cost falls.
+    fn is_held(&self, joint: u8, angle: f32, gradient: f32) -> bool {
+        let (lower, upper) = self.limits(joint);
+        angle <= lower && gradient < 0.0 || angle >= upper && gradient > 0.0
+    }
+}
+
+/// How a finger's own joints move: `step` − `follow` · step of the shared joint.
+struct Move {
+    step: SVector<f32, MAX_CHAIN_JOINTS>,
+    follow: SVector<f32, MAX_CHAIN_JOINTS>,
+}
+
+impl HandFinger {
+    /// `μ` [m²/rad²].
+    fn secondary_weight(&self) -> f32 {
+        SECONDARY * self.length * self.length
+    }
+
+    /// Negative gradient and Hessian of `½‖e‖²`; without the second derivatives of the position if not `exact`.
+    #[inline]
+    fn block(&self, posture: &Posture, error: &Vector3<f32>, exact: bool) -> Block {
+        let mut block = Block { gradient: SVector::zeros(), hessian: SMatrix::zeros() };
+        // −∂p/∂qⱼ · m, and the factor that gives the Hessian with a later column.
+        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
+        for (joint, (axis, origin)) in self.joints.iter().zip(&posture.joints) {
+            let column = axis.cross(&(posture.reach - origin)) * joint.multiplier;
+            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ
+            let factor = if exact { column - error.cross(axis) * joint.multiplier } else { column };
+            let slot = usize::from(joint.actuated);
+            block.gradient[slot] += column.dot(error);
+            let _ = columns.push((slot, factor));
+            for (other, factor) in &columns {
+                block.add(slot, *other, factor.dot(&column));
+            }
+            // A joint that one before it follows is met twice in the sum over pairs.
+            let before = columns.len() - 1;
+            for (_, factor) in columns.iter().take(before).filter(|(other, _)| *other == slot) {
+                block.hessian[(slot, slot)] += factor.dot(&column);
+            }
+        }
+        block
+    }
+
+    /// Adds `μ` times the secondary objective of direction. Returns the weight of the middle of the ranges over
+    /// `μ`.
+    fn add_secondary(&self, block: &mut Block, posture: &Posture, target: &FingertipTarget) -> f32 {
+        let Some(direction) = target.direction else { return 1.0 };
+        let weight = self.secondary_weight();
+        let pointing = posture.tip.rotation * self.pointing;
+        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
+        for (joint, (axis, _)) in self.joints.iter().zip(&posture.joints) {
+            let slot = usize::from(joint.actuated);
+            let column = axis.cross(&pointing) * joint.multiplier;
+            block.gradient[slot] += weight * column.dot(&direction);
+            // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
+            let _ = columns.push((slot, column));
+            for (other, before) in &columns {
+                block.add(slot, *other, weight * before.dot(&column));
+            }
+            let before = columns.len() - 1;
+            for (_, factor) in columns.iter().take(before).filter(|(other, _)| *other == slot) {
+                block.hessian[(slot, slot)] += weight * factor.dot(&column);
+            }
+        }
+        TERTIARY
+    }
+}
+
+impl Block {
+    /// Adds to the lower triangle.
+    #[inline]
+    fn add(&mut self, one: usize, other: usize, value: f32) {
+        let place = if one > other { (one, other) } else { (other, one) };
+        self.hessian[place] += value;
+    }
+
+    /// Takes a variable out.
+    fn fix(&mut self, slot: usize, variables: usize) {
+        for other in 0..variables {
+            let place = if slot > other { (slot, other) } else { (other, slot) };
+            self.hessian[place] = 0.0;
+        }
+        self.hessian[(slot, slot)] = 1.0;
+        self.gradient[slot] = 0.0;
+    }
+
+    /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right.
+    #[inline]
+    fn solve(&self, n: usize) -> Option<Move> {
+        let mut lower = self.hessian;
+        let mut inverse = SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
+        let (mut step, mut follow) = (SVector::zeros(), SVector::zeros());
+        let has_row = n < MAX_CHAIN_JOINTS;
+        for column in 0..n {
+            let full = lower[(column, column)];
+            let mut pivot = full;
+            for k in 0..column {
+                pivot -= lower[(column, k)] * lower[(column, k)] * inverse[k];
+            }
+            // Below the rounding of its terms, or not a number.
+            if !(pivot > 1e-6 * full) {
+                return None;
+            }
+            inverse[column] = 1.0 / pivot;
+            for row in column + 1..n {
+                for k in 0..column {
+                    let product = lower[(row, k)] * lower[(column, k)] * inverse[k];
+                    lower[(row, column)] -= product;
+                }
+            }
+        }
+        for row in 0..n {
+            let mut values = (self.gradient[row], if has_row { self.hessian[(n, row)] } else { 0.0 });
+            for k in 0..row {
+                let factor = lower[(row, k)] * inverse[k];
+                values.0 -= factor * step[k];
+                values.1 -= factor * follow[k];
+            }
+            (step[row], follow[row]) = values;
+        }
+        for row in (0..n).rev() {
+            let mut values = (step[row] * inverse[row], follow[row] * inverse[row]);
+            for k in row + 1..n {
+                let factor = lower[(k, row)] * inverse[row];
+                values.0 -= factor * step[k];
+                values.1 -= factor * follow[k];
+            }
+            (step[row], follow[row]) = values;
+        }
+        Some(Move { step, follow })
+    }
+}
