@@ -41,6 +41,10 @@ fn accuracy(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
         let error = fingers.clone().map(|finger| report.distance(finger)).fold(0.0, f32::max);
         worst = worst.max(error);
         missed += u32::from(error > 5e-5);
+        if error > 5e-5 && missed < 6 && fingers.len() == 1 {
+            let f = |a: &Angles| hand.actuated(fingers.start).iter().map(|&j| a[usize::from(j)]).collect::<Vec<_>>();
+            println!("{:?} got {:?} {report:?}", f(&goal), f(&angles));
+        }
         evaluations += u32::from(report.evaluations);
         most = most.max(report.evaluations);
     }
@@ -93,7 +97,9 @@ fn main() {
     let hand = hand5();
     let names = ["thumb", "index", "middle", "ring", "little"];
     for (finger, name) in names.iter().enumerate() {
-        accuracy(name, &hand, finger..finger + 1);
+        if std::env::args().len() < 2 {
+            accuracy(name, &hand, finger..finger + 1);
+        }
         tracking(name, &hand, finger..finger + 1);
     }
     accuracy("all fingers", &hand, 0..5);

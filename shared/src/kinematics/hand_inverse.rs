@@ -23,21 +23,25 @@ use crate::model::MAX_CHAIN_JOINTS;
 
 /// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it causes
 /// are removed by the last iterations.
-const SECONDARY: f32 = 5e-5;
+const SECONDARY: f32 = 1e-5;
 /// Weight of the middle of the ranges where a direction is the secondary objective, over that of the direction.
 const TERTIARY: f32 = 0.01;
 /// Damping of the last iterations over `μ`.
-const FINAL_DAMPING: f32 = 0.02;
+const FINAL_DAMPING: f32 = 0.1;
 /// Largest change of an angle in one iteration [rad].
 const MAX_STEP: f32 = 0.5;
 /// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its square.
-const CONVERGED: f32 = 3e-3;
+const CONVERGED: f32 = 5e-3;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
+/// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
+const FIRST_FINAL_DAMPING: f32 = 1e-5;
 /// Errors above this are not worked on by the last iterations [m]: the tip is out of reach.
 const FINAL_RANGE: f32 = 2e-3;
 /// Maximum number of last iterations.
-const FINAL_ITERATIONS: usize = 4;
+const FINAL_ITERATIONS: usize = 6;
+/// The same where a search found no start from which a tip is reached.
+const MAX_FINAL_ITERATIONS: usize = 60;
 /// Values of the shared joint from which a search starts.
 const GRID: u8 = 7;
 /// Starts for each finger at each of these values.
@@ -96,7 +100,7 @@ impl HandReport {
 }
 
 /// Angles and what follows from them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Point {
     angles: Angles,
     /// Of the fingers with a target.
@@ -229,6 +233,10 @@ impl Problem<'_> {
     /// its two best values; then random starts.
     fn search(&self, best: &mut Point, evaluations: &mut u16) {
         let mut starts = Starts(1);
+        self.finish(best, MAX_FINAL_ITERATIONS, evaluations);
+        if best.reached && best.directed {
+            return;
+        }
         let mut try_from = |angles: &Angles, best: &mut Point| {
             let point = self.descend(angles, evaluations);
             if point.is_better_than(best) {
@@ -251,10 +259,8 @@ impl Problem<'_> {
                     two[1] = (cost, angles);
                 }
             }
-            for (_, angles) in &two {
-                if try_from(angles, best) {
-                    return;
-                }
+            if two.iter().any(|(_, angles)| try_from(angles, best)) {
+                return;
             }
         }
         for _ in 0..self.options.restarts {
@@ -268,6 +274,7 @@ impl Problem<'_> {
                 return;
             }
         }
+        self.finish(best, MAX_FINAL_ITERATIONS, evaluations);
     }
 
     /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns the
@@ -307,60 +314,69 @@ impl Problem<'_> {
 
     /// Newton's method from `angles`, which are within their limits; then without the secondary objective.
     fn descend(&self, angles: &Angles, evaluations: &mut u16) -> Point {
-        let mut here = self.evaluate(angles, Terms::All);
+        let mut here = Point::default();
+        self.evaluate(angles, Terms::All, &mut here);
         let mut count = 1;
         self.iterate(&mut here, Terms::All, self.options.iterations.into(), &mut count);
-        let tolerance = self.options.tolerance;
-        let squares = || here.errors.iter().map(Vector3::norm_squared);
-        if squares().any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
-            let cost = here.cost;
-            here.cost = here.primary;
-            self.iterate(&mut here, Terms::Positions, FINAL_ITERATIONS, &mut count);
-            // The last steps are too small to matter to the secondary objective.
-            here.cost += (cost - here.cost).max(0.0);
-        }
+        self.finish(&mut here, FINAL_ITERATIONS, &mut count);
         *evaluations = evaluations.saturating_add(count);
         here
     }
 
-    fn iterate(&self, here: &mut Point, terms: Terms, iterations: usize, count: &mut u16) {
+    /// Removes the errors that the secondary objective left.
+    fn finish(&self, here: &mut Point, iterations: usize, count: &mut u16) {
+        let tolerance = self.options.tolerance;
+        let mut squares = here.errors.iter().map(Vector3::norm_squared);
+        if squares.any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
+            let secondary = here.cost - here.primary;
+            here.cost = here.primary;
+            self.iterate(here, Terms::Positions, iterations, count);
+            // The last steps are too small to matter to the secondary objective.
+            here.cost += secondary;
+        }
+    }
+
+    fn iterate(&self, result: &mut Point, terms: Terms, iterations: usize, count: &mut u16) {
+        // Two points that change places: a point is too large to be copied in each iteration.
+        let mut other = Point::default();
+        let (mut here, mut there) = (&mut *result, &mut other);
+        let mut swapped = false;
+        let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
         for _ in 0..iterations {
             if terms == Terms::Positions && here.reached {
-                return;
+                break;
             }
             let step = self.step(here, terms, damping);
             let mut angles = here.angles + step;
             self.hand.limit(&mut angles);
             let moved = (angles - here.angles).amax();
-            let there = self.evaluate(&angles, terms);
+            self.evaluate(&angles, terms, there);
             *count += 1;
             let falls = there.cost <= here.cost;
             if falls {
-                *here = there;
+                core::mem::swap(&mut here, &mut there);
+                swapped = !swapped;
             }
             if moved < CONVERGED && (damping == 0.0 || moved < 0.01 * CONVERGED) && terms == Terms::All {
-                return;
+                break;
             }
             damping = match (falls, damping) {
-                (true, damping) if damping <= FIRST_DAMPING => 0.0,
+                (true, damping) if damping <= first => 0.0,
                 (true, damping) => 0.1 * damping,
-                (false, damping) => (10.0 * damping).max(FIRST_DAMPING),
+                (false, damping) => (10.0 * damping).max(first),
             };
+        }
+        if swapped {
+            *result = other;
         }
     }
 
-    /// Cost at `angles`.
-    fn evaluate(&self, angles: &Angles, terms: Terms) -> Point {
-        let mut point = Point {
-            angles: *angles,
-            postures: Vec::new(),
-            errors: [Vector3::zeros(); MAX_FINGERS],
-            cost: 0.0,
-            primary: 0.0,
-            reached: true,
-            directed: true,
-        };
+    /// Writes the cost at `angles` to `point`.
+    fn evaluate(&self, angles: &Angles, terms: Terms, point: &mut Point) {
+        point.angles = *angles;
+        point.postures.clear();
+        (point.cost, point.primary, point.reached, point.directed) = (0.0, 0.0, true, true);
         let tolerance = self.options.tolerance;
         for (index, finger, target) in self.fingers() {
             let posture = finger.posture(angles);
@@ -392,16 +408,12 @@ impl Problem<'_> {
             let _ = point.postures.push(posture);
         }
         point.cost += point.primary;
-        point
     }
 
     /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite.
     fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
-        let exact = terms == Terms::All;
-        if exact && let Some(step) = self.try_step(here, terms, damping, true) {
-            return step;
-        }
-        self.try_step(here, terms, damping, false).unwrap_or_else(Angles::zeros)
+        let exact = self.try_step(here, terms, damping, true);
+        exact.or_else(|| self.try_step(here, terms, damping, false)).unwrap_or_else(Angles::zeros)
     }
 
     /// The step; `None` if the Hessian is not positive definite.
@@ -558,8 +570,9 @@ impl Block {
 
     /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right.
     #[inline]
-    fn solve(&self, n: usize) -> Option<Move> {
-        let mut lower = self.hessian;
+    fn solve(&mut self, n: usize) -> Option<Move> {
+        // In place: row `n` is not touched.
+        let lower = &mut self.hessian;
         let mut inverse = SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
         let (mut step, mut follow) = (SVector::zeros(), SVector::zeros());
         let has_row = n < MAX_CHAIN_JOINTS;
@@ -570,7 +583,7 @@ impl Block {
                 pivot -= lower[(column, k)] * lower[(column, k)] * inverse[k];
             }
             // Below the rounding of its terms, or not a number.
-            if !(pivot > 1e-6 * full) {
+            if !(pivot > 3e-7 * full) {
                 return None;
             }
             inverse[column] = 1.0 / pivot;
@@ -582,7 +595,7 @@ impl Block {
             }
         }
         for row in 0..n {
-            let mut values = (self.gradient[row], if has_row { self.hessian[(n, row)] } else { 0.0 });
+            let mut values = (self.gradient[row], if has_row { lower[(n, row)] } else { 0.0 });
             for k in 0..row {
                 let factor = lower[(row, k)] * inverse[k];
                 values.0 -= factor * step[k];
