@@ -42,7 +42,9 @@ fn accuracy(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
         worst = worst.max(error);
         missed += u32::from(error > 5e-5);
         if error > 5e-5 && missed < 6 && fingers.len() == 1 {
-            let f = |a: &Angles| hand.actuated(fingers.start).iter().map(|&j| a[usize::from(j)]).collect::<Vec<_>>();
+            let f = |a: &Angles| {
+                hand.actuated(fingers.start).iter().map(|&j| a[usize::from(j)]).collect::<Vec<_>>()
+            };
             println!("{:?} got {:?} {report:?}", f(&goal), f(&angles));
         }
         evaluations += u32::from(report.evaluations);

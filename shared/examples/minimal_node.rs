@@ -48,6 +48,7 @@ fn model() -> Option<RobotModel> {
         tip: Pose::IDENTITY,
         tip_radius: 0.0,
         force_sensor: None,
+        mimic: None,
     };
     let (reaction, damping) = (Reaction::Hold, 0.01);
     Some(RobotModel {

@@ -65,6 +65,7 @@ pub fn finger() -> RobotModel {
             tip: Pose::IDENTITY,
             tip_radius: 0.0,
             force_sensor: None,
+            mimic: None,
         }])
         .expect("fits"),
         joints,

@@ -2,12 +2,12 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainModel, Field, ForceSensor, Friction, JointModel, ModelError, ObserverGains, PidGains, Pose,
-    RobotModel, ServoGains,
+    ChainModel, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError, ObserverGains, PidGains,
+    Pose, RobotModel, ServoGains,
 };
 
 use super::settings::{JointSettings, Settings};
-use super::tree::{SerialChain, SerialJoint};
+use super::tree::{SerialChain, SerialJoint, SerialMimic};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::urdf::Urdf;
@@ -35,6 +35,10 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
                 mass: chain.mass,
                 center_of_mass: chain.center_of_mass,
             }),
+            mimic: match &chain.mimic {
+                Some(mimic) => Some(mimic_joint(mimic, chains)?),
+                None => None,
+            },
         };
         model.chains.push(tip).ok()?;
         let first = model.joints.len();
@@ -44,7 +48,52 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
         }
         complete_gains(&mut model.joints[first..], &chain.pose, settings);
     }
+    add_mimics(&mut model, chains, settings);
     Some(model)
+}
+
+fn mimic_joint(mimic: &SerialMimic, chains: &[SerialChain]) -> Option<MimicJoint> {
+    let mut joints = chains.iter().flat_map(|chain| &chain.joints);
+    let SerialJoint { origin, axis, link, .. } = mimic.joint;
+    Some(MimicJoint {
+        joint: u8::try_from(joints.position(|joint| joint.name == mimic.follows)?).ok()?,
+        multiplier: mimic.multiplier,
+        offset: mimic.offset,
+        origin,
+        axis,
+        link,
+    })
+}
+
+/// Adds the friction and the inertia of mimic joints to the joints that drive them.
+fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Settings) {
+    let chain_models = model.chains.clone();
+    let ranges: Vec<_> = model.chain_ranges().collect();
+    for ((serial, chain), range) in chains.iter().zip(&chain_models).zip(ranges) {
+        let (Some(of), Some(mimic)) = (&serial.mimic, &chain.mimic) else { continue };
+        let joints = &model.joints[range];
+        let shape = Chain::of_model(chain, joints);
+        let limits = |joint: &JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
+        let middle: Vec<f32> = std::iter::once(0.0).chain(joints.iter().map(limits)).collect();
+        let (rest, mut torques) = (vec![0.0; middle.len()], vec![0.0; middle.len()]);
+        let mut acceleration = rest.clone();
+        acceleration[0] = 1.0;
+        shape.inverse_dynamics(&nalgebra::Vector3::zeros(), &middle, &rest, &acceleration, &mut torques);
+        let Some(driving) = model.joints.get_mut(usize::from(mimic.joint)) else { continue };
+        let ratio = mimic.multiplier;
+        driving.friction.coulomb += ratio.abs() * of.joint.friction.coulomb;
+        driving.friction.viscous += ratio * ratio * of.joint.friction.viscous;
+        let own = settings.joints.get(driving.name.as_str()).and_then(|own| own.servo.inertia);
+        let before = driving.servo.observer.inertia;
+        if own.is_none() && before > 0.0 {
+            let inertia = before + ratio * ratio * torques[0];
+            let PidGains { proportional, integral, derivative, .. } = &mut driving.servo.pid;
+            for gain in [proportional, integral, derivative] {
+                *gain *= inertia / before;
+            }
+            driving.servo.observer.inertia = inertia;
+        }
+    }
 }
 
 /// Reports what is wrong with the values, joint by joint: one finding each.
@@ -57,7 +106,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         alone.joints.clear();
         alone.chains.truncate(1);
         let Some(chain) = alone.chains.first_mut() else { return };
-        (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
+        (chain.joints, chain.tip, chain.force_sensor, chain.mimic) = (1, Pose::IDENTITY, None, None);
         let _ = alone.joints.push(joint.clone());
         match alone.validate() {
             Err(error) if error.joint.is_some() => found.push((Some(joint), error)),
@@ -100,6 +149,9 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
             "correct the <origin> of the joint"
         }
         Field::Axis => "mend its <axis>",
+        Field::MimicJoint | Field::MimicMultiplier | Field::MimicOffset => {
+            "mend <mimic joint=\"…\" multiplier=\"…\" offset=\"…\"/> of the first joint of the chain"
+        }
         Field::TipRadius => "mend the <sphere> of the tip",
         Field::TipMass | Field::TipCenterOfMass => "mend <inertial> of the tip",
         Field::Mass | Field::CenterOfMass | Field::Inertia => "mend <inertial> of the links behind it",
@@ -114,6 +166,7 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
 
 const fn in_settings(field: Field) -> &'static str {
     match field {
+        Field::MimicForceSensor => "remove [force_sensor]: a chain with a mimic joint cannot have one",
         Field::ServoInertia => "the links have no mass: give motor.rotor_inertia, or servo.inertia",
         _ => "mend the value; [joints.NAME] holds what is different for one joint",
     }

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::Chain;
-use tesaki::model::{ChainModel, JointModel, RobotModel};
+use tesaki::model::{ChainModel, JointModel, Pose, RobotModel};
 
 use super::RobotFolder;
 use crate::finding::{Finding, Report};
@@ -152,7 +152,7 @@ fn of_chain(
     start: Option<&Start<'_>>,
     reports: &mut Reports<'_>,
 ) {
-    let chain = Chain::new(joints, &model.tip);
+    let chain = Chain::new(&on_fixed_base(model, joints), &model.tip);
     let limits: Vec<(f32, f32)> =
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
     let loads = joint_loads(&chain, gravity, &limits);
@@ -200,6 +200,24 @@ fn of_chain(
             );
         }
     }
+}
+
+/// The joints of a chain whose mimic joint is held where it stands when the joint that it follows is at 0.
+fn on_fixed_base(model: &ChainModel, joints: &[JointModel]) -> Vec<JointModel> {
+    let mut joints = joints.to_vec();
+    let (Some(mimic), Some(first)) = (&model.mimic, joints.first_mut()) else { return joints };
+    let place = |pose: &Pose| {
+        let [x, y, z, w] = pose.rotation;
+        Isometry3::from_parts(
+            Vector3::from(pose.translation).into(),
+            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+        )
+    };
+    let turn = UnitQuaternion::new(Vector3::from(mimic.axis) * mimic.offset);
+    let origin = place(&mimic.origin) * turn * place(&first.origin);
+    first.origin =
+        Pose { translation: origin.translation.vector.into(), rotation: origin.rotation.coords.into() };
+    joints
 }
 
 /// The name of a joint as a key in TOML.

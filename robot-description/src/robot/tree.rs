@@ -19,8 +19,19 @@ pub struct SerialJoint {
     pub friction: Friction,
 }
 
+/// The first joint of a chain, when it has no motor and follows a joint of another chain.
+pub struct SerialMimic {
+    pub joint: SerialJoint,
+    /// The joint that it follows.
+    pub follows: String,
+    pub multiplier: f32,
+    pub offset: f32,
+}
+
 /// Moving joints in series, and what they end in.
 pub struct SerialChain {
+    /// The joint before `joints` that follows a joint of another chain.
+    pub mimic: Option<SerialMimic>,
     pub joints: Vec<SerialJoint>,
     /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from
     /// its joint; the last in the file of several that are as far.
@@ -40,12 +51,13 @@ pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
     let first = RigidBody::new(&urdf.robot, urdf.base()).joints;
     let chains: Vec<SerialChain> =
         first.into_iter().map(|(joint, offset)| chain(urdf, joint, offset, report)).collect();
+    mimics(urdf, &chains, report);
     sizes(urdf, &chains, report);
     chains
 }
 
 fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report) -> SerialChain {
-    let mut joints = Vec::new();
+    let (mut joints, mut mimic) = (Vec::new(), None);
     let mut tip = None;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
@@ -58,10 +70,22 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
             let advice = "put one of them into its own robot folder; `tesaki eval` computes each tip";
             report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
-        driven(urdf, joint, report);
+        let is_first = mimic.is_none() && joints.is_empty();
+        driven(urdf, joint, is_first, report);
         next = body.joints.first().copied();
         tip = body.tip(&urdf.robot);
-        joints.extend(serial_joint(joint, &offset, &body));
+        let serial = serial_joint(joint, &offset, &body);
+        match joint.mimic.as_ref().filter(|_| is_first) {
+            Some(of) => {
+                mimic = serial.map(|joint| SerialMimic {
+                    joint,
+                    follows: of.joint.clone(),
+                    multiplier: narrow(of.multiplier.unwrap_or(1.0)),
+                    offset: narrow(of.offset.unwrap_or(0.0)),
+                });
+            }
+            None => joints.extend(serial),
+        }
     }
     if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
         let message = format!("joint {} moves no mass", joint.name);
@@ -72,6 +96,7 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
     let (link, place) = tip.unzip();
     let inertial = link.map(|link| &link.inertial);
     SerialChain {
+        mimic,
         joints,
         tip: link.map_or_else(String::new, |link| link.name.clone()),
         pose: pose(&place.unwrap_or_else(Isometry3::identity)),
@@ -91,13 +116,53 @@ fn sphere(link: &Link) -> Option<f64> {
     })
 }
 
-/// Reports a joint that has no rotary motor with limits.
-fn driven(urdf: &Urdf, joint: &Joint, report: &mut Report) {
+/// Reports a mimic joint that no motor of another chain can move.
+fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
+    let driven = || chains.iter().flat_map(|chain| &chain.joints);
+    for chain in chains {
+        let Some(SerialMimic { joint, follows, multiplier, offset }) = &chain.mimic else { continue };
+        let line = urdf.line_of_joint(&joint.name);
+        let name = &joint.name;
+        let names: Vec<&str> = driven().map(|joint| joint.name.as_str()).collect();
+        let own = chain.joints.iter().any(|joint| joint.name == *follows);
+        let followed = driven().find(|joint| joint.name == *follows);
+        if chain.joints.is_empty() {
+            let message = format!("joint {name} mimics {follows} and has no joint with a motor behind it");
+            report.dynamics(line, message, "make it fixed, or remove <mimic> if it has a motor of its own");
+        } else if own {
+            let message = format!("joint {name} mimics {follows}, which is behind it");
+            report.dynamics(line, message, "a controller couples joints of different chains only");
+        } else if let Some(followed) = followed {
+            let ends = [followed.limits.lower, followed.limits.upper].map(|end| multiplier * end + offset);
+            let (least, most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+            if least < joint.limits.lower - 1e-5 || most > joint.limits.upper + 1e-5 {
+                let message = format!(
+                    "joint {name} moves from {least} to {most} rad while {follows} keeps its limits; its own are {} \
+                     to {} rad",
+                    joint.limits.lower, joint.limits.upper
+                );
+                report.dynamics(line, message, format!("narrow the limits of {follows}, or widen these"));
+            }
+            if *multiplier == 0.0 {
+                let message = format!("joint {name} mimics {follows} with the multiplier 0");
+                report.dynamics(line, message, "make it fixed");
+            }
+        } else {
+            // That a joint does not exist has been told.
+            let message = format!("joint {name} mimics {follows}, which has no motor on this board");
+            let advice = format!("name the joint that has the motor: {}", names.join(", "));
+            report.dynamics(line, message, advice);
+        }
+    }
+}
+
+/// Reports a joint that has no rotary motor with limits, unless it is the first of a chain and follows another.
+fn driven(urdf: &Urdf, joint: &Joint, is_first: bool, report: &mut Report) {
     let line = urdf.line_of_joint(&joint.name);
-    if let Some(mimic) = &joint.mimic {
+    if let Some(mimic) = joint.mimic.as_ref().filter(|_| !is_first) {
         let message = format!("joint {} mimics {}: it has no motor to drive", joint.name, mimic.joint);
-        let advice = "`tesaki eval` computes it; for a controller, remove <mimic> if it has a motor of its own, \
-            or make it fixed";
+        let advice = "`tesaki eval` computes it; for a controller only the first joint of a chain can mimic: remove \
+            <mimic> if it has a motor of its own, or make it fixed";
         report.dynamics(line, message, advice);
     } else if joint.joint_type != JointType::Revolute {
         let message = format!("joint {} is of type {:?}", joint.name, joint.joint_type);
@@ -147,7 +212,8 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     most(line, "joints", all, MAX_JOINTS);
     for chain in chains {
         let line = urdf.line_of_link(&chain.tip);
-        most(line, &format!("joints in the chain of {}", chain.tip), chain.joints.len(), MAX_CHAIN_JOINTS);
+        let count = chain.joints.len() + usize::from(chain.mimic.is_some());
+        most(line, &format!("joints in the chain of {}", chain.tip), count, MAX_CHAIN_JOINTS);
     }
     if all == 0 {
         report.dynamics(line, "no joint moves", "a controller needs a revolute joint at least");

@@ -3,7 +3,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, Un
 
 use super::Posture;
 use crate::math;
-use crate::model::{Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
+use crate::model::{ChainModel, Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
 
 /// A serial chain of revolute joints with its mass distribution, preprocessed for computation.
 ///
@@ -57,6 +57,13 @@ impl Chain {
     /// [`JointServo`](crate::control::JointServo) knows itself: [`Chain::with_rotor_inertia`] adds them.
     pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
+    }
+
+    /// A chain of a validated model with its own `joints`, behind its mimic joint if it has one.
+    pub fn of_model(model: &ChainModel, joints: &[JointModel]) -> Self {
+        let mimic = model.mimic.iter().map(|mimic| (&mimic.origin, &mimic.axis, &mimic.link));
+        let own = joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
+        Self::from_links(mimic.chain(own), &model.tip)
     }
 
     /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis

@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::{Chain, Posture};
 use crate::math::{self, abs};
-use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, RobotModel};
 
 /// Maximum number of fingers of a [`Hand`].
 pub const MAX_FINGERS: usize = 5;
@@ -143,6 +143,36 @@ impl Hand {
         }
         hand.find_shared()?;
         Ok(hand)
+    }
+
+    /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`: direction of
+    /// the fingertips in their frames, a unit vector.
+    ///
+    /// # Errors
+    /// There are more than [`MAX_FINGERS`] chains, or two joints that move several of them.
+    pub fn of_model(model: &RobotModel, pointing: [f32; 3]) -> Result<Self, InvalidHand> {
+        let mut couplings: Vec<Vec<Coupling, MAX_CHAIN_JOINTS>, MAX_CHAINS> = Vec::new();
+        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+            let mimic = chain.mimic.iter().map(|mimic| Coupling {
+                actuated: mimic.joint,
+                multiplier: mimic.multiplier,
+                offset: mimic.offset,
+            });
+            #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+            let own = range.map(|joint| Coupling::direct(joint as u8));
+            // A validated model has no longer chain, and no more chains.
+            let _ = couplings.push(mimic.chain(own).take(MAX_CHAIN_JOINTS).collect());
+        }
+        let limits: Vec<(f32, f32), MAX_JOINTS> =
+            model.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+        let chains = model.chains.iter().zip(model.chain_ranges()).zip(&couplings);
+        let fingers = chains.map(|((chain, range), couplings)| FingerDescription {
+            chain: Chain::of_model(chain, model.joints.get(range).unwrap_or_default()),
+            couplings,
+            limits: [None; MAX_CHAIN_JOINTS].get(..couplings.len()).unwrap_or_default(),
+            pointing,
+        });
+        Self::try_new(fingers, &limits)
     }
 
     /// Checks one finger and narrows the limits of its actuated joints.
@@ -314,3 +344,8 @@ impl fmt::Display for InvalidHand {
 }
 
 impl core::error::Error for InvalidHand {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
+#[path = "hand_tests.rs"]
+mod tests;

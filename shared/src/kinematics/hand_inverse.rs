@@ -31,7 +31,7 @@ const FINAL_DAMPING: f32 = 0.1;
 /// Largest change of an angle in one iteration [rad].
 const MAX_STEP: f32 = 0.5;
 /// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its square.
-const CONVERGED: f32 = 5e-3;
+const CONVERGED: f32 = 1e-2;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
 /// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
@@ -39,9 +39,11 @@ const FIRST_FINAL_DAMPING: f32 = 1e-5;
 /// Errors above this are not worked on by the last iterations [m]: the tip is out of reach.
 const FINAL_RANGE: f32 = 2e-3;
 /// Maximum number of last iterations.
-const FINAL_ITERATIONS: usize = 6;
+const FINAL_ITERATIONS: usize = 10;
 /// The same where a search found no start from which a tip is reached.
 const MAX_FINAL_ITERATIONS: usize = 60;
+/// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian serves.
+const IRREDUCIBLE: f32 = 0.03;
 /// Values of the shared joint from which a search starts.
 const GRID: u8 = 7;
 /// Starts for each finger at each of these values.
@@ -77,7 +79,7 @@ pub struct HandOptions {
 
 impl Default for HandOptions {
     fn default() -> Self {
-        Self { tolerance: 5e-6, iterations: 12, restarts: 30 }
+        Self { tolerance: 1e-5, iterations: 12, restarts: 30 }
     }
 }
 
@@ -139,6 +141,9 @@ struct Problem<'a> {
     options: &'a HandOptions,
     /// Whether the shared joint may move.
     moves_shared: bool,
+    /// The exact Hessian serves where the square of the cosine between a finger's error and what its joints can
+    /// reduce is below this.
+    irreducible: f32,
 }
 
 /// Which terms the cost has.
@@ -192,16 +197,47 @@ impl Hand {
             report.weighted = f32::NAN;
             return report;
         }
-        let problem = Problem { hand: self, targets, options, moves_shared: true };
         self.limit(angles);
+        // Fingers that share no joint are independent of each other.
+        for (index, _) in self.fingers.iter().enumerate().filter(|(_, finger)| !finger.shares) {
+            let mut own = [None; MAX_FINGERS];
+            if let (Some(place), Some(target)) = (own.get_mut(index), targets.get(index)) {
+                *place = *target;
+            }
+            self.run_group(&own, options, angles, global, &mut report);
+        }
+        let mut together = *targets;
+        for (target, _) in together.iter_mut().zip(&self.fingers).filter(|(_, finger)| !finger.shares) {
+            *target = None;
+        }
+        self.run_group(&together, options, angles, global, &mut report);
+        report
+    }
+
+    /// Solves for fingers that depend on each other.
+    fn run_group(
+        &self,
+        targets: &FingertipTargets,
+        options: &HandOptions,
+        angles: &mut Angles,
+        global: bool,
+        report: &mut HandReport,
+    ) {
+        let problem = Problem { hand: self, targets, options, moves_shared: true, irreducible: IRREDUCIBLE };
+        if problem.fingers().next().is_none() {
+            return;
+        }
         let mut best = problem.descend(angles, &mut report.evaluations);
         if global && !(best.reached && best.directed) {
             problem.search(&mut best, &mut report.evaluations);
         }
         *angles = best.angles;
-        report.errors = best.errors;
-        report.weighted = 2.0 * best.primary;
-        report
+        report.weighted += 2.0 * best.primary;
+        for (index, ..) in problem.fingers() {
+            if let (Some(place), Some(error)) = (report.errors.get_mut(index), best.errors.get(index)) {
+                *place = *error;
+            }
+        }
     }
 }
 
@@ -232,13 +268,14 @@ impl Problem<'_> {
     /// independent, so that each can be searched alone: a grid over that angle, then all fingers together from
     /// its two best values; then random starts.
     fn search(&self, best: &mut Point, evaluations: &mut u16) {
+        let exact = Problem { irreducible: f32::INFINITY, ..*self };
         let mut starts = Starts(1);
-        self.finish(best, MAX_FINAL_ITERATIONS, evaluations);
+        exact.finish(best, MAX_FINAL_ITERATIONS, evaluations);
         if best.reached && best.directed {
             return;
         }
         let mut try_from = |angles: &Angles, best: &mut Point| {
-            let point = self.descend(angles, evaluations);
+            let point = exact.descend(angles, evaluations);
             if point.is_better_than(best) {
                 *best = point;
             }
@@ -274,7 +311,7 @@ impl Problem<'_> {
                 return;
             }
         }
-        self.finish(best, MAX_FINAL_ITERATIONS, evaluations);
+        exact.finish(best, MAX_FINAL_ITERATIONS, evaluations);
     }
 
     /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns the
@@ -358,7 +395,7 @@ impl Problem<'_> {
                 core::mem::swap(&mut here, &mut there);
                 swapped = !swapped;
             }
-            if moved < CONVERGED && (damping == 0.0 || moved < 0.01 * CONVERGED) && terms == Terms::All {
+            if moved < CONVERGED && (damping == 0.0 || moved < 0.003 * CONVERGED) && terms == Terms::All {
                 break;
             }
             damping = match (falls, damping) {
@@ -410,21 +447,22 @@ impl Problem<'_> {
         point.cost += point.primary;
     }
 
-    /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite.
+    /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite or not
+    /// needed.
     fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
-        let exact = self.try_step(here, terms, damping, true);
-        exact.or_else(|| self.try_step(here, terms, damping, false)).unwrap_or_else(Angles::zeros)
+        let step = self.try_step(here, terms, damping, self.irreducible);
+        step.or_else(|| self.try_step(here, terms, damping, 0.0)).unwrap_or_else(Angles::zeros)
     }
 
     /// The step; `None` if the Hessian is not positive definite.
-    fn try_step(&self, here: &Point, terms: Terms, damping: f32, exact: bool) -> Option<Angles> {
+    fn try_step(&self, here: &Point, terms: Terms, damping: f32, irreducible: f32) -> Option<Angles> {
         let shared = self.hand.shared.filter(|_| self.moves_shared);
         // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
         let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
         let mut moves: Vec<Move, MAX_FINGERS> = Vec::new();
         for ((index, finger, target), posture) in self.fingers().zip(&here.postures) {
             let error = here.errors.get(index).copied().unwrap_or_default();
-            let mut block = finger.block(posture, &error, exact);
+            let mut block = finger.block(posture, &error, irreducible);
             let mut floor = finger.secondary_weight() * FINAL_DAMPING;
             if terms == Terms::All {
                 let at_center = finger.add_secondary(&mut block, posture, target);
@@ -500,26 +538,38 @@ impl HandFinger {
         SECONDARY * self.length * self.length
     }
 
-    /// Negative gradient and Hessian of `½‖e‖²`; without the second derivatives of the position if not `exact`.
+    /// Negative gradient and Hessian of `½‖e‖²`. The Hessian is without the second derivatives of the position
+    /// (Gauss and Newton) unless the square of the cosine between the error and what the joints can reduce is
+    /// below `irreducible`.
     #[inline]
-    fn block(&self, posture: &Posture, error: &Vector3<f32>, exact: bool) -> Block {
+    fn block(&self, posture: &Posture, error: &Vector3<f32>, irreducible: f32) -> Block {
         let mut block = Block { gradient: SVector::zeros(), hessian: SMatrix::zeros() };
-        // −∂p/∂qⱼ · m, and the factor that gives the Hessian with a later column.
         let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
+        let mut size = 0.0;
         for (joint, (axis, origin)) in self.joints.iter().zip(&posture.joints) {
             let column = axis.cross(&(posture.reach - origin)) * joint.multiplier;
-            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ
-            let factor = if exact { column - error.cross(axis) * joint.multiplier } else { column };
             let slot = usize::from(joint.actuated);
             block.gradient[slot] += column.dot(error);
-            let _ = columns.push((slot, factor));
-            for (other, factor) in &columns {
-                block.add(slot, *other, factor.dot(&column));
-            }
-            // A joint that one before it follows is met twice in the sum over pairs.
-            let before = columns.len() - 1;
-            for (_, factor) in columns.iter().take(before).filter(|(other, _)| *other == slot) {
-                block.hessian[(slot, slot)] += factor.dot(&column);
+            size += column.norm_squared();
+            let _ = columns.push((slot, column));
+        }
+        let pull = block.gradient.norm_squared();
+        let exact = pull < irreducible * size * error.norm_squared();
+        for (index, (slot, column)) in columns.iter().enumerate() {
+            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
+            let factor = match (self.joints.get(index), posture.joints.get(index)) {
+                (Some(joint), Some((axis, _))) if exact => column - error.cross(axis) * joint.multiplier,
+                _ => *column,
+            };
+            block.hessian[(*slot, *slot)] += factor.dot(column);
+            for (other, later) in columns.iter().skip(index + 1) {
+                let value = factor.dot(later);
+                if other == slot {
+                    // A pair of joints that move as one counts twice.
+                    block.hessian[(*slot, *slot)] += 2.0 * value;
+                } else {
+                    block.add(*slot, *other, value);
+                }
             }
         }
         block

@@ -72,6 +72,10 @@ pub enum Field {
     TipMass,
     TipCenterOfMass,
     TipRadius,
+    MimicJoint,
+    MimicMultiplier,
+    MimicOffset,
+    MimicForceSensor,
 }
 
 impl Field {
@@ -126,6 +130,10 @@ impl Field {
             Self::TipMass => "mass of the tip",
             Self::TipCenterOfMass => "centre of mass of the tip",
             Self::TipRadius => "radius of the tip",
+            Self::MimicJoint => "mimic joint",
+            Self::MimicMultiplier => "mimic multiplier",
+            Self::MimicOffset => "mimic offset",
+            Self::MimicForceSensor => "force_sensor of a chain with a mimic joint",
         }
     }
 }
@@ -151,6 +159,10 @@ pub enum Problem {
     Count(f32),
     /// 7: empty, or the same as another's.
     NotUnique,
+    /// 8: not a joint of another chain.
+    NotAnotherChains,
+    /// 9: cannot be, or is not supported.
+    NotSupported,
 }
 
 impl fmt::Display for Problem {
@@ -166,6 +178,8 @@ impl fmt::Display for Problem {
             }
             Self::Count(expected) => write!(f, "does not fit: {expected} expected"),
             Self::NotUnique => write!(f, "must be a name of its own"),
+            Self::NotAnotherChains => write!(f, "must be a joint of another chain"),
+            Self::NotSupported => write!(f, "is not supported"),
         }
     }
 }

@@ -10,6 +10,7 @@
 //!   runs;
 //! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
 //!   the frame of the link before it;
+//! - *mimic joint*: a joint without motor that follows another joint;
 //! - *reflected*: seen from the joint, that is, through the gear.
 
 mod error;
@@ -51,7 +52,7 @@ pub struct RobotModel {
 pub struct ChainModel {
     /// Name of its tip (fingertip, hand), as of the link in the URDF.
     pub name: String<MAX_NAME>,
-    /// Number of joints, 1 to [`MAX_CHAIN_JOINTS`].
+    /// Number of its own joints in [`RobotModel::joints`]; with the mimic joint 1 to [`MAX_CHAIN_JOINTS`].
     pub joints: u8,
     /// The tip's frame in the frame of the last joint.
     pub tip: Pose,
@@ -59,6 +60,27 @@ pub struct ChainModel {
     pub tip_radius: f32,
     /// The force sensor between the last link and the tip, if any.
     pub force_sensor: Option<ForceSensor>,
+    /// The joint between the base and its first own joint that the motor of another chain moves, if any. Such a
+    /// chain has no force sensor.
+    pub mimic: Option<MimicJoint>,
+}
+
+/// A joint without motor, coupled to a joint of another chain by a linkage, as the fingers of a hand that one
+/// actuator spreads: angle = `multiplier` · angle of that joint + `offset` (`<mimic>` of URDF).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct MimicJoint {
+    /// The joint that it follows, as index into [`RobotModel::joints`].
+    pub joint: u8,
+    /// Ratio of the velocities; not 0.
+    pub multiplier: f32,
+    /// Angle at which it stands when the other is at 0 [rad].
+    pub offset: f32,
+    /// Joint frame in the frame of the base at angle 0.
+    pub origin: Pose,
+    /// Axis of rotation in the joint frame; a unit vector.
+    pub axis: [f32; 3],
+    /// Mass distribution of the link behind it, in the joint frame.
+    pub link: Inertial,
 }
 
 /// A six-axis force sensor between the last link and the tip. It measures the wrench on the tip at the origin

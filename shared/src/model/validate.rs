@@ -1,8 +1,10 @@
+use core::ops::Range;
+
 use nalgebra::Matrix3;
 
 use super::{
-    Encoder, Field, ForceSensor, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, ModelError,
-    Motor, Problem, RobotModel, Safety, ServoGains,
+    Encoder, Field, ForceSensor, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, MimicJoint,
+    ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
 };
 use crate::TICK;
 use crate::math::{self, abs};
@@ -24,6 +26,8 @@ const MAX_EFFORT: f32 = 1e6;
 const MAX_TORQUE_RATE: f32 = MAX_EFFORT / TICK;
 /// Of joint angles [rad]: 160 turns. Beyond it single precision has fewer digits than an encoder.
 const MAX_ANGLE: f32 = 1000.0;
+/// Of the ratio of a mimic joint.
+const MAX_MULTIPLIER: f32 = 100.0;
 /// Of joint velocities [rad/s]: a quarter turn in a tick. A faster joint cannot be told from a jump.
 const MAX_VELOCITY: f32 = core::f32::consts::FRAC_PI_2 / TICK;
 /// Of differences between angle and reference [rad].
@@ -56,8 +60,9 @@ impl RobotModel {
         for chain in &self.chains {
             let joints = f32::from(chain.joints);
             robot.at_least(Field::Chains, joints, 1.0)?;
+            let mimic = f32::from(u8::from(chain.mimic.is_some()));
             #[expect(clippy::cast_precision_loss, reason = "a small constant")]
-            robot.at_most(Field::Chains, joints, MAX_CHAIN_JOINTS as f32)?;
+            robot.at_most(Field::Chains, joints + mimic, MAX_CHAIN_JOINTS as f32)?;
             in_chains += usize::from(chain.joints);
         }
         if in_chains != self.joints.len() {
@@ -75,6 +80,17 @@ impl RobotModel {
             last.within(Field::TipRadius, chain.tip_radius, 0.0, MAX_LENGTH)?;
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
+            }
+            if let Some(mimic) = &chain.mimic {
+                let own = end - usize::from(chain.joints)..end;
+                mimic.validate(last, &own, self.joints.len())?;
+                if let Some(sensor) = &chain.force_sensor {
+                    return Err(last.error(
+                        Field::MimicForceSensor,
+                        sensor.force_resolution,
+                        Problem::NotSupported,
+                    ));
+                }
             }
             let others = self.chains.iter().take(index);
             if chain.name.is_empty() || others.into_iter().any(|other| other.name == chain.name) {
@@ -97,6 +113,25 @@ impl RobotModel {
             joint.validate(check)?;
         }
         Ok(())
+    }
+}
+
+impl MimicJoint {
+    /// `own`: the joints of its chain; `joints`: how many the robot has.
+    fn validate(&self, check: Check, own: &Range<usize>, joints: usize) -> Result<(), ModelError> {
+        let joint = usize::from(self.joint);
+        if joint >= joints || own.contains(&joint) {
+            return Err(check.error(Field::MimicJoint, f32::from(self.joint), Problem::NotAnotherChains));
+        }
+        check.within(Field::MimicMultiplier, self.multiplier, -MAX_MULTIPLIER, MAX_MULTIPLIER)?;
+        if self.multiplier == 0.0 {
+            return Err(check.error(Field::MimicMultiplier, 0.0, Problem::NotSupported));
+        }
+        check.within(Field::MimicOffset, self.offset, -MAX_ANGLE, MAX_ANGLE)?;
+        check.all_within(Field::OriginTranslation, &self.origin.translation, MAX_LENGTH)?;
+        check.unit(Field::OriginRotation, &self.origin.rotation)?;
+        check.unit(Field::Axis, &self.axis)?;
+        self.link.validate(check)
     }
 }
 

@@ -2,10 +2,11 @@ use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
+use crate::control::ServoMode;
 use crate::fault::Fault;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
-use crate::robot::{Actuation, JointSetpoint};
+use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
 impl Node {
     /// One control period: reads the sensors, checks for faults, runs the task, computes the torques.
@@ -81,6 +82,9 @@ impl Node {
         if !all_advanced {
             advance_slowly(&mut all);
         }
+        if robot.has_mimics() {
+            return servo_coupled(robot, &mut all, mode, actuation);
+        }
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
@@ -107,6 +111,13 @@ impl Node {
         let mut all = joints(robot, &mut self.state);
         let zero = [0.0; MAX_CHAIN_JOINTS];
         let [mut q, mut torques] = [zero; 2];
+        if robot.has_mimics() {
+            let mut motion = Motion::default();
+            let angles = all.measured.angles(0..robot.joints().len());
+            motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
+            let gravity = robot.coupled_dynamics(&motion);
+            return all.each().zip(gravity).for_each(|(mut joint, gravity)| joint.damp(gravity, begins));
+        }
         for config in robot.chains() {
             let joints = config.joints();
             let angles = all.measured.angles(joints.clone());
@@ -123,6 +134,19 @@ impl Node {
         let robot = &self.robot;
         let mut all = joints(robot, &mut self.state);
         let [mut mean, mut added] = [[0.0; MAX_JOINTS]; 2];
+        if robot.has_mimics() {
+            for joint in all.each() {
+                if let JointSetpoint::Point(point) = joint.target.setpoint {
+                    *joint.reference = point;
+                }
+            }
+            let torques = robot.coupled_dynamics(&references(&all));
+            let results = mean.iter_mut().zip(&mut added);
+            for ((mut joint, torque), (mean, added)) in all.each().zip(torques).zip(results) {
+                [*added, *mean] = joint.accelerate(friction, torque);
+            }
+            return self.state.task.applied(&self.robot, &mean, &added);
+        }
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
@@ -149,6 +173,28 @@ impl Node {
         self.state.joints.iter_mut().for_each(super::joint::JointState::release);
         self.state.targets.joints.iter_mut().for_each(|target| target.feedforward = 0.0);
     }
+}
+
+/// The torques of [`Actuation::Servo`] and [`Actuation::Torque`] of a robot with mimic joints.
+#[cold]
+#[inline(never)]
+fn servo_coupled(robot: &Robot, all: &mut Joints<'_>, mode: ServoMode, actuation: Actuation) {
+    let torques = robot.coupled_dynamics(&references(all));
+    for (mut joint, torque) in all.each().zip(torques) {
+        match actuation {
+            Actuation::Torque { damping, compensated } => joint.push(damping, compensated, torque),
+            _ => joint.control(mode, torque),
+        }
+    }
+}
+
+/// The motion of all references.
+fn references(joints: &Joints<'_>) -> Motion {
+    let mut motion = Motion::default();
+    for (motion, reference) in motion.iter_mut().zip(joints.references.iter()) {
+        *motion = [reference.position, reference.velocity, reference.acceleration];
+    }
+    motion
 }
 
 /// Advances the joints on the way to goals that are far, or to rest.

@@ -94,6 +94,6 @@ impl Postures {
             return Some(posture.clone());
         }
         let config = robot.chains().get(chain)?;
-        Some(config.chain.posture(measured.angles(config.joints())))
+        Some(config.posture(measured.angles(0..robot.joints().len())))
     }
 }

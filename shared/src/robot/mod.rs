@@ -3,11 +3,14 @@
 mod joint;
 mod limit;
 mod measured;
+mod mimic;
 mod targets;
 
 pub use joint::JointConfig;
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Measured, Postures};
+pub use mimic::Mimic;
+pub(crate) use mimic::Motion;
 pub use targets::{Actuation, JointSetpoint, JointTarget, Targets};
 
 use core::ops::Range;
@@ -33,23 +36,29 @@ pub struct Robot {
     chains: Vec<ChainConfig, MAX_CHAINS>,
     joints: Vec<JointConfig, MAX_JOINTS>,
     force_sensors: usize,
+    has_mimics: bool,
     tracking: Option<ErrorObserver>,
 }
 
 /// A chain, preprocessed for computation.
 #[derive(Clone, Debug)]
 pub struct ChainConfig {
-    /// Kinematics and dynamics.
+    /// Kinematics and dynamics; its first joint is the mimic joint, if there is one.
     pub chain: Chain,
-    /// Closed-form inverse kinematics, if the chain is a three-joint finger.
+    /// Closed-form inverse kinematics, if the chain is a three-joint finger without mimic joint.
     pub finger: Option<Finger>,
+    /// What the mimic joint follows.
+    pub mimic: Option<Mimic>,
     first: usize,
+    /// Number of its own joints.
+    own: usize,
 }
 
 impl ChainConfig {
-    /// Its joints, as indices into those of the robot.
+    /// Its own joints, as indices into those of the robot.
+    #[inline]
     pub fn joints(&self) -> Range<usize> {
-        self.first..self.first + self.chain.len()
+        self.first..self.first + self.own
     }
 }
 
@@ -73,6 +82,7 @@ impl Robot {
         chains: Vec::new(),
         joints: Vec::new(),
         force_sensors: 0,
+        has_mimics: false,
         tracking: None,
     };
 
@@ -87,17 +97,18 @@ impl Robot {
         self.joints.clear();
         // No list can overflow: the capacities are those of the model.
         for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
-            let first = range.start;
+            let (first, own) = (range.start, range.len());
             let joints = model.joints.get(range).unwrap_or_default();
-            let chain = Chain::new(joints, &chain.tip);
+            let mimic = chain.mimic.as_ref().map(Mimic::new);
+            let chain = Chain::of_model(chain, joints);
             let finger = match joints {
-                [a, b, c] => {
+                [a, b, c] if mimic.is_none() => {
                     let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
                     Finger::try_new(&chain, limits).ok()
                 }
                 _ => None,
             };
-            let _ = self.chains.push(ChainConfig { chain, finger, first });
+            let _ = self.chains.push(ChainConfig { chain, finger, mimic, first, own });
         }
         for joint in &model.joints {
             let _ = self.joints.push(JointConfig::new(joint, model.safety.damping));
@@ -105,6 +116,7 @@ impl Robot {
         self.tracking = Some(ErrorObserver::with_lag(&TRACKING, 0.0));
         self.gravity = Vector3::from(model.gravity);
         self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+        self.has_mimics = model.chains.iter().any(|chain| chain.mimic.is_some());
         self.model.clone_from(model);
         Ok(())
     }
@@ -137,6 +149,11 @@ impl Robot {
     /// How many chains have a force sensor.
     pub const fn force_sensors(&self) -> usize {
         self.force_sensors
+    }
+
+    /// Whether a chain has a mimic joint.
+    pub const fn has_mimics(&self) -> bool {
+        self.has_mimics
     }
 
     /// Tracking feedback of joints under [`Actuation::Acceleration`]; `None` before the first model.

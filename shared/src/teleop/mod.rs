@@ -25,6 +25,8 @@
 //!   it again.
 //! - Without samples the prediction comes to rest.
 //!
+//! [`Retargeting`] maps an operator's fingertips to a robot hand (Hand5).
+//!
 //! With force feedback, a [`PowerPort`] at each end keeps the link passive.
 //!
 //! ```
@@ -60,6 +62,7 @@ mod follower;
 mod motion_limits;
 mod operator_estimate;
 mod passivity;
+mod retarget;
 
 #[cfg(test)]
 #[allow(
@@ -76,3 +79,7 @@ pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSam
 pub use motion_limits::MotionLimits;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits};
+pub use retarget::{
+    InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetReport, RetargetSettings,
+    RetargetState, Retargeting,
+};

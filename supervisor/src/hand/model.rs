@@ -26,6 +26,9 @@ impl HandModel {
             let [a, b, c] = joints else {
                 return Err(not(format!("{} has {} joints", model.name, joints.len())));
             };
+            if model.mimic.is_some() {
+                return Err(not(format!("{} has a mimic joint", model.name)));
+            }
             if model.force_sensor.is_none() {
                 return Err(not(format!("{} has no force sensor", model.name)));
             }

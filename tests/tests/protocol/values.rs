@@ -95,6 +95,7 @@ pub fn finger(reaction: Reaction) -> RobotModel {
         tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
         tip_radius: 0.0,
         force_sensor: None,
+        mimic: None,
     };
     RobotModel {
         name: "finger".try_into().unwrap(),

@@ -5,7 +5,7 @@ use std::fmt;
 use nalgebra::Vector3;
 use tesaki::kinematics::Chain;
 use tesaki::math::abs;
-use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+use tesaki::model::{MAX_CHAIN_JOINTS, MimicJoint, RobotModel};
 
 /// The joint at which gravity exceeds friction most: without power it falls.
 pub struct Load {
@@ -27,9 +27,15 @@ impl Load {
                 continue;
             };
             let mut torques = [0.0; MAX_CHAIN_JOINTS];
-            let chain = Chain::new(joints, &tip.tip);
-            chain.nonlinear_effects(&gravity, q, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
-            for (joint, torque) in joints.iter().zip(torques) {
+            // What a mimic joint carries is not told: its chain's own joints carry more.
+            let of_mimic = |mimic: &MimicJoint| {
+                mimic.multiplier * angles.get(usize::from(mimic.joint)).copied().unwrap_or(0.0) + mimic.offset
+            };
+            let angles: Vec<f32> =
+                tip.mimic.as_ref().map(of_mimic).into_iter().chain(q.iter().copied()).collect();
+            let chain = Chain::of_model(tip, joints);
+            chain.nonlinear_effects(&gravity, &angles, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
+            for (joint, torque) in joints.iter().zip(torques.iter().skip(angles.len() - q.len())) {
                 let friction = joint.friction.coulomb;
                 let excess = abs(torque) - friction;
                 if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {

@@ -67,7 +67,8 @@ impl PathClock {
     /// At `now`, for the next set-point. After a pause it goes on from where it was.
     fn advanced(self, now: Instant) -> Self {
         let step = now.saturating_duration_since(self.last).min(MAX_STEP);
-        let board = self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
+        let board =
+            self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
         let on_path = (self.on_path + step).min(board + MAX_LEAD).max(self.on_path);
         Self { last: now, on_path, ..self }
     }
@@ -173,6 +174,9 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
                 model.name, tip.name
             ))
         };
+        if tip.mimic.is_some() {
+            return Err(not_a_finger("the motor of another chain moves its first joint".to_owned()));
+        }
         let limits: Vec<(f32, f32)> =
             models.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let limits = <[(f32, f32); 3]>::try_from(limits)

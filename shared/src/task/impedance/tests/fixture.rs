@@ -47,6 +47,7 @@ pub fn arm7() -> RobotModel {
         tip: Pose { translation: [0.0, 0.0, -0.1], ..Pose::IDENTITY },
         tip_radius: 0.0,
         force_sensor: None,
+        mimic: None,
     };
     RobotModel {
         name: "arm".try_into().unwrap(),

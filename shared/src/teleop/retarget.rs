@@ -1,0 +1,445 @@
+//! Retargeting of an operator's fingertips to a robot hand (Hand5 sections 2.2 and 2.3).
+//!
+//! All positions are in the frame of the hand (at the wrist), which is the same for operator and robot; bringing
+//! the wrist to its pose is the arm's work. In this order:
+//!
+//! 1. the thumb's tip goes to the operator's, shifted by `d_ini = p_robot,ini − p_human,ini`, so that a hand of
+//!    another size keeps its range;
+//! 2. the vectors from the thumb's tip *where it is* to the other fingertips become the operator's: the least
+//!    weighted sum of squared deviations within the limits of the joints.
+//!
+//! **Precision pinch.** Where operator's thumb and finger come close, exact vectors matter more than anything
+//! else. Between the gaps `far` and `near` their finger gains weight until it decides about the joint that the
+//! fingers share, the distance between the tips becomes that of the robot's surfaces, and the thumb yields when
+//! the finger cannot reach it. Everything changes with the smooth step `β = 3x² − 2x³` of the gap, so that no
+//! target jumps.
+
+use core::fmt;
+
+use nalgebra::Vector3;
+
+use crate::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions, MAX_FINGERS};
+use crate::math::{self, abs};
+use crate::model::MAX_JOINTS;
+
+/// Weight of a finger whose tip touches the thumb's, over that of one that does not.
+const PINCH_WEIGHT: f32 = 1e3;
+/// Maximum number of times that the thumb yields in a frame.
+const MAX_YIELDS: u8 = 4;
+/// The thumb yields to a pinching finger that misses it by more [m].
+const YIELD_ERROR: f32 = 5e-5;
+/// Maximum coordinate of an operator's fingertip [m].
+const MAX_COORDINATE: f32 = 1.0;
+
+/// Settings of a [`Retargeting`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RetargetSettings {
+    /// Which of the operator's fingers each finger of the hand follows: 0 is the thumb, 4 the little finger. The
+    /// hand's first finger is its thumb and follows the thumb.
+    pub follows: [u8; MAX_FINGERS],
+    /// Weight of each finger's vector, 0.001 to 1000; that of the thumb has no effect.
+    pub weights: [f32; MAX_FINGERS],
+    /// Length on the robot over length on the operator's hand, 0.1 to 10; 1 in the paper.
+    pub scale: f32,
+    /// Gap between the operator's thumb and a fingertip below which precision pinch has full priority [m].
+    pub near: f32,
+    /// Gap above which it has none [m].
+    pub far: f32,
+    /// Distance of the measured points in the operator's thumb and fingertips when these touch [m].
+    pub operator_contact: f32,
+    /// Distance of the tips of the hand when their surfaces touch: twice their radius [m].
+    pub robot_contact: f32,
+    /// Maximum speed of each actuated joint [rad/s].
+    pub speeds: [f32; MAX_JOINTS],
+    /// A fingertip farther from its target is reported as not reproduced [m].
+    pub tolerance: f32,
+    /// Whether directions of fingertips are followed where the positions leave them free.
+    pub directions: bool,
+}
+
+impl RetargetSettings {
+    /// Five fingers of equal weight, full priority of precision pinch below a gap of 5 mm, none above 25 mm.
+    pub const DEFAULT: Self = Self {
+        follows: [0, 1, 2, 3, 4],
+        weights: [1.0; MAX_FINGERS],
+        scale: 1.0,
+        near: 5e-3,
+        far: 25e-3,
+        operator_contact: 0.0,
+        robot_contact: 0.0,
+        speeds: [6.0; MAX_JOINTS],
+        tolerance: 1e-4,
+        directions: false,
+    };
+}
+
+/// A setting out of its range, or settings that contradict each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InvalidRetargetSettings {
+    /// Name of the setting.
+    pub field: &'static str,
+    /// Its value.
+    pub value: f32,
+    /// Lowest permitted value.
+    pub min: f32,
+    /// Highest permitted value.
+    pub max: f32,
+}
+
+/// The operator's fingertips, thumb to little finger, in the frame of the hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OperatorFingertips {
+    /// Positions [m]; `None` for a tip that is not known now.
+    pub positions: [Option<Vector3<f32>>; MAX_FINGERS],
+    /// Directions in which the tips point, unit vectors.
+    pub directions: [Option<Vector3<f32>>; MAX_FINGERS],
+}
+
+/// A fingertip of the operator that is not a number, more than 1 m from the wrist, or whose direction is no unit
+/// vector. The state is unchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidFingertip {
+    /// The operator's finger: 0 is the thumb.
+    pub finger: u8,
+}
+
+/// What a frame of retargeting achieved.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RetargetReport {
+    /// Target minus tip for the thumb, target minus vector from the thumb's tip for each other finger, at the
+    /// angles that are put out [m]; 0 for fingers without target.
+    pub errors: [Vector3<f32>; MAX_FINGERS],
+    /// Bit `i`: finger `i` has a target and does not reproduce it within the tolerance.
+    pub missed: u8,
+    /// Bit `i`: the speed limit holds back actuated joint `i`.
+    pub limited: u16,
+    /// How far the thumb yielded to a finger that pinches [m].
+    pub yielded: f32,
+    /// Number of evaluations of the hand's kinematics.
+    pub evaluations: u16,
+}
+
+impl RetargetReport {
+    /// How far a finger is from its target [m].
+    pub fn distance(&self, finger: usize) -> f32 {
+        self.errors.get(finger).map_or(0.0, |error| math::sqrt(error.norm_squared()))
+    }
+}
+
+/// State of a [`Retargeting`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RetargetState {
+    /// Solution of the last frame [rad]: the next search starts there.
+    solution: Angles,
+    /// Angles put out last [rad].
+    output: Angles,
+    /// `d_ini` [m].
+    offset: Vector3<f32>,
+    /// The operator's thumb when it was last known [m].
+    thumb: Option<Vector3<f32>>,
+    /// The first frame searches from more than one start.
+    begun: bool,
+}
+
+impl RetargetState {
+    /// Angles of the actuated joints [rad].
+    pub const fn angles(&self) -> &Angles {
+        &self.output
+    }
+}
+
+/// The mapping from an operator's hand to a robot hand of two to five fingers. Configuration, validated once.
+#[derive(Clone, Debug)]
+pub struct Retargeting {
+    hand: Hand,
+    settings: RetargetSettings,
+    options: HandOptions,
+}
+
+/// A finger's target relative to the thumb.
+#[derive(Clone, Copy)]
+struct Vector {
+    /// From the thumb's tip to the finger's [m].
+    vector: Vector3<f32>,
+    /// How much it pinches, 0 to 1.
+    pinch: f32,
+    weight: f32,
+    direction: Option<Vector3<f32>>,
+}
+
+impl Retargeting {
+    /// Retargeting to `hand`, whose first finger is the thumb.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn try_new(hand: Hand, settings: RetargetSettings) -> Result<Self, InvalidRetargetSettings> {
+        let check = |field, value: f32, min, max| {
+            if value >= min && value <= max {
+                Ok(())
+            } else {
+                Err(InvalidRetargetSettings { field, value, min, max })
+            }
+        };
+        let fingers = hand.len();
+        #[expect(clippy::cast_precision_loss, reason = "at most 5")]
+        check("fingers", fingers as f32, 2.0, MAX_FINGERS as f32)?;
+        for (finger, (&follows, &weight)) in
+            settings.follows.iter().zip(&settings.weights).enumerate().take(fingers)
+        {
+            let (min, max) = if finger == 0 { (0.0, 0.0) } else { (1.0, 4.0) };
+            check("follows", f32::from(follows), min, max)?;
+            check("weight", weight, 1e-3, 1e3)?;
+        }
+        check("scale", settings.scale, 0.1, 10.0)?;
+        check("near", settings.near, 0.0, 0.1)?;
+        check("operator_contact", settings.operator_contact, 0.0, 0.1)?;
+        check("robot_contact", settings.robot_contact, 0.0, 0.1)?;
+        // The target's distance must grow with the operator's; the steepest slope of β is 1.5 / (far − near).
+        let change = abs(settings.robot_contact - settings.scale * settings.operator_contact);
+        check("far", settings.far, settings.near + 1e-3 + 2.0 * change / settings.scale, 0.5)?;
+        for &speed in settings.speeds.iter().take(hand.limits().len()) {
+            check("speed", speed, 1e-3, 1e3)?;
+        }
+        check("tolerance", settings.tolerance, 1e-6, 0.1)?;
+        Ok(Self { hand, settings, options: HandOptions::default() })
+    }
+
+    /// The hand.
+    pub const fn hand(&self) -> &Hand {
+        &self.hand
+    }
+
+    /// `d_ini` for the initial postures of robot and operator, by the angles of the actuated joints [rad] and the
+    /// position of the operator's thumb [m] (Hand5 section 2.2).
+    pub fn initial_offset(&self, robot: &Angles, operator: &Vector3<f32>) -> Vector3<f32> {
+        self.hand.tip(0, robot).map_or_else(Vector3::zeros, |(tip, _)| tip - operator * self.settings.scale)
+    }
+
+    /// The state of a hand that stands at `angles` [rad], with `d_ini` [m].
+    pub fn begin(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
+        let mut angles = *angles;
+        for angle in angles.iter_mut().filter(|angle| !angle.is_finite()) {
+            *angle = 0.0;
+        }
+        self.hand.limit(&mut angles);
+        RetargetState { solution: angles, output: angles, offset: *offset, thumb: None, begun: false }
+    }
+
+    /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose tip is
+    /// not known keeps its own joints.
+    ///
+    /// # Errors
+    /// A fingertip is invalid.
+    pub fn update(
+        &self,
+        state: &mut RetargetState,
+        operator: &OperatorFingertips,
+        period: f32,
+    ) -> Result<RetargetReport, InvalidFingertip> {
+        check(operator)?;
+        let mut report = RetargetReport::default();
+        let RetargetSettings { scale, .. } = self.settings;
+        let given = operator.positions[0].is_some();
+        state.thumb = operator.positions[0].or(state.thumb);
+        let vectors = self.vectors(state.thumb, operator);
+        let wish = operator.positions[0].map(|thumb| thumb * scale + state.offset);
+        let mut thumb_target = wish;
+        for round in 0..=MAX_YIELDS {
+            self.solve_thumb(state, thumb_target, operator, &mut report);
+            let thumb = self.tip(0, &state.solution);
+            let missed = self.solve_fingers(state, &thumb, &vectors, &mut report);
+            state.begun |= given;
+            // The thumb yields to where the pinching fingers need it.
+            if round == MAX_YIELDS || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
+                break;
+            }
+            thumb_target = thumb_target.map(|_| thumb - missed);
+        }
+        self.limit_speed(state, 0..1, period, &mut report);
+        if report.limited != 0 {
+            // The vectors begin where the thumb is.
+            let thumb = self.tip(0, &state.output);
+            self.solve_fingers(state, &thumb, &vectors, &mut report);
+        }
+        self.limit_speed(state, 1..self.hand.len(), period, &mut report);
+        self.measure(state, wish, &vectors, &mut report);
+        Ok(report)
+    }
+
+    fn tip(&self, finger: usize, angles: &Angles) -> Vector3<f32> {
+        self.hand.tip(finger, angles).map_or_else(Vector3::zeros, |(tip, _)| tip)
+    }
+
+    /// The vectors from the thumb's tip to the fingertips that the robot shall have.
+    fn vectors(
+        &self,
+        thumb: Option<Vector3<f32>>,
+        operator: &OperatorFingertips,
+    ) -> [Option<Vector>; MAX_FINGERS] {
+        let RetargetSettings { scale, near, far, operator_contact, robot_contact, .. } = self.settings;
+        let of_finger = |finger: usize| {
+            let follows = usize::from(*self.settings.follows.get(finger)?);
+            let weight = *self.settings.weights.get(finger)?;
+            let position = (*operator.positions.get(follows)?)?;
+            let between = position - thumb?;
+            let length = math::sqrt(between.norm_squared());
+            let x = math::clamp((far - (length - operator_contact)) / (far - near), 0.0, 1.0);
+            let pinch = x * x * (3.0 - 2.0 * x);
+            let distance = (scale * length + pinch * (robot_contact - scale * operator_contact)).max(0.0);
+            let factor = if length > 1e-6 { distance / length } else { scale };
+            let direction = operator.directions.get(follows).copied().flatten();
+            Some(Vector {
+                vector: between * factor,
+                pinch,
+                weight: weight * (1.0 + (PINCH_WEIGHT - 1.0) * pinch * pinch),
+                direction: direction.filter(|_| self.settings.directions),
+            })
+        };
+        core::array::from_fn(
+            |finger| {
+                if finger == 0 || finger >= self.hand.len() { None } else { of_finger(finger) }
+            },
+        )
+    }
+
+    fn solve_thumb(
+        &self,
+        state: &mut RetargetState,
+        target: Option<Vector3<f32>>,
+        operator: &OperatorFingertips,
+        report: &mut RetargetReport,
+    ) {
+        let Some(position) = target else { return };
+        let direction = operator.directions[0].filter(|_| self.settings.directions);
+        let mut targets = FingertipTargets::default();
+        targets[0] = Some(FingertipTarget { position, weight: 1.0, direction });
+        self.solve(state, &targets, report);
+    }
+
+    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, each
+    /// weighted by how much it pinches [m].
+    fn solve_fingers(
+        &self,
+        state: &mut RetargetState,
+        thumb: &Vector3<f32>,
+        vectors: &[Option<Vector>; MAX_FINGERS],
+        report: &mut RetargetReport,
+    ) -> Vector3<f32> {
+        let targets = vectors.map(|vector| {
+            let Vector { vector, weight, direction, .. } = vector?;
+            Some(FingertipTarget { position: thumb + vector, weight, direction })
+        });
+        let errors = self.solve(state, &targets, report);
+        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        for (vector, error) in vectors.iter().zip(&errors) {
+            let pinch = vector.map_or(0.0, |vector| vector.pinch);
+            sum += error * pinch;
+            total += pinch;
+        }
+        if total > 1.0 { sum / total } else { sum }
+    }
+
+    fn solve(
+        &self,
+        state: &mut RetargetState,
+        targets: &FingertipTargets,
+        report: &mut RetargetReport,
+    ) -> [Vector3<f32>; MAX_FINGERS] {
+        let solved = if state.begun {
+            self.hand.solve(targets, &self.options, &mut state.solution)
+        } else {
+            self.hand.search(targets, &self.options, &mut state.solution)
+        };
+        report.evaluations = report.evaluations.saturating_add(solved.evaluations);
+        solved.errors
+    }
+
+    /// Moves the output of the joints of `fingers` towards the solution within their speed limits.
+    fn limit_speed(
+        &self,
+        state: &mut RetargetState,
+        fingers: core::ops::Range<usize>,
+        period: f32,
+        report: &mut RetargetReport,
+    ) {
+        // The joint that fingers share is met in each of them and moves once.
+        let mut moved = 0_u16;
+        for &joint in fingers.flat_map(|finger| self.hand.actuated(finger)) {
+            let (index, bit) = (usize::from(joint), 1 << joint);
+            if moved & bit != 0 {
+                continue;
+            }
+            moved |= bit;
+            let largest = self.settings.speeds.get(index).copied().unwrap_or(0.0) * period.max(0.0);
+            let step = state.solution[index] - state.output[index];
+            if abs(step) <= largest {
+                state.output[index] = state.solution[index];
+            } else {
+                state.output[index] += math::clamp(step, -largest, largest);
+                report.limited |= bit;
+            }
+        }
+    }
+
+    /// The errors at the angles that are put out.
+    fn measure(
+        &self,
+        state: &RetargetState,
+        wish: Option<Vector3<f32>>,
+        vectors: &[Option<Vector>; MAX_FINGERS],
+        report: &mut RetargetReport,
+    ) {
+        let thumb = self.tip(0, &state.output);
+        report.errors[0] = wish.map_or_else(Vector3::zeros, |wish| wish - thumb);
+        for (finger, (error, vector)) in report.errors.iter_mut().zip(vectors).enumerate().skip(1) {
+            if let Some(vector) = vector {
+                *error = vector.vector - (self.tip(finger, &state.output) - thumb);
+            }
+        }
+        let yielded = self.tip(0, &state.solution);
+        report.yielded = wish.map_or(0.0, |wish| math::sqrt((wish - yielded).norm_squared()));
+        for finger in 0..MAX_FINGERS {
+            if report.distance(finger) > self.settings.tolerance {
+                report.missed |= 1 << finger;
+            }
+        }
+    }
+}
+
+fn check(operator: &OperatorFingertips) -> Result<(), InvalidFingertip> {
+    for (finger, (position, direction)) in (0..).zip(operator.positions.iter().zip(&operator.directions)) {
+        let near = |position: &Vector3<f32>| position.iter().all(|value| abs(*value) <= MAX_COORDINATE);
+        let unit = |direction: &Vector3<f32>| abs(direction.norm_squared() - 1.0) < 1e-2;
+        if !(position.as_ref().is_none_or(near) && direction.as_ref().is_none_or(unit)) {
+            return Err(InvalidFingertip { finger });
+        }
+    }
+    Ok(())
+}
+
+impl fmt::Display for InvalidRetargetSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, min, max } = self;
+        write!(f, "{field} = {value}: must be {min} to {max}")
+    }
+}
+
+impl core::error::Error for InvalidRetargetSettings {}
+
+impl fmt::Display for InvalidFingertip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "finger {} of the operator: its tip must be at most {MAX_COORDINATE} m from the wrist, its direction \
+             a unit vector",
+            self.finger
+        )
+    }
+}
+
+impl core::error::Error for InvalidFingertip {}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_possible_truncation, reason = "tests")]
+#[path = "retarget_tests.rs"]
+mod tests;

@@ -1,0 +1,226 @@
+use super::*;
+use tesaki_rng::Rng;
+
+use crate::test_support::{HAND5_LIMITS, hand5};
+
+const PERIOD: f32 = 0.01;
+
+/// No speed limit.
+const FREE: RetargetSettings = RetargetSettings { speeds: [1e3; MAX_JOINTS], ..RetargetSettings::DEFAULT };
+
+fn retargeting(settings: RetargetSettings) -> Retargeting {
+    Retargeting::try_new(hand5(), settings).unwrap()
+}
+
+fn random_angles(rng: &mut Rng) -> Angles {
+    let mut angles = Angles::zeros();
+    for (angle, (lower, upper)) in angles.iter_mut().zip(HAND5_LIMITS) {
+        *angle = lower + (upper - lower) * rng.uniform() as f32;
+    }
+    angles
+}
+
+/// An operator whose hand is the robot's, `size` times as large.
+fn operator(angles: &Angles, size: f32) -> OperatorFingertips {
+    let hand = hand5();
+    let mut tips = OperatorFingertips::default();
+    for finger in 0..5 {
+        let (position, direction) = hand.tip(finger, angles).unwrap();
+        tips.positions[finger] = Some(position * size);
+        tips.directions[finger] = Some(direction);
+    }
+    tips
+}
+
+fn tip(angles: &Angles, finger: usize) -> Vector3<f32> {
+    hand5().tip(finger, angles).unwrap().0
+}
+
+/// A posture in which the fingers oppose the thumb, as a hand that works.
+fn opposed(rng: &mut Rng) -> Angles {
+    let mut angles = random_angles(rng);
+    let mut set = |joint: usize, lower: f32, upper: f32| {
+        angles[joint] = lower + (upper - lower) * rng.uniform() as f32;
+    };
+    set(0, 0.9, 1.5);
+    set(1, 0.3, 0.8);
+    set(3, -0.1, 0.6);
+    set(4, 0.0, 0.8);
+    for base in [6, 9, 12, 14] {
+        set(base, 0.5, 1.0);
+        set(base + 1, 0.5, 1.2);
+    }
+    angles
+}
+
+#[test]
+fn thumb_and_vectors_are_those_of_the_operator() {
+    let retargeting = retargeting(RetargetSettings { near: 0.0, far: 1e-3, ..FREE });
+    let mut rng = Rng::new(31, 0);
+    for _ in 0..500 {
+        let goal = random_angles(&mut rng);
+        let tips = operator(&goal, 1.0);
+        let mut state = retargeting.begin(&retargeting.hand().center(), &Vector3::zeros());
+        let report = retargeting.update(&mut state, &tips, PERIOD).unwrap();
+        assert_eq!((report.missed, report.limited), (0, 0), "{report:?}");
+        assert!((tip(state.angles(), 0) - tip(&goal, 0)).norm() < 5e-5);
+        for finger in 1..5 {
+            let got = tip(state.angles(), finger) - tip(state.angles(), 0);
+            let expected = tip(&goal, finger) - tip(&goal, 0);
+            assert!((got - expected).norm() < 1e-4, "{finger}: {}", (got - expected).norm());
+        }
+    }
+}
+
+#[test]
+fn the_initial_offset_shifts_the_thumb_and_leaves_the_vectors() {
+    let retargeting = retargeting(FREE);
+    let mut robot = retargeting.hand().center();
+    robot[4] = 0.5;
+    let operator_thumb = Vector3::new(0.07, 0.03, 0.08);
+    let offset = retargeting.initial_offset(&robot, &operator_thumb);
+    assert!((operator_thumb + offset - tip(&robot, 0)).norm() < 1e-6);
+    // The operator's thumb moves by 4 mm: so does the robot's.
+    let step = Vector3::new(0.003, -0.002, 0.001_732);
+    let mut state = retargeting.begin(&robot, &offset);
+    let mut tips = OperatorFingertips::default();
+    tips.positions[0] = Some(operator_thumb + step);
+    tips.positions[1] = Some(operator_thumb + step + tip(&robot, 1) - tip(&robot, 0) - step);
+    retargeting.update(&mut state, &tips, PERIOD).unwrap();
+    assert!((tip(state.angles(), 0) - tip(&robot, 0) - step).norm() < 5e-5);
+    assert!((tip(state.angles(), 1) - tip(&robot, 1)).norm() < 1e-4);
+    // Fingers that are not known keep their joints, but for the one that all share.
+    assert!((8..16).filter(|&joint| joint > 8).all(|joint| state.angles()[joint] == robot[joint]));
+}
+
+#[test]
+fn a_precision_pinch_stays_closed_whatever_the_other_fingers_do() {
+    let retargeting = retargeting(FREE);
+    let mut rng = Rng::new(32, 0);
+    let mut worst = 0.0_f32;
+    for round in 0..1000 {
+        // Hands of other sizes, too.
+        let size = 0.85 + 0.3 * rng.uniform() as f32;
+        let mut tips = operator(&opposed(&mut rng), size);
+        let finger = 1 + round % 2;
+        tips.positions[finger] = tips.positions[0];
+        let mut state = retargeting.begin(&opposed(&mut rng), &Vector3::zeros());
+        let report = retargeting.update(&mut state, &tips, PERIOD).unwrap();
+        let gap = (tip(state.angles(), finger) - tip(state.angles(), 0)).norm();
+        worst = worst.max(gap);
+        assert!(gap < 5e-4, "{round}: gap {gap}, {report:?}");
+    }
+    println!("worst gap {worst}");
+}
+
+#[test]
+fn tips_of_other_radius_touch_when_the_operators_do() {
+    let settings = RetargetSettings { operator_contact: 0.014, robot_contact: 0.010, ..FREE };
+    let retargeting = retargeting(settings);
+    let mut rng = Rng::new(33, 0);
+    for _ in 0..200 {
+        let posture = opposed(&mut rng);
+        let mut tips = operator(&posture, 1.0);
+        let thumb = tips.positions[0].unwrap();
+        let toward = (tips.positions[1].unwrap() - thumb).normalize();
+        tips.positions[1] = Some(thumb + toward * 0.014);
+        let mut state = retargeting.begin(&posture, &Vector3::zeros());
+        retargeting.update(&mut state, &tips, PERIOD).unwrap();
+        let distance = (tip(state.angles(), 1) - tip(state.angles(), 0)).norm();
+        assert!((distance - 0.010).abs() < 5e-4, "{distance}");
+    }
+}
+
+#[test]
+fn a_closing_pinch_moves_the_joints_without_jumps() {
+    let retargeting = retargeting(FREE);
+    let mut rng = Rng::new(34, 0);
+    for _ in 0..50 {
+        // The index finger closes from 40 mm to the thumb and opens again, within 0.8 s.
+        let posture = opposed(&mut rng);
+        let tips = operator(&posture, 1.1);
+        let thumb = tips.positions[0].unwrap();
+        let toward = (tips.positions[1].unwrap() - thumb).normalize();
+        let mut state = retargeting.begin(&posture, &Vector3::zeros());
+        let mut before: Option<Angles> = None;
+        for frame in 0..=80 {
+            let distance = 0.04 * (f32::from(u8::try_from(frame).unwrap()) / 40.0 - 1.0).abs();
+            let mut tips = tips;
+            tips.positions[1] = Some(thumb + toward * distance);
+            retargeting.update(&mut state, &tips, PERIOD).unwrap();
+            if let Some(before) = before {
+                let step = (state.angles() - before).amax();
+                // The tip moves by 1 mm a frame.
+                assert!(step < 0.25, "frame {frame}: {step} rad");
+            }
+            before = Some(*state.angles());
+        }
+    }
+}
+
+#[test]
+fn the_output_keeps_its_speed_limit_says_so_and_arrives() {
+    let mut speeds = [4.0; MAX_JOINTS];
+    speeds[5] = 1.0;
+    let retargeting = retargeting(RetargetSettings { speeds, near: 0.0, far: 1e-3, ..FREE });
+    let mut rng = Rng::new(35, 0);
+    for _ in 0..50 {
+        let goal = random_angles(&mut rng);
+        let mut state = retargeting.begin(&retargeting.hand().center(), &Vector3::zeros());
+        let mut limited = 0;
+        for _ in 0..60 {
+            let before = *state.angles();
+            let report = retargeting.update(&mut state, &operator(&goal, 1.0), PERIOD).unwrap();
+            limited = report.limited;
+            for joint in 0..16 {
+                let step = (state.angles()[joint] - before[joint]).abs();
+                assert!(step <= speeds[joint] * PERIOD * 1.0001, "{joint}: {step}");
+                if report.limited & (1 << joint) == 0 {
+                    assert!(step < speeds[joint] * PERIOD);
+                }
+            }
+        }
+        assert_eq!(limited, 0);
+        let report = retargeting.update(&mut state, &operator(&goal, 1.0), PERIOD).unwrap();
+        assert_eq!(report.missed, 0, "{report:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_reproduced_is_told_by_finger_and_distance() {
+    let retargeting = retargeting(FREE);
+    let mut state = retargeting.begin(&retargeting.hand().center(), &Vector3::zeros());
+    let mut tips = operator(&retargeting.hand().center(), 1.0);
+    // 0.3 m beyond the fingertips: the middle finger can only stretch.
+    tips.positions[2] = Some(Vector3::new(0.0, 0.0, 0.5));
+    let report = retargeting.update(&mut state, &tips, PERIOD).unwrap();
+    assert_eq!(report.missed & 0b101, 0b100, "{report:?}");
+    // Its base is 92 mm from the wrist, and the finger 92.31 mm long.
+    assert!((report.distance(2) - (0.5 - 0.184_31)).abs() < 2e-3, "{report:?}");
+}
+
+#[test]
+fn bad_input_is_refused_by_name_and_changes_nothing() {
+    let retargeting = retargeting(FREE);
+    let mut state = retargeting.begin(&retargeting.hand().center(), &Vector3::zeros());
+    let before = state;
+    for (finger, bad) in [(0, f32::NAN), (3, f32::INFINITY), (4, 2.0)] {
+        let mut tips = operator(&retargeting.hand().center(), 1.0);
+        tips.positions[usize::from(finger)].as_mut().unwrap().x = bad;
+        assert_eq!(retargeting.update(&mut state, &tips, PERIOD), Err(InvalidFingertip { finger }));
+    }
+    let mut tips = operator(&retargeting.hand().center(), 1.0);
+    tips.directions[1] = Some(Vector3::zeros());
+    assert_eq!(retargeting.update(&mut state, &tips, PERIOD), Err(InvalidFingertip { finger: 1 }));
+    assert_eq!(state, before);
+    // Nothing known: nothing moves.
+    retargeting.update(&mut state, &OperatorFingertips::default(), PERIOD).unwrap();
+    assert_eq!(state.angles(), before.angles());
+
+    let refused = |settings| Retargeting::try_new(hand5(), settings).unwrap_err().field;
+    assert_eq!(refused(RetargetSettings { follows: [1, 0, 2, 3, 4], ..FREE }), "follows");
+    assert_eq!(refused(RetargetSettings { weights: [1.0, 0.0, 1.0, 1.0, 1.0], ..FREE }), "weight");
+    assert_eq!(refused(RetargetSettings { scale: f32::NAN, ..FREE }), "scale");
+    // 20 mm of difference cannot be made up within 20 mm of approach without turning back.
+    assert_eq!(refused(RetargetSettings { robot_contact: 0.02, ..FREE }), "far");
+}
