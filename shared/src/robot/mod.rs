@@ -19,16 +19,19 @@ use heapless::{String, Vec};
 use nalgebra::Vector3;
 
 use crate::control::ErrorObserver;
-use crate::kinematics::{Chain, Finger};
+use crate::kinematics::{Chain, Finger, Hand};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, RobotModel, Safety};
 
 /// Gains of the tracking feedback under [`Actuation::Acceleration`]. It acts on accelerations: inertia 1. A
 /// higher bandwidth tracks more closely and amplifies more measurement noise.
 const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 
+/// Direction of the fingertips of a [`Hand`] in their frames.
+const POINTING: [f32; 3] = [0.0, 0.0, 1.0];
+
 /// A validated model, preprocessed for computation; without joints before the first model.
 ///
-/// Its size is about 16 kB, so it is configured in place and never moved.
+/// Its size is about 21 kB, so it is configured in place and never moved.
 #[derive(Clone, Debug)]
 pub struct Robot {
     model: RobotModel,
@@ -37,6 +40,7 @@ pub struct Robot {
     joints: Vec<JointConfig, MAX_JOINTS>,
     force_sensors: usize,
     has_mimics: bool,
+    hand: Option<Hand>,
     tracking: Option<ErrorObserver>,
 }
 
@@ -83,6 +87,7 @@ impl Robot {
         joints: Vec::new(),
         force_sensors: 0,
         has_mimics: false,
+        hand: None,
         tracking: None,
     };
 
@@ -117,6 +122,7 @@ impl Robot {
         self.gravity = Vector3::from(model.gravity);
         self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
         self.has_mimics = model.chains.iter().any(|chain| chain.mimic.is_some());
+        self.hand = Hand::of_model(model, POINTING).ok().filter(|hand| hand.len() >= 2);
         self.model.clone_from(model);
         Ok(())
     }
@@ -154,6 +160,12 @@ impl Robot {
     /// Whether a chain has a mimic joint.
     pub const fn has_mimics(&self) -> bool {
         self.has_mimics
+    }
+
+    /// Its chains as the fingers of a hand; `None` unless there are two to five, with at most one joint that
+    /// moves several of them.
+    pub const fn hand(&self) -> Option<&Hand> {
+        self.hand.as_ref()
     }
 
     /// Tracking feedback of joints under [`Actuation::Acceleration`]; `None` before the first model.

@@ -10,6 +10,7 @@ use super::api::{Halt, Io, Task, TaskFault};
 use super::grasping::Grasping;
 use super::impedance::ImpedanceControl;
 use super::joint_servo::JointServoTask;
+use super::telexistence::Telexistence;
 use crate::fault::Fault;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot};
@@ -191,4 +192,6 @@ tasks! {
     Grasping(Grasping) = 1: "grasping",
     /// 2: impedance control of an arm ([`super::impedance`]).
     Impedance(ImpedanceControl) = 2: "impedance control",
+    /// 3: the operator's fingertips on a hand ([`super::telexistence`]).
+    Telexistence(Telexistence) = 3: "telexistence",
 }

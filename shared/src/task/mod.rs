@@ -9,6 +9,7 @@
 //! | joint servo | [`joint_servo`] | each joint, or each fingertip, follows a set-point |
 //! | grasping | [`grasping`] | three fingers approach, grasp, hold, move and release an object |
 //! | impedance | [`impedance`] | Cartesian impedance control of an arm |
+//! | telexistence | [`telexistence`] | a hand reproduces the fingertips of an operator |
 //!
 //! A new task is a module that implements [`Task`], and a line in the list (`list.rs`).
 
@@ -17,6 +18,7 @@ pub mod grasping;
 pub mod impedance;
 pub mod joint_servo;
 mod list;
+pub mod telexistence;
 
 pub use api::{Halt, Io, Task, TaskFault};
 pub use list::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskState, TaskTelemetry};

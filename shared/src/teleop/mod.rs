@@ -77,9 +77,10 @@ mod tests;
 pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 pub use motion_limits::MotionLimits;
+pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits};
 pub use retarget::{
-    InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetReport, RetargetSettings,
-    RetargetState, Retargeting,
+    InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetField, RetargetReport,
+    RetargetSettings, RetargetState, Retargeting,
 };

@@ -21,7 +21,7 @@ pub struct MotionLimits {
 
 /// The target relative to the set-point, with its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MotionTarget<const N: usize> {
+pub(crate) struct MotionTarget<const N: usize> {
     /// Displacement from the set-point to the target [m, rad].
     pub offset: SVector<f32, N>,
     pub velocity: SVector<f32, N>,
@@ -39,7 +39,7 @@ impl MotionLimits {
     /// Close to the target: state feedback with two equal poles at `γ = e^(−ω·T)`, as in
     /// [`ErrorObserver`](crate::control::ErrorObserver). Far away: the speed from which half of the
     /// acceleration limit brakes in time.
-    pub(super) fn acceleration<const N: usize>(
+    pub(crate) fn acceleration<const N: usize>(
         &self,
         velocity: &SVector<f32, N>,
         target: &MotionTarget<N>,

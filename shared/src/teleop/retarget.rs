@@ -17,6 +17,8 @@
 use core::fmt;
 
 use nalgebra::Vector3;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
 
 use crate::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions, MAX_FINGERS};
 use crate::math::{self, abs};
@@ -32,7 +34,7 @@ const YIELD_ERROR: f32 = 5e-5;
 const MAX_COORDINATE: f32 = 1.0;
 
 /// Settings of a [`Retargeting`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RetargetSettings {
     /// Which of the operator's fingers each finger of the hand follows: 0 is the thumb, 4 the little finger. The
     /// hand's first finger is its thumb and follows the thumb.
@@ -73,11 +75,38 @@ impl RetargetSettings {
     };
 }
 
+/// A setting of a [`Retargeting`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum RetargetField {
+    /// 0: number of fingers of the hand.
+    Fingers,
+    /// 1: an entry of `follows`.
+    Follows,
+    /// 2: an entry of `weights`.
+    Weights,
+    /// 3: `scale`.
+    Scale,
+    /// 4: `near`.
+    Near,
+    /// 5: `far`, whose minimum depends on `near` and on the distances at contact.
+    Far,
+    /// 6: `operator_contact`.
+    OperatorContact,
+    /// 7: `robot_contact`.
+    RobotContact,
+    /// 8: an entry of `speeds`.
+    Speeds,
+    /// 9: `tolerance`.
+    Tolerance,
+}
+
 /// A setting out of its range, or settings that contradict each other.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidRetargetSettings {
-    /// Name of the setting.
-    pub field: &'static str,
+    /// The setting.
+    pub field: RetargetField,
     /// Its value.
     pub value: f32,
     /// Lowest permitted value.
@@ -127,33 +156,35 @@ impl RetargetReport {
 }
 
 /// State of a [`Retargeting`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RetargetState {
     /// Solution of the last frame [rad]: the next search starts there.
-    solution: Angles,
+    solution: [f32; MAX_JOINTS],
     /// Angles put out last [rad].
-    output: Angles,
+    output: [f32; MAX_JOINTS],
     /// `d_ini` [m].
-    offset: Vector3<f32>,
+    offset: [f32; 3],
     /// The operator's thumb when it was last known [m].
-    thumb: Option<Vector3<f32>>,
+    thumb: Option<[f32; 3]>,
     /// The first frame searches from more than one start.
     begun: bool,
 }
 
 impl RetargetState {
     /// Angles of the actuated joints [rad].
-    pub const fn angles(&self) -> &Angles {
-        &self.output
+    pub fn angles(&self) -> Angles {
+        self.output.into()
     }
 }
 
-/// The mapping from an operator's hand to a robot hand of two to five fingers. Configuration, validated once.
-#[derive(Clone, Debug)]
-pub struct Retargeting {
-    hand: Hand,
-    settings: RetargetSettings,
-    options: HandOptions,
+/// The mapping from an operator's hand to a robot hand of two to five fingers, under settings that
+/// [`RetargetSettings::validate`] accepts.
+#[derive(Clone, Copy, Debug)]
+pub struct Retargeting<'a> {
+    /// The hand. Its first finger is the thumb.
+    pub hand: &'a Hand,
+    /// The settings.
+    pub settings: &'a RetargetSettings,
 }
 
 /// A finger's target relative to the thumb.
@@ -167,12 +198,12 @@ struct Vector {
     direction: Option<Vector3<f32>>,
 }
 
-impl Retargeting {
-    /// Retargeting to `hand`, whose first finger is the thumb.
+impl RetargetSettings {
+    /// Checks the settings for `hand`.
     ///
     /// # Errors
     /// The first setting that is out of range.
-    pub fn try_new(hand: Hand, settings: RetargetSettings) -> Result<Self, InvalidRetargetSettings> {
+    pub fn validate(&self, hand: &Hand) -> Result<(), InvalidRetargetSettings> {
         let check = |field, value: f32, min, max| {
             if value >= min && value <= max {
                 Ok(())
@@ -182,33 +213,28 @@ impl Retargeting {
         };
         let fingers = hand.len();
         #[expect(clippy::cast_precision_loss, reason = "at most 5")]
-        check("fingers", fingers as f32, 2.0, MAX_FINGERS as f32)?;
-        for (finger, (&follows, &weight)) in
-            settings.follows.iter().zip(&settings.weights).enumerate().take(fingers)
+        check(RetargetField::Fingers, fingers as f32, 2.0, MAX_FINGERS as f32)?;
+        for (finger, (&follows, &weight)) in self.follows.iter().zip(&self.weights).enumerate().take(fingers)
         {
             let (min, max) = if finger == 0 { (0.0, 0.0) } else { (1.0, 4.0) };
-            check("follows", f32::from(follows), min, max)?;
-            check("weight", weight, 1e-3, 1e3)?;
+            check(RetargetField::Follows, f32::from(follows), min, max)?;
+            check(RetargetField::Weights, weight, 1e-3, 1e3)?;
         }
-        check("scale", settings.scale, 0.1, 10.0)?;
-        check("near", settings.near, 0.0, 0.1)?;
-        check("operator_contact", settings.operator_contact, 0.0, 0.1)?;
-        check("robot_contact", settings.robot_contact, 0.0, 0.1)?;
+        check(RetargetField::Scale, self.scale, 0.1, 10.0)?;
+        check(RetargetField::Near, self.near, 0.0, 0.1)?;
+        check(RetargetField::OperatorContact, self.operator_contact, 0.0, 0.1)?;
+        check(RetargetField::RobotContact, self.robot_contact, 0.0, 0.1)?;
         // The target's distance must grow with the operator's; the steepest slope of β is 1.5 / (far − near).
-        let change = abs(settings.robot_contact - settings.scale * settings.operator_contact);
-        check("far", settings.far, settings.near + 1e-3 + 2.0 * change / settings.scale, 0.5)?;
-        for &speed in settings.speeds.iter().take(hand.limits().len()) {
-            check("speed", speed, 1e-3, 1e3)?;
+        let change = abs(self.robot_contact - self.scale * self.operator_contact);
+        check(RetargetField::Far, self.far, self.near + 1e-3 + 2.0 * change / self.scale, 0.5)?;
+        for &speed in self.speeds.iter().take(hand.limits().len()) {
+            check(RetargetField::Speeds, speed, 1e-3, 1e3)?;
         }
-        check("tolerance", settings.tolerance, 1e-6, 0.1)?;
-        Ok(Self { hand, settings, options: HandOptions::default() })
+        check(RetargetField::Tolerance, self.tolerance, 1e-6, 0.1)
     }
+}
 
-    /// The hand.
-    pub const fn hand(&self) -> &Hand {
-        &self.hand
-    }
-
+impl Retargeting<'_> {
     /// `d_ini` for the initial postures of robot and operator, by the angles of the actuated joints [rad] and the
     /// position of the operator's thumb [m] (Hand5 section 2.2).
     pub fn initial_offset(&self, robot: &Angles, operator: &Vector3<f32>) -> Vector3<f32> {
@@ -222,7 +248,8 @@ impl Retargeting {
             *angle = 0.0;
         }
         self.hand.limit(&mut angles);
-        RetargetState { solution: angles, output: angles, offset: *offset, thumb: None, begun: false }
+        let [solution, output] = [angles.into(); 2];
+        RetargetState { solution, output, offset: (*offset).into(), thumb: None, begun: false }
     }
 
     /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose tip is
@@ -238,11 +265,11 @@ impl Retargeting {
     ) -> Result<RetargetReport, InvalidFingertip> {
         check(operator)?;
         let mut report = RetargetReport::default();
-        let RetargetSettings { scale, .. } = self.settings;
+        let RetargetSettings { scale, .. } = &self.settings;
         let given = operator.positions[0].is_some();
-        state.thumb = operator.positions[0].or(state.thumb);
-        let vectors = self.vectors(state.thumb, operator);
-        let wish = operator.positions[0].map(|thumb| thumb * scale + state.offset);
+        state.thumb = operator.positions[0].map(Into::into).or(state.thumb);
+        let vectors = self.vectors(state.thumb.map(Vector3::from), operator);
+        let wish = operator.positions[0].map(|thumb| thumb * *scale + Vector3::from(state.offset));
         let mut thumb_target = wish;
         for round in 0..=MAX_YIELDS {
             self.solve_thumb(state, thumb_target, operator, &mut report);
@@ -266,8 +293,8 @@ impl Retargeting {
         Ok(report)
     }
 
-    fn tip(&self, finger: usize, angles: &Angles) -> Vector3<f32> {
-        self.hand.tip(finger, angles).map_or_else(Vector3::zeros, |(tip, _)| tip)
+    fn tip(&self, finger: usize, angles: &[f32; MAX_JOINTS]) -> Vector3<f32> {
+        self.hand.tip(finger, &Angles::from(*angles)).map_or_else(Vector3::zeros, |(tip, _)| tip)
     }
 
     /// The vectors from the thumb's tip to the fingertips that the robot shall have.
@@ -276,7 +303,7 @@ impl Retargeting {
         thumb: Option<Vector3<f32>>,
         operator: &OperatorFingertips,
     ) -> [Option<Vector>; MAX_FINGERS] {
-        let RetargetSettings { scale, near, far, operator_contact, robot_contact, .. } = self.settings;
+        let RetargetSettings { scale, near, far, operator_contact, robot_contact, .. } = *self.settings;
         let of_finger = |finger: usize| {
             let follows = usize::from(*self.settings.follows.get(finger)?);
             let weight = *self.settings.weights.get(finger)?;
@@ -345,11 +372,13 @@ impl Retargeting {
         targets: &FingertipTargets,
         report: &mut RetargetReport,
     ) -> [Vector3<f32>; MAX_FINGERS] {
+        let (options, mut angles) = (HandOptions::default(), Angles::from(state.solution));
         let solved = if state.begun {
-            self.hand.solve(targets, &self.options, &mut state.solution)
+            self.hand.solve(targets, &options, &mut angles)
         } else {
-            self.hand.search(targets, &self.options, &mut state.solution)
+            self.hand.search(targets, &options, &mut angles)
         };
+        state.solution = angles.into();
         report.evaluations = report.evaluations.saturating_add(solved.evaluations);
         solved.errors
     }
@@ -371,11 +400,15 @@ impl Retargeting {
             }
             moved |= bit;
             let largest = self.settings.speeds.get(index).copied().unwrap_or(0.0) * period.max(0.0);
-            let step = state.solution[index] - state.output[index];
+            let (Some(&solution), Some(output)) = (state.solution.get(index), state.output.get_mut(index))
+            else {
+                continue;
+            };
+            let step = solution - *output;
             if abs(step) <= largest {
-                state.output[index] = state.solution[index];
+                *output = solution;
             } else {
-                state.output[index] += math::clamp(step, -largest, largest);
+                *output += math::clamp(step, -largest, largest);
                 report.limited |= bit;
             }
         }
@@ -420,7 +453,19 @@ fn check(operator: &OperatorFingertips) -> Result<(), InvalidFingertip> {
 impl fmt::Display for InvalidRetargetSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { field, value, min, max } = self;
-        write!(f, "{field} = {value}: must be {min} to {max}")
+        let name = match field {
+            RetargetField::Fingers => "the number of fingers",
+            RetargetField::Follows => "follows",
+            RetargetField::Weights => "a weight",
+            RetargetField::Scale => "scale",
+            RetargetField::Near => "near",
+            RetargetField::Far => "far",
+            RetargetField::OperatorContact => "operator_contact",
+            RetargetField::RobotContact => "robot_contact",
+            RetargetField::Speeds => "a speed",
+            RetargetField::Tolerance => "tolerance",
+        };
+        write!(f, "{name} is {value}; it must be {min} to {max}")
     }
 }
 

@@ -1,0 +1,140 @@
+//! The operator's fingertips between samples.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::{TelexistenceRefusal, vector};
+use crate::TICK;
+use crate::kinematics::MAX_FINGERS;
+use crate::math::abs;
+use crate::teleop::OperatorFingertips;
+
+/// A fingertip goes on with its velocity for this time after its measurement [s].
+pub const MAX_EXTRAPOLATION: f32 = 0.05;
+/// Largest coordinate of a fingertip [m].
+const MAX_COORDINATE: f32 = 1.0;
+/// Largest velocity of a fingertip along an axis [m/s]; what hands reach is a tenth of it.
+const MAX_VELOCITY: f32 = 20.0;
+/// Largest age of a sample on arrival [s].
+const MAX_AGE: f32 = 1.0;
+
+/// A fingertip of the operator, in the frame of the hand.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct FingertipPoint {
+    /// Position [m].
+    pub position: [f32; 3],
+    /// Velocity [m/s]; 0 if the source knows none.
+    pub velocity: [f32; 3],
+    /// Direction in which it points, a unit vector, if the source knows it.
+    pub direction: Option<[f32; 3]>,
+}
+
+/// The operator's fingertips at one time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct FingertipSample {
+    /// Number of the sample, larger than that of the one before; it may wrap around.
+    pub number: u16,
+    /// Time since the measurement [s]: delay of filter and link.
+    pub age: f32,
+    /// The fingertips, thumb to little finger; `None` for one that is not known now.
+    pub tips: [Option<FingertipPoint>; MAX_FINGERS],
+}
+
+impl FingertipSample {
+    /// Checks all values.
+    pub(super) fn validate(&self) -> Result<(), TelexistenceRefusal> {
+        if !(0.0..=MAX_AGE).contains(&self.age) {
+            return Err(TelexistenceRefusal::Age { value: self.age });
+        }
+        for (finger, tip) in (0..).zip(&self.tips) {
+            let Some(tip) = tip else { continue };
+            let unit = |direction: [f32; 3]| abs(vector(&direction).norm_squared() - 1.0) < 1e-2;
+            let valid = tip.position.iter().all(|value| abs(*value) <= MAX_COORDINATE)
+                && tip.velocity.iter().all(|value| abs(*value) <= MAX_VELOCITY)
+                && tip.direction.is_none_or(unit);
+            if !valid {
+                return Err(TelexistenceRefusal::Fingertip { finger });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The last measurement of a fingertip.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+struct Measurement {
+    point: FingertipPoint,
+    /// Time since then [s].
+    age: f32,
+}
+
+/// What is known of the operator's fingertips.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub(super) struct Fingertips {
+    /// Number of the last sample.
+    number: Option<u16>,
+    /// Ticks since it came.
+    ticks: u8,
+    tips: [Option<Measurement>; MAX_FINGERS],
+}
+
+impl Fingertips {
+    pub const NONE: Self = Self { number: None, ticks: 0, tips: [None; MAX_FINGERS] };
+
+    /// Takes a valid sample over; `false` if it is not newer than the last.
+    pub fn take(&mut self, sample: &FingertipSample) -> bool {
+        let is_newer = |last| (1..0x8000).contains(&sample.number.wrapping_sub(last));
+        if !self.number.is_none_or(is_newer) {
+            return false;
+        }
+        (self.number, self.ticks) = (Some(sample.number), 0);
+        for (known, tip) in self.tips.iter_mut().zip(&sample.tips) {
+            if let Some(point) = tip {
+                *known = Some(Measurement { point: *point, age: sample.age });
+            }
+        }
+        true
+    }
+
+    /// Forgets where the fingertips are, but not the number of the last sample.
+    pub const fn forget(&mut self) {
+        self.tips = [None; MAX_FINGERS];
+    }
+
+    /// One period later. What is older than `max_age` [s] is no longer known.
+    pub fn advance(&mut self, max_age: f32) {
+        self.ticks = self.ticks.saturating_add(1);
+        for tip in &mut self.tips {
+            if let Some(measurement) = tip {
+                measurement.age += TICK;
+                if measurement.age > max_age {
+                    *tip = None;
+                }
+            }
+        }
+    }
+
+    /// Where the fingertips are now.
+    pub fn present(&self) -> OperatorFingertips {
+        let mut present = OperatorFingertips::default();
+        let places = present.positions.iter_mut().zip(&mut present.directions);
+        for ((position, direction), tip) in places.zip(&self.tips) {
+            let Some(Measurement { point, age }) = tip else { continue };
+            let ahead = age.min(MAX_EXTRAPOLATION);
+            let place = vector(&point.position) + vector(&point.velocity) * ahead;
+            *position = Some(place.map(|value| crate::math::clamp(value, -MAX_COORDINATE, MAX_COORDINATE)));
+            *direction = point.direction.map(|direction| vector(&direction));
+        }
+        present
+    }
+
+    /// Ticks since the last sample.
+    pub const fn age(&self) -> u8 {
+        self.ticks
+    }
+
+    /// Bit `i`: finger `i` is not known.
+    pub fn unknown(&self) -> u8 {
+        (0..).zip(&self.tips).filter(|(_, tip)| tip.is_none()).fold(0, |bits, (finger, _)| bits | 1 << finger)
+    }
+}
