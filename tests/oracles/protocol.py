@@ -174,7 +174,7 @@ counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque
 filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
 damping supply-min supply-max rest-error
 chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
-tip-center-of-mass tip-radius""".split()
+tip-center-of-mass tip-radius mimic-joint mimic-multiplier mimic-offset mimic-force-sensor""".split()
 
 
 def refusals():
@@ -198,6 +198,8 @@ def refusals():
         "model-not-physical": error(2, 9, -0.125, uint(5)),
         "model-count": error(None, 1, 8.0, uint(6) + real(9.0)),
         "model-not-unique": error(4, 3, 4.0, uint(7)),
+        "model-not-another-chains": error(8, 48, 7.0, uint(8)),
+        "model-not-supported": error(8, 49, 0.0, uint(9)),
         "model-transfer": uint(8) + uint(192) + uint(220),
         "model-checksum": uint(9) + uint(0x01020304) + uint(0xDEADBEEF),
         "model-unreadable": uint(10) + uint(5000) + uint(4096),

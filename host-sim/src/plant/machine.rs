@@ -14,6 +14,7 @@ use super::error::PlantError;
 use super::factors::{self, JointFactors};
 use super::force::ForceSensors;
 use super::intervention::SharedIntervention;
+use super::linkage;
 use super::object::ObjectValues;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
@@ -65,9 +66,14 @@ impl Plant {
             joint_values(body, drives.get(in_world_order(index)), &of_body(index), options)
         };
         let joints: Vec<JointValues> = bodies.iter().enumerate().map(of_joint).collect();
-        let world_posture: Vec<f64> = (0..bodies.len())
+        let mut world_posture: Vec<f64> = (0..bodies.len())
             .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
             .collect();
+        let linkages = linkage::linkages(&bodies)?;
+        for linkage in &linkages {
+            let angle = linkage.multiplier * world_posture[linkage.driver] + linkage.offset;
+            world_posture[linkage.follower] = angle;
+        }
         let world_factors: Vec<JointFactors> = (0..bodies.len()).map(of_body).collect();
         let mut world = World::new(
             values.gravity,
@@ -77,6 +83,7 @@ impl Plant {
             &world_factors,
             &world_posture,
         );
+        world.insert_linkages(linkages);
         options.object.as_ref().map_or(Ok(()), ObjectValues::validate)?;
         let object = options.object.as_ref().map(|object| (object, friction(object, options)));
         let mut tips = tips(&urdf.robot, &bodies);
@@ -327,7 +334,7 @@ fn joint_values(
     options: &PlantOptions,
 ) -> JointValues {
     JointValues {
-        rotor_inertia: drive.map_or(0.0, |drive| f64::from(drive.motor.rotor_inertia))
+        rotor_inertia: drive.map_or(linkage::INERTIA, |drive| f64::from(drive.motor.rotor_inertia))
             * factors.rotor_inertia,
         coulomb: options.coulomb.unwrap_or(body.coulomb) * factors.coulomb,
         viscous: body.viscous * factors.viscous,
@@ -356,7 +363,10 @@ fn friction(object: &ObjectValues, options: &PlantOptions) -> f64 {
     object.friction + spread * Purpose::Contact.rng(options.seed).symmetric()
 }
 
-/// The drive of each body's joint.
+/// Stands for the drive of a joint that has none.
+const NO_DRIVE: usize = usize::MAX;
+
+/// The drive of each body's joint; [`NO_DRIVE`] for a joint that follows another.
 fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantError> {
     let list = |names: Vec<&str>| names.join(", ");
     for (index, drive) in drives.iter().enumerate() {
@@ -373,6 +383,9 @@ fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantEr
         }
     }
     let find = |body: &Body| {
+        if body.mimic.is_some() {
+            return Ok(NO_DRIVE);
+        }
         drives.iter().position(|drive| drive.joint == body.joint).ok_or_else(|| PlantError::UnknownJoint {
             item: "the URDF",
             joint: body.joint.clone(),
@@ -417,7 +430,8 @@ fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Re
 
 /// Values of the world's joints in the order of the drives.
 pub(super) fn in_drive_order(drive_of: &[usize], values: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut ordered = vec![f64::NAN; drive_of.len()];
+    let drives = drive_of.iter().filter(|&&drive| drive != NO_DRIVE).count();
+    let mut ordered = vec![f64::NAN; drives];
     for (&drive, value) in drive_of.iter().zip(values) {
         if let Some(slot) = ordered.get_mut(drive) {
             *slot = value;

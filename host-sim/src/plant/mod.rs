@@ -42,6 +42,7 @@ mod factors;
 mod force;
 mod grasp;
 mod intervention;
+mod linkage;
 mod machine;
 mod motion;
 mod object;

@@ -21,6 +21,8 @@ pub struct Body {
     pub inertia: Matrix3<f64>,
     /// End stops; `None` for a joint that turns without end.
     pub stops: Option<[f64; 2]>,
+    /// The joint that it follows, with multiplier and offset [rad].
+    pub mimic: Option<(String, f64, f64)>,
     /// Largest torque [N·m].
     pub effort: f64,
     /// Coulomb [N·m] and viscous friction [N·m·s/rad].
@@ -80,6 +82,10 @@ fn moving_body(
         center_of_mass: masses.center_of_mass,
         inertia: masses.inertia,
         stops,
+        mimic: joint
+            .mimic
+            .as_ref()
+            .map(|of| (of.joint.clone(), of.multiplier.unwrap_or(1.0), of.offset.unwrap_or(0.0))),
         effort: joint.limit.effort,
         coulomb: dynamics.map_or(0.0, |dynamics| dynamics.friction),
         viscous: dynamics.map_or(0.0, |dynamics| dynamics.damping),

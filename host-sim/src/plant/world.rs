@@ -14,6 +14,7 @@ use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
 use super::grasp::{self, Grasp};
+use super::linkage::Linkage;
 use super::motion::Motion;
 use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
@@ -37,6 +38,7 @@ pub struct JointValues {
 pub struct World {
     physics: PhysicsWorld,
     joints: Vec<Joint>,
+    linkages: Vec<Linkage>,
     tips: Vec<Tip>,
     grasp: Option<Grasp>,
     environment: Environment,
@@ -106,11 +108,41 @@ impl World {
         let gravity = vector(&Vector3::from(gravity));
         let (tips, grasp, environment) = (Vec::new(), None, Environment::default());
         let link_pushes = Vec::new();
-        let mut world =
-            Self { physics, joints, tips, grasp, environment, link_pushes, gravity, step, steps: 0 };
+        let mut world = Self {
+            physics,
+            joints,
+            linkages: Vec::new(),
+            tips,
+            grasp,
+            environment,
+            link_pushes,
+            gravity,
+            step,
+            steps: 0,
+        };
         world.set_posture(posture);
         world.set_values(values, step);
         world
+    }
+
+    /// Says which joints follow others.
+    pub fn insert_linkages(&mut self, linkages: Vec<Linkage>) {
+        self.linkages = linkages;
+    }
+
+    /// Torques of the linkages: joint and torque [N·m].
+    fn linkage_torques(&self) -> Vec<(usize, f64)> {
+        if self.linkages.is_empty() {
+            return Vec::new();
+        }
+        let motion: Vec<(f64, f64)> = self.positions().zip(self.velocities()).collect();
+        let mut torques = Vec::new();
+        for linkage in &self.linkages {
+            let Linkage { follower, driver, multiplier, .. } = *linkage;
+            let torque = linkage.torque(motion[driver], motion[follower]);
+            torques.extend([(follower, torque), (driver, -multiplier * torque)]);
+        }
+        torques
     }
 
     /// Says which bodies have tips, and puts an object among them, if there is one.
@@ -158,6 +190,7 @@ impl World {
 
     /// One sub-step under the given motor torques [N·m].
     pub fn step(&mut self, torques: impl Iterator<Item = f64>) {
+        let of_linkages = self.linkage_torques();
         let bodies = &mut self.physics.bodies;
         for joint in &self.joints {
             if let Some(body) = bodies.get_mut(joint.body) {
@@ -165,7 +198,10 @@ impl World {
                 body.reset_forces(false);
             }
         }
-        for (joint, torque) in self.joints.iter().zip(torques) {
+        let of_motors = self.joints.iter().zip(torques);
+        let of_linkages =
+            of_linkages.iter().filter_map(|(index, torque)| Some((self.joints.get(*index)?, *torque)));
+        for (joint, torque) in of_motors.chain(of_linkages) {
             let Some(body) = bodies.get_mut(joint.body) else { continue };
             let torque = body.rotation() * joint.axis * narrow(torque);
             body.add_torque(torque, true);

@@ -19,6 +19,7 @@ mod force;
 mod friction;
 mod grip;
 mod hand;
+mod linkage;
 mod motion;
 mod objects;
 mod pinch;

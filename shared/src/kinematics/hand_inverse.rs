@@ -25,7 +25,11 @@ use crate::model::MAX_CHAIN_JOINTS;
 /// are removed by the last iterations.
 const SECONDARY: f32 = 1e-5;
 /// Weight of the middle of the ranges where a direction is the secondary objective, over that of the direction.
-const TERTIARY: f32 = 0.01;
+const TERTIARY: f32 = 1e-3;
+/// Damping of joints that neither position nor direction decides, over the weight of the direction.
+const DIRECTION_DAMPING: f32 = 0.05;
+/// Factor of `μ` in the first iterations for directions.
+const EMPHASIS: f32 = 1e3;
 /// Damping of the last iterations over `μ`.
 const FINAL_DAMPING: f32 = 0.1;
 /// Largest change of an angle in one iteration [rad].
@@ -144,6 +148,8 @@ struct Problem<'a> {
     /// The exact Hessian serves where the square of the cosine between a finger's error and what its joints can
     /// reduce is below this.
     irreducible: f32,
+    /// Factor of the weight of the secondary objectives.
+    emphasis: f32,
 }
 
 /// Which terms the cost has.
@@ -223,7 +229,14 @@ impl Hand {
         global: bool,
         report: &mut HandReport,
     ) {
-        let problem = Problem { hand: self, targets, options, moves_shared: true, irreducible: IRREDUCIBLE };
+        let problem = Problem {
+            hand: self,
+            targets,
+            options,
+            moves_shared: true,
+            irreducible: IRREDUCIBLE,
+            emphasis: 1.0,
+        };
         if problem.fingers().next().is_none() {
             return;
         }
@@ -354,7 +367,18 @@ impl Problem<'_> {
         let mut here = Point::default();
         self.evaluate(angles, Terms::All, &mut here);
         let mut count = 1;
-        self.iterate(&mut here, Terms::All, self.options.iterations.into(), &mut count);
+        let iterations = self.options.iterations.into();
+        if self.targets.iter().flatten().any(|target| target.direction.is_some()) {
+            // First with almost equal weights: where both can be reached, this is the solution, and the way to it is
+            // short. A small weight alone would let the joints creep along the positions.
+            let equal = Problem { emphasis: EMPHASIS, ..*self };
+            equal.evaluate(angles, Terms::All, &mut here);
+            equal.iterate(&mut here, Terms::All, iterations, &mut count);
+            let angles = here.angles;
+            self.evaluate(&angles, Terms::All, &mut here);
+            count += 1;
+        }
+        self.iterate(&mut here, Terms::All, iterations, &mut count);
         self.finish(&mut here, FINAL_ITERATIONS, &mut count);
         *evaluations = evaluations.saturating_add(count);
         here
@@ -436,7 +460,7 @@ impl Problem<'_> {
                     let away = angles[usize::from(joint)] - 0.5 * (lower + upper);
                     secondary += 0.5 * center * away * away;
                 }
-                point.cost += target.weight * finger.secondary_weight() * secondary;
+                point.cost += target.weight * self.emphasis * finger.secondary_weight() * secondary;
             }
             if let Some(place) = point.errors.get_mut(index) {
                 *place = error;
@@ -463,15 +487,16 @@ impl Problem<'_> {
         for ((index, finger, target), posture) in self.fingers().zip(&here.postures) {
             let error = here.errors.get(index).copied().unwrap_or_default();
             let mut block = finger.block(posture, &error, irreducible);
-            let mut floor = finger.secondary_weight() * FINAL_DAMPING;
+            let weight = self.emphasis * finger.secondary_weight();
+            let mut floor = weight * FINAL_DAMPING;
             if terms == Terms::All {
-                let at_center = finger.add_secondary(&mut block, posture, target);
-                floor = finger.secondary_weight() * at_center;
+                let center = weight * finger.add_secondary(&mut block, posture, target, weight);
+                floor = center.max(DIRECTION_DAMPING * weight);
                 for (slot, &joint) in finger.variables.iter().enumerate() {
                     let (lower, upper) = self.limits(joint);
                     let away = here.angles[usize::from(joint)] - 0.5 * (lower + upper);
                     let is_own = slot + usize::from(finger.shares) < finger.variables.len();
-                    block.gradient[slot] -= if is_own { floor * away } else { 0.0 };
+                    block.gradient[slot] -= if is_own { center * away } else { 0.0 };
                 }
             }
             let diagonal = floor + damping * finger.length * finger.length;
@@ -575,11 +600,16 @@ impl HandFinger {
         block
     }
 
-    /// Adds `μ` times the secondary objective of direction. Returns the weight of the middle of the ranges over
-    /// `μ`.
-    fn add_secondary(&self, block: &mut Block, posture: &Posture, target: &FingertipTarget) -> f32 {
+    /// Adds the secondary objective of direction, times `weight`. Returns the weight of the middle of the ranges
+    /// over `weight`.
+    fn add_secondary(
+        &self,
+        block: &mut Block,
+        posture: &Posture,
+        target: &FingertipTarget,
+        weight: f32,
+    ) -> f32 {
         let Some(direction) = target.direction else { return 1.0 };
-        let weight = self.secondary_weight();
         let pointing = posture.tip.rotation * self.pointing;
         let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
         for (joint, (axis, _)) in self.joints.iter().zip(&posture.joints) {

@@ -9,10 +9,10 @@
 //!    weighted sum of squared deviations within the limits of the joints.
 //!
 //! **Precision pinch.** Where operator's thumb and finger come close, exact vectors matter more than anything
-//! else. Between the gaps `far` and `near` their finger gains weight until it decides about the joint that the
-//! fingers share, the distance between the tips becomes that of the robot's surfaces, and the thumb yields when
-//! the finger cannot reach it. Everything changes with the smooth step `β = 3x² − 2x³` of the gap, so that no
-//! target jumps.
+//! else. Below the gap `far` the error of the finger counts relative to the gap, so that the finger that touches
+//! decides about the joint that the fingers share. From there to the gap `near` the distance between the tips
+//! becomes that of the robot's surfaces, and the thumb yields when the finger cannot reach it, both with the smooth
+//! step `β = 3x² − 2x³` of the gap, so that no target jumps.
 
 use core::fmt;
 
@@ -24,10 +24,10 @@ use crate::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOpt
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
 
-/// Weight of a finger whose tip touches the thumb's, over that of one that does not.
-const PINCH_WEIGHT: f32 = 1e3;
+/// Added to the gap between thumb and finger in the weight of the finger, which bounds it [m].
+const SMALLEST_GAP: f32 = 5e-4;
 /// Maximum number of times that the thumb yields in a frame.
-const MAX_YIELDS: u8 = 4;
+const MAX_YIELDS: u8 = 8;
 /// The thumb yields to a pinching finger that misses it by more [m].
 const YIELD_ERROR: f32 = 5e-5;
 /// Maximum coordinate of an operator's fingertip [m].
@@ -280,7 +280,8 @@ impl Retargeting<'_> {
             if round == MAX_YIELDS || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
                 break;
             }
-            thumb_target = thumb_target.map(|_| thumb - missed);
+            // Added up, so that a thumb at the limit of its reach slides along it.
+            thumb_target = thumb_target.map(|target| target - missed);
         }
         self.limit_speed(state, 0..1, period, &mut report);
         if report.limited != 0 {
@@ -310,7 +311,10 @@ impl Retargeting<'_> {
             let position = (*operator.positions.get(follows)?)?;
             let between = position - thumb?;
             let length = math::sqrt(between.norm_squared());
-            let x = math::clamp((far - (length - operator_contact)) / (far - near), 0.0, 1.0);
+            let gap = math::clamp(length - operator_contact, 0.0, far);
+            // Errors count relative to the gap: millimetres matter where the tips are millimetres apart.
+            let ratio = (far + SMALLEST_GAP) / (gap + SMALLEST_GAP);
+            let x = math::clamp((far - gap) / (far - near), 0.0, 1.0);
             let pinch = x * x * (3.0 - 2.0 * x);
             let distance = (scale * length + pinch * (robot_contact - scale * operator_contact)).max(0.0);
             let factor = if length > 1e-6 { distance / length } else { scale };
@@ -318,7 +322,7 @@ impl Retargeting<'_> {
             Some(Vector {
                 vector: between * factor,
                 pinch,
-                weight: weight * (1.0 + (PINCH_WEIGHT - 1.0) * pinch * pinch),
+                weight: weight * ratio * ratio,
                 direction: direction.filter(|_| self.settings.directions),
             })
         };
@@ -343,8 +347,8 @@ impl Retargeting<'_> {
         self.solve(state, &targets, report);
     }
 
-    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, each
-    /// weighted by how much it pinches [m].
+    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, as weighted
+    /// mean [m].
     fn solve_fingers(
         &self,
         state: &mut RetargetState,
@@ -357,13 +361,14 @@ impl Retargeting<'_> {
             Some(FingertipTarget { position: thumb + vector, weight, direction })
         });
         let errors = self.solve(state, &targets, report);
-        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        let (mut sum, mut total, mut most) = (Vector3::zeros(), 0.0, 0.0_f32);
         for (vector, error) in vectors.iter().zip(&errors) {
-            let pinch = vector.map_or(0.0, |vector| vector.pinch);
-            sum += error * pinch;
-            total += pinch;
+            let Some(vector) = vector else { continue };
+            sum += error * (vector.weight * vector.pinch);
+            total += vector.weight * vector.pinch;
+            most = most.max(vector.pinch);
         }
-        if total > 1.0 { sum / total } else { sum }
+        if total > 0.0 { sum * (most / total) } else { sum }
     }
 
     fn solve(

@@ -303,6 +303,10 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::TipMass, "tip-mass"),
     (Field::TipCenterOfMass, "tip-center-of-mass"),
     (Field::TipRadius, "tip-radius"),
+    (Field::MimicJoint, "mimic-joint"),
+    (Field::MimicMultiplier, "mimic-multiplier"),
+    (Field::MimicOffset, "mimic-offset"),
+    (Field::MimicForceSensor, "mimic-force-sensor"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [

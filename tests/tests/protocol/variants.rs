@@ -95,9 +95,9 @@ variants! {
         LimitFollowingError, FilterTime, Proportional, Integral, Derivative, Cutoff, ServoInertia, Bandwidth,
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
-        TipMass, TipCenterOfMass, TipRadius,
+        TipMass, TipCenterOfMass, TipRadius, MimicJoint, MimicMultiplier, MimicOffset, MimicForceSensor,
     }
-    Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique }
+    Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NotAnotherChains, NotSupported }
     Mode { Disabled, Enabled, Fault }
     FaultCause {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
