@@ -286,7 +286,7 @@ pub trait Board {
     fn read_grasp(&mut self) -> Result<GraspTelemetry, BoardError> {
         match self.read_task()?.telemetry {
             TaskTelemetry::Grasping(grasp) => Ok(grasp),
-            other => Err(BoardError::OtherTask { expected: TaskKind::Grasping, reported: kind(&other) }),
+            other => Err(BoardError::OtherTask { expected: TaskKind::Grasping, reported: other.kind() }),
         }
     }
 
@@ -297,7 +297,7 @@ pub trait Board {
     fn read_impedance(&mut self) -> Result<ImpedanceTelemetry, BoardError> {
         match self.read_task()?.telemetry {
             TaskTelemetry::Impedance(arm) => Ok(arm),
-            other => Err(BoardError::OtherTask { expected: TaskKind::Impedance, reported: kind(&other) }),
+            other => Err(BoardError::OtherTask { expected: TaskKind::Impedance, reported: other.kind() }),
         }
     }
 
@@ -354,15 +354,6 @@ pub trait Board {
 
 fn joints(values: &[f32]) -> Result<heapless::Vec<f32, MAX_JOINTS>, BoardError> {
     heapless::Vec::from_slice(values).map_err(|_| BoardError::TooManyJoints(values.len()))
-}
-
-/// The task that a telemetry is about.
-const fn kind(telemetry: &TaskTelemetry) -> TaskKind {
-    match telemetry {
-        TaskTelemetry::JointServo(()) => TaskKind::JointServo,
-        TaskTelemetry::Grasping(_) => TaskKind::Grasping,
-        TaskTelemetry::Impedance(_) => TaskKind::Impedance,
-    }
 }
 
 const fn wrong(action: &'static str, reply: &Reply) -> BoardError {

@@ -35,6 +35,7 @@ fn task_refusal(refusal: &TaskRefusal) -> String {
         TaskRefusal::JointServo(refusal) => entry("JointServoRefusal", refusal),
         TaskRefusal::Grasping(refusal) => grasp_refusal(refusal),
         TaskRefusal::Impedance(refusal) => impedance_refusal(refusal),
+        TaskRefusal::Telexistence(refusal) => entry("TelexistenceRefusal", refusal),
     }
 }
 

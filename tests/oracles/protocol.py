@@ -12,9 +12,10 @@ from protocol_parts import (
     FIRMWARE, GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
     JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT,
     NO_GRASP, NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK,
-    RELEASE_COMMAND, SCHEMA, SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, YIELDING,
-    actuators, board_status, by_wrench, differential, enabled, fault, frame_counts, goal, grasp, impedance,
-    joints, model, node_status, observer, plan, reply, request, sensors, settings, target, telemetry,
+    RELEASE_COMMAND, SCHEMA, SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, TELEXISTENCE,
+    TELEXISTENCE_REFUSALS, YIELDING, actuators, board_status, by_wrench, differential, enabled, fault,
+    fingertips, frame_counts, goal, grasp, impedance, joints, model, node_status, observer, plan, reply,
+    reproduced, request, retargeting, sensors, settings, target, telemetry,
 )
 
 COLUMNS = """
@@ -99,7 +100,7 @@ def requests():
         "export-state": EXPORT + uint(1),
         "read-export": READ_EXPORT + uint(192),
     }
-    for name, what in {**each, **joint_servo(), **grasping(), **impedance_control()}.items():
+    for name, what in {**each, **joint_servo(), **grasping(), **impedance_control(), **telexistence()}.items():
         golden("request-" + name, request(9, what))
     golden("request-first-number", request(0, READ_STATUS, client=1))
     golden("request-last-number", request(65535, READ_STATUS, client=0xFFFFFFFF))
@@ -168,6 +169,21 @@ def impedance_control():
     }
 
 
+def telexistence():
+    five = retargeting(range(5), [1.0] * 5, [1.25, 0.0078125, 0.03125, 0.015625, 0.0], [4.0] * 16,
+                       0.0009765625, True, 1, [64.0, 0.25])
+    longest = retargeting([255] * 5, [LOWEST] * 5, [LOWEST] * 5, [LOWEST] * 16, LOWEST, True, 1, [LOWEST] * 2)
+    thumb = [0.0625, -0.125, 0.0], [0.0, 0.5, 0.0], [1.0, 0.0, 0.0]
+    index = [0.125, 0.0, 0.0625], [0.0] * 3, None
+    return {
+        "enable-telexistence": ENABLE + TELEXISTENCE + five,
+        "enable-telexistence-longest": ENABLE + TELEXISTENCE + longest,
+        "telexistence-follow": fingertips(300, 0.03125, [thumb, index, None, None, None]),
+        "telexistence-follow-longest": fingertips(65535, LOWEST, [[[LOWEST] * 3] * 3] * 5),
+        "telexistence-release": TASK + TELEXISTENCE + uint(1),
+    }
+
+
 FIELDS = """joints chains gravity name origin-translation origin-rotation axis mass center-of-mass inertia
 rotor-inertia torque-constant current-limit current-resolution motor-bandwidth motor-delay coulomb viscous
 counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque-rate limit-following-error
@@ -221,6 +237,8 @@ def refusals():
         each["grasping-" + name] = uint(19) + GRASPING + refusal
     for name, refusal in IMPEDANCE_REFUSALS.items():
         each["impedance-" + name] = uint(19) + IMPEDANCE + refusal
+    for name, refusal in TELEXISTENCE_REFUSALS.items():
+        each["telexistence-" + name] = uint(19) + TELEXISTENCE + refusal
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
     for number, name in enumerate(FIELDS):
@@ -272,6 +290,7 @@ def streams():
     golden("board-telemetry-joint-servo", uint(1) + telemetry(1234, enabled(JOINT_SERVO), 0, two))
     golden("board-telemetry-grasping", uint(1) + telemetry(1235, enabled(GRASPING), 0, two[:1]))
     golden("board-telemetry-impedance", uint(1) + telemetry(1236, enabled(IMPEDANCE), 0, two[:1]))
+    golden("board-telemetry-telexistence", uint(1) + telemetry(1237, enabled(TELEXISTENCE), 0, two[:1]))
     golden("board-telemetry-16", uint(1) + telemetry(4294967295, FAULT, 4294967295, [[LOWEST] * 4] * 16))
     tip = reals([0.1, -0.04, 0.0625, 1.5, 0.0, -0.5, 0.0, 0.015625, 0.0]) + boolean(True)
     golden("board-tips", uint(4) + uint(1234) + sequence([tip, reals([0.0] * 9) + boolean(False)]))
@@ -300,6 +319,12 @@ def streams():
     longest = impedance([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True, LOWEST, LOWEST)
     golden("board-task-impedance-longest", uint(5) + task(4294967295, longest))
     golden("board-read-task-impedance", reply(9, 1234, uint(7) + task(1234, impedance(*pushed))))
+
+    telexist = reproduced(300, 2, 1, [0.0, 0.001953125, 0.0, 0.0, 0.0], 2, 28, 32)
+    golden("board-task-telexistence", uint(5) + task(1234, telexist))
+    longest = reproduced(4294967295, 4294967295, 255, [LOWEST] * 5, 255, 255, 65535)
+    golden("board-task-telexistence-longest", uint(5) + task(4294967295, longest))
+    golden("board-read-task-telexistence", reply(9, 1234, uint(7) + task(1234, telexist)))
 
 
 FULL_SENSORS = sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16, [[-2147483648] * 6] * 6)

@@ -12,11 +12,12 @@ CLIENT = 0xC0FFEE
 IMAGE = "1f2e3d4c5b6a7988"
 BOARD = "300021000d51363034333832"
 FIRMWARE = byte(0) + byte(1) + byte(0)
-IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(61)
 
 # Tasks, and modes.
-JOINT_SERVO, GRASPING, IMPEDANCE = uint(0), uint(1), uint(2)
-TASKS = {"joint-servo": JOINT_SERVO, "grasping": GRASPING, "impedance": IMPEDANCE}
+JOINT_SERVO, GRASPING, IMPEDANCE, TELEXISTENCE = map(uint, range(4))
+TASKS = {"joint-servo": JOINT_SERVO, "grasping": GRASPING, "impedance": IMPEDANCE,
+         "telexistence": TELEXISTENCE}
 DISABLED, FAULT = uint(0), uint(2)
 
 
@@ -167,6 +168,26 @@ def impedance(position, rotation, error, wrench, contact, sigma_min, elbow):
             + reals([sigma_min, elbow]))
 
 
+def retargeting(follows, weights, numbers, speeds, tolerance, directions, servo, limits):
+    """Settings of telexistence. `numbers`: scale, near, far, contact of the operator's tips and the robot's."""
+    return (b"".join(map(byte, follows)) + reals(weights) + reals(numbers) + reals(speeds) + real(tolerance)
+            + boolean(directions) + uint(servo) + reals(limits))
+
+
+def fingertips(number, age, tips):
+    """A command of telexistence: position, velocity and direction, or none, of each tip that is known."""
+    def tip(position, velocity, direction):
+        return reals(position) + reals(velocity) + option(None if direction is None else reals(direction))
+    return (TASK + TELEXISTENCE + uint(0) + uint(number) + real(age)
+            + b"".join(option(None if one is None else tip(*one)) for one in tips))
+
+
+def reproduced(samples, ignored, age, errors, missed, unknown, limited):
+    """What the supervisor sees of telexistence."""
+    return (TELEXISTENCE + uint(samples) + uint(ignored) + byte(age) + reals(errors) + byte(missed)
+            + byte(unknown) + uint(limited))
+
+
 LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
 YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
 SETPOINT_ERRORS = {
@@ -230,5 +251,15 @@ for name, invalid in INVALID_SETTINGS.items():
     IMPEDANCE_REFUSALS["settings-" + name] = uint(4) + invalid
 for name, error in SETPOINT_ERRORS.items():
     IMPEDANCE_REFUSALS["setpoint-" + name] = uint(5) + error
+
+RETARGET_FIELDS = """fingers follows weights scale near far operator-contact robot-contact speeds
+tolerance""".split()
+TELEXISTENCE_REFUSALS = {"not-a-hand": uint(0)}
+for number, name in enumerate(RETARGET_FIELDS):
+    TELEXISTENCE_REFUSALS["settings-" + name] = uint(1) + uint(0) + uint(number) + reals([2.0, 0.25, 1.0])
+TELEXISTENCE_REFUSALS["settings-acceleration"] = uint(1) + uint(1) + real(0.5)
+TELEXISTENCE_REFUSALS["settings-max-sample-age"] = uint(1) + uint(2) + real(3.0)
+TELEXISTENCE_REFUSALS["fingertip"] = uint(2) + byte(4)
+TELEXISTENCE_REFUSALS["age"] = uint(3) + real(1.5)
 
 NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]

@@ -118,6 +118,7 @@ const EXPLAINED: &[&str] = &[
     "ImpedanceRefusal",
     "SetpointError",
     "InvalidSettings",
+    "TelexistenceRefusal",
     "Problem",
     "BoardError",
 ];

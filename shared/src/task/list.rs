@@ -68,6 +68,13 @@ macro_rules! tasks {
             }
         }
 
+        impl TaskTelemetry {
+            /// The task that this is about.
+            pub const fn kind(&self) -> TaskKind {
+                match self { $(Self::$name(_) => TaskKind::$name),* }
+            }
+        }
+
         impl fmt::Display for TaskRefusal {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 match self { $(Self::$name(refusal) => refusal.fmt(f)),* }

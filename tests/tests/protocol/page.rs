@@ -17,6 +17,8 @@ use tesaki::task::impedance::{
     ForceSource, ImpedanceCommand, ImpedanceRefusal, InvalidSettings, Law, Redundancy, SetpointError,
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
+use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
+use tesaki::teleop::RetargetField;
 
 use super::golden::{golden, hex, parse};
 use super::message::Message;
@@ -165,6 +167,10 @@ fn the_page_is_about_this_version_of_the_messages() {
         InvalidSettings::VARIANTS,
         ImpedanceTerm::VARIANTS,
         SetpointError::VARIANTS,
+        TelexistenceCommand::VARIANTS,
+        TelexistenceRefusal::VARIANTS,
+        InvalidTelexistenceSettings::VARIANTS,
+        RetargetField::VARIANTS,
     ] {
         let variants = variants.iter().map(|variant| variant.rsplit(':').next().unwrap());
         let rows: Vec<_> = variants.enumerate().collect();

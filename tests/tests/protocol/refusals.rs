@@ -8,9 +8,14 @@ use tesaki::task::TaskRefusal;
 use tesaki::task::grasping::{GraspRefusal, InvalidPlan};
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki::task::joint_servo::JointServoRefusal;
+use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceRefusal};
+
+use tesaki::teleop::InvalidRetargetSettings;
 
 use super::messages::Messages;
-use super::values::{FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, SCHEMA, SETPOINT_ERRORS, TASKS};
+use super::values::{
+    FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, RETARGET_FIELDS, SCHEMA, SETPOINT_ERRORS, TASKS,
+};
 
 impl Messages {
     fn refused(&mut self, name: &str, refusal: Refusal) {
@@ -49,6 +54,7 @@ impl Messages {
         self.joint_servo_refusals();
         self.grasping_refusals();
         self.impedance_refusals();
+        self.telexistence_refusals();
     }
 
     fn model_refusals(&mut self) {
@@ -106,6 +112,24 @@ impl Messages {
         refused("out-of-reach", GraspRefusal::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
         refused("not-finite", GraspRefusal::NotFinite);
         refused("too-fast", GraspRefusal::TooFast { value: 0.375, limit: 0.2 });
+    }
+
+    fn telexistence_refusals(&mut self) {
+        let mut refused = |name: &str, refusal| {
+            self.refused(&format!("telexistence-{name}"), Refusal::Task(TaskRefusal::Telexistence(refusal)));
+        };
+        refused("not-a-hand", TelexistenceRefusal::NotAHand);
+        for (field, name) in RETARGET_FIELDS {
+            let invalid = InvalidRetargetSettings { field, value: 2.0, min: 0.25, max: 1.0 };
+            let invalid = InvalidTelexistenceSettings::Retargeting(invalid);
+            refused(&format!("settings-{name}"), TelexistenceRefusal::Settings(invalid));
+        }
+        let acceleration = InvalidTelexistenceSettings::Acceleration { value: 0.5 };
+        refused("settings-acceleration", TelexistenceRefusal::Settings(acceleration));
+        let max_sample_age = InvalidTelexistenceSettings::MaxSampleAge { value: 3.0 };
+        refused("settings-max-sample-age", TelexistenceRefusal::Settings(max_sample_age));
+        refused("fingertip", TelexistenceRefusal::Fingertip { finger: 4 });
+        refused("age", TelexistenceRefusal::Age { value: 1.5 });
     }
 
     fn impedance_refusals(&mut self) {

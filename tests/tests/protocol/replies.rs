@@ -6,13 +6,14 @@ use tesaki::protocol::{
 };
 use tesaki::task::grasping::{Failure, GraspTelemetry, Phase};
 use tesaki::task::impedance::ImpedanceTelemetry;
+use tesaki::task::telexistence::TelexistenceTelemetry;
 use tesaki::task::{TaskKind, TaskTelemetry};
 
 use super::message::Message;
 use super::messages::Messages;
 use super::values::{
-    CAUSES, FAILURES, HOLDING, IDENTITY, NO_GRASP, PHASES, PUSHED, SCHEMA, STATE, full_sensors, list,
-    records, statuses,
+    CAUSES, FAILURES, HOLDING, IDENTITY, NO_GRASP, PHASES, PUSHED, REPRODUCED, SCHEMA, STATE, full_sensors,
+    list, records, statuses,
 };
 
 impl Messages {
@@ -63,6 +64,7 @@ impl Messages {
         telemetry("telemetry-joint-servo", 1234, Mode::Enabled(TaskKind::JointServo), 0, &two);
         telemetry("telemetry-grasping", 1235, Mode::Enabled(TaskKind::Grasping), 0, &two[..1]);
         telemetry("telemetry-impedance", 1236, Mode::Enabled(TaskKind::Impedance), 0, &two[..1]);
+        telemetry("telemetry-telexistence", 1237, Mode::Enabled(TaskKind::Telexistence), 0, &two[..1]);
         telemetry("telemetry-16", u32::MAX, Mode::Fault, u32::MAX, &[[f32::MIN; 4]; 16]);
         telemetry("session-telemetry", 3, Mode::Enabled(TaskKind::JointServo), 0, &[[0.0; 4]]);
         let tip = TipTelemetry {
@@ -81,6 +83,7 @@ impl Messages {
         self.read_task("joint-servo", 1234, TaskTelemetry::JointServo(()));
         self.grasping_telemetry();
         self.impedance_telemetry();
+        self.telexistence_telemetry();
     }
 
     fn task(&mut self, name: &str, tick: u32, telemetry: TaskTelemetry) {
@@ -130,6 +133,21 @@ impl Messages {
         };
         self.task("impedance-longest", u32::MAX, TaskTelemetry::Impedance(longest));
         self.read_task("impedance", 1234, TaskTelemetry::Impedance(PUSHED));
+    }
+
+    fn telexistence_telemetry(&mut self) {
+        self.task("telexistence", 1234, TaskTelemetry::Telexistence(REPRODUCED));
+        let longest = TelexistenceTelemetry {
+            samples: u32::MAX,
+            ignored: u32::MAX,
+            age: u8::MAX,
+            errors: [f32::MIN; 5],
+            missed: u8::MAX,
+            unknown: u8::MAX,
+            limited: u16::MAX,
+        };
+        self.task("telexistence-longest", u32::MAX, TaskTelemetry::Telexistence(longest));
+        self.read_task("telexistence", 1234, TaskTelemetry::Telexistence(REPRODUCED));
     }
 
     pub fn records(&mut self) {

@@ -2,14 +2,21 @@
 
 use tesaki::control::{Impedance, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
+use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{Item, Request, Stream};
 use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
 use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::telexistence::{
+    FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceSettings,
+};
 use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki::teleop::RetargetSettings;
 
 use super::messages::Messages;
-use super::values::{BOX, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, YIELDING, list};
+use super::values::{
+    BOX, FIVE_FINGERS, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, THUMB_AND_INDEX, YIELDING, list,
+};
 
 impl Messages {
     pub fn requests(&mut self) {
@@ -32,6 +39,7 @@ impl Messages {
         self.joint_servo();
         self.grasping();
         self.impedance();
+        self.telexistence();
         self.request("keep", Request::Keep);
         self.request("read-task", Request::ReadTask);
         self.request("read-status", Request::ReadStatus);
@@ -113,6 +121,39 @@ impl Messages {
         grasp("grasp-move", GraspCommand::Move { translation, rotation, duration: 1.5 });
         grasp("grasp-put-down", GraspCommand::PutDown);
         grasp("grasp-open", GraspCommand::Open);
+    }
+
+    fn telexistence(&mut self) {
+        let longest = TelexistenceSettings {
+            retargeting: RetargetSettings {
+                follows: [u8::MAX; 5],
+                weights: [f32::MIN; 5],
+                scale: f32::MIN,
+                near: f32::MIN,
+                far: f32::MIN,
+                operator_contact: f32::MIN,
+                robot_contact: f32::MIN,
+                speeds: [f32::MIN; MAX_JOINTS],
+                tolerance: f32::MIN,
+                directions: true,
+            },
+            servo_mode: ServoMode::Observer,
+            acceleration: f32::MIN,
+            max_sample_age: f32::MIN,
+        };
+        for (name, settings) in [("", FIVE_FINGERS), ("-longest", longest)] {
+            let name = format!("enable-telexistence{name}");
+            self.request(&name, Request::Enable(TaskConfig::Telexistence(settings)));
+        }
+        let mut command = |name: &str, command| {
+            self.request(&format!("telexistence-{name}"), Request::Task(TaskCommand::Telexistence(command)));
+        };
+        command("follow", TelexistenceCommand::Follow(THUMB_AND_INDEX));
+        let [position, velocity] = [[f32::MIN; 3]; 2];
+        let tip = FingertipPoint { position, velocity, direction: Some([f32::MIN; 3]) };
+        let longest = FingertipSample { number: u16::MAX, age: f32::MIN, tips: [Some(tip); 5] };
+        command("follow-longest", TelexistenceCommand::Follow(longest));
+        command("release", TelexistenceCommand::Release);
     }
 
     fn impedance(&mut self) {

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use tesaki::control::{Impedance, ImpedanceTerm, InvalidImpedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{
-    ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains,
-    Pose, Reaction, RobotModel, Safety, ServoGains,
+    ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, MAX_JOINTS, Motor,
+    ObserverGains, PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
 };
 use tesaki::protocol::codec::FrameCounts;
 use tesaki::protocol::{
@@ -22,6 +22,10 @@ use tesaki::task::grasping::{
 use tesaki::task::impedance::{
     ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy, SetpointError,
 };
+use tesaki::task::telexistence::{
+    FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
+};
+use tesaki::teleop::{RetargetField, RetargetSettings};
 
 use super::variants::Variants;
 
@@ -47,6 +51,7 @@ pub const TASKS: [(TaskKind, &str); TaskKind::VARIANTS.len()] = [
     (TaskKind::JointServo, "joint-servo"),
     (TaskKind::Grasping, "grasping"),
     (TaskKind::Impedance, "impedance"),
+    (TaskKind::Telexistence, "telexistence"),
 ];
 
 /// Collects into the lists of messages, which have a capacity.
@@ -218,6 +223,63 @@ pub const PUSHED: ImpedanceTelemetry = ImpedanceTelemetry {
     sigma_min: 0.15625,
     elbow: 0.25,
 };
+
+pub const FIVE_FINGERS: TelexistenceSettings = TelexistenceSettings {
+    retargeting: RetargetSettings {
+        follows: [0, 1, 2, 3, 4],
+        weights: [1.0; 5],
+        scale: 1.25,
+        near: 0.0078125,
+        far: 0.03125,
+        operator_contact: 0.015625,
+        robot_contact: 0.0,
+        speeds: [4.0; MAX_JOINTS],
+        tolerance: 0.000_976_562_5,
+        directions: true,
+    },
+    servo_mode: ServoMode::Observer,
+    acceleration: 64.0,
+    max_sample_age: 0.25,
+};
+
+pub const THUMB_AND_INDEX: FingertipSample = FingertipSample {
+    number: 300,
+    age: 0.03125,
+    tips: [
+        Some(FingertipPoint {
+            position: [0.0625, -0.125, 0.0],
+            velocity: [0.0, 0.5, 0.0],
+            direction: Some([1.0, 0.0, 0.0]),
+        }),
+        Some(FingertipPoint { position: [0.125, 0.0, 0.0625], velocity: [0.0; 3], direction: None }),
+        None,
+        None,
+        None,
+    ],
+};
+
+pub const REPRODUCED: TelexistenceTelemetry = TelexistenceTelemetry {
+    samples: 300,
+    ignored: 2,
+    age: 1,
+    errors: [0.0, 0.001_953_125, 0.0, 0.0, 0.0],
+    missed: 2,
+    unknown: 28,
+    limited: 32,
+};
+
+pub const RETARGET_FIELDS: [(RetargetField, &str); RetargetField::VARIANTS.len()] = [
+    (RetargetField::Fingers, "fingers"),
+    (RetargetField::Follows, "follows"),
+    (RetargetField::Weights, "weights"),
+    (RetargetField::Scale, "scale"),
+    (RetargetField::Near, "near"),
+    (RetargetField::Far, "far"),
+    (RetargetField::OperatorContact, "operator-contact"),
+    (RetargetField::RobotContact, "robot-contact"),
+    (RetargetField::Speeds, "speeds"),
+    (RetargetField::Tolerance, "tolerance"),
+];
 
 pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [
     (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),

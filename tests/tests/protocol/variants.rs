@@ -19,7 +19,9 @@ use tesaki::task::impedance::{
     SetpointError,
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
+use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
+use tesaki::teleop::{InvalidRetargetSettings, RetargetField};
 
 use super::message::Message;
 
@@ -54,11 +56,11 @@ variants! {
     }
     Stream { Telemetry, Status, Log, Tips, Task }
     Item { Model, State }
-    TaskKind { JointServo, Grasping, Impedance }
-    TaskConfig { JointServo, Grasping, Impedance }
-    TaskCommand { JointServo, Grasping, Impedance }
-    TaskTelemetry { JointServo, Grasping, Impedance }
-    TaskRefusal { JointServo, Grasping, Impedance }
+    TaskKind { JointServo, Grasping, Impedance, Telexistence }
+    TaskConfig { JointServo, Grasping, Impedance, Telexistence }
+    TaskCommand { JointServo, Grasping, Impedance, Telexistence }
+    TaskTelemetry { JointServo, Grasping, Impedance, Telexistence }
+    TaskRefusal { JointServo, Grasping, Impedance, Telexistence }
     ServoMode { Pid, Observer }
     JointCommand { Goal, Stream, StreamTips, StreamTorques }
     JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
@@ -81,6 +83,12 @@ variants! {
     }
     ImpedanceTerm { Mass, Damping, Stiffness }
     SetpointError { Distance, Rotation, NotFinite, NotUnit, Elbow }
+    TelexistenceCommand { Follow, Release }
+    TelexistenceRefusal { NotAHand, Settings, Fingertip, Age }
+    InvalidTelexistenceSettings { Retargeting, Acceleration, MaxSampleAge }
+    RetargetField {
+        Fingers, Follows, Weights, Scale, Near, Far, OperatorContact, RobotContact, Speeds, Tolerance,
+    }
     FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }
     Refusal {
@@ -148,6 +156,7 @@ impl Seen {
             TaskConfig::JointServo(mode) => self.variant(mode),
             TaskConfig::Grasping(()) => {}
             TaskConfig::Impedance(settings) => self.settings(settings),
+            TaskConfig::Telexistence(settings) => self.variant(&settings.servo_mode),
         }
     }
 
@@ -168,6 +177,7 @@ impl Seen {
                     self.settings(settings);
                 }
             }
+            TaskCommand::Telexistence(command) => self.variant(command),
         }
     }
 
@@ -214,6 +224,7 @@ impl Seen {
             }
             TaskRefusal::Grasping(refusal) => self.grasp_refusal(refusal),
             TaskRefusal::Impedance(refusal) => self.impedance_refusal(refusal),
+            TaskRefusal::Telexistence(refusal) => self.telexistence_refusal(refusal),
         }
     }
 
@@ -242,6 +253,16 @@ impl Seen {
             }
             ImpedanceRefusal::Setpoint(error) => self.variant(error),
             _ => {}
+        }
+    }
+
+    pub fn telexistence_refusal(&mut self, refusal: &TelexistenceRefusal) {
+        self.variant(refusal);
+        if let TelexistenceRefusal::Settings(invalid) = refusal {
+            self.variant(invalid);
+            if let InvalidTelexistenceSettings::Retargeting(InvalidRetargetSettings { field, .. }) = invalid {
+                self.variant(field);
+            }
         }
     }
 
