@@ -145,3 +145,52 @@ fn what_a_controller_cannot_drive_is_told() {
         assert!(said.contains(expected), "{said}");
     }
 }
+
+/// The findings about the five-finger hand with a text of its URDF replaced.
+fn findings_of_hand5(from: &str, to: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
+    let (urdf, settings) = RobotFolder::read(&path).unwrap();
+    assert!(urdf.contains(from), "{from}");
+    let (_, findings) = RobotFolder::check(&path, &urdf.replacen(from, to, 1), &settings);
+    findings.iter().map(|finding| format!("{finding}\n")).collect()
+}
+
+#[test]
+fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
+    let model = RobotFolder::load(&path).unwrap().model;
+    assert_eq!(model.joints.len(), 16);
+    let chains: Vec<_> = model.chains.iter().map(|chain| (chain.name.as_str(), chain.joints)).collect();
+    let names = ["thumb_tip", "index_tip", "middle_tip", "ring_tip", "little_tip"];
+    assert_eq!(chains, names.into_iter().zip([5, 4, 3, 2, 2]).collect::<Vec<_>>());
+    let ratios = model.chains.iter().map(|chain| chain.mimic.map(|mimic| (mimic.joint, mimic.multiplier)));
+    let expected = [None, None, Some((5, 0.3)), Some((5, -0.4)), Some((5, -1.0))];
+    assert_eq!(ratios.collect::<Vec<_>>(), expected);
+    assert_eq!(model.joint_name(5), "spread");
+    // The motor overcomes the friction of all: 8 mN·m and 4 mN·m times 0.3 + 0.4 + 1.
+    assert!((model.joints[5].friction.coulomb - 0.0148).abs() < 1e-6);
+    // It feels the fingers that follow: more than the rotor and the index finger alone.
+    let alone = model.joints[6].servo.observer.inertia;
+    assert!(model.joints[5].servo.observer.inertia > 1.5 * alone);
+}
+
+#[test]
+fn a_mimic_joint_that_no_motor_can_move_is_told_by_line() {
+    let middle = "<mimic joint=\"spread\" multiplier=\"0.3\"/>";
+    let said = |to: &str| findings_of_hand5(middle, to);
+    let unknown = said("<mimic joint=\"sprad\"/>");
+    assert!(unknown.contains("joint middle_spread mimics \"sprad\", which does not exist"), "{unknown}");
+    let chained = said("<mimic joint=\"ring_spread\"/>");
+    assert!(chained.contains("joint middle_spread mimics ring_spread, which has no motor"), "{chained}");
+    let behind = said("<mimic joint=\"middle_bend\" multiplier=\"0.1\"/>");
+    assert!(behind.contains("joint middle_spread mimics middle_bend, which is behind it"), "{behind}");
+    let wide = said("<mimic joint=\"spread\" multiplier=\"0.6\"/>");
+    assert!(
+        wide.contains("joint middle_spread moves from -0.09 to 0.21") && wide.contains("robot.urdf:"),
+        "{wide}"
+    );
+    // In the middle of a chain.
+    let limit = "<limit lower=\"0.0\" upper=\"1.2\" effort=\"0.4\" velocity=\"6\"/>";
+    let deep = findings_of_hand5(limit, &format!("{limit}<mimic joint=\"index_curl\"/>"));
+    assert!(deep.contains("joint index_tuck mimics index_curl: it has no motor to drive"), "{deep}");
+}

@@ -1,5 +1,5 @@
 //! Accuracy and times of the inverse kinematics of a five-finger hand on this machine:
-//! `cargo run --release -p tesaki --features test-support --example hand_speed`.
+//! `cargo run --release -p tesaki --features test-support --example hand_speed`. With any argument only the times.
 
 #![allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a measurement")]
 
@@ -7,6 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use tesaki::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions};
+use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
 use tesaki::test_support::{HAND5_LIMITS, hand5};
 use tesaki_rng::Rng;
 
@@ -41,12 +42,6 @@ fn accuracy(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
         let error = fingers.clone().map(|finger| report.distance(finger)).fold(0.0, f32::max);
         worst = worst.max(error);
         missed += u32::from(error > 5e-5);
-        if error > 5e-5 && missed < 6 && fingers.len() == 1 {
-            let f = |a: &Angles| {
-                hand.actuated(fingers.start).iter().map(|&j| a[usize::from(j)]).collect::<Vec<_>>()
-            };
-            println!("{:?} got {:?} {report:?}", f(&goal), f(&angles));
-        }
         evaluations += u32::from(report.evaluations);
         most = most.max(report.evaluations);
     }
@@ -95,6 +90,47 @@ fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
     );
 }
 
+/// Retargets an operator whose hand is larger and moves smoothly, at 100 samples a second.
+fn retargeting(hand: &Hand, scale: f32) {
+    let settings = RetargetSettings { speeds: [1e3; 16], ..RetargetSettings::DEFAULT };
+    let retargeting = Retargeting::try_new(hand.clone(), settings).expect("valid");
+    let mut rng = Rng::new(3, 0);
+    let mut path = Vec::new();
+    let (mut from, mut to) = (random_angles(&mut rng), random_angles(&mut rng));
+    for frame in 0..4000_u16 {
+        if frame % 50 == 0 {
+            (from, to) = (to, random_angles(&mut rng));
+        }
+        let s = f32::from(frame % 50) / 50.0;
+        let angles = from + (to - from) * (s * s * (3.0 - 2.0 * s));
+        let positions = core::array::from_fn(|finger| Some(hand.tip(finger, &angles)?.0 * scale));
+        path.push(OperatorFingertips { positions, directions: [None; 5] });
+    }
+    let (mut best, mut evaluations, mut most, mut reached, mut largest) = (f64::INFINITY, 0, 0, 0, 0.0_f32);
+    for round in 0..20 {
+        let mut state = retargeting.begin(&hand.center(), &nalgebra::Vector3::zeros());
+        let _ = retargeting.update(&mut state, &path[0], 0.01);
+        let start = Instant::now();
+        for tips in &path {
+            let before = *state.angles();
+            let Ok(report) = retargeting.update(&mut state, black_box(tips), 0.01) else { continue };
+            if round == 0 {
+                reached += u32::from(report.missed == 0);
+                evaluations += u32::from(report.evaluations);
+                most = most.max(report.evaluations);
+                largest = largest.max((state.angles() - before).amax());
+            }
+        }
+        best = best.min(start.elapsed().as_secs_f64() * 1e6 / path.len() as f64);
+    }
+    println!(
+        "retargeting, operator's hand {scale} times as large: {reached} of {} frames reproduced, {:.1} evaluations (at \
+         most {most}), {best:.2} µs a frame, largest step {largest:.2} rad",
+        path.len(),
+        f64::from(evaluations) / path.len() as f64
+    );
+}
+
 fn main() {
     let hand = hand5();
     let names = ["thumb", "index", "middle", "ring", "little"];
@@ -104,6 +140,10 @@ fn main() {
         }
         tracking(name, &hand, finger..finger + 1);
     }
-    accuracy("all fingers", &hand, 0..5);
+    if std::env::args().len() < 2 {
+        accuracy("all fingers", &hand, 0..5);
+    }
     tracking("all fingers", &hand, 0..5);
+    retargeting(&hand, 1.0);
+    retargeting(&hand, 1.1);
 }

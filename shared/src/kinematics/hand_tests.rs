@@ -119,7 +119,8 @@ fn directions_are_followed_where_positions_leave_them_free() {
             let (place, direction) = hand.tip(finger, &goal).unwrap();
             both[finger].as_mut().unwrap().direction = Some(direction);
             let mut angles = hand.center();
-            hand.search(&both, &HandOptions::default(), &mut angles);
+            let options = HandOptions { restarts: 200, ..HandOptions::default() };
+            hand.search(&both, &options, &mut angles);
             let (tip, pointing) = hand.tip(finger, &angles).unwrap();
             assert!((tip - place).norm() < 5e-5, "{finger}: {}", (tip - place).norm());
             followed += u32::from((pointing - direction).norm() < 0.5_f32.to_radians());

@@ -111,8 +111,8 @@ mod tests {
         model
     }
 
-    fn configured(model: &RobotModel) -> std::boxed::Box<Robot> {
-        let mut robot = std::boxed::Box::new(Robot::NONE);
+    fn configured(model: &RobotModel) -> Box<Robot> {
+        let mut robot = Box::new(Robot::NONE);
         robot.configure(model).unwrap();
         robot
     }
