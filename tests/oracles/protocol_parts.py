@@ -12,7 +12,7 @@ CLIENT = 0xC0FFEE
 IMAGE = "1f2e3d4c5b6a7988"
 BOARD = "300021000d51363034333832"
 FIRMWARE = byte(0) + byte(1) + byte(0)
-IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(61)
+IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
 
 # Tasks, and modes.
 JOINT_SERVO, GRASPING, IMPEDANCE, TELEXISTENCE = map(uint, range(4))
