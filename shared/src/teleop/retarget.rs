@@ -51,7 +51,7 @@ pub struct RetargetSettings {
     pub operator_contact: f32,
     /// Distance of the tips of the hand when their surfaces touch: twice their radius [m].
     pub robot_contact: f32,
-    /// Maximum speed of each actuated joint [rad/s].
+    /// Maximum speed of each actuated joint [rad/s], 0.001 to 1000.
     pub speeds: [f32; MAX_JOINTS],
     /// A fingertip farther from its target is reported as not reproduced [m].
     pub tolerance: f32,

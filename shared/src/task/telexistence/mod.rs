@@ -32,6 +32,9 @@ use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
+/// Fraction of a joint's velocity limit that its reference uses. The rest is a margin for tracking.
+const SPEED_FRACTION: f32 = 0.8;
+
 /// Commands of telexistence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum TelexistenceCommand {
@@ -147,6 +150,9 @@ impl Task for Telexistence {
 
     fn begin(&mut self, io: Io<'_>, settings: &TelexistenceSettings) {
         self.settings = *settings;
+        for (speed, joint) in self.settings.retargeting.speeds.iter_mut().zip(io.robot.joints()) {
+            *speed = speed.min(SPEED_FRACTION * joint.limits.velocity);
+        }
         self.solution = angles(&io);
         io.targets.servo_mode = settings.servo_mode;
         io.targets.actuation = Actuation::Servo;
@@ -243,17 +249,16 @@ fn next(
         velocity: Vector1::new(velocity),
         acceleration: Vector1::zeros(),
     };
-    let acceleration = limits.acceleration(&Vector1::new(reference.velocity), &target).x;
-    let position = reference.position + (reference.velocity + 0.5 * acceleration * TICK) * TICK;
-    let velocity = reference.velocity + acceleration * TICK;
-    if position < lower || position > upper {
-        return JointPoint {
-            position: math::clamp(position, lower, upper),
-            velocity: 0.0,
-            acceleration: 0.0,
-        };
-    }
-    JointPoint { position, velocity, acceleration }
+    let desired = limits.acceleration(&Vector1::new(reference.velocity), &target).x;
+    // The speed `v` from which half of the acceleration `a` brakes before the limit of the angle, after one more
+    // period: v T + v²/a = space.
+    let lag = 0.5 * limits.acceleration * TICK;
+    let room = |space: f32| math::sqrt(lag * lag + limits.acceleration * space.max(0.0)) - lag;
+    let (down, up) = (room(reference.position - lower), room(upper - reference.position));
+    let velocity = math::clamp(reference.velocity + desired * TICK, -down, up);
+    let acceleration = (velocity - reference.velocity) / TICK;
+    let position = reference.position + 0.5 * (reference.velocity + velocity) * TICK;
+    JointPoint { position: math::clamp(position, lower, upper), velocity, acceleration }
 }
 
 /// A vector of the wire.
