@@ -20,6 +20,19 @@ use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint, Posture};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
+/// Release, in a stop, of what the tool presses on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+enum Release {
+    /// The tool pressed on nothing, or no stop has begun.
+    NotNeeded,
+    /// The set-point of the tool moves to the tool. That counts as contact, however small the force: else
+    /// the arm would come to rest pressing a little, and friction raise it again.
+    Moving,
+    /// The set-point has reached the tool. The residual force counts no more as contact: at a stiff wall a
+    /// force that lags would make the arm oscillate.
+    Done,
+}
+
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub struct ImpedanceState {
@@ -34,9 +47,7 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
-    /// Whether the set-point of the tool moves to the tool in a stop. That counts as contact, whatever is
-    /// left of the force: else the arm would come to rest pressing a little, and friction raise it again.
-    releasing: bool,
+    release: Release,
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
     squared_force: f32,
@@ -64,7 +75,7 @@ impl ImpedanceState {
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
-        releasing: false,
+        release: Release::NotNeeded,
         contact: false,
         squared_force: 0.0,
         tool_velocity: [0.0; 3],
@@ -142,8 +153,10 @@ impl ImpedanceState {
         }
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        self.releasing = self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok();
-        if !self.releasing {
+        if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
+            self.release = Release::Moving;
+        } else {
+            self.release = Release::NotNeeded;
             self.setpoint = at_rest(posture.tip());
         }
         let angle = self.elbow_angle(arm, &posture, &self.angles);
@@ -163,8 +176,9 @@ impl ImpedanceState {
         let velocity = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
         let moved = PosePoint { velocity, ..self.setpoint }.coasted();
         self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
-        self.releasing = distance > RELEASE_SPEED * TICK || angle > RELEASE_ANGULAR_SPEED * TICK;
-        self.contact = self.releasing;
+        if distance <= RELEASE_SPEED * TICK && angle <= RELEASE_ANGULAR_SPEED * TICK {
+            (self.release, self.contact) = (Release::Done, false);
+        }
     }
 
     /// Checks the pose error of the last tick.
@@ -209,7 +223,7 @@ impl ImpedanceState {
 
         let error = pose_error(posture.tip(), &self.setpoint);
         self.pose_error = error.into();
-        if self.releasing {
+        if self.release == Release::Moving {
             self.release(&error);
         }
         let wrench = self.external_wrench(measurement);
@@ -274,12 +288,13 @@ impl ImpedanceState {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
         let limit = settings.contact_force * settings.contact_force;
-        let contact = if self.releasing {
-            true
-        } else if self.contact {
-            force > CONTACT_HYSTERESIS_SQUARED * limit && force > CONTACT_LOSS_SQUARED * before
-        } else {
-            force > limit
+        let contact = match (self.release, self.contact) {
+            (Release::Moving, _) => true,
+            (Release::Done, _) => false,
+            (Release::NotNeeded, true) => {
+                force > CONTACT_HYSTERESIS_SQUARED * limit && force > CONTACT_LOSS_SQUARED * before
+            }
+            (Release::NotNeeded, false) => force > limit,
         };
         core::mem::replace(&mut self.contact, contact) || contact
     }
