@@ -11,7 +11,8 @@ use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redu
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE, MAX_ELBOW_ERROR,
-    RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED,
+    VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -62,6 +63,10 @@ pub struct ImpedanceState {
     /// Force estimate without a sensor: the observer and its last wrench.
     momentum_observer: MomentumObserver,
     estimated_wrench: [f32; 6],
+    /// Squared acceleration of the tool that the disturbance observers make up for [m²/s⁴].
+    tool_disturbance: f32,
+    /// Successive ticks in which that was more than the force sensor leaves unseen.
+    mismatch_ticks: u8,
 }
 
 impl ImpedanceState {
@@ -85,6 +90,8 @@ impl ImpedanceState {
         pose_error: [0.0; 6],
         momentum_observer: MomentumObserver::NONE,
         estimated_wrench: [0.0; 6],
+        tool_disturbance: 0.0,
+        mismatch_ticks: 0,
     };
 
     /// Changes the settings. The impedance is blended in within a second.
@@ -189,6 +196,32 @@ impl ImpedanceState {
         check_deviation(&self.pose_error.into(), &self.settings)
     }
 
+    /// Checks that the force sensor sees what acts on the tool. A contact that it does not see is a
+    /// disturbance to the tracking, which would press on: `J·d` at the tool.
+    ///
+    /// # Errors
+    /// For [`MISMATCH_TICKS`] the tracking made up for more than [`MAX_TOOL_DISTURBANCE`]: disturbance and
+    /// limit [m/s²].
+    pub fn check_disturbance(&mut self) -> Result<(), (f32, f32)> {
+        let is_mismatch = self.tool_disturbance > MAX_TOOL_DISTURBANCE * MAX_TOOL_DISTURBANCE;
+        self.mismatch_ticks = if is_mismatch { self.mismatch_ticks.saturating_add(1) } else { 0 };
+        if self.mismatch_ticks < MISMATCH_TICKS {
+            return Ok(());
+        }
+        Err((math::sqrt(self.tool_disturbance), MAX_TOOL_DISTURBANCE))
+    }
+
+    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 where no
+    /// force sensor could see its cause.
+    fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
+        // The residual force after a release counts as no contact, so the observers have to make up for it.
+        if settings.law == Law::Direct || self.estimates_force() || self.release == Release::Done {
+            return 0.0;
+        }
+        let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
+        (jacobian.fixed_rows::<3>(0) * disturbances).norm_squared()
+    }
+
     /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
     /// force of the tool's own mass under it.
     pub fn acceleration(&self) -> Vector3<f32> {
@@ -211,6 +244,7 @@ impl ImpedanceState {
 
         let posture = arm.chain.posture(&self.angles);
         let jacobian = posture.jacobian();
+        self.tool_disturbance = self.squared_tool_disturbance(&settings, &jacobian);
         let mut left_singular_vector = self.left_singular_vector.into();
         let resolver = Resolver::new(
             &jacobian,
