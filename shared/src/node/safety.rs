@@ -60,9 +60,7 @@ impl Node {
             | FaultCause::ToolPositionError
             | FaultCause::ToolOrientationError => true,
             // Held joints do not need the force sensors; a task does.
-            FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceMismatch => {
-                self.state.halting
-            }
+            FaultCause::ForceSaturated | FaultCause::ForceStuck => self.state.halting,
             // The state that was the fault lasts until the robot is at rest and the force released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
                 self.state.faults.faults.last().is_none_or(|last| last.cause != cause)

@@ -48,6 +48,8 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
+    /// Whether a stop has begun.
+    halted: bool,
     release: Release,
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
@@ -80,6 +82,7 @@ impl ImpedanceState {
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
+        halted: false,
         release: Release::NotNeeded,
         contact: false,
         squared_force: 0.0,
@@ -158,6 +161,7 @@ impl ImpedanceState {
             self.observers = Self::NONE.observers;
             self.tool_acceleration = [0.0; 3];
         }
+        self.halted = true;
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
         if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
@@ -211,11 +215,10 @@ impl ImpedanceState {
         Err((math::sqrt(self.tool_disturbance), MAX_TOOL_DISTURBANCE))
     }
 
-    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 where no
-    /// force sensor could see its cause.
+    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without a
+    /// force sensor that should see its cause, and in a stop, which may begin with any motion.
     fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
-        // The residual force after a release counts as no contact, so the observers have to make up for it.
-        if settings.law == Law::Direct || self.estimates_force() || self.release == Release::Done {
+        if settings.law == Law::Direct || self.estimates_force() || self.halted {
             return 0.0;
         }
         let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
