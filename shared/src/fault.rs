@@ -74,6 +74,9 @@ pub enum FaultCause {
     /// reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit: the
     /// torque that moves the joint [N·m].
     Runaway,
+    /// 26: something acts on an arm that its force sensor does not see: the sensor reads too little, or a link
+    /// is pushed. Value: the acceleration of the tool that the control made up for; limit [m/s²].
+    ForceMismatch,
 }
 
 impl FaultCause {
@@ -113,6 +116,7 @@ impl FaultCause {
             }
             Self::VelocityLimit => "rad/s",
             Self::EncoderStuck | Self::Runaway | Self::NotFinite => "N·m",
+            Self::ForceMismatch => "m/s²",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
             Self::ForceLimit | Self::ObjectLost => "N",
@@ -151,6 +155,9 @@ impl FaultCause {
             Self::ObjectMoved => "the object in the hand was moved, or slid between the fingers",
             Self::ToolPositionError => "the tool is too far from its set-point",
             Self::ToolOrientationError => "the tool is rotated too far from its set-point",
+            Self::ForceMismatch => {
+                "pushed by what its force sensor does not see: sensor wrong, or a link touched"
+            }
             Self::Runaway => "gains speed against its torque: drive reversed, wrong encoder, or pushed",
         }
     }

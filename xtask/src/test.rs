@@ -182,7 +182,8 @@ fn dependencies(python: &Path) -> Result<()> {
 }
 
 fn host() -> Result<()> {
-    tools::run(cargo(&["test"]).args(HOST))
+    // Many tests wait for a simulated board, which takes a twentieth of a core.
+    tools::run(cargo(&["test"]).args(HOST).env("RUST_TEST_THREADS", "4"))
 }
 
 fn other_programs(python: &Path) -> Result<()> {

@@ -401,7 +401,10 @@ impl Oracle {
         let rest = 0.5 * mass * REST_SPEED * REST_SPEED;
         let holds = self.machine.model.safety.reaction == Reaction::Hold
             && sample.total == stop.total
-            && !matches!(stop.cause, Some(FaultCause::ForceStuck | FaultCause::ForceSaturated))
+            && !matches!(
+                stop.cause,
+                Some(FaultCause::ForceStuck | FaultCause::ForceSaturated | FaultCause::ForceMismatch)
+            )
             && !acting.encoders
             && !acting.drives;
         if holds && sample.tick - stop.disturbed > REST_TIME && sample.energy > rest {

@@ -398,6 +398,7 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ToolPositionError,
     FaultCause::ToolOrientationError,
     FaultCause::Runaway,
+    FaultCause::ForceMismatch,
 ];
 
 pub fn quiet_board() -> BoardStatus {

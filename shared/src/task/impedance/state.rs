@@ -11,7 +11,8 @@ use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redu
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE, MAX_ELBOW_ERROR,
-    RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED,
+    VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -19,6 +20,19 @@ use crate::control::{Impedance, JointPoint, ObserverState};
 use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint, Posture};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
+
+/// Release, in a stop, of what the tool presses on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+enum Release {
+    /// The tool pressed on nothing, or no stop has begun.
+    NotNeeded,
+    /// The set-point of the tool moves to the tool. That counts as contact, however small the force: else
+    /// the arm would come to rest pressing a little, and friction raise it again.
+    Moving,
+    /// The set-point has reached the tool. The residual force counts no more as contact: at a stiff wall a
+    /// force that lags would make the arm oscillate.
+    Done,
+}
 
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -34,9 +48,9 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
-    /// Whether the set-point of the tool moves to the tool in a stop. That counts as contact, whatever is
-    /// left of the force: else the arm would come to rest pressing a little, and friction raise it again.
-    releasing: bool,
+    /// Whether a stop has begun.
+    halted: bool,
+    release: Release,
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
     squared_force: f32,
@@ -51,6 +65,10 @@ pub struct ImpedanceState {
     /// Force estimate without a sensor: the observer and its last wrench.
     momentum_observer: MomentumObserver,
     estimated_wrench: [f32; 6],
+    /// Squared acceleration of the tool that the disturbance observers make up for [m²/s⁴].
+    tool_disturbance: f32,
+    /// Successive ticks in which that was more than the force sensor leaves unseen.
+    mismatch_ticks: u8,
 }
 
 impl ImpedanceState {
@@ -64,7 +82,8 @@ impl ImpedanceState {
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
-        releasing: false,
+        halted: false,
+        release: Release::NotNeeded,
         contact: false,
         squared_force: 0.0,
         tool_velocity: [0.0; 3],
@@ -74,6 +93,8 @@ impl ImpedanceState {
         pose_error: [0.0; 6],
         momentum_observer: MomentumObserver::NONE,
         estimated_wrench: [0.0; 6],
+        tool_disturbance: 0.0,
+        mismatch_ticks: 0,
     };
 
     /// Changes the settings. The impedance is blended in within a second.
@@ -140,10 +161,13 @@ impl ImpedanceState {
             self.observers = Self::NONE.observers;
             self.tool_acceleration = [0.0; 3];
         }
+        self.halted = true;
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        self.releasing = self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok();
-        if !self.releasing {
+        if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
+            self.release = Release::Moving;
+        } else {
+            self.release = Release::NotNeeded;
             self.setpoint = at_rest(posture.tip());
         }
         let angle = self.elbow_angle(arm, &posture, &self.angles);
@@ -163,8 +187,9 @@ impl ImpedanceState {
         let velocity = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
         let moved = PosePoint { velocity, ..self.setpoint }.coasted();
         self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
-        self.releasing = distance > RELEASE_SPEED * TICK || angle > RELEASE_ANGULAR_SPEED * TICK;
-        self.contact = self.releasing;
+        if distance <= RELEASE_SPEED * TICK && angle <= RELEASE_ANGULAR_SPEED * TICK {
+            (self.release, self.contact) = (Release::Done, false);
+        }
     }
 
     /// Checks the pose error of the last tick.
@@ -173,6 +198,31 @@ impl ImpedanceState {
     /// The tool is too far from its set-point.
     pub fn check_deviation(&self) -> Result<(), SetpointError> {
         check_deviation(&self.pose_error.into(), &self.settings)
+    }
+
+    /// Checks that the force sensor sees what acts on the tool. A contact that it does not see is a
+    /// disturbance to the tracking, which would press on: `J·d` at the tool.
+    ///
+    /// # Errors
+    /// For [`MISMATCH_TICKS`] the tracking made up for more than [`MAX_TOOL_DISTURBANCE`]: disturbance and
+    /// limit [m/s²].
+    pub fn check_disturbance(&mut self) -> Result<(), (f32, f32)> {
+        let is_mismatch = self.tool_disturbance > MAX_TOOL_DISTURBANCE * MAX_TOOL_DISTURBANCE;
+        self.mismatch_ticks = if is_mismatch { self.mismatch_ticks.saturating_add(1) } else { 0 };
+        if self.mismatch_ticks < MISMATCH_TICKS {
+            return Ok(());
+        }
+        Err((math::sqrt(self.tool_disturbance), MAX_TOOL_DISTURBANCE))
+    }
+
+    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without a
+    /// force sensor that should see its cause, and in a stop, which may begin with any motion.
+    fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
+        if settings.law == Law::Direct || self.estimates_force() || self.halted {
+            return 0.0;
+        }
+        let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
+        (jacobian.fixed_rows::<3>(0) * disturbances).norm_squared()
     }
 
     /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
@@ -197,6 +247,7 @@ impl ImpedanceState {
 
         let posture = arm.chain.posture(&self.angles);
         let jacobian = posture.jacobian();
+        self.tool_disturbance = self.squared_tool_disturbance(&settings, &jacobian);
         let mut left_singular_vector = self.left_singular_vector.into();
         let resolver = Resolver::new(
             &jacobian,
@@ -209,7 +260,7 @@ impl ImpedanceState {
 
         let error = pose_error(posture.tip(), &self.setpoint);
         self.pose_error = error.into();
-        if self.releasing {
+        if self.release == Release::Moving {
             self.release(&error);
         }
         let wrench = self.external_wrench(measurement);
@@ -274,12 +325,13 @@ impl ImpedanceState {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
         let limit = settings.contact_force * settings.contact_force;
-        let contact = if self.releasing {
-            true
-        } else if self.contact {
-            force > CONTACT_HYSTERESIS_SQUARED * limit && force > CONTACT_LOSS_SQUARED * before
-        } else {
-            force > limit
+        let contact = match (self.release, self.contact) {
+            (Release::Moving, _) => true,
+            (Release::Done, _) => false,
+            (Release::NotNeeded, true) => {
+                force > CONTACT_HYSTERESIS_SQUARED * limit && force > CONTACT_LOSS_SQUARED * before
+            }
+            (Release::NotNeeded, false) => force > limit,
         };
         core::mem::replace(&mut self.contact, contact) || contact
     }

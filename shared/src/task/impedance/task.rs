@@ -99,11 +99,20 @@ impl Task for ImpedanceControl {
         }
         io.targets.actuation = Actuation::Acceleration { friction: output.friction };
         // The targets of this tick are set: the arm comes to rest from where it is.
-        Ok(self.state.check_deviation()?)
+        self.state.check_deviation()?;
+        self.state.check_disturbance().map_err(|(value, limit)| TaskFault {
+            cause: FaultCause::ForceMismatch,
+            joint: None,
+            value,
+            limit,
+        })
     }
 
     fn halt(&mut self, io: Io<'_>, fault: &Fault) -> Halt {
-        let force_is_valid = !matches!(fault.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck);
+        let force_is_valid = !matches!(
+            fault.cause,
+            FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceMismatch
+        );
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
                 let lost = fault.cause.invalidates_reference() || fault.cause == FaultCause::LateTick;

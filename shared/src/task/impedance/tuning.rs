@@ -36,6 +36,14 @@ pub(super) const ARM_ANGLE_DAMPING: f32 = 1e-4;
 /// bounded [m].
 pub(super) const MIN_ELBOW_OFFSET: f32 = 0.01;
 
+/// Acceleration of the tool that the disturbance observers may make up for [m/s²]. A larger one lets a sensor
+/// that reads nothing press harder; a smaller one mistakes errors of the model for a contact, which
+/// come to 5.2 in the scenarios.
+pub(super) const MAX_TOOL_DISTURBANCE: f32 = 7.5;
+/// Successive ticks of such a disturbance that are a fault. More let the arm press longer; fewer come before
+/// the three ticks after which a joint that runs away is switched off.
+pub(super) const MISMATCH_TICKS: u8 = 4;
+
 /// Fraction of a joint's velocity limit that the reference arm uses. The rest is a margin for tracking.
 pub(super) const VELOCITY_LIMIT_FRACTION: f32 = 0.6;
 /// Speed at which a joint approaches its position limit, per distance from the limit [1/s]. A larger one
