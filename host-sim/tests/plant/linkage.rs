@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use tesaki::protocol::ActuatorFrame;
-use tesaki_description::RobotFolder;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
 
 const SPREAD: usize = 5;
@@ -51,8 +51,8 @@ fn one_motor_spreads_four_fingers_in_their_ratios() {
 
 #[test]
 fn the_motor_feels_the_inertia_of_all_fingers() {
-    // By hand: the fingers of the test straight, so each is a rod about its knuckle; the sum of ratio² · I, the
-    // rotor, and the linkages. Acceleration from rest under 0.1 N·m less friction.
+    // By hand: the fingers of the test straight, so each is a rod about its knuckle; the sum of ratio² · I,
+    // the rotor, and the linkages. Acceleration from rest under 0.1 N·m less friction.
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
     let model = RobotFolder::load(&path).unwrap().model;
     let rod = |masses: &[(f64, f64, f64)]| -> f64 {

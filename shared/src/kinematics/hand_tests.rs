@@ -141,8 +141,8 @@ fn directions_are_followed_where_positions_leave_them_free() {
 
 #[test]
 fn joints_that_follow_a_joint_of_their_own_finger_count_in_the_solution() {
-    // As in tests/robots/inspire_right.urdf: yaw, pitch, and two joints that follow the pitch. The limits of the
-    // followers leave the pitch half a radian.
+    // As in tests/robots/inspire_right.urdf: yaw, pitch, and two joints that follow the pitch. The limits of
+    // the followers leave the pitch half a radian.
     let follow = |multiplier| Coupling { actuated: 1, multiplier, offset: 0.0 };
     let finger = FingerDescription {
         chain: chain_of("inspire_thumb"),
