@@ -69,8 +69,14 @@ fn the_motor_feels_the_inertia_of_all_fingers() {
     }
     let linkages = 2e-5 * (0.09 + 0.16 + 1.0);
     let friction = 0.008 + 0.004 * 1.7;
-    let acceleration = (f64::from(torque) - friction) / (links + 1e-4 + linkages);
-    let expected = acceleration * 0.5 * 0.04 * 0.04;
+    // The tips of 2 g at the ends of the fingers.
+    let tip = |length: f64, ratio: f64| 0.002 * length * length * ratio * ratio;
+    let tips = tip(0.08182, 1.0) + tip(0.09231, 0.3) + tip(0.08827, 0.4) + tip(0.07054, 1.0);
+    let inertia = links + tips + 1e-4 + linkages;
+    // From rest with viscous friction: x = F/b (t − I/b (1 − exp(−b t / I))).
+    let (force, viscous, time) = (f64::from(torque) - friction, 0.002 + 0.001 * (0.09 + 0.16 + 1.0), 0.04);
+    let constant: f64 = inertia / viscous;
+    let expected = force / viscous * (time - constant * (1.0 - (-time / constant).exp()));
     let got = plant.truth().positions[SPREAD];
     assert!((got / expected - 1.0).abs() < 0.15, "{got} {expected}");
 }
