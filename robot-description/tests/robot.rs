@@ -169,9 +169,15 @@ fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
     assert_eq!(model.joint_name(5), "spread");
     // The motor overcomes the friction of all: 8 mN·m and 4 mN·m times 0.3 + 0.4 + 1.
     assert!((model.joints[5].friction.coulomb - 0.0148).abs() < 1e-6);
-    // It feels the fingers that follow: more than the rotor and the index finger alone.
-    let alone = model.joints[6].servo.observer.inertia;
-    assert!(model.joints[5].servo.observer.inertia > 1.5 * alone);
+    // Each finger that follows adds to the inertia of the motor with the square of its ratio.
+    let (urdf, settings) = RobotFolder::read(&path).unwrap();
+    let inertia = |ratio: &str| {
+        let urdf = urdf.replacen("multiplier=\"0.3\"", &format!("multiplier=\"{ratio}\""), 1);
+        RobotFolder::parse(&path, &urdf, &settings).unwrap().model.joints[5].servo.observer.inertia
+    };
+    let (full, less, least) = (inertia("0.3"), inertia("0.2"), inertia("0.1"));
+    assert!(full > less && less > least);
+    assert!(((full - least) / (full - less) - 0.08 / 0.05).abs() < 0.01, "{full} {less} {least}");
 }
 
 #[test]

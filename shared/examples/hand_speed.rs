@@ -1,5 +1,5 @@
-//! Accuracy and times of the inverse kinematics of a five-finger hand on this machine:
-//! `cargo run --release -p tesaki --features test-support --example hand_speed`. With any argument only the times.
+//! Accuracy and times of the inverse kinematics of a five-finger hand on this machine: `cargo run --release
+//! -p tesaki --features test-support --example hand_speed`. With any argument only the times.
 
 #![allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a measurement")]
 

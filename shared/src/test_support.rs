@@ -99,8 +99,8 @@ pub const HAND5_LIMITS: [(f32, f32); 16] = [
     (0.0, 1.8),
 ];
 
-/// The five-finger hand of `robots/hand5`: thumb with five joints; index, middle, ring and little finger, whose
-/// first joints are all moved by the sixth actuator.
+/// The five-finger hand of `robots/hand5`: thumb with five joints; index, middle, ring and little finger,
+/// whose first joints are all moved by the sixth actuator.
 ///
 /// # Panics
 /// Never: the numbers are valid.

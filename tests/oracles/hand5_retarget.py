@@ -17,8 +17,8 @@ finger [m].
 Frames: targets of the tips [m], weights, least weighted sum of squared errors within the joints' limits [m^2].
 """
 
-FRAMES = 60
-STARTS = 60
+FRAMES = 30
+STARTS = 25
 LIMITS = np.array([
     (-0.3, 1.6), (0.0, 1.1), (-0.35, 0.35), (-0.2, 1.2), (-0.2, 1.4),
     (-0.15, 0.35), (-0.2, 1.6), (0.0, 1.8), (0.0, 1.2), (-0.2, 1.6), (0.0, 1.8), (0.0, 1.2),
@@ -56,30 +56,33 @@ def finger(base, spread, bends, lengths, last_bend=0.0):
     return position
 
 
+def fingers(q):
+    """Tips of the four fingers, for the angles of the joints from the sixth on."""
+    spread = q[0]
+    return [
+        finger([0, 0.025, 0.090], spread, q[1:4], [0.03978, 0.02238, 0.01966]),
+        finger([0, 0.004, 0.092], 0.3 * spread, q[4:7], [0.04463, 0.02633, 0.02135]),
+        finger([0, -0.016, 0.087], -0.4 * spread, q[7:9], [0.04137, 0.02565, 0.02125], BEND),
+        finger([0, -0.034, 0.078], -spread, q[9:11], [0.03274, 0.01811, 0.01969], BEND)]
+
+
 def tips(q):
-    spread = q[5]
-    return np.array([
-        thumb(q[:5]),
-        finger([0, 0.025, 0.090], spread, q[6:9], [0.03978, 0.02238, 0.01966]),
-        finger([0, 0.004, 0.092], 0.3 * spread, q[9:12], [0.04463, 0.02633, 0.02135]),
-        finger([0, -0.016, 0.087], -0.4 * spread, q[12:14], [0.04137, 0.02565, 0.02125], BEND),
-        finger([0, -0.034, 0.078], -spread, q[14:16], [0.03274, 0.01811, 0.01969], BEND)])
+    return np.array([thumb(q[:5])] + fingers(q[5:]))
 
 
 def minimum(targets, weights, rng):
     """The least weighted sum of squares. The thumb shares no joint with the fingers."""
     root = np.sqrt(weights)[:, None]
     total = 0.0
-    for columns, rows in ((slice(0, 5), slice(0, 1)), (slice(5, 16), slice(1, 5))):
+    groups = ((slice(0, 5), slice(0, 1), lambda q: [thumb(q)]), (slice(5, 16), slice(1, 5), fingers))
+    for columns, rows, places in groups:
         lower, upper = LIMITS[columns].T
 
-        def residual(part):
-            q = np.zeros(16)
-            q[columns] = part
-            return (root * (tips(q) - targets))[rows].ravel()
+        def residual(q):
+            return (root[rows] * (np.array(places(q)) - targets[rows])).ravel()
 
-        runs = (least_squares(residual, rng.uniform(lower, upper), bounds=(lower, upper), xtol=1e-12, ftol=1e-12,
-                              gtol=1e-12) for _ in range(STARTS))
+        runs = (least_squares(residual, rng.uniform(lower, upper), bounds=(lower, upper),
+                              xtol=1e-11, ftol=1e-11, gtol=1e-11) for _ in range(STARTS))
         total += 2.0 * min(run.cost for run in runs)
     return total
 

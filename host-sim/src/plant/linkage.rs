@@ -1,16 +1,17 @@
 //! Linkages by which one motor moves joints of several fingers.
 //!
-//! Rapier's multibodies have no gear constraint. So a linkage is what it is in the machine, a stiff spring with
-//! some damping: what it pulls at the joint that follows, it pulls back at the joint that drives, times the ratio
-//! of their velocities, so that it makes and takes no energy but by its damping.
+//! Rapier's multibodies have no gear constraint. So a linkage is what it is in the machine, a stiff spring
+//! with some damping: what it pulls at the joint that follows, it pulls back at the joint that drives, times
+//! the ratio of their velocities, so that it makes and takes no energy but by its damping.
 
 use super::error::PlantError;
 use super::tree::Body;
 
-/// Inertia of a linkage at the joint that follows [kg·m²]. It bounds the frequency of the spring for any posture.
+/// Inertia of a linkage at the joint that follows [kg·m²]. It bounds the frequency of the spring for any
+/// posture.
 pub const INERTIA: f64 = 2e-5;
-/// Stiffness at the joint that follows [N·m/rad]: 500 rad/s with [`INERTIA`], far below the 2000 rad/s at which
-/// sub-steps of 1 ms become unstable. A finger of 40 g bends it by 3 mrad.
+/// Stiffness at the joint that follows [N·m/rad]: 500 rad/s with [`INERTIA`], far below the 2000 rad/s at
+/// which sub-steps of 1 ms become unstable. A finger of 40 g bends it by 3 mrad.
 const STIFFNESS: f64 = 5.0;
 /// Damping [N·m·s/rad]: a quarter of the critical one.
 const DAMPING: f64 = 5e-3;

@@ -156,7 +156,8 @@ fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     }
 }
 
-/// Reports a joint that has no rotary motor with limits, unless it is the first of a chain and follows another.
+/// Reports a joint that has no rotary motor with limits, unless it is the first of a chain and follows
+/// another.
 fn driven(urdf: &Urdf, joint: &Joint, is_first: bool, report: &mut Report) {
     let line = urdf.line_of_joint(&joint.name);
     if let Some(mimic) = joint.mimic.as_ref().filter(|_| !is_first) {

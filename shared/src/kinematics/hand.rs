@@ -36,7 +36,8 @@ impl Coupling {
 pub struct HandFinger {
     /// Its chain, coupled joints included.
     pub(super) chain: Chain,
-    /// What moves its joints, base to tip: [`Coupling`] with the index into `variables` for the actuated joint.
+    /// What moves its joints, base to tip: [`Coupling`] with the index into `variables` for the actuated
+    /// joint.
     pub(super) joints: Vec<Coupling, MAX_CHAIN_JOINTS>,
     /// The actuated joints that move this finger; the shared one, if it is among them, is the last.
     pub(super) variables: Vec<u8, MAX_CHAIN_JOINTS>,
@@ -48,8 +49,8 @@ pub struct HandFinger {
     pub(super) length: f32,
 }
 
-/// Fingers on a common palm: serial chains, of which one actuated joint may move several, as the actuator that
-/// spreads the fingers of a hand does. A validated configuration without state.
+/// Fingers on a common palm: serial chains, of which one actuated joint may move several, as the actuator
+/// that spreads the fingers of a hand does. A validated configuration without state.
 #[derive(Clone, Debug)]
 pub struct Hand {
     pub(super) fingers: Vec<HandFinger, MAX_FINGERS>,
@@ -110,8 +111,8 @@ pub struct FingerDescription<'a> {
     pub chain: Chain,
     /// What moves each of its joints.
     pub couplings: &'a [Coupling],
-    /// Limits of the joints that an actuated joint moves by a coupling [rad], one for each joint of the chain;
-    /// `None` where only the limits of the actuated joint count.
+    /// Limits of the joints that an actuated joint moves by a coupling [rad], one for each joint of the
+    /// chain; `None` where only the limits of the actuated joint count.
     pub limits: &'a [Option<(f32, f32)>],
     /// Direction in which the fingertip points, in the tip's frame; a unit vector.
     pub pointing: [f32; 3],
@@ -145,8 +146,8 @@ impl Hand {
         Ok(hand)
     }
 
-    /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`: direction of
-    /// the fingertips in their frames, a unit vector.
+    /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`:
+    /// direction of the fingertips in their frames, a unit vector.
     ///
     /// # Errors
     /// There are more than [`MAX_FINGERS`] chains, or two joints that move several of them.

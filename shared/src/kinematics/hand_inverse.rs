@@ -1,40 +1,30 @@
 //! Inverse kinematics of a [`Hand`]: the weighted least squares of all fingertips under joint limits.
 //!
-//! The cost is `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)` with the position errors `e` and, at a weight `μ` so small that it decides
-//! only what the positions leave free, the secondary objective `s`: the distance from the middle of the joints'
-//! ranges or the deviation of the fingertip's direction. The minimum is found by Newton's method with the exact
-//! Hessian, which for a serial chain costs one cross product a joint: `∂²p/∂qᵢ∂qⱼ = aᵢ × (aⱼ × (p − oⱼ))`,
-//! `i ≤ j`. It converges quadratically also for targets out of reach, where Gauss–Newton does not. Joints at a
-//! limit beyond which the cost falls are fixed (projected Newton method, Bertsekas 1982), and a step that raises
-//! the cost is repeated with Levenberg's damping.
+//! The cost is `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)` with the position errors `e` and, at a weight `μ` so small that it
+//! decides only what the positions leave free, the secondary objective `s`: the distance from the middle of
+//! the joints' ranges or the deviation of the fingertip's direction. The minimum is found by Newton's method
+//! with the exact Hessian, which for a serial chain costs one cross product a joint: `∂²p/∂qᵢ∂qⱼ = aᵢ × (aⱼ ×
+//! (p − oⱼ))`, `i ≤ j`. It converges quadratically also for targets out of reach, where Gauss–Newton does
+//! not. Joints at a limit beyond which the cost falls are fixed (projected Newton method, Bertsekas 1982),
+//! and a step that raises the cost is repeated with Levenberg's damping.
 //!
-//! One joint that several fingers share makes the Hessian an arrow: each finger has a block of its own, and only
-//! the last row couples them. The Schur complement of that row is one number, so the cost of a step grows
-//! linearly with the fingers.
+//! One joint that several fingers share makes the Hessian an arrow: each finger has a block of its own, and
+//! only the last row couples them. The Schur complement of that row is one number, so the cost of a step
+//! grows linearly with the fingers.
 
 use heapless::Vec;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::Vector3;
 
 use super::hand::{Angles, Hand, HandFinger, MAX_FINGERS};
+use super::hand_step::TERTIARY;
 use super::inverse::MAX_DISTANCE;
 use super::posture::Posture;
 use crate::math::{self, abs};
-use crate::model::MAX_CHAIN_JOINTS;
 
-/// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it causes
-/// are removed by the last iterations.
-const SECONDARY: f32 = 1e-5;
-/// Weight of the middle of the ranges where a direction is the secondary objective, over that of the direction.
-const TERTIARY: f32 = 1e-3;
-/// Damping of joints that neither position nor direction decides, over the weight of the direction.
-const DIRECTION_DAMPING: f32 = 0.05;
 /// Factor of `μ` in the first iterations for directions.
 const EMPHASIS: f32 = 1e3;
-/// Damping of the last iterations over `μ`.
-const FINAL_DAMPING: f32 = 0.1;
-/// Largest change of an angle in one iteration [rad].
-const MAX_STEP: f32 = 0.5;
-/// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its square.
+/// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its
+/// square.
 const CONVERGED: f32 = 1e-2;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
@@ -46,7 +36,8 @@ const FINAL_RANGE: f32 = 2e-3;
 const FINAL_ITERATIONS: usize = 10;
 /// The same where a search found no start from which a tip is reached.
 const MAX_FINAL_ITERATIONS: usize = 60;
-/// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian serves.
+/// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian
+/// serves.
 const IRREDUCIBLE: f32 = 0.03;
 /// Values of the shared joint from which a search starts.
 const GRID: u8 = 7;
@@ -62,8 +53,8 @@ pub struct FingertipTarget {
     pub position: Vector3<f32>,
     /// Weight of the square of its error, above 0.
     pub weight: f32,
-    /// Direction of the fingertip, a unit vector: approached as far as the position leaves it free. Without it
-    /// the joints tend to the middle of their ranges.
+    /// Direction of the fingertip, a unit vector: approached as far as the position leaves it free. Without
+    /// it the joints tend to the middle of their ranges.
     pub direction: Option<Vector3<f32>>,
 }
 
@@ -75,7 +66,8 @@ pub type FingertipTargets = [Option<FingertipTarget>; MAX_FINGERS];
 pub struct HandOptions {
     /// A fingertip that near its target is there [m].
     pub tolerance: f32,
-    /// Maximum iterations for each start; four more remove what the secondary objective left.
+    /// Maximum iterations for each start, twice for directions; at most ten more remove what the secondary
+    /// objective left.
     pub iterations: u8,
     /// Maximum number of random starts of a search, after those on the grid of the shared joint.
     pub restarts: u8,
@@ -107,18 +99,18 @@ impl HandReport {
 
 /// Angles and what follows from them.
 #[derive(Clone, Debug, Default)]
-struct Point {
-    angles: Angles,
+pub(super) struct Point {
+    pub(super) angles: Angles,
     /// Of the fingers with a target.
-    postures: Vec<Posture, MAX_FINGERS>,
-    errors: [Vector3<f32>; MAX_FINGERS],
+    pub(super) postures: Vec<Posture, MAX_FINGERS>,
+    pub(super) errors: [Vector3<f32>; MAX_FINGERS],
     /// `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)`.
-    cost: f32,
+    pub(super) cost: f32,
     /// `Σ wᵢ ½‖eᵢ‖²`.
-    primary: f32,
+    pub(super) primary: f32,
     /// Whether all tips are within the tolerance, and whether the directions are, too.
-    reached: bool,
-    directed: bool,
+    pub(super) reached: bool,
+    pub(super) directed: bool,
 }
 
 impl Point {
@@ -131,38 +123,33 @@ impl Point {
     }
 }
 
-/// Negative gradient and Hessian of one finger's cost over its variables; lower triangle only.
-struct Block {
-    gradient: SVector<f32, MAX_CHAIN_JOINTS>,
-    hessian: SMatrix<f32, MAX_CHAIN_JOINTS, MAX_CHAIN_JOINTS>,
-}
-
 /// What is solved for.
 #[derive(Clone, Copy)]
-struct Problem<'a> {
-    hand: &'a Hand,
-    targets: &'a FingertipTargets,
-    options: &'a HandOptions,
+pub(super) struct Problem<'a> {
+    pub(super) hand: &'a Hand,
+    pub(super) targets: &'a FingertipTargets,
+    pub(super) options: &'a HandOptions,
     /// Whether the shared joint may move.
-    moves_shared: bool,
-    /// The exact Hessian serves where the square of the cosine between a finger's error and what its joints can
-    /// reduce is below this.
-    irreducible: f32,
+    pub(super) moves_shared: bool,
+    /// The exact Hessian serves where the square of the cosine between a finger's error and what its joints
+    /// can reduce is below this.
+    pub(super) irreducible: f32,
     /// Factor of the weight of the secondary objectives.
-    emphasis: f32,
+    pub(super) emphasis: f32,
 }
 
 /// Which terms the cost has.
 #[derive(Clone, Copy, PartialEq)]
-enum Terms {
+pub(super) enum Terms {
     All,
     Positions,
 }
 
 impl Hand {
-    /// Moves `angles` [rad] from where they are, limited first, to the nearest minimum of the weighted squared
-    /// errors of the fingertips. For targets that move a little from call to call: the angles move continuously.
-    /// At most `iterations` + 5 evaluations. Angles and targets that are not finite are left as they are.
+    /// Moves `angles` [rad] from where they are, limited first, to the nearest minimum of the weighted
+    /// squared errors of the fingertips. For targets that move a little from call to call: the angles move
+    /// continuously. Bounded by [`HandOptions`]. Angles and targets that are not finite are left as
+    /// they are.
     pub fn solve(
         &self,
         targets: &FingertipTargets,
@@ -172,8 +159,8 @@ impl Hand {
         self.run(targets, options, angles, false)
     }
 
-    /// As [`Hand::solve`], and when a tip is not reached also from other starts, for the global minimum. For the
-    /// first target, and for those far from the one before.
+    /// As [`Hand::solve`], and when a tip is not reached also from other starts, for the global minimum. For
+    /// the first target, and for those far from the one before.
     pub fn search(
         &self,
         targets: &FingertipTargets,
@@ -268,18 +255,18 @@ impl Starts {
 
 impl Problem<'_> {
     /// The fingers with their targets.
-    fn fingers(&self) -> impl Iterator<Item = (usize, &HandFinger, &FingertipTarget)> {
+    pub(super) fn fingers(&self) -> impl Iterator<Item = (usize, &HandFinger, &FingertipTarget)> {
         let pairs = self.hand.fingers.iter().zip(self.targets).enumerate();
         pairs.filter_map(|(index, (finger, target))| Some((index, finger, target.as_ref()?)))
     }
 
-    fn limits(&self, joint: u8) -> (f32, f32) {
+    pub(super) fn limits(&self, joint: u8) -> (f32, f32) {
         self.hand.limits.get(usize::from(joint)).copied().unwrap_or((0.0, 0.0))
     }
 
     /// Searches beyond the local minimum `best`. For a given angle of the shared joint the fingers are
-    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together from
-    /// its two best values; then random starts.
+    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together
+    /// from its two best values; then random starts.
     fn search(&self, best: &mut Point, evaluations: &mut u16) {
         let exact = Problem { irreducible: f32::INFINITY, ..*self };
         let mut starts = Starts(1);
@@ -327,8 +314,8 @@ impl Problem<'_> {
         exact.finish(best, MAX_FINAL_ITERATIONS, evaluations);
     }
 
-    /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns the
-    /// sum of the costs of positions.
+    /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
+    /// the sum of the costs of positions.
     fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts) -> f32 {
         let mut sum = 0.0;
         let center = self.hand.center();
@@ -369,8 +356,8 @@ impl Problem<'_> {
         let mut count = 1;
         let iterations = self.options.iterations.into();
         if self.targets.iter().flatten().any(|target| target.direction.is_some()) {
-            // First with almost equal weights: where both can be reached, this is the solution, and the way to it is
-            // short. A small weight alone would let the joints creep along the positions.
+            // First with almost equal weights: where both can be reached, this is the solution, and the way
+            // to it is short. A small weight alone would let the joints creep along the positions.
             let equal = Problem { emphasis: EMPHASIS, ..*self };
             equal.evaluate(angles, Terms::All, &mut here);
             equal.iterate(&mut here, Terms::All, iterations, &mut count);
@@ -469,229 +456,5 @@ impl Problem<'_> {
             let _ = point.postures.push(posture);
         }
         point.cost += point.primary;
-    }
-
-    /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite or not
-    /// needed.
-    fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
-        let step = self.try_step(here, terms, damping, self.irreducible);
-        step.or_else(|| self.try_step(here, terms, damping, 0.0)).unwrap_or_else(Angles::zeros)
-    }
-
-    /// The step; `None` if the Hessian is not positive definite.
-    fn try_step(&self, here: &Point, terms: Terms, damping: f32, irreducible: f32) -> Option<Angles> {
-        let shared = self.hand.shared.filter(|_| self.moves_shared);
-        // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
-        let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
-        let mut moves: Vec<Move, MAX_FINGERS> = Vec::new();
-        for ((index, finger, target), posture) in self.fingers().zip(&here.postures) {
-            let error = here.errors.get(index).copied().unwrap_or_default();
-            let mut block = finger.block(posture, &error, irreducible);
-            let weight = self.emphasis * finger.secondary_weight();
-            let mut floor = weight * FINAL_DAMPING;
-            if terms == Terms::All {
-                let center = weight * finger.add_secondary(&mut block, posture, target, weight);
-                floor = center.max(DIRECTION_DAMPING * weight);
-                for (slot, &joint) in finger.variables.iter().enumerate() {
-                    let (lower, upper) = self.limits(joint);
-                    let away = here.angles[usize::from(joint)] - 0.5 * (lower + upper);
-                    let is_own = slot + usize::from(finger.shares) < finger.variables.len();
-                    block.gradient[slot] -= if is_own { center * away } else { 0.0 };
-                }
-            }
-            let diagonal = floor + damping * finger.length * finger.length;
-            for slot in 0..finger.variables.len() {
-                block.hessian[(slot, slot)] += diagonal;
-            }
-            let own = finger.variables.len() - usize::from(finger.shares);
-            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
-                if self.is_held(joint, here.angles[usize::from(joint)], block.gradient[slot]) {
-                    block.fix(slot, finger.variables.len());
-                }
-            }
-            let solution = block.solve(own)?;
-            if finger.shares && shared.is_some() {
-                let (mut pull, mut stiffness) = (block.gradient[own], block.hessian[(own, own)]);
-                gradient += target.weight * pull;
-                for slot in 0..own {
-                    pull -= block.hessian[(own, slot)] * solution.step[slot];
-                    stiffness -= block.hessian[(own, slot)] * solution.follow[slot];
-                }
-                reduced += target.weight * pull;
-                curvature += target.weight * stiffness;
-            }
-            let _ = moves.push(solution);
-        }
-        let mut step = Angles::zeros();
-        let mut shared_step = 0.0;
-        if let Some(shared) = shared.filter(|_| curvature != 0.0) {
-            // Also when it is not a number.
-            if !(curvature > 0.0) {
-                return None;
-            }
-            if !self.is_held(shared, here.angles[usize::from(shared)], gradient) {
-                shared_step = reduced / curvature;
-            }
-            step[usize::from(shared)] = shared_step;
-        }
-        for ((_, finger, _), solution) in self.fingers().zip(&moves) {
-            let own = finger.variables.len() - usize::from(finger.shares);
-            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
-                step[usize::from(joint)] = solution.step[slot] - solution.follow[slot] * shared_step;
-            }
-        }
-        let largest = step.amax();
-        Some(if largest > MAX_STEP { step * (MAX_STEP / largest) } else { step })
-    }
-
-    /// Whether a joint stands at a limit beyond which the cost falls.
-    fn is_held(&self, joint: u8, angle: f32, gradient: f32) -> bool {
-        let (lower, upper) = self.limits(joint);
-        angle <= lower && gradient < 0.0 || angle >= upper && gradient > 0.0
-    }
-}
-
-/// How a finger's own joints move: `step` − `follow` · step of the shared joint.
-struct Move {
-    step: SVector<f32, MAX_CHAIN_JOINTS>,
-    follow: SVector<f32, MAX_CHAIN_JOINTS>,
-}
-
-impl HandFinger {
-    /// `μ` [m²/rad²].
-    fn secondary_weight(&self) -> f32 {
-        SECONDARY * self.length * self.length
-    }
-
-    /// Negative gradient and Hessian of `½‖e‖²`. The Hessian is without the second derivatives of the position
-    /// (Gauss and Newton) unless the square of the cosine between the error and what the joints can reduce is
-    /// below `irreducible`.
-    #[inline]
-    fn block(&self, posture: &Posture, error: &Vector3<f32>, irreducible: f32) -> Block {
-        let mut block = Block { gradient: SVector::zeros(), hessian: SMatrix::zeros() };
-        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
-        let mut size = 0.0;
-        for (joint, (axis, origin)) in self.joints.iter().zip(&posture.joints) {
-            let column = axis.cross(&(posture.reach - origin)) * joint.multiplier;
-            let slot = usize::from(joint.actuated);
-            block.gradient[slot] += column.dot(error);
-            size += column.norm_squared();
-            let _ = columns.push((slot, column));
-        }
-        let pull = block.gradient.norm_squared();
-        let exact = pull < irreducible * size * error.norm_squared();
-        for (index, (slot, column)) in columns.iter().enumerate() {
-            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
-            let factor = match (self.joints.get(index), posture.joints.get(index)) {
-                (Some(joint), Some((axis, _))) if exact => column - error.cross(axis) * joint.multiplier,
-                _ => *column,
-            };
-            block.hessian[(*slot, *slot)] += factor.dot(column);
-            for (other, later) in columns.iter().skip(index + 1) {
-                let value = factor.dot(later);
-                if other == slot {
-                    // A pair of joints that move as one counts twice.
-                    block.hessian[(*slot, *slot)] += 2.0 * value;
-                } else {
-                    block.add(*slot, *other, value);
-                }
-            }
-        }
-        block
-    }
-
-    /// Adds the secondary objective of direction, times `weight`. Returns the weight of the middle of the ranges
-    /// over `weight`.
-    fn add_secondary(
-        &self,
-        block: &mut Block,
-        posture: &Posture,
-        target: &FingertipTarget,
-        weight: f32,
-    ) -> f32 {
-        let Some(direction) = target.direction else { return 1.0 };
-        let pointing = posture.tip.rotation * self.pointing;
-        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
-        for (joint, (axis, _)) in self.joints.iter().zip(&posture.joints) {
-            let slot = usize::from(joint.actuated);
-            let column = axis.cross(&pointing) * joint.multiplier;
-            block.gradient[slot] += weight * column.dot(&direction);
-            // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
-            let _ = columns.push((slot, column));
-            for (other, before) in &columns {
-                block.add(slot, *other, weight * before.dot(&column));
-            }
-            let before = columns.len() - 1;
-            for (_, factor) in columns.iter().take(before).filter(|(other, _)| *other == slot) {
-                block.hessian[(slot, slot)] += weight * factor.dot(&column);
-            }
-        }
-        TERTIARY
-    }
-}
-
-impl Block {
-    /// Adds to the lower triangle.
-    #[inline]
-    fn add(&mut self, one: usize, other: usize, value: f32) {
-        let place = if one > other { (one, other) } else { (other, one) };
-        self.hessian[place] += value;
-    }
-
-    /// Takes a variable out.
-    fn fix(&mut self, slot: usize, variables: usize) {
-        for other in 0..variables {
-            let place = if slot > other { (slot, other) } else { (other, slot) };
-            self.hessian[place] = 0.0;
-        }
-        self.hessian[(slot, slot)] = 1.0;
-        self.gradient[slot] = 0.0;
-    }
-
-    /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right.
-    #[inline]
-    fn solve(&mut self, n: usize) -> Option<Move> {
-        // In place: row `n` is not touched.
-        let lower = &mut self.hessian;
-        let mut inverse = SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
-        let (mut step, mut follow) = (SVector::zeros(), SVector::zeros());
-        let has_row = n < MAX_CHAIN_JOINTS;
-        for column in 0..n {
-            let full = lower[(column, column)];
-            let mut pivot = full;
-            for k in 0..column {
-                pivot -= lower[(column, k)] * lower[(column, k)] * inverse[k];
-            }
-            // Below the rounding of its terms, or not a number.
-            if !(pivot > 3e-7 * full) {
-                return None;
-            }
-            inverse[column] = 1.0 / pivot;
-            for row in column + 1..n {
-                for k in 0..column {
-                    let product = lower[(row, k)] * lower[(column, k)] * inverse[k];
-                    lower[(row, column)] -= product;
-                }
-            }
-        }
-        for row in 0..n {
-            let mut values = (self.gradient[row], if has_row { lower[(n, row)] } else { 0.0 });
-            for k in 0..row {
-                let factor = lower[(row, k)] * inverse[k];
-                values.0 -= factor * step[k];
-                values.1 -= factor * follow[k];
-            }
-            (step[row], follow[row]) = values;
-        }
-        for row in (0..n).rev() {
-            let mut values = (step[row] * inverse[row], follow[row] * inverse[row]);
-            for k in row + 1..n {
-                let factor = lower[(k, row)] * inverse[row];
-                values.0 -= factor * step[k];
-                values.1 -= factor * follow[k];
-            }
-            (step[row], follow[row]) = values;
-        }
-        Some(Move { step, follow })
     }
 }

@@ -60,8 +60,8 @@ pub struct ChainModel {
     pub tip_radius: f32,
     /// The force sensor between the last link and the tip, if any.
     pub force_sensor: Option<ForceSensor>,
-    /// The joint between the base and its first own joint that the motor of another chain moves, if any. Such a
-    /// chain has no force sensor.
+    /// The joint between the base and its first own joint that the motor of another chain moves, if any. Such
+    /// a chain has no force sensor.
     pub mimic: Option<MimicJoint>,
 }
 

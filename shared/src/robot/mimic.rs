@@ -92,8 +92,8 @@ mod tests {
     use crate::model::{ChainModel, Field, Inertial, Pose, Problem, RobotModel};
     use crate::test_support;
 
-    /// One joint turns a link of 20 g with its centre 20 mm away; a second chain follows it with ratio −0.4 and
-    /// has a joint of its own 50 mm on. All axes are y: the links rise and fall.
+    /// One joint turns a link of 20 g with its centre 20 mm away; a second chain follows it with ratio −0.4
+    /// and has a joint of its own 50 mm on. All axes are y: the links rise and fall.
     fn robot() -> RobotModel {
         let mut model = test_support::finger();
         let place = |x: f32| Pose { translation: [x, 0.0, 0.0], ..Pose::IDENTITY };
@@ -125,8 +125,8 @@ mod tests {
         let motion: Motion =
             core::array::from_fn(|joint| [[driving, own].get(joint).copied().unwrap_or(0.0), 0.0, 0.0]);
         let torques = robot.coupled_dynamics(&motion);
-        // By hand: about +y a weight at x turns by −g m x; the motor holds against it. A link at angle q from x
-        // has its centre at x = 0.02 cos q.
+        // By hand: about +y a weight at x turns by −g m x; the motor holds against it. A link at angle q from
+        // x has its centre at x = 0.02 cos q.
         let weight = 0.02 * 9.81;
         let cos = |angle: f32| math::sin_cos(angle).1;
         let follower = -0.4 * driving + 0.1;
@@ -136,8 +136,8 @@ mod tests {
         for (got, expected) in torques.iter().zip(expected) {
             assert!(math::abs(got - expected) < 1e-6, "{got} {expected}");
         }
-        // Acceleration: each point mass counts with the square of the ratio (all angles so that the links are in
-        // line: offset 0.1 − 0.4 · 0.25 = 0).
+        // Acceleration: each point mass counts with the square of the ratio (all angles so that the links are
+        // in line: offset 0.1 − 0.4 · 0.25 = 0).
         let at = |acceleration| {
             let motion: Motion =
                 core::array::from_fn(|joint| if joint == 0 { [0.25, 0.0, acceleration] } else { [0.0; 3] });

@@ -1,18 +1,18 @@
 //! Retargeting of an operator's fingertips to a robot hand (Hand5 sections 2.2 and 2.3).
 //!
-//! All positions are in the frame of the hand (at the wrist), which is the same for operator and robot; bringing
-//! the wrist to its pose is the arm's work. In this order:
+//! All positions are in the frame of the hand (at the wrist), which is the same for operator and robot;
+//! bringing the wrist to its pose is the arm's work. In this order:
 //!
-//! 1. the thumb's tip goes to the operator's, shifted by `d_ini = p_robot,ini − p_human,ini`, so that a hand of
-//!    another size keeps its range;
+//! 1. the thumb's tip goes to the operator's, shifted by `d_ini = p_robot,ini − p_human,ini`, so that a hand
+//!    of another size keeps its range;
 //! 2. the vectors from the thumb's tip *where it is* to the other fingertips become the operator's: the least
 //!    weighted sum of squared deviations within the limits of the joints.
 //!
 //! **Precision pinch.** Where operator's thumb and finger come close, exact vectors matter more than anything
-//! else. Below the gap `far` the error of the finger counts relative to the gap, so that the finger that touches
-//! decides about the joint that the fingers share. From there to the gap `near` the distance between the tips
-//! becomes that of the robot's surfaces, and the thumb yields when the finger cannot reach it, both with the smooth
-//! step `β = 3x² − 2x³` of the gap, so that no target jumps.
+//! else. Below the gap `far` the error of the finger counts relative to the gap, so that the finger that
+//! touches decides about the joint that the fingers share. From there to the gap `near` the distance between
+//! the tips becomes that of the robot's surfaces, and the thumb yields when the finger cannot reach it, both
+//! with the smooth step `β = 3x² − 2x³` of the gap, so that no target jumps.
 
 use core::fmt;
 
@@ -36,8 +36,8 @@ const MAX_COORDINATE: f32 = 1.0;
 /// Settings of a [`Retargeting`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RetargetSettings {
-    /// Which of the operator's fingers each finger of the hand follows: 0 is the thumb, 4 the little finger. The
-    /// hand's first finger is its thumb and follows the thumb.
+    /// Which of the operator's fingers each finger of the hand follows: 0 is the thumb, 4 the little finger.
+    /// The hand's first finger is its thumb and follows the thumb.
     pub follows: [u8; MAX_FINGERS],
     /// Weight of each finger's vector, 0.001 to 1000; that of the thumb has no effect.
     pub weights: [f32; MAX_FINGERS],
@@ -124,8 +124,8 @@ pub struct OperatorFingertips {
     pub directions: [Option<Vector3<f32>>; MAX_FINGERS],
 }
 
-/// A fingertip of the operator that is not a number, more than 1 m from the wrist, or whose direction is no unit
-/// vector. The state is unchanged.
+/// A fingertip of the operator that is not a number, more than 1 m from the wrist, or whose direction is no
+/// unit vector. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidFingertip {
     /// The operator's finger: 0 is the thumb.
@@ -235,8 +235,8 @@ impl RetargetSettings {
 }
 
 impl Retargeting<'_> {
-    /// `d_ini` for the initial postures of robot and operator, by the angles of the actuated joints [rad] and the
-    /// position of the operator's thumb [m] (Hand5 section 2.2).
+    /// `d_ini` for the initial postures of robot and operator, by the angles of the actuated joints [rad] and
+    /// the position of the operator's thumb [m] (Hand5 section 2.2).
     pub fn initial_offset(&self, robot: &Angles, operator: &Vector3<f32>) -> Vector3<f32> {
         self.hand.tip(0, robot).map_or_else(Vector3::zeros, |(tip, _)| tip - operator * self.settings.scale)
     }
@@ -252,8 +252,8 @@ impl Retargeting<'_> {
         RetargetState { solution, output, offset: (*offset).into(), thumb: None, begun: false }
     }
 
-    /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose tip is
-    /// not known keeps its own joints.
+    /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose
+    /// tip is not known keeps its own joints.
     ///
     /// # Errors
     /// A fingertip is invalid.
@@ -347,8 +347,8 @@ impl Retargeting<'_> {
         self.solve(state, &targets, report);
     }
 
-    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, as weighted
-    /// mean [m].
+    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, as
+    /// weighted mean [m].
     fn solve_fingers(
         &self,
         state: &mut RetargetState,

@@ -35,7 +35,7 @@ impl Load {
                 tip.mimic.as_ref().map(of_mimic).into_iter().chain(q.iter().copied()).collect();
             let chain = Chain::of_model(tip, joints);
             chain.nonlinear_effects(&gravity, &angles, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
-            for (joint, torque) in joints.iter().zip(torques.iter().skip(angles.len() - q.len())) {
+            for (joint, torque) in joints.iter().zip(torques.into_iter().skip(angles.len() - q.len())) {
                 let friction = joint.friction.coulomb;
                 let excess = abs(torque) - friction;
                 if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
