@@ -87,7 +87,12 @@ fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
             }
             let ticks = summary.ticks;
             let digest = watched.frames_sha256();
-            assert_eq!(Some(digest), recorded(scenario.name, seed), "docs/sweeps is stale: {}", scenario.name);
+            assert_eq!(
+                Some(digest),
+                recorded(scenario.name, seed),
+                "docs/sweeps is stale: {}",
+                scenario.name
+            );
             let bytes = encode_record(&watched.into_record()).unwrap();
             let log = folder.path().join("frames.log");
             std::fs::write(&log, &bytes).unwrap();

@@ -55,8 +55,11 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod calibration;
+mod calibration_error;
 mod error;
 mod follower;
+mod human_hand;
 mod motion_limits;
 mod operator_estimate;
 mod passivity;
@@ -71,8 +74,21 @@ mod passivity;
 )]
 mod tests;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
+mod calibration_tests;
+
+pub use calibration::{
+    CalibrationAccuracy, CalibrationSettings, FingerCalibration, HandCalibration, LinkPrior,
+    MAX_TIP_DEVIATION,
+};
+pub use calibration_error::{CalibrationError, FingerMotion, Movement};
 pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
+pub use human_hand::{
+    FINGERS, Finger, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState,
+    GloveSample, GloveSensor, HumanHand, InvalidLink, SENSORS,
+};
 pub use motion_limits::MotionLimits;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits};

@@ -67,7 +67,8 @@ impl PathClock {
     /// At `now`, for the next set-point. After a pause it goes on from where it was.
     fn advanced(self, now: Instant) -> Self {
         let step = now.saturating_duration_since(self.last).min(MAX_STEP);
-        let board = self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
+        let board =
+            self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
         let on_path = (self.on_path + step).min(board + MAX_LEAD).max(self.on_path);
         Self { last: now, on_path, ..self }
     }

@@ -25,7 +25,9 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     let mut board = Reopening::open(options.port.clone(), key)?;
     let port = board.port().map_or_else(String::new, |port| port.address().to_string());
     let (who, option) = match (hub.address(), &options.key) {
-        (Address::Tcp(_), Some(path)) => ("every program with this key", format!(" --key {}", path.display())),
+        (Address::Tcp(_), Some(path)) => {
+            ("every program with this key", format!(" --key {}", path.display()))
+        }
         _ => ("every program on this machine that reaches it", String::new()),
     };
     output::notice(
