@@ -60,17 +60,15 @@ impl<const N: usize> IncrementalQr<N> {
     /// Solution of minimum norm of the system without the singular values below `threshold`.
     pub(crate) fn solve(&self, threshold: f32) -> TruncatedSolution<N> {
         let svd = Svd::new(&self.factor);
-        let (mut x, mut residual, mut rank) = (SVector::zeros(), self.residual, 0);
+        let (mut x, mut rank) = (SVector::zeros(), 0);
         for k in 0..N {
             let sigma = svd.values[k];
-            let along = svd.scaled.column(k).dot(&self.right);
             if sigma > threshold && sigma > 0.0 {
-                x += svd.right.column(k) * (along / (sigma * sigma));
+                x += svd.right.column(k) * (svd.scaled.column(k).dot(&self.right) / (sigma * sigma));
                 rank += 1;
-            } else if sigma > 0.0 {
-                residual += along * along / (sigma * sigma);
             }
         }
+        let residual = self.residual + (self.right - self.factor * x).norm_squared();
         TruncatedSolution { x, rank, residual, values: svd.values, directions: svd.right }
     }
 }

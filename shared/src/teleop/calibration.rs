@@ -11,8 +11,9 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::anatomy::infer_links;
 use super::calibration_error::{CalibrationError, FingerMotion, Movement};
-use super::human_hand::{FINGERS, Finger, FingerLinks, FingerRotations};
+use super::human_hand::{FINGERS, Finger, FingerLinks, FingerRotations, GloveSample};
 use crate::math::{self, IncrementalQr, Svd};
 
 /// Poses for twelve unknowns.
@@ -263,11 +264,15 @@ impl FingerCalibration {
             let posture = self.joints.posture(range.angles([level(0), level(1), level(2), level(3)]));
             largest = largest.max((posture.regressor() * scaled).norm_squared());
         }
+        // Each joint alone, over its whole range.
+        let [least, middle, most] = [0, 1, 2].map(|level| range.angles([level; 4]));
         let mut weakest = (0.0, Movement::BendBase);
         for (number, movement) in Movement::ALL.into_iter().enumerate() {
-            let [mut low, mut high] = [[1; 4]; 2];
-            (low[number], high[number]) = (0, 2);
-            let [low, high] = [low, high].map(|level| self.joints.posture(range.angles(level)).regressor());
+            let [low, high] = [least, most].map(|end| {
+                let mut angles = middle;
+                angles[number] = end[number];
+                self.joints.posture(angles).regressor()
+            });
             let unknown = ((high - low) * scaled).norm_squared();
             if unknown > weakest.0 {
                 weakest = (unknown, movement);
@@ -307,7 +312,7 @@ impl HandCalibration {
     /// An orientation of a finger whose marker is seen, or a marker, that cannot be used. Nothing is added.
     pub fn add_pose(
         &mut self,
-        sample: &super::GloveSample,
+        sample: &GloveSample,
         markers: &[Option<[f32; 3]>; FINGERS],
     ) -> Result<(), CalibrationError> {
         let mut rotations = [None; FINGERS];
@@ -378,6 +383,53 @@ impl HandCalibration {
         self.check_markers()?;
         let [thumb, index, middle, ring, little] = &self.fingers;
         Ok([thumb.solve()?, index.solve()?, middle.solve()?, ring.solve()?, little.solve()?])
+    }
+
+    /// Links and accuracy of all fingers with the proportions of the hand for those without markers, or whose
+    /// poses lack a movement. The accuracy of these is that of the proportions: its rank is 12, and its
+    /// deviation may exceed 2 mm. The thumb needs its marker, and two other fingers theirs. `flat`: the
+    /// orientations of the flat hand.
+    ///
+    /// # Errors
+    /// Swapped markers; a marked finger whose residual is no noise; fewer calibrated fingers than needed.
+    pub fn solve_with_proportions(
+        &self,
+        flat: &GloveSample,
+    ) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
+        self.check_markers()?;
+        let thumb = self.finger(Finger::Thumb).solve()?;
+        let (mut solved, mut refused) = ([None; FINGERS], None);
+        for (solved, finger) in solved.iter_mut().zip(&self.fingers) {
+            *solved = match finger.solve() {
+                Ok(calibrated) => Some(calibrated),
+                Err(error @ CalibrationError::Residual { .. }) => return Err(error),
+                Err(error) => {
+                    if finger.poses() > 0 {
+                        refused.get_or_insert(error);
+                    }
+                    None
+                }
+            };
+        }
+        let mut rotations = [FingerRotations([Matrix3::identity(); 3]); FINGERS];
+        for (rotations, finger) in rotations.iter_mut().zip(Finger::ALL) {
+            *rotations = FingerRotations::of(flat, finger)?;
+        }
+        let priors = infer_links(&solved.map(|solved| solved.map(|(links, _)| links)), &rotations)
+            .map_err(|error| refused.unwrap_or(error))?;
+        let mut all = [thumb; FINGERS];
+        for (number, all) in all.iter_mut().enumerate() {
+            let mut finger = self.fingers[number];
+            *all = match solved[number] {
+                Some(calibrated) => calibrated,
+                None => {
+                    finger.add_prior(&priors[number])?;
+                    finger.joints.first.get_or_insert(rotations[number].joints());
+                    finger.estimate()?
+                }
+            };
+        }
+        Ok(all)
     }
 }
 

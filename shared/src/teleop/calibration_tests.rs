@@ -266,7 +266,7 @@ fn swapped_markers_are_named() {
 fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
     let hand = HumanHand::try_new([LINKS; FINGERS]).unwrap();
     let mut state = GloveFilterState::default();
-    let filter = GloveFilter::DEFAULT;
+    let filter = GloveFilter { bandwidth: 100.0, ..GloveFilter::PROMPT };
     let period = 0.01;
     let at = |time: f32| {
         // The hand turns as a whole, and each joint bends at a steady rate.

@@ -324,11 +324,11 @@ impl HumanHand {
         let (mut arm, mut velocity, mut last) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
         for (link, segment) in links.iter().zip(0..) {
             let segment = tracked(GloveSensor::Segment(finger, segment))?;
-            last = segment.rotation * link;
+            last = segment.output * link;
             arm += last;
             velocity += (segment.velocity - back.velocity).cross(&last);
         }
-        let into_back = back.rotation.inverse();
+        let into_back = back.output.inverse();
         // `try_new` made the last link at least 1 mm long.
         let direction = into_back * last * (1.0 / math::sqrt(last.norm_squared()));
         Ok(Fingertip {
@@ -340,19 +340,25 @@ impl HumanHand {
 }
 
 /// Low-pass filter of the glove's orientations, each on its own: a critically damped observer of orientation
-/// and angular velocity, `(2ωs + ω²)/(s + ω)²`. Steady motion passes without delay. A sensor without sample
-/// is bridged for a time at its last angular velocity, which decays.
+/// and angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample,
+/// `(2ωs + ω² − dω²s)/(s + ω)²`. Steady motion passes with the delay `d` exactly. The longer the delay, the less
+/// noise: with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them. A sensor without sample is
+/// bridged for a time at its last angular velocity, which decays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GloveFilter {
     /// `ω` [rad/s], 1 to 1000.
     pub bandwidth: f32,
+    /// `d` [s], 0 to 2/ω.
+    pub delay: f32,
     /// How long a sensor is bridged [s].
     pub hold: f32,
 }
 
 impl GloveFilter {
-    /// 20 Hz; a tenth of a second.
-    pub const DEFAULT: Self = Self { bandwidth: 20.0 * core::f32::consts::TAU, hold: 0.1 };
+    /// 6 Hz without delay; bridges a tenth of a second.
+    pub const PROMPT: Self = Self { bandwidth: 6.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
+    /// 6 Hz and a delay of 1/ω, 27 ms; bridges a tenth of a second.
+    pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
 
     /// Takes the sample that comes `period` after the one before [s]. Returns the error of the first sensor
     /// whose sample could not be used; the sensor is bridged, and all others are filtered.
@@ -368,7 +374,8 @@ impl GloveFilter {
         if !(period > 0.0 && period <= 1.0) {
             return Err(GloveError::Period(period));
         }
-        let decay = math::exp(-math::clamp(self.bandwidth, 1.0, 1000.0) * period);
+        let bandwidth = math::clamp(self.bandwidth, 1.0, 1000.0);
+        let (decay, delay) = (math::exp(-bandwidth * period), math::clamp(self.delay, 0.0, 2.0 / bandwidth));
         let mut result = Ok(());
         for (sensor, tracked) in GloveSensor::all().zip(&mut state.sensors) {
             match (sample.orientation(sensor), tracked.as_mut()) {
@@ -382,6 +389,9 @@ impl GloveFilter {
                         *tracked = None;
                     }
                 }
+            }
+            if let Some(tracked) = tracked {
+                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -delay));
             }
         }
         result
@@ -403,11 +413,13 @@ struct Tracked {
     velocity: Vector3<f32>,
     /// Time since the last sample [s].
     gap: f32,
+    /// The orientation before the delay.
+    output: UnitQuaternion<f32>,
 }
 
 impl Tracked {
     fn at(rotation: UnitQuaternion<f32>) -> Self {
-        Self { rotation, velocity: Vector3::zeros(), gap: 0.0 }
+        Self { rotation, velocity: Vector3::zeros(), gap: 0.0, output: rotation }
     }
 
     /// Alpha-beta filter with a double pole at `decay`.

@@ -55,6 +55,7 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod anatomy;
 mod calibration;
 mod calibration_error;
 mod error;
