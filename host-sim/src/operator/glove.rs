@@ -71,7 +71,11 @@ impl OperatorHand {
             let mut links = [size * 1e-3 * base + vector(3e-3); 4];
             for (link, bone) in links[1..].iter_mut().zip(bones) {
                 let random = vector(1.0);
-                *link = Vector3::new(size * 1e-3 * bone * (1.0 + 0.05 * random.x), 1e-3 * random.y, 1e-3 * random.z);
+                *link = Vector3::new(
+                    size * 1e-3 * bone * (1.0 + 0.05 * random.x),
+                    1e-3 * random.y,
+                    1e-3 * random.z,
+                );
             }
             let mut tilted = |axis: Vector3<f64>| UnitQuaternion::from_scaled_axis(vector(0.07)) * axis;
             let axes = [Vector3::y(), Vector3::z(), Vector3::y(), Vector3::y()].map(&mut tilted);
@@ -80,7 +84,8 @@ impl OperatorHand {
             let opposed = Rotation3::from_euler_angles(-1.0, 0.3, 0.0);
             let rest = if thumb { splay * UnitQuaternion::from(opposed) } else { splay };
             let coupling = 0.67 + 0.08 * vector(1.0).x;
-            let range = if thumb { THUMB_RANGE } else { FINGER_RANGE }.map(|range| range.map(f64::to_radians));
+            let range =
+                if thumb { THUMB_RANGE } else { FINGER_RANGE }.map(|range| range.map(f64::to_radians));
             HandFinger { links, rest, axes, mounts, coupling, range }
         });
         Self { fingers }
@@ -136,7 +141,14 @@ pub struct FingersMotion {
 impl FingersMotion {
     /// From the flat hand through `count` random postures: `movement` [s] from one to the next, each held for
     /// `hold` [s].
-    pub fn random(hand: &OperatorHand, seed: u64, part: u64, count: usize, movement: [f64; 2], hold: f64) -> Self {
+    pub fn random(
+        hand: &OperatorHand,
+        seed: u64,
+        part: u64,
+        count: usize,
+        movement: [f64; 2],
+        hold: f64,
+    ) -> Self {
         let mut rng = Purpose::FingersMotion.rng(seed.wrapping_add(part << 32));
         let mut stops = vec![([0.0, hold], [[0.0; 4]; FINGERS])];
         let mut time = hold;
@@ -166,7 +178,8 @@ impl FingersMotion {
         let angles = match self.stops.get(next) {
             Some(([reached, _], to)) => {
                 let [fraction, ..] = minimum_jerk((time - left) / (reached - left));
-                let between = |joint: usize, n: usize| from[n][joint] + fraction * (to[n][joint] - from[n][joint]);
+                let between =
+                    |joint: usize, n: usize| from[n][joint] + fraction * (to[n][joint] - from[n][joint]);
                 core::array::from_fn(|n| core::array::from_fn(|joint| between(joint, n)))
             }
             None => from,
@@ -291,7 +304,11 @@ impl FingertipMarkers {
     }
 
     /// The markers that are seen, in the frame of the back of the hand [m].
-    pub fn measure(&mut self, hand: &OperatorHand, angles: &[FingerAngles; FINGERS]) -> [Option<[f32; 3]>; FINGERS] {
+    pub fn measure(
+        &mut self,
+        hand: &OperatorHand,
+        angles: &[FingerAngles; FINGERS],
+    ) -> [Option<[f32; 3]>; FINGERS] {
         core::array::from_fn(|number| {
             let (_, tip) = hand.finger(Finger::ALL[number], &angles[number]);
             let measured = tip + Vector3::from_fn(|_, _| self.noise * self.rng.normal());
