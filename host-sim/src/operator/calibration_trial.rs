@@ -1,11 +1,12 @@
 //! Calibration of simulated hands, and how well it then measures the vectors from the thumb's tip to the
 //! other fingertips (Hand5 section 3.1).
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::teleop::{
     CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveFilter,
-    GloveFilterState, GloveSample, HandCalibration, HumanHand, InvalidLink,
+    GloveFilterState, HumanHand, InvalidLink,
 };
+use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
 
 use super::glove::{FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 

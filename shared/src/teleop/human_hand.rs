@@ -355,9 +355,9 @@ pub struct GloveFilter {
 }
 
 impl GloveFilter {
-    /// 6 Hz without delay; bridges a tenth of a second.
-    pub const PROMPT: Self = Self { bandwidth: 6.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
-    /// 6 Hz and a delay of 1/ω, 27 ms; bridges a tenth of a second.
+    /// 5 Hz without delay; bridges a tenth of a second.
+    pub const PROMPT: Self = Self { bandwidth: 5.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
+    /// 5 Hz and a delay of 1/ω, 32 ms; bridges a tenth of a second.
     pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
 
     /// Takes the sample that comes `period` after the one before [s]. Returns the error of the first sensor

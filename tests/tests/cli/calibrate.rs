@@ -39,7 +39,9 @@ fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
             header.extend(["qx", "qy", "qz", "qw"].map(|part| format!("{finger}{segment}_{part}")));
         }
     }
-    header.extend(Finger::ALL.iter().flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))));
+    header.extend(
+        Finger::ALL.iter().flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))),
+    );
     let mut table = vec![header];
     for pose in poses(plan, GloveValues::default(), 1).0 {
         let GloveSample { back, segments } = pose.orientations;
@@ -107,17 +109,25 @@ fn what_is_wrong_with_a_table_is_said_by_row_and_column() {
     refused(&|table| table[3][column("ring2_qy")] = "x".to_owned(), &["standard input:4: column ring2_qy"]);
     refused(&|table| table[3][column("ring2_qy")] = "nan".to_owned(), &["standard input:4: column ring2_qy"]);
     refused(
-        &|table| (column("back_qx")..=column("back_qw")).for_each(|column| table[5][column] = "0.7".to_owned()),
+        &|table| {
+            (column("back_qx")..=column("back_qw")).for_each(|column| table[5][column] = "0.7".to_owned())
+        },
         &["standard input:6: the orientation of the back of the hand is a quaternion of norm 1.4", "the row"],
     );
     refused(
         &|table| (column("thumb3_qx")..=column("thumb3_qw")).for_each(|column| table[2][column].clear()),
         &["standard input:3: no orientation of segment 3 of the thumb"],
     );
-    refused(&|table| table[2][column("thumb_x")] = "90".to_owned(), &["standard input:3: the marker of the thumb", "metres"]);
+    refused(
+        &|table| table[2][column("thumb_x")] = "90".to_owned(),
+        &["standard input:3: the marker of the thumb", "metres"],
+    );
     refused(&|table| table[0][column("little1_qw")] = "x".to_owned(), &["no column little1_qw"]);
     refused(&|table| table.truncate(4), &["poses show the marker", "at least 4"]);
-    refused(&|table| (2..62).for_each(|row| table[row] = table[1].clone()), &["all poses of the thumb are alike"]);
+    refused(
+        &|table| (2..62).for_each(|row| table[row] = table[1].clone()),
+        &["all poses of the thumb are alike"],
+    );
     refused(
         &|table| {
             for row in &mut table[1..] {
@@ -158,7 +168,8 @@ fn a_stream_is_led_through_the_poses() {
     let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
     // A stream that stops, and one that is none.
-    let (code, _, error) = run(folder.path(), &["--live"], &lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
+    let (code, _, error) =
+        run(folder.path(), &["--live"], &lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
     assert!(code == 1 && error.contains("not calibrated"), "{error}");
     let (code, _, error) = run(folder.path(), &["--live"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
     assert!(code == 1 && error.contains("standard input:1: \"back\" must be a quaternion"), "{error}");
