@@ -23,6 +23,7 @@ pub(crate) enum Purpose {
     FingersMotion = 14,
     Glove = 15,
     FingertipMarkers = 16,
+    Pinches = 17,
 }
 
 impl Purpose {

@@ -36,6 +36,9 @@ const MIN_POSES: u32 = 12;
 /// A pose whose tip is this far from the calibrated one is taken again [m].
 const REDO: f32 = 0.015;
 
+/// Standard deviation of two tips that touch, along each axis [m].
+const TOUCH: f32 = 2.5e-3;
+
 /// Finds the poses that are held for a second in a stream of samples, and averages them.
 #[derive(Clone, Debug, Default)]
 pub struct PoseDetector {
@@ -191,6 +194,15 @@ impl CalibrationGuide {
     /// Number of poses.
     pub const fn poses(&self) -> u32 {
         self.poses
+    }
+
+    /// Adds a posture in which the tip of the thumb touches that of a finger without marker, after the poses that
+    /// calibrate the thumb.
+    ///
+    /// # Errors
+    /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.
+    pub fn touch(&mut self, finger: Finger, orientations: &GloveSample) -> Result<(), CalibrationError> {
+        self.calibration.add_touch(finger, orientations, TOUCH)
     }
 
     /// Links and accuracy so far; `None` for a finger with too few poses.

@@ -103,6 +103,50 @@ impl OperatorHand {
         (core::array::from_fn(|k| segments[k] * mounts[k]), tip)
     }
 
+    /// A posture in which the tip of the thumb touches that of a finger: the best of four by coordinate descent
+    /// from random postures. Skin and nail put the tips 2 mm off each other along each axis, at random.
+    fn pinch(&self, finger: Finger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
+        let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
+        let number = finger as usize;
+        let cost = |angles: &[FingerAngles; FINGERS]| {
+            let tip = |finger: Finger| self.finger(finger, &angles[finger as usize]).1;
+            // The end joint cannot bend by itself.
+            let [_, _, middle, end] = angles[number];
+            let apart = (end - self.fingers[number].coupling * middle).abs();
+            (tip(finger) - tip(Finger::Thumb) - offset).norm() + 0.02 * (apart - 0.14).max(0.0)
+        };
+        let joints =
+            || [Finger::Thumb as usize, number].into_iter().flat_map(|n| (0..4).map(move |joint| (n, joint)));
+        let mut descend = || {
+            let (mut angles, mut step) = (self.posture(rng), 0.3);
+            while step > 1e-3 {
+                let before = cost(&angles);
+                for (n, joint) in joints() {
+                    for change in [step, -step] {
+                        let mut other = angles;
+                        let [low, high] = self.fingers[n].range[joint];
+                        other[n][joint] = (other[n][joint] + change).clamp(low, high);
+                        if cost(&other) < cost(&angles) {
+                            angles = other;
+                        }
+                    }
+                }
+                if cost(&angles) > 0.99 * before {
+                    step *= 0.6;
+                }
+            }
+            angles
+        };
+        let mut best = descend();
+        for _ in 1..4 {
+            let other = descend();
+            if cost(&other) < cost(&best) {
+                best = other;
+            }
+        }
+        best
+    }
+
     /// A random posture: the fingers bend more or less together.
     fn posture(&self, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let common = [rng.uniform(), rng.uniform()];
@@ -159,6 +203,17 @@ impl FingersMotion {
         }
         let sway = [0.3, 3.0].map(|size| Vector3::from_fn(|_, _| size * rng.symmetric()));
         Self { stops, sway }
+    }
+
+    /// As [`Self::random`], through postures in which the thumb touches one finger after another.
+    pub fn pinches(hand: &OperatorHand, seed: u64, fingers: &[Finger], movement: f64, hold: f64) -> Self {
+        let mut rng = Purpose::Pinches.rng(seed);
+        let mut motion = Self::random(hand, seed, 2, 0, [movement; 2], hold);
+        for finger in fingers {
+            let begin = motion.duration() + movement;
+            motion.stops.push(([begin, begin + hold], hand.pinch(*finger, &mut rng)));
+        }
+        motion
     }
 
     /// When each posture is reached and when it is left [s].

@@ -31,6 +31,9 @@ const NOISE_MARGIN: f32 = 1.5;
 const MAX_RESIDUAL_RATIO: f32 = 4.0;
 /// A finger's residual that is this much larger than with another finger's marker means that they are swapped.
 const SWAP_RATIO: f32 = 2.0;
+/// Links of a typical finger, for the noise of an equation before the links are known.
+const TYPICAL_LINKS: FingerLinks =
+    FingerLinks([[0.0; 3], [0.045, 0.0, 0.0], [0.025, 0.0, 0.0], [0.02, 0.0, 0.0]]);
 /// Rotations of a joint below this standard deviation [rad] are no movement: 2°.
 const MIN_MOVEMENT: f32 = 0.035;
 
@@ -148,9 +151,32 @@ impl FingerCalibration {
         check_marker(self.finger, tip)?;
         self.joints.add(rotations, self.settings.forgetting);
         self.equations.forget(self.settings.forgetting);
-        add_equations(&mut self.equations, rotations, tip);
+        add_equations(&mut self.equations, rotations, tip, 1.0);
         self.weight = self.settings.forgetting * self.weight + 1.0;
         self.poses = self.poses.saturating_add(1);
+        Ok(())
+    }
+
+    /// Adds a posture in which the tip touches a place that is known [m], within a standard deviation along each
+    /// axis [m]. It helps to tell lengths, and is no pose: a prior must say the rest.
+    ///
+    /// # Errors
+    /// A place that is not finite or more than 0.4 m from the back of the hand, or a standard deviation outside
+    /// 0.1 mm to 0.1 m.
+    pub fn add_contact(
+        &mut self,
+        rotations: &FingerRotations,
+        place: [f32; 3],
+        deviation: f32,
+    ) -> Result<(), CalibrationError> {
+        check_marker(self.finger, place)?;
+        if !(1e-4..=0.1).contains(&deviation) {
+            let field = "standard deviation of the contact";
+            return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
+        }
+        // In the unit of the poses' equations.
+        let weight = self.settings.equation_deviation(&TYPICAL_LINKS) / deviation;
+        add_equations(&mut self.equations, rotations, place, weight.min(1.0));
         Ok(())
     }
 
@@ -331,11 +357,27 @@ impl HandCalibration {
             self.complete_poses = self.complete_poses.saturating_add(1);
             for (crossed, rotations) in self.crossed.iter_mut().zip(rotations.iter().flatten()) {
                 for (equations, tip) in crossed.iter_mut().zip(markers.iter().flatten()) {
-                    add_equations(equations, rotations, *tip);
+                    add_equations(equations, rotations, *tip, 1.0);
                 }
             }
         }
         Ok(())
+    }
+
+    /// Adds a posture in which the tip of the thumb, which is calibrated, touches that of a finger, within a standard
+    /// deviation along each axis [m]. For fingers without marker.
+    ///
+    /// # Errors
+    /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.
+    pub fn add_touch(
+        &mut self,
+        finger: Finger,
+        sample: &GloveSample,
+        deviation: f32,
+    ) -> Result<(), CalibrationError> {
+        let (links, _) = self.finger(Finger::Thumb).solve()?;
+        let place = links.tip(&FingerRotations::of(sample, Finger::Thumb)?);
+        self.finger_mut(finger).add_contact(&FingerRotations::of(sample, finger)?, place, deviation)
     }
 
     /// One finger.
@@ -362,8 +404,7 @@ impl HandCalibration {
         for (finger, crossed) in Finger::ALL.into_iter().zip(&self.crossed) {
             let deviation = |equations: &IncrementalQr<12>| math::sqrt(equations.residual() / freedom);
             let own = deviation(&crossed[finger as usize]);
-            // A link of 0.06 m twice.
-            let noise = self.finger(finger).settings.equation_deviation(&FingerLinks([[0.0, 0.0, 0.06]; 4]));
+            let noise = self.finger(finger).settings.equation_deviation(&TYPICAL_LINKS);
             let best =
                 Finger::ALL.into_iter().zip(crossed).fold((finger, own), |best, (other, equations)| {
                     if deviation(equations) < best.1 { (other, deviation(equations)) } else { best }
@@ -438,10 +479,10 @@ fn check_marker(finger: Finger, tip: [f32; 3]) -> Result<(), CalibrationError> {
     if distance <= 0.4 { Ok(()) } else { Err(CalibrationError::Marker { finger, distance }) }
 }
 
-fn add_equations(equations: &mut IncrementalQr<12>, rotations: &FingerRotations, tip: [f32; 3]) {
+fn add_equations(equations: &mut IncrementalQr<12>, rotations: &FingerRotations, tip: [f32; 3], weight: f32) {
     let regressor = rotations.regressor();
     for (axis, value) in tip.into_iter().enumerate() {
-        equations.add(regressor.row(axis).transpose(), value);
+        equations.add(regressor.row(axis).transpose() * weight, value * weight);
     }
 }
 
