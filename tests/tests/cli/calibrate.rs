@@ -7,7 +7,7 @@ use std::process::Stdio;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{FINGERS, Finger, GloveSample, HumanHand};
-use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses};
+use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses, touches};
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
 
 /// Exit code, standard output and standard error.
@@ -42,16 +42,21 @@ fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     header.extend(
         Finger::ALL.iter().flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))),
     );
+    header.push("touch".to_owned());
     let mut table = vec![header];
-    for pose in poses(plan, GloveValues::default(), 1).0 {
-        let GloveSample { back, segments } = pose.orientations;
+    let values = GloveValues::default();
+    let poses = poses(plan, values, 1).0.into_iter().map(|pose| (pose.orientations, pose.markers, ""));
+    let touches = touches(plan, values, 1).0.into_iter();
+    let touches = touches.map(|(finger, orientations)| (orientations, [None; FINGERS], finger.name()));
+    for (GloveSample { back, segments }, markers, touch) in poses.chain(touches) {
         let mut row = Vec::new();
         for quaternion in std::iter::once(&back).chain(segments.iter().flatten()) {
             row.extend(quaternion.unwrap().map(|component| component.to_string()));
         }
-        for marker in pose.markers {
+        for marker in markers {
             row.extend(marker.map_or([const { String::new() }; 3], |marker| marker.map(|x| x.to_string())));
         }
+        row.push(touch.to_owned());
         table.push(row);
     }
     table
@@ -123,6 +128,10 @@ fn what_is_wrong_with_a_table_is_said_by_row_and_column() {
         &["standard input:3: the marker of the thumb", "metres"],
     );
     refused(&|table| table[0][column("little1_qw")] = "x".to_owned(), &["no column little1_qw"]);
+    refused(
+        &|table| table[9][column("touch")] = "pinky".to_owned(),
+        &["standard input:10: column touch: \"pinky\""],
+    );
     refused(&|table| table.truncate(4), &["poses show the marker", "at least 4"]);
     refused(
         &|table| (2..62).for_each(|row| table[row] = table[1].clone()),

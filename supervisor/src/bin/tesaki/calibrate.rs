@@ -100,6 +100,8 @@ fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         let names = ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()));
         markers.push(table.all_or_none(&names, "position of a marker [m]")?);
     }
+    let touch = table.column("touch");
+    let mut touches = Vec::new();
     for row in &table.rows {
         // All cells empty: not measured.
         let cells = |columns: &[usize]| -> Result<Option<Vec<f32>>, Failure> {
@@ -122,11 +124,23 @@ fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> 
                 *marker = cells(columns)?.and_then(|all| all.try_into().ok());
             }
         }
-        guide
-            .add(&pose)
-            .map_err(|error| table.error(row.line, &format!("{error}; mend or remove the row")))?;
+        let refused = |error| table.error(row.line, &format!("{error}; mend or remove the row"));
+        match touch.map_or("", |column| table.text(row, column)) {
+            "" => guide.add(&pose).map_err(refused)?,
+            name => match Finger::ALL[1..].iter().find(|finger| finger.name() == name) {
+                Some(finger) => touches.push((row, *finger, pose.orientations)),
+                None => {
+                    let message = format!("column touch: {name:?}: write index, middle, ring or little");
+                    return Err(table.error(row.line, &message));
+                }
+            },
+        }
     }
-    Ok(())
+    // They need a thumb that is calibrated.
+    touches.into_iter().try_for_each(|(row, finger, orientations)| {
+        let refused = |error| table.error(row.line, &format!("a touch of the {finger}: {error}"));
+        guide.touch(finger, &orientations).map_err(refused)
+    })
 }
 
 /// Guides through the poses while samples come from standard input.
