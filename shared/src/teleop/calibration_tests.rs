@@ -319,3 +319,96 @@ fn links_that_no_hand_has_are_refused() {
     links[4] = FingerLinks::default();
     assert_eq!(HumanHand::try_new(links).unwrap_err().link, 3);
 }
+
+/// The hand of 110 % of the mean proportions, its first joints moved by a few millimetres: metacarpal's begin, splay
+/// and bones as in the paper's table [mm].
+fn large_hand() -> [FingerLinks; FINGERS] {
+    let fingers: [([f32; 2], f32, [f32; 4]); FINGERS] = [
+        ([20.0, 25.0], 45.0, [0.0, 46.22, 31.57, 27.34]),
+        ([25.0, 14.0], 9.0, [68.12, 39.78, 22.38, 19.66]),
+        ([25.0, 3.0], 2.0, [64.60, 44.63, 26.33, 21.35]),
+        ([25.0, -9.0], -6.0, [58.00, 41.37, 25.65, 21.25]),
+        ([25.0, -19.0], -13.0, [53.69, 32.74, 18.11, 19.69]),
+    ];
+    fingers.map(|([x, y], splay, bones)| {
+        let (sine, cosine) = f64::from(splay).to_radians().sin_cos();
+        let [metacarpal, bones @ ..] = bones.map(|bone| {
+            let length = 1.1e-3 * bone;
+            [length * cosine as f32, length * sine as f32, 0.0]
+        });
+        let base = [0.005 + 1.1e-3 * x + metacarpal[0], -0.003 + 1.1e-3 * y + metacarpal[1], 0.002];
+        FingerLinks([base, bones[0], bones[1], bones[2]])
+    })
+}
+
+fn relative_sample(rotations: &FingerRotations) -> GloveSample {
+    let segments = rotations.0.each_ref().map(quaternion);
+    GloveSample { back: Some([0.0, 0.0, 0.0, 1.0]), segments: [segments; FINGERS] }
+}
+
+/// Calibrated with markers on thumb, index and little finger.
+fn three_markers(hand: &[FingerLinks; FINGERS]) -> HandCalibration {
+    let settings = CalibrationSettings { orientation_noise: 0.002, ..CalibrationSettings::DEFAULT };
+    let mut calibration = HandCalibration::try_new(&settings).unwrap();
+    let flat = posture([0.0; 4]);
+    for rotations in core::iter::once(flat).chain(all_movements().map(posture)) {
+        let mut markers = hand.map(|links| Some(links.tip(&rotations)));
+        markers[2] = None;
+        markers[3] = None;
+        calibration.add_pose(&relative_sample(&rotations), &markers).unwrap();
+    }
+    calibration
+}
+
+#[test]
+fn fingers_without_marker_follow_from_the_size_and_the_place_of_the_others() {
+    let hand = large_hand();
+    let calibration = three_markers(&hand);
+    let flat = relative_sample(&posture([0.0; 4]));
+    assert!(matches!(
+        calibration.solve(),
+        Err(CalibrationError::TooFewPoses { finger: Finger::Middle, poses: 0, .. })
+    ));
+    let solved = calibration.solve_with_proportions(&flat).unwrap();
+    for (number, limit) in [(0, 5e-4), (1, 5e-4), (2, 2e-3), (3, 2e-3), (4, 5e-4)] {
+        for rotations in all_movements().map(posture) {
+            let miss = distance(solved[number].0.tip(&rotations), hand[number].tip(&rotations));
+            assert!(miss < limit, "{number}: {miss}");
+        }
+        assert_eq!(solved[number].1.tip_deviation > MAX_TIP_DEVIATION, [2, 3].contains(&number));
+    }
+    let mut one_marker = HandCalibration::try_new(&CalibrationSettings::DEFAULT).unwrap();
+    for rotations in all_movements().map(posture) {
+        let markers = [Some(hand[0].tip(&rotations)), None, None, None, None];
+        one_marker.add_pose(&relative_sample(&rotations), &markers).unwrap();
+    }
+    assert_eq!(one_marker.solve_with_proportions(&flat), Err(CalibrationError::TooFewFingers));
+}
+
+/// A ring finger whose knuckle is 8 mm from where the mean hand has it.
+#[test]
+fn touches_of_the_thumb_correct_the_proportions() {
+    let mut hand = large_hand();
+    hand[3].0[0][2] -= 0.008;
+    let mut calibration = three_markers(&hand);
+    let flat = relative_sample(&posture([0.0; 4]));
+    let worst = |calibration: &HandCalibration| {
+        let links = calibration.solve_with_proportions(&flat).unwrap()[3].0;
+        let misses = all_movements().map(|angles| {
+            let rotations = posture(angles);
+            distance(links.tip(&rotations), hand[3].tip(&rotations))
+        });
+        misses.fold(0.0, f32::max)
+    };
+    let before = worst(&calibration);
+    for angles in all_movements().step_by(3) {
+        // The thumb is where it has to be for its tip to be at the ring finger's.
+        let rotations = posture(angles);
+        let place = hand[3].tip(&rotations);
+        calibration.finger_mut(Finger::Ring).add_contact(&rotations, place, 2e-3).unwrap();
+    }
+    let after = worst(&calibration);
+    assert!(before > 6e-3 && after < 2e-3, "{before} {after}");
+    let mut fresh = HandCalibration::try_new(&CalibrationSettings::DEFAULT).unwrap();
+    assert!(fresh.add_touch(Finger::Ring, &flat, 2e-3).is_err(), "the thumb is not calibrated");
+}
