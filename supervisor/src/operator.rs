@@ -6,9 +6,10 @@ use std::fmt::Write as _;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
+use tesaki::math;
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks, GloveSample,
-    HandCalibration, MAX_TIP_DEVIATION,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks,
+    FingerRotations, GloveSample, HandCalibration, MAX_TIP_DEVIATION,
 };
 
 /// Positions of the markers that are seen, thumb to little finger, in the frame of the back of the hand [m].
@@ -83,6 +84,7 @@ impl PoseDetector {
 
 /// Mean orientations of the segments relative to the back of the hand, which is the identity in the result. A
 /// segment without any sample is missing in it.
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
 pub fn mean_orientations(samples: &[GloveSample]) -> GloveSample {
     let mean = |finger: usize, segment: usize| {
         let mut sum = Quaternion::new(0.0, 0.0, 0.0, 0.0);
@@ -107,6 +109,7 @@ fn quaternion([x, y, z, w]: [f32; 4]) -> Quaternion<f64> {
     Quaternion::new(f64::from(w), f64::from(x), f64::from(y), f64::from(z))
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
 fn mean_markers<'a>(samples: impl Iterator<Item = &'a Markers> + Clone) -> Markers {
     std::array::from_fn(|finger| {
         let (mut count, mut sum) = (0.0, [0.0; 3]);
@@ -182,8 +185,9 @@ impl CalibrationGuide {
         for (finger, marker) in Finger::ALL.into_iter().zip(pose.markers) {
             let Some(tip) = marker else { continue };
             let Ok((links, _)) = self.calibration.finger(finger).solve() else { continue };
-            let found = links.tip(&tesaki::teleop::FingerRotations::of(&pose.orientations, finger)?);
-            let value = found.iter().zip(tip).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt();
+            let found = links.tip(&FingerRotations::of(&pose.orientations, finger)?);
+            let square = found.iter().zip(tip).map(|(a, b)| (a - b) * (a - b)).sum();
+            let value = math::sqrt(square);
             if value > REDO {
                 return Err(CalibrationError::Residual { finger, value, limit: REDO });
             }

@@ -17,10 +17,11 @@ impl JointMovements {
         let joints = rotations.joints();
         let first = *self.first.get_or_insert(joints);
         self.weight = forgetting * self.weight + 1.0;
-        for joint in 0..3 {
-            let vector = math::rotation_vector(&(first[joint].transpose() * joints[joint]));
-            self.sum[joint] = self.sum[joint] * forgetting + vector;
-            self.squares[joint] = self.squares[joint] * forgetting + vector * vector.transpose();
+        let sums = self.sum.iter_mut().zip(&mut self.squares);
+        for ((sum, squares), (first, rotation)) in sums.zip(first.iter().zip(&joints)) {
+            let vector = math::rotation_vector(&(first.transpose() * rotation));
+            *sum = *sum * forgetting + vector;
+            *squares = *squares * forgetting + vector * vector.transpose();
         }
     }
 

@@ -158,8 +158,8 @@ fn a_stream_is_led_through_the_poses() {
     {
         let (_, angles) = motion.at(time);
         let mut line = json!({ "time": time, "back": sample.back, "markers": {} });
-        for number in 0..FINGERS {
-            let finger = Finger::ALL[number];
+        for finger in Finger::ALL {
+            let number = finger as usize;
             line[finger.name()] = json!(sample.segments[number]);
             let tip: [f64; 3] = hand.finger(finger, &angles[number]).1.into();
             line["markers"][finger.name()] = json!(tip);

@@ -56,7 +56,9 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
 /// Why there is no calibration, and what to do.
 fn refused(error: &CalibrationError, proportions: bool) -> Failure {
     let hint = match error {
-        CalibrationError::TooFewPoses { poses: 0, .. } if !proportions => {
+        CalibrationError::TooFewPoses { finger, poses: 0, .. }
+            if !proportions && *finger != Finger::Thumb =>
+        {
             "; or give --proportions to infer fingers without marker"
         }
         CalibrationError::MissingMotion { .. } => "; add poses that do",
@@ -226,6 +228,7 @@ fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
     Ok((time, sample, markers))
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
 fn numbers<const N: usize>(value: &Value) -> Option<[f32; N]> {
     let numbers: Vec<f32> =
         value.as_array()?.iter().map(|x| x.as_f64().map(|x| x as f32)).collect::<Option<_>>()?;
