@@ -178,7 +178,7 @@ fn a_stream_is_led_through_the_poses() {
     assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
     // A stream that stops, and one that is none.
     let (code, _, error) =
-        run(folder.path(), &["--live"], &lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
+        run(folder.path(), &["--live"], lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
     assert!(code == 1 && error.contains("not calibrated"), "{error}");
     let (code, _, error) = run(folder.path(), &["--live"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
     assert!(code == 1 && error.contains("standard input:1: \"back\" must be a quaternion"), "{error}");
