@@ -19,6 +19,11 @@ pub(crate) enum Purpose {
     MasterArm = 10,
     ElbowSensor = 11,
     Link = 12,
+    OperatorHand = 13,
+    FingersMotion = 14,
+    Glove = 15,
+    FingertipMarkers = 16,
+    Pinches = 17,
 }
 
 impl Purpose {

@@ -1,5 +1,6 @@
 //! The PC side of a tesaki board: [`Board`] and its requests, serial ports, a hub that shares a board between
-//! programs, a fault injector for the link, a hand of several boards, and identification of joints.
+//! programs, a fault injector for the link, a hand of several boards, identification of joints, and calibration of an
+//! operator's hand.
 
 mod board;
 pub mod fault_injector;
@@ -10,6 +11,7 @@ pub mod identify;
 mod link;
 #[cfg(feature = "cli")]
 pub mod monitor;
+pub mod operator;
 #[cfg(unix)]
 pub mod port;
 pub mod trajectory;

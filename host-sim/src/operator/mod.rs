@@ -7,17 +7,23 @@
 //!                    └─ force ◄─ Link ◄──┘
 //! ```
 //!
+//! For a hand with five fingers: [`OperatorHand`] moved by [`FingersMotion`], measured by [`Glove`] and
+//! [`FingertipMarkers`]; [`calibration_trial`] calibrates it.
+//!
 //! All poses are in one frame, in which the operator's hand and the slave's hand are to be at the same place;
 //! where the devices stand is their own matter. Devices sample at rates and phases of their own. Everything
 //! random is seeded, and all time stamps are of one clock.
 
+pub mod calibration_trial;
 mod elbow;
+mod glove;
 mod link;
 mod master_arm;
 mod motion;
 mod recorded;
 
 pub use elbow::{ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing};
+pub use glove::{FingerAngles, FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 pub use link::{Link, LinkValues, Packet};
 pub use master_arm::{Impedance, MasterArm, MasterArmValues, MasterPose};
 pub use motion::{OperatorHandMotion, OperatorHandState, Stroke, StrokeValues, TREMOR_BAND};

@@ -9,12 +9,14 @@
 
 mod atan2;
 mod ldlt;
+mod least_squares;
 mod sincos;
 mod so3;
 mod sqrt;
 
 pub use atan2::atan2;
 pub(crate) use ldlt::Ldlt;
+pub(crate) use least_squares::{IncrementalQr, Svd};
 pub use sincos::sin_cos;
 pub(crate) use so3::{rotated_by, rotation_between};
 pub use so3::{rotation_matrix, rotation_vector};

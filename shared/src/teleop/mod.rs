@@ -29,6 +29,18 @@
 //!
 //! With force feedback, a [`PowerPort`] at each end keeps the link passive.
 //!
+//! # The operator's fingers
+//!
+//! ```text
+//!  16 orientations ─► GloveFilter ─► HumanHand ─► fingertips: position, direction, velocity
+//!  poses, markers ──► HandCalibration ──► links ──┘
+//! ```
+//!
+//! [`HumanHand`] computes the fingertips in the frame of the back of the hand from absolute orientations (Hand5
+//! section 2.1); [`HandCalibration`] estimates the links from markers on the tips.
+//!
+//! # An example
+//!
 //! ```
 //! use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 //! let follower = Follower::try_new(FollowerSettings::HUMAN)?;
@@ -57,8 +69,14 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
+mod anatomy;
+mod calibration;
+mod calibration_error;
 mod error;
 mod follower;
+mod hand_calibration;
+mod human_hand;
+mod joint_movements;
 mod motion_limits;
 mod operator_estimate;
 mod passivity;
@@ -74,8 +92,21 @@ mod retarget;
 )]
 mod tests;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, clippy::cast_precision_loss, reason = "tests")]
+mod calibration_tests;
+
+pub use calibration::{
+    CalibrationAccuracy, CalibrationSettings, FingerCalibration, LinkPrior, MAX_TIP_DEVIATION,
+};
+pub use calibration_error::{CalibrationError, FingerMotion, Movement};
 pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
+pub use hand_calibration::HandCalibration;
+pub use human_hand::{
+    FINGERS, Finger, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState,
+    GloveSample, GloveSensor, HumanHand, InvalidLink, SENSORS,
+};
 pub use motion_limits::MotionLimits;
 pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod arm;
+mod calibrate;
 mod commanding;
 mod configuring;
 mod connection;

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod calibrate;
 mod eval;
 mod examples;
 mod grasp;
@@ -15,6 +16,7 @@ use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
 
+pub use calibrate::Calibrate;
 pub use eval::{Eval, Grip, Kinematics};
 pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
@@ -110,6 +112,9 @@ pub enum Command {
     Grasp(Grasp),
     /// Identify torque constants and friction of a hand's joints from free and loaded motion
     Identify(Identify),
+    /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips; needs
+    /// no board
+    Calibrate(Calibrate),
     /// Cartesian impedance control of an arm: the tool behaves as a mass with a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),

@@ -6,7 +6,7 @@ mod forward;
 mod grip;
 mod inverse;
 mod proof;
-mod table;
+pub mod table;
 
 use std::io::{self, Write};
 use std::path::Path;

@@ -3,6 +3,7 @@
 mod args;
 mod board;
 mod board_session;
+mod calibrate;
 mod check;
 mod doctor;
 mod eval;
@@ -55,6 +56,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Reach(args) => reach::run(options, args),
         Command::Grasp(command) => grasp::run(options, command),
         Command::Identify(args) => identify::run(options, args),
+        Command::Calibrate(args) => calibrate::run(options, args),
         Command::Impedance(command) => impedance::run(options, command),
         Command::Tare => home::tare(options),
         Command::Home(args) => home::home(options, args),

@@ -126,6 +126,11 @@ impl Table {
         row.record.get(column).is_none_or(str::is_empty)
     }
 
+    /// What the row has in the column.
+    pub fn text<'a>(&self, row: &'a Row, column: usize) -> &'a str {
+        row.record.get(column).unwrap_or_default()
+    }
+
     /// A finite number.
     pub fn number(&self, row: &Row, column: usize) -> Result<f32, Failure> {
         let text = row.record.get(column).unwrap_or_default();

@@ -1,0 +1,273 @@
+//! Calibration of simulated hands, and how well it then measures the vectors from the thumb's tip to the
+//! other fingertips (Hand5 section 3.1).
+
+use rapier3d::na::Vector3;
+use tesaki::teleop::{
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveFilter,
+    GloveFilterState, GloveSample, HumanHand, InvalidLink,
+};
+use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
+
+use super::glove::{FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
+
+/// Vectors shorter than this have no direction worth comparing [m].
+const MIN_DISTANCE: f64 = 0.025;
+/// How long a pose is held [s], and the range of the time to the next.
+const HOLD: f64 = 1.0;
+const MOVEMENT: [f64; 2] = [0.8, 1.2];
+/// Noise of a pose that is the mean of [`HOLD`]: of a Gauss-Markov process with bandwidth `B`, `1/√(π B t)` of that
+/// of a sample.
+const POSE_NOISE: f64 = 0.178;
+
+/// How a hand is calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationPlan {
+    /// Number of poses after the flat hand.
+    pub poses: usize,
+    /// The fingers with a marker.
+    pub marked: [bool; FINGERS],
+    /// How often the thumb touches each finger without marker.
+    pub touches: usize,
+}
+
+impl CalibrationPlan {
+    /// A marker on every finger: two minutes.
+    pub const FULL: Self = Self { poses: 60, marked: [true; FINGERS], touches: 0 };
+    /// Markers on thumb, index and little finger: under two minutes. Proportions of the hand, and
+    /// six touches of the thumb with each, give the others.
+    pub const QUICK: Self = Self { poses: 40, marked: [true, true, false, false, true], touches: 6 };
+}
+
+/// Mean and standard deviation of a vector's errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VectorError {
+    /// Number of instants with the tips at least 25 mm apart.
+    pub count: u32,
+    /// Of its length [m].
+    pub length: [f64; 2],
+    /// Of the angle between the estimated and the true vector [rad].
+    pub direction: [f64; 2],
+}
+
+impl VectorError {
+    /// Of pairs of an estimated and a true vector.
+    pub fn of(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone) -> Self {
+        let pairs = pairs.filter(|(_, truth)| truth.norm() >= MIN_DISTANCE);
+        let statistics = |values: &mut dyn Iterator<Item = f64>| {
+            let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
+            for value in values {
+                (count, sum, squares) = (count + 1.0, sum + value, squares + value * value);
+            }
+            let mean = sum / count;
+            [mean, libm::sqrt((squares / count - mean * mean).max(0.0))]
+        };
+        Self {
+            count: pairs.clone().count() as u32,
+            length: statistics(&mut pairs.clone().map(|(found, truth)| found.norm() - truth.norm())),
+            direction: statistics(&mut pairs.map(|(found, truth)| found.angle(&truth))),
+        }
+    }
+}
+
+/// What a trial gave.
+#[derive(Clone, Debug)]
+pub struct CalibrationTrial {
+    /// Time that the poses took [s].
+    pub time: f64,
+    /// Of each finger.
+    pub accuracy: [CalibrationAccuracy; FINGERS],
+    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one of each per
+    /// sample.
+    pub vectors: [Vec<(Vector3<f64>, Vector3<f64>)>; 4],
+    /// Delay that explains the estimated vectors best [s].
+    pub delay: f64,
+}
+
+/// Why a trial failed.
+#[derive(Debug, thiserror::Error)]
+pub enum TrialError {
+    /// The calibration was refused.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// Its links are not a hand's.
+    #[error(transparent)]
+    Link(#[from] InvalidLink),
+}
+
+/// Calibrates the hand of a seed and lets it move for `duration` [s].
+///
+/// # Errors
+/// The calibration was refused.
+pub fn run(
+    plan: &CalibrationPlan,
+    values: GloveValues,
+    filter: GloveFilter,
+    seed: u64,
+    duration: f64,
+) -> Result<CalibrationTrial, TrialError> {
+    let hand = OperatorHand::random(seed);
+    let (poses, time) = poses(plan, values, seed);
+    let settings = CalibrationSettings {
+        orientation_noise: (GloveValues::default().noise * POSE_NOISE) as f32,
+        ..CalibrationSettings::DEFAULT
+    };
+    let mut guide = CalibrationGuide::try_new(&settings)?;
+    poses.iter().try_for_each(|pose| guide.add(pose))?;
+    let (touches, touch_time) = touches(plan, values, seed);
+    touches.iter().try_for_each(|(finger, orientations)| guide.touch(*finger, orientations))?;
+    let time = time + touch_time;
+    let solved = guide.finish(true)?;
+    let human = HumanHand::try_new(solved.map(|(links, _)| links))?;
+    // Half-second movements, as in fast finger work.
+    let count = libm::ceil(duration / 0.75) as usize;
+    let motion = FingersMotion::random(&hand, seed, 1, count, [0.4, 0.9], 0.1);
+    let mut glove = Glove::new(values, seed.wrapping_add(1 << 32));
+    let mut state = GloveFilterState::default();
+    let mut vectors = [const { Vec::new() }; 4];
+    let mut times = Vec::new();
+    loop {
+        let (time, sample) = glove.sample(&hand, &motion);
+        if time >= duration {
+            break;
+        }
+        // A sensor that gave no sample is bridged.
+        let _ = filter.update(&mut state, (1.0 / values.rate) as f32, &sample);
+        let tips = human.fingertips(&state);
+        let Ok(thumb) = tips[0] else { continue };
+        let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay));
+        let mut complete = true;
+        for (number, tip) in tips[1..].iter().enumerate() {
+            if let Ok(tip) = tip {
+                let found = position(tip.position) - position(thumb.position);
+                vectors[number].push((found, truth[number]));
+            } else {
+                complete = false;
+            }
+        }
+        if complete {
+            times.push(time);
+        }
+    }
+    let delay = if times.len() == vectors[0].len() {
+        best_delay(&hand, &motion, &times, &vectors[0])
+    } else {
+        f64::NAN
+    };
+    Ok(CalibrationTrial { time, accuracy: solved.map(|(_, accuracy)| accuracy), vectors, delay })
+}
+
+/// The poses of a calibration, each the mean of the time that it is held, and how long they took [s]. The first
+/// one is the flat hand.
+pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pose>, f64) {
+    let hand = OperatorHand::random(seed);
+    let motion = FingersMotion::random(&hand, seed, 0, plan.poses, MOVEMENT, HOLD);
+    let mut markers = FingertipMarkers::new(seed);
+    let means = held(&hand, &motion, &mut Glove::new(values, seed)).into_iter().zip(motion.holds());
+    let poses = means.map(|(orientations, [begin, end])| {
+        let mut seen = markers.measure(&hand, &motion.at(0.5 * (begin + end)).1);
+        seen.iter_mut().zip(plan.marked).for_each(|(seen, marked)| *seen = seen.filter(|_| marked));
+        Pose { orientations, markers: seen }
+    });
+    (poses.collect(), motion.duration())
+}
+
+/// The touches of thumb and fingers without marker, and how long they took [s]. The tips' ends are up to some 2 mm
+/// off each other, along each axis.
+pub fn touches(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<(Finger, GloveSample)>, f64) {
+    let hand = OperatorHand::random(seed);
+    let unmarked = Finger::ALL.into_iter().zip(plan.marked).filter(|(_, marked)| !marked);
+    let fingers = unmarked.flat_map(|(finger, _)| std::iter::repeat_n(finger, plan.touches));
+    let fingers: Vec<Finger> = fingers.collect();
+    let motion = FingersMotion::pinches(&hand, seed, &fingers, MOVEMENT[1], HOLD);
+    let means = held(&hand, &motion, &mut Glove::new(values, seed.wrapping_add(2 << 32)));
+    let time = if fingers.is_empty() { 0.0 } else { motion.duration() };
+    (fingers.into_iter().zip(means.into_iter().skip(1)).collect(), time)
+}
+
+/// Mean orientations of each posture that is held.
+fn held(hand: &OperatorHand, motion: &FingersMotion, glove: &mut Glove) -> Vec<GloveSample> {
+    let mut next = glove.sample(hand, motion);
+    let means = motion.holds().map(|[begin, end]| {
+        let mut samples = Vec::new();
+        while next.0 < end {
+            if next.0 >= begin {
+                samples.push(next.1);
+            }
+            next = glove.sample(hand, motion);
+        }
+        mean_orientations(&samples)
+    });
+    means.collect()
+}
+
+fn position(position: [f32; 3]) -> Vector3<f64> {
+    Vector3::from(position.map(f64::from))
+}
+
+fn true_vectors(hand: &OperatorHand, motion: &FingersMotion, time: f64) -> [Vector3<f64>; 4] {
+    let (_, angles) = motion.at(time);
+    let tips: [Vector3<f64>; FINGERS] =
+        core::array::from_fn(|number| hand.finger(Finger::ALL[number], &angles[number]).1);
+    core::array::from_fn(|number| tips[number + 1] - tips[0])
+}
+
+/// The delay of the true motion, in steps of a millisecond from −20 to 60 ms, with the least squared error.
+fn best_delay(
+    hand: &OperatorHand,
+    motion: &FingersMotion,
+    times: &[f64],
+    vectors: &[(Vector3<f64>, Vector3<f64>)],
+) -> f64 {
+    let cost = |delay: f64| -> f64 {
+        let pairs = times.iter().zip(vectors).step_by(7);
+        pairs
+            .map(|(time, (found, _))| (found - true_vectors(hand, motion, time - delay)[0]).norm_squared())
+            .sum()
+    };
+    let delays = (-20..=60).map(|step| 1e-3 * f64::from(step));
+    let best = delays.map(|delay| (cost(delay), delay)).min_by(|one, other| one.0.total_cmp(&other.0));
+    best.map_or(f64::NAN, |(_, delay)| delay)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Errors of the vectors from the thumb to the other fingers on the development machines, and the time of
+    /// the calibration [s].
+    fn errors(plan: &CalibrationPlan, filter: GloveFilter) -> ([VectorError; 4], f64) {
+        let mut all = [const { Vec::new() }; 4];
+        let mut time = 0.0_f64;
+        for seed in 1..=20 {
+            let trial = run(plan, GloveValues::default(), filter, seed, 30.0).unwrap();
+            assert!((trial.delay - f64::from(filter.delay)).abs() < 4e-3, "{seed}: {}", trial.delay);
+            time = time.max(trial.time);
+            all.iter_mut().zip(trial.vectors).for_each(|(all, vectors)| all.extend(vectors));
+        }
+        (all.map(|vectors| VectorError::of(vectors.into_iter())), time)
+    }
+
+    /// The paper: 0.9 ± 3.8 mm, 2.4 ± 1.6° (Hand5 section 3.1).
+    #[test]
+    fn a_calibrated_hand_measures_the_vectors_between_its_tips_better_than_the_paper() {
+        for (error, finger) in errors(&CalibrationPlan::FULL, GloveFilter::SMOOTH).0.iter().zip(1..) {
+            println!("{finger}: {error:?}");
+            assert!(error.count > 30_000, "{finger}: {error:?}");
+            let [mean, deviation] = error.length;
+            assert!(mean.abs() < 0.9e-3 && deviation < 2e-3, "{finger}: {error:?}");
+            let [mean, deviation] = error.direction.map(f64::to_degrees);
+            assert!(mean < 1.4 && deviation < 1.0, "{finger}: {mean} {deviation}");
+        }
+    }
+
+    #[test]
+    fn three_markers_and_two_minutes_are_enough() {
+        let (errors, time) = errors(&CalibrationPlan::QUICK, GloveFilter::SMOOTH);
+        println!("{time} s {errors:?}");
+        assert!(time < 120.0, "{time} s");
+        let [index, middle, ring, little] = errors.map(|error| error.length[1]);
+        assert!(index < 2e-3 && little < 2e-3, "{index} {little}");
+        assert!(middle < 3e-3 && ring < 3e-3, "{middle} {ring}");
+    }
+}

@@ -1,0 +1,332 @@
+//! Link calibration of the operator's fingers (Hand5 eq. 2).
+//!
+//! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a finger's
+//! links. They are added one after another to a triangular factor ([`IncrementalQr`]), so calibration goes on
+//! in use, with forgetting where wanted.
+//!
+//! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip exactly as
+//! the same component of link `k` does, so `A` has rank 10, without spreading 9, whatever the poses. Noise hides
+//! that: see [`CalibrationSettings::orientation_noise`]. The solution of minimum norm without the directions that
+//! noise alone made predicts the tip all the same.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::calibration_error::{CalibrationError, FingerMotion, Movement};
+use super::human_hand::{Finger, FingerLinks, FingerRotations};
+use super::joint_movements::{JointMovements, JointRange};
+use crate::math::{self, IncrementalQr};
+
+/// Poses for twelve unknowns.
+const MIN_POSES: u32 = 4;
+/// Maximum standard deviation of the predicted tip over the joints' range [m].
+pub const MAX_TIP_DEVIATION: f32 = 2e-3;
+/// Prior standard deviation of what the poses leave undetermined [m]: a component of a link along a hinge is
+/// shorter than a phalanx.
+const UNKNOWN_LINK: f32 = 0.03;
+/// Noise may be larger than stated.
+const NOISE_MARGIN: f32 = 1.5;
+/// Residuals above this many standard deviations are not noise.
+const MAX_RESIDUAL_RATIO: f32 = 4.0;
+/// Links of a typical finger, for the noise of an equation before the links are known.
+pub(super) const TYPICAL_LINKS: FingerLinks =
+    FingerLinks([[0.0; 3], [0.045, 0.0, 0.0], [0.025, 0.0, 0.0], [0.02, 0.0, 0.0]]);
+/// Rotations of a joint below this standard deviation [rad] are no movement: 2°.
+const MIN_MOVEMENT: f32 = 0.035;
+
+/// What a calibration assumes about its measurements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationSettings {
+    /// Noise of one sensor's orientation in one pose: root mean square of the rotation angle [rad], 0 to 0.2.
+    /// Less than that of a sample if a pose is the mean over a time.
+    ///
+    /// With standard deviation `σ = noise/√3` about each axis, a unit vector `v` has `E|δA v|² = 2σ²` a pose:
+    /// a rotation error `e` displaces `v` by `e × v`, and the error of the back of the hand acts on `−v0`
+    /// where `A v = 0`. So in `N` poses noise alone makes singular values of about `σ_n = noise √(2N/3)`, and
+    /// random matrix theory (Marchenko and Pastur 1967) spreads them up to `σ_n (1 + 2/√N)` for 12 columns of
+    /// 3N rows. Singular values below 1.5 times that are truncated.
+    pub orientation_noise: f32,
+    /// Standard deviation of a marker along each axis [m], 10⁻⁶ to 0.01.
+    pub marker_noise: f32,
+    /// Factor on the weight of all earlier poses with each new one, 0.5 to 1; 1 forgets nothing.
+    pub forgetting: f32,
+}
+
+impl CalibrationSettings {
+    /// One and a half degree, 0.3 mm, nothing forgotten.
+    pub const DEFAULT: Self = Self { orientation_noise: 0.0262, marker_noise: 3e-4, forgetting: 1.0 };
+
+    pub(super) fn check(&self) -> Result<(), CalibrationError> {
+        let settings = [
+            ("orientation noise", self.orientation_noise, [0.0, 0.2]),
+            ("marker noise", self.marker_noise, [1e-6, 0.01]),
+            ("forgetting", self.forgetting, [0.5, 1.0]),
+        ];
+        for (field, value, [min, max]) in settings {
+            if !(min..=max).contains(&value) {
+                return Err(CalibrationError::Setting { field, value, min, max });
+            }
+        }
+        Ok(())
+    }
+
+    /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts with
+    /// each link as lever, for its own sensor and for that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
+    pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
+        let [_, moving @ ..] = links.0.map(Vector3::from);
+        let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();
+        let noise = self.orientation_noise * self.orientation_noise * (4.0 / 9.0) * levers;
+        math::sqrt(self.marker_noise * self.marker_noise + noise)
+    }
+}
+
+/// How well a finger is calibrated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationAccuracy {
+    /// Number of poses.
+    pub poses: u32,
+    /// Number of singular values above the noise; 9 or 10 for a finger with hinges, 12 with a prior.
+    pub rank: u8,
+    /// Ratio of the largest to the smallest singular value that is kept.
+    pub condition: f32,
+    /// Root mean square of the tip's residual [m].
+    pub residual: f32,
+    /// Standard deviation of the predicted tip [m]: the largest over 81 postures of the joints' range. From the
+    /// flat hand, fingers: base 0, 40, 80° bent and −10, 0, 10° spread; middle 0, 45, 90°; end 2/3 of the
+    /// middle −10, 0, 10°. Thumb: base 0, 20, 40° and −20, 0, 20°; middle 0, 25, 50°; end 0, 35, 70°.
+    pub tip_deviation: f32,
+    /// The movement that would improve it most.
+    pub weakest: FingerMotion,
+}
+
+/// What is known of a finger's links without a marker: mean and standard deviation of each component [m].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkPrior {
+    /// Mean.
+    pub mean: FingerLinks,
+    /// Standard deviation of the components of each link.
+    pub deviation: [f32; 4],
+}
+
+/// Calibration of one finger.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingerCalibration {
+    pub(super) finger: Finger,
+    pub(super) settings: CalibrationSettings,
+    equations: IncrementalQr<12>,
+    /// Number of poses, and their sum of weights.
+    poses: u32,
+    weight: f32,
+    pub(super) joints: JointMovements,
+    has_prior: bool,
+}
+
+impl FingerCalibration {
+    /// No pose yet.
+    ///
+    /// # Errors
+    /// A setting outside its limits.
+    pub fn try_new(finger: Finger, settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
+        settings.check()?;
+        Ok(Self::new(finger, settings))
+    }
+
+    /// With settings that are checked.
+    pub(super) fn new(finger: Finger, settings: &CalibrationSettings) -> Self {
+        Self {
+            finger,
+            settings: *settings,
+            equations: IncrementalQr::new(),
+            poses: 0,
+            weight: 0.0,
+            joints: JointMovements::default(),
+            has_prior: false,
+        }
+    }
+
+    /// Adds a pose: orientations, and the marker at the tip in the frame of the back of the hand [m]. The first
+    /// pose is the flat hand.
+    ///
+    /// # Errors
+    /// A marker that is not finite or more than 0.4 m from the back of the hand. Nothing is added.
+    pub fn add_pose(&mut self, rotations: &FingerRotations, tip: [f32; 3]) -> Result<(), CalibrationError> {
+        check_marker(self.finger, tip)?;
+        self.joints.add(rotations, self.settings.forgetting);
+        self.equations.forget(self.settings.forgetting);
+        add_equations(&mut self.equations, rotations, tip, 1.0);
+        self.weight = self.settings.forgetting * self.weight + 1.0;
+        self.poses = self.poses.saturating_add(1);
+        Ok(())
+    }
+
+    /// Adds a posture in which the tip touches a place that is known [m], within a standard deviation along each
+    /// axis [m]. It helps to tell lengths, and is no pose: a prior must say the rest.
+    ///
+    /// # Errors
+    /// A place that is not finite or more than 0.4 m from the back of the hand, or a standard deviation outside
+    /// 0.1 mm to 0.1 m.
+    pub fn add_contact(
+        &mut self,
+        rotations: &FingerRotations,
+        place: [f32; 3],
+        deviation: f32,
+    ) -> Result<(), CalibrationError> {
+        check_marker(self.finger, place)?;
+        if !(1e-4..=0.1).contains(&deviation) {
+            let field = "standard deviation of the contact";
+            return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
+        }
+        // In the unit of the poses' equations.
+        let weight = self.settings.equation_deviation(&TYPICAL_LINKS) / deviation;
+        add_equations(&mut self.equations, rotations, place, weight.min(1.0));
+        Ok(())
+    }
+
+    /// Adds what is known of the links: regularised least squares.
+    ///
+    /// # Errors
+    /// A mean that is not finite, or a standard deviation outside 0.1 mm to 0.1 m.
+    pub fn add_prior(&mut self, prior: &LinkPrior) -> Result<(), CalibrationError> {
+        for (link, (mean, deviation)) in prior.mean.0.iter().zip(prior.deviation).enumerate() {
+            if !(1e-4..=0.1).contains(&deviation) || !mean.iter().all(|x| x.is_finite()) {
+                let field = "standard deviation of the prior";
+                return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
+            }
+            // In the unit of the poses' equations, whose standard deviation is that of noise.
+            let weight = self.settings.equation_deviation(&prior.mean) / deviation;
+            for (axis, mean) in mean.iter().enumerate() {
+                let mut row = SVector::zeros();
+                row[3 * link + axis] = weight;
+                self.equations.add(row, weight * mean);
+            }
+        }
+        self.has_prior = true;
+        Ok(())
+    }
+
+    /// Number of poses.
+    pub const fn poses(&self) -> u32 {
+        self.poses
+    }
+
+    /// The links, and how well they predict the tip, whatever the accuracy.
+    ///
+    /// # Errors
+    /// Too few poses, or poses that are all alike; neither with a prior.
+    pub fn estimate(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
+        let Self { finger, poses, .. } = *self;
+        if !self.has_prior {
+            if poses < MIN_POSES {
+                return Err(CalibrationError::TooFewPoses { finger, poses, min: MIN_POSES });
+            }
+            if self.joints.largest_deviation() < MIN_MOVEMENT {
+                return Err(CalibrationError::PosesAlike { finger });
+            }
+        }
+        let noise = self.settings.orientation_noise * math::sqrt(2.0 / 3.0 * self.weight);
+        let spread = 1.0 + 2.0 / math::sqrt(self.weight.max(1.0));
+        // Rounding of single precision.
+        let rounding = 1e-4 * math::sqrt(self.weight.max(1.0));
+        let threshold = if self.has_prior { 0.0 } else { (NOISE_MARGIN * spread * noise).max(rounding) };
+        let solution = self.equations.solve(threshold);
+        let links = FingerLinks::from_vector(&solution.x);
+        let expected = self.settings.equation_deviation(&links);
+        let equations = 3.0 * self.weight + if self.has_prior { 12.0 } else { 0.0 };
+        let freedom = equations - f32::from(rank_of(solution.rank));
+        let measured = if freedom > 1.0 { math::sqrt(solution.residual / freedom) } else { 0.0 };
+        let deviation = measured.max(expected);
+        // Covariance of the links in the axes of the singular vectors. Noise of A attenuates a component by
+        // 1 − (σ_n/σ)².
+        let variances = SVector::<f32, 12>::from_fn(|k, _| {
+            if k >= solution.rank {
+                return UNKNOWN_LINK * UNKNOWN_LINK;
+            }
+            let square = solution.values[k] * solution.values[k];
+            let attenuation = if self.has_prior { 0.0 } else { noise * noise / square * UNKNOWN_LINK };
+            deviation * deviation / square + attenuation * attenuation
+        });
+        let scaled = SMatrix::<f32, 12, 12>::from_fn(|row, k| {
+            solution.directions[(row, k)] * math::sqrt(variances[k])
+        });
+        let (tip_deviation, weakest) = self.tip_deviation(&scaled);
+        let last = solution.rank.saturating_sub(1).min(11);
+        let accuracy = CalibrationAccuracy {
+            poses,
+            rank: rank_of(solution.rank),
+            condition: solution.values[0] / solution.values[last],
+            residual: math::sqrt(solution.residual / self.weight.max(1.0)),
+            tip_deviation,
+            weakest: FingerMotion { finger, movement: weakest },
+        };
+        Ok((links, accuracy))
+    }
+
+    /// The links, if they predict the tip well enough.
+    ///
+    /// # Errors
+    /// Too few poses; poses that are all alike; residuals that are not noise; a predicted tip whose standard
+    /// deviation exceeds 2 mm, with the movement that the poses lack.
+    pub fn solve(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
+        let (links, accuracy) = self.estimate()?;
+        let limit = MAX_RESIDUAL_RATIO * 1.732 * self.settings.equation_deviation(&links);
+        if accuracy.residual > limit {
+            return Err(CalibrationError::Residual { finger: self.finger, value: accuracy.residual, limit });
+        }
+        if accuracy.tip_deviation > MAX_TIP_DEVIATION {
+            return Err(CalibrationError::MissingMotion {
+                motion: accuracy.weakest,
+                deviation: accuracy.tip_deviation,
+                limit: MAX_TIP_DEVIATION,
+            });
+        }
+        Ok((links, accuracy))
+    }
+
+    /// Largest standard deviation of the tip over the postures, and the movement about which the tip's
+    /// displacement is known least. `scaled`: square root of the covariance of the links.
+    fn tip_deviation(&self, scaled: &SMatrix<f32, 12, 12>) -> (f32, Movement) {
+        let range = JointRange::of(self.finger);
+        let mut largest = 0.0_f32;
+        for index in 0..81 {
+            let level = |power: u32| (index / 3_usize.pow(power)) % 3;
+            let posture = self.joints.posture(range.angles([level(0), level(1), level(2), level(3)]));
+            largest = largest.max((posture.regressor() * scaled).norm_squared());
+        }
+        // Each joint alone, over its whole range.
+        let [least, middle, most] = [0, 1, 2].map(|level| range.angles([level; 4]));
+        let mut weakest = (0.0, Movement::BendBase);
+        for (number, movement) in Movement::ALL.into_iter().enumerate() {
+            let [low, high] = [least, most].map(|end| {
+                let mut angles = middle;
+                angles[number] = end[number];
+                self.joints.posture(angles).regressor()
+            });
+            let unknown = ((high - low) * scaled).norm_squared();
+            if unknown > weakest.0 {
+                weakest = (unknown, movement);
+            }
+        }
+        (math::sqrt(largest), weakest.1)
+    }
+}
+
+pub(super) fn check_marker(finger: Finger, tip: [f32; 3]) -> Result<(), CalibrationError> {
+    let distance = math::sqrt(Vector3::from(tip).norm_squared());
+    if distance <= 0.4 { Ok(()) } else { Err(CalibrationError::Marker { finger, distance }) }
+}
+
+pub(super) fn add_equations(
+    equations: &mut IncrementalQr<12>,
+    rotations: &FingerRotations,
+    tip: [f32; 3],
+    weight: f32,
+) {
+    let regressor = rotations.regressor();
+    for (axis, value) in tip.into_iter().enumerate() {
+        equations.add(regressor.row(axis).transpose() * weight, value * weight);
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "at most 12")]
+const fn rank_of(rank: usize) -> u8 {
+    rank as u8
+}

@@ -1,0 +1,441 @@
+use core::fmt;
+
+use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::math;
+
+/// Fingers of a hand, the thumb included.
+pub const FINGERS: usize = 5;
+/// Orientation sensors of a glove: the back of the hand, and three a finger.
+pub const SENSORS: usize = 1 + 3 * FINGERS;
+/// Maximum length of a link [m]; metacarpals are some 70 mm long.
+const MAX_LINK: f32 = 0.3;
+/// Deviation of a quaternion's norm and of a rotation matrix's columns from 1.
+const UNIT_TOLERANCE: f32 = 0.01;
+
+/// A finger of the operator's hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum Finger {
+    /// I
+    Thumb = 0,
+    /// II
+    Index = 1,
+    /// III
+    Middle = 2,
+    /// IV
+    Ring = 3,
+    /// V
+    Little = 4,
+}
+
+impl Finger {
+    /// From thumb to little finger.
+    pub const ALL: [Self; FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
+
+    /// Its name in tables and files.
+    pub const fn name(self) -> &'static str {
+        ["thumb", "index", "middle", "ring", "little"][self as usize]
+    }
+}
+
+impl fmt::Display for Finger {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(
+            ["thumb", "index finger", "middle finger", "ring finger", "little finger"][*self as usize],
+        )
+    }
+}
+
+/// An orientation sensor of the glove.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum GloveSensor {
+    /// On the back of the hand.
+    Back,
+    /// On a segment of a finger: 0 next to the palm (of the thumb: the metacarpal), 2 at the tip.
+    Segment(Finger, u8),
+}
+
+impl GloveSensor {
+    /// All of them: the back of the hand, then thumb to little finger, each from palm to tip.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let segments = |finger| (0..3).map(move |segment| Self::Segment(finger, segment));
+        core::iter::once(Self::Back).chain(Finger::ALL.into_iter().flat_map(segments))
+    }
+
+    /// Its place in [`GloveSensor::all`].
+    const fn index(self) -> usize {
+        match self {
+            Self::Back => 0,
+            Self::Segment(finger, segment) => {
+                1 + 3 * finger as usize + if segment < 3 { segment as usize } else { 2 }
+            }
+        }
+    }
+}
+
+impl fmt::Display for GloveSensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Back => f.write_str("the back of the hand"),
+            Self::Segment(finger, segment) => write!(f, "segment {} of the {finger}", segment + 1),
+        }
+    }
+}
+
+/// Why orientations cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum GloveError {
+    /// The sensor gave no sample, or has given none for too long.
+    Missing(GloveSensor),
+    /// A number is not finite.
+    NotFinite(GloveSensor),
+    /// The orientation is not a unit quaternion.
+    NotUnit {
+        /// The sensor.
+        sensor: GloveSensor,
+        /// Norm of its quaternion.
+        norm: f32,
+    },
+    /// The matrix is no rotation: its columns are not orthonormal and right-handed.
+    NotRotation(GloveSensor),
+    /// The time since the last sample is not within 0 to 1 s [s].
+    Period(f32),
+}
+
+impl core::error::Error for GloveError {}
+
+impl fmt::Display for GloveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing(sensor) => write!(f, "no orientation of {sensor}: check its connection"),
+            Self::NotFinite(sensor) => {
+                write!(f, "the orientation of {sensor} holds a number that is not finite")
+            }
+            Self::NotUnit { sensor, norm } => {
+                write!(f, "the orientation of {sensor} is a quaternion of norm {norm}; it must be 1")
+            }
+            Self::NotRotation(sensor) => {
+                write!(
+                    f,
+                    "the matrix of {sensor} is no rotation: its columns must be orthonormal, right-handed"
+                )
+            }
+            Self::Period(value) => {
+                write!(f, "{value} s between samples; it must be above 0 s and at most 1 s")
+            }
+        }
+    }
+}
+
+/// Orientations of all sensors at one time: unit quaternions x, y, z, w in one frame that does not move.
+/// `None` where a sensor gave no sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GloveSample {
+    /// Of the back of the hand.
+    pub back: Option<[f32; 4]>,
+    /// Of the segments, thumb to little finger, each from palm to tip.
+    pub segments: [[Option<[f32; 4]>; 3]; FINGERS],
+}
+
+impl GloveSample {
+    /// The orientation that a sensor gave.
+    ///
+    /// # Errors
+    /// None, a number that is not finite, or a quaternion whose norm is more than 0.01 off 1.
+    pub fn orientation(&self, sensor: GloveSensor) -> Result<UnitQuaternion<f32>, GloveError> {
+        let given = match sensor {
+            GloveSensor::Back => self.back,
+            GloveSensor::Segment(finger, segment) => {
+                self.segments[finger as usize].get(usize::from(segment)).copied().flatten()
+            }
+        };
+        let [x, y, z, w] = given.ok_or(GloveError::Missing(sensor))?;
+        let quaternion = Quaternion::new(w, x, y, z);
+        let norm = math::sqrt(quaternion.norm_squared());
+        if !norm.is_finite() {
+            return Err(GloveError::NotFinite(sensor));
+        }
+        if math::abs(norm - 1.0) > UNIT_TOLERANCE {
+            return Err(GloveError::NotUnit { sensor, norm });
+        }
+        Ok(UnitQuaternion::new_unchecked(quaternion * (1.0 / norm)))
+    }
+}
+
+/// Orientations of a finger's segments in the frame of the back of the hand: `R1`, `R1R2`, `R1R2R3` (Hand5
+/// eq. 1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FingerRotations(pub(super) [Matrix3<f32>; 3]);
+
+impl FingerRotations {
+    /// From the absolute orientations of the back of the hand and of the finger's segments.
+    ///
+    /// # Errors
+    /// An orientation that is missing or cannot be used.
+    pub fn of(sample: &GloveSample, finger: Finger) -> Result<Self, GloveError> {
+        let back = sample.orientation(GloveSensor::Back)?.inverse();
+        let segment = |segment| {
+            let absolute = sample.orientation(GloveSensor::Segment(finger, segment))?;
+            Ok((back * absolute).to_rotation_matrix().into_inner())
+        };
+        Ok(Self([segment(0)?, segment(1)?, segment(2)?]))
+    }
+
+    /// From matrices `R1`, `R1R2`, `R1R2R3`, given by rows.
+    ///
+    /// # Errors
+    /// A matrix that is no rotation.
+    pub fn try_from_matrices(finger: Finger, rows: &[[[f32; 3]; 3]; 3]) -> Result<Self, GloveError> {
+        let mut rotations = [Matrix3::zeros(); 3];
+        for ((rotation, rows), segment) in rotations.iter_mut().zip(rows).zip(0..) {
+            *rotation = Matrix3::from_fn(|row, column| rows[row][column]);
+            let sensor = GloveSensor::Segment(finger, segment);
+            if !rotation.iter().all(|entry| entry.is_finite()) {
+                return Err(GloveError::NotFinite(sensor));
+            }
+            let off = (rotation.transpose() * *rotation - Matrix3::identity()).amax();
+            if off > UNIT_TOLERANCE || rotation.determinant() < 0.0 {
+                return Err(GloveError::NotRotation(sensor));
+            }
+        }
+        Ok(Self(rotations))
+    }
+
+    /// Rotations of the joints, `R1`, `R2`, `R3`.
+    pub(super) fn joints(&self) -> [Matrix3<f32>; 3] {
+        let Self([first, second, third]) = self;
+        [*first, first.transpose() * second, second.transpose() * third]
+    }
+
+    /// From the rotations of the joints.
+    pub(super) fn from_joints([first, second, third]: [Matrix3<f32>; 3]) -> Self {
+        let middle = first * second;
+        Self([first, middle, middle * third])
+    }
+
+    /// `A = [I, R1, R1R2, R1R2R3]`: the tip is `A x`, where `x` holds the four links (Hand5 eq. 2).
+    pub(super) fn regressor(&self) -> SMatrix<f32, 3, 12> {
+        let mut regressor = SMatrix::<f32, 3, 12>::zeros();
+        regressor.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+        for (k, rotation) in self.0.iter().enumerate() {
+            regressor.fixed_view_mut::<3, 3>(0, 3 * k + 3).copy_from(rotation);
+        }
+        regressor
+    }
+}
+
+/// Link vectors `l0` … `l3` of a finger [m] (Hand5 eq. 1): `l0` from the origin to the first joint in the
+/// frame of the back of the hand, each other in the frame of the sensor on its segment. How a sensor is
+/// mounted on its segment is part of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FingerLinks(pub [[f32; 3]; 4]);
+
+impl FingerLinks {
+    /// The tip `p = l0 + R1 l1 + R1R2 l2 + R1R2R3 l3` in the frame of the back of the hand [m] (Hand5 eq. 1).
+    pub fn tip(&self, rotations: &FingerRotations) -> [f32; 3] {
+        let [base, links @ ..] = self.0.map(Vector3::from);
+        let tip = rotations.0.iter().zip(links).fold(base, |tip, (rotation, link)| tip + rotation * link);
+        tip.into()
+    }
+
+    pub(super) fn from_vector(x: &nalgebra::SVector<f32, 12>) -> Self {
+        Self(core::array::from_fn(|link| core::array::from_fn(|axis| x[3 * link + axis])))
+    }
+}
+
+/// A link that cannot be of a hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct InvalidLink {
+    /// Its finger.
+    pub finger: Finger,
+    /// Its number, 0 to 3.
+    pub link: u8,
+    /// Its length [m].
+    pub length: f32,
+}
+
+impl core::error::Error for InvalidLink {}
+
+impl fmt::Display for InvalidLink {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { finger, link, length } = self;
+        write!(f, "link {link} of the {finger} is {length} m long; at most {MAX_LINK} m is a hand's")
+    }
+}
+
+/// A fingertip in the frame of the back of the hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fingertip {
+    /// Position [m].
+    pub position: [f32; 3],
+    /// Unit vector along the last link.
+    pub direction: [f32; 3],
+    /// Velocity [m/s].
+    pub velocity: [f32; 3],
+}
+
+/// Links of an operator's hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HumanHand {
+    links: [FingerLinks; FINGERS],
+}
+
+impl HumanHand {
+    /// Thumb to little finger.
+    ///
+    /// # Errors
+    /// A link that is not finite or longer than 0.3 m, or a last link of no length, which has no direction.
+    pub fn try_new(links: [FingerLinks; FINGERS]) -> Result<Self, InvalidLink> {
+        for (finger, of_finger) in Finger::ALL.into_iter().zip(&links) {
+            for (link, number) in of_finger.0.iter().zip(0..) {
+                let length = math::sqrt(Vector3::from(*link).norm_squared());
+                let min = if number == 3 { 1e-3 } else { 0.0 };
+                if !(min..=MAX_LINK).contains(&length) {
+                    return Err(InvalidLink { finger, link: number, length });
+                }
+            }
+        }
+        Ok(Self { links })
+    }
+
+    /// Links of a finger.
+    pub const fn links(&self, finger: Finger) -> &FingerLinks {
+        &self.links[finger as usize]
+    }
+
+    /// Fingertips, thumb to little finger, from orientations that [`GloveFilter`] has filtered (Hand5 eq. 1).
+    ///
+    /// # Errors
+    /// For each finger: a sensor of it, or of the back of the hand, that has given no sample for too long.
+    pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; FINGERS] {
+        Finger::ALL.map(|finger| self.fingertip(state, finger))
+    }
+
+    fn fingertip(&self, state: &GloveFilterState, finger: Finger) -> Result<Fingertip, GloveError> {
+        let tracked = |sensor: GloveSensor| state.sensors[sensor.index()].ok_or(GloveError::Missing(sensor));
+        let back = tracked(GloveSensor::Back)?;
+        let [base, links @ ..] = self.links[finger as usize].0.map(Vector3::from);
+        let (mut arm, mut velocity, mut last) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for (link, segment) in links.iter().zip(0..) {
+            let segment = tracked(GloveSensor::Segment(finger, segment))?;
+            last = segment.output * link;
+            arm += last;
+            velocity += (segment.velocity - back.velocity).cross(&last);
+        }
+        let into_back = back.output.inverse();
+        // `try_new` made the last link at least 1 mm long.
+        let direction = into_back * last * (1.0 / math::sqrt(last.norm_squared()));
+        Ok(Fingertip {
+            position: (base + into_back * arm).into(),
+            direction: direction.into(),
+            velocity: (into_back * velocity).into(),
+        })
+    }
+}
+
+/// Low-pass filter of the glove's orientations, each on its own: a critically damped observer of orientation
+/// and angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample,
+/// `(2ωs + ω² − dω²s)/(s + ω)²`. Steady motion passes with the delay `d` exactly. The longer the delay, the less
+/// noise: with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them. A sensor without sample is
+/// bridged for a time at its last angular velocity, which decays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GloveFilter {
+    /// `ω` [rad/s], 1 to 1000.
+    pub bandwidth: f32,
+    /// `d` [s], 0 to 2/ω.
+    pub delay: f32,
+    /// How long a sensor is bridged [s].
+    pub hold: f32,
+}
+
+impl GloveFilter {
+    /// 5 Hz without delay; bridges a tenth of a second.
+    pub const PROMPT: Self = Self { bandwidth: 5.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
+    /// 5 Hz and a delay of 1/ω, 32 ms; bridges a tenth of a second.
+    pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
+
+    /// Takes the sample that comes `period` after the one before [s]. Returns the error of the first sensor
+    /// whose sample could not be used; the sensor is bridged, and all others are filtered.
+    ///
+    /// # Errors
+    /// See above; and a period that is not within 0 to 1 s, whose sample changes nothing.
+    pub fn update(
+        &self,
+        state: &mut GloveFilterState,
+        period: f32,
+        sample: &GloveSample,
+    ) -> Result<(), GloveError> {
+        if !(period > 0.0 && period <= 1.0) {
+            return Err(GloveError::Period(period));
+        }
+        let bandwidth = math::clamp(self.bandwidth, 1.0, 1000.0);
+        let (decay, delay) = (math::exp(-bandwidth * period), math::clamp(self.delay, 0.0, 2.0 / bandwidth));
+        let mut result = Ok(());
+        for (sensor, tracked) in GloveSensor::all().zip(&mut state.sensors) {
+            match (sample.orientation(sensor), tracked.as_mut()) {
+                (Ok(measured), None) => *tracked = Some(Tracked::at(measured)),
+                (Ok(measured), Some(tracked)) => tracked.correct(&measured, period, decay),
+                (Err(error), present) => {
+                    result = result.and(Err(error));
+                    if let Some(present) = present
+                        && !present.bridge(period, self.hold)
+                    {
+                        *tracked = None;
+                    }
+                }
+            }
+            if let Some(tracked) = tracked {
+                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -delay));
+            }
+        }
+        result
+    }
+}
+
+/// State of a [`GloveFilter`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GloveFilterState {
+    /// In the order of [`GloveSensor::all`]; `None` before the first sample and after too long a gap.
+    sensors: [Option<Tracked>; SENSORS],
+}
+
+/// Estimate of one sensor's motion, in the frame that does not move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Tracked {
+    rotation: UnitQuaternion<f32>,
+    /// [rad/s]
+    velocity: Vector3<f32>,
+    /// Time since the last sample [s].
+    gap: f32,
+    /// The orientation before the delay.
+    output: UnitQuaternion<f32>,
+}
+
+impl Tracked {
+    fn at(rotation: UnitQuaternion<f32>) -> Self {
+        Self { rotation, velocity: Vector3::zeros(), gap: 0.0, output: rotation }
+    }
+
+    /// Alpha-beta filter with a double pole at `decay`.
+    fn correct(&mut self, measured: &UnitQuaternion<f32>, period: f32, decay: f32) {
+        let predicted = math::rotated_by(&self.rotation, &(self.velocity * period));
+        let innovation = math::rotation_between(&predicted, measured);
+        self.rotation = math::rotated_by(&predicted, &(innovation * (1.0 - decay * decay)));
+        self.velocity += innovation * ((1.0 - decay) * (1.0 - decay) / period);
+        self.gap = 0.0;
+    }
+
+    /// False if the sensor has given no sample for longer than `hold`.
+    fn bridge(&mut self, period: f32, hold: f32) -> bool {
+        self.gap += period;
+        self.rotation = math::rotated_by(&self.rotation, &(self.velocity * period));
+        self.velocity *= math::exp(-period / 0.05);
+        self.gap <= hold
+    }
+}

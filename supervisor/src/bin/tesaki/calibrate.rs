@@ -1,0 +1,236 @@
+//! `calibrate`: the links of an operator's fingers.
+
+use std::fmt::Write as _;
+use std::io::{self, BufRead};
+use std::path::Path;
+
+use serde_json::{Value, json};
+use tesaki::teleop::{
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveSample,
+};
+use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
+
+use crate::args::{Calibrate, Options};
+use crate::eval::table::Table;
+use crate::failure::Failure;
+use crate::output;
+
+pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
+    let settings = CalibrationSettings {
+        orientation_noise: args.orientation_noise.to_radians(),
+        marker_noise: 1e-3 * args.marker_noise,
+        ..CalibrationSettings::DEFAULT
+    };
+    let mut guide =
+        CalibrationGuide::try_new(&settings).map_err(|error| Failure::Usage(error.to_string()))?;
+    match &args.poses {
+        Some(path) => read_poses(path, &mut guide)?,
+        None => lead(options, &mut guide)?,
+    }
+    let solved = guide.finish(args.proportions).map_err(|error| refused(&error, args.proportions))?;
+    let file = OperatorFile::new(&args.operator, &solved);
+    std::fs::write(&args.out, file.to_toml()).map_err(Failure::file(&args.out))?;
+    let value = json!({
+        "operator": args.operator,
+        "file": args.out,
+        "poses": guide.poses(),
+        "fingers": Value::Object(named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)))),
+    });
+    output::result(options, &value, || {
+        let mut text = String::from("finger   poses  rank  condition  residual  deviation of the tip\n");
+        for (finger, (_, accuracy)) in Finger::ALL.iter().zip(&solved) {
+            let CalibrationAccuracy { poses, rank, condition, residual, tip_deviation, .. } = accuracy;
+            let [residual, deviation] = [residual, tip_deviation].map(|length| 1e3 * length);
+            let inferred = if *poses == 0 { ", by proportions" } else { "" };
+            let _ = writeln!(
+                text,
+                "{:<7} {poses:>6} {rank:>5} {condition:>10.1} {residual:>6.2} mm  {deviation:.2} mm{inferred}",
+                finger.name()
+            );
+        }
+        let _ = write!(text, "written to {}", args.out.display());
+        text
+    })
+}
+
+/// Why there is no calibration, and what to do.
+fn refused(error: &CalibrationError, proportions: bool) -> Failure {
+    let hint = match error {
+        CalibrationError::TooFewPoses { finger, poses: 0, .. }
+            if !proportions && *finger != Finger::Thumb =>
+        {
+            "; or give --proportions to infer fingers without marker"
+        }
+        CalibrationError::MissingMotion { .. } => "; add poses that do",
+        _ => "",
+    };
+    Failure::Other(format!("not calibrated: {error}{hint}"))
+}
+
+fn named(values: &[Value; FINGERS]) -> serde_json::Map<String, Value> {
+    Finger::ALL.iter().zip(values).map(|(finger, value)| (finger.name().to_owned(), value.clone())).collect()
+}
+
+fn accuracy_json(accuracy: &CalibrationAccuracy) -> Value {
+    json!({
+        "poses": accuracy.poses,
+        "rank": accuracy.rank,
+        "condition": output::exact(&accuracy.condition),
+        "residual": output::exact(&accuracy.residual),
+        "tip_deviation": output::exact(&accuracy.tip_deviation),
+        "weakest": accuracy.weakest.to_string(),
+    })
+}
+
+/// Reads a table of poses.
+fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> {
+    let table = Table::read(path)?;
+    let columns = |names: Vec<String>, what: &str| -> Result<Vec<usize>, Failure> {
+        names.iter().map(|name| table.needed(name, what)).collect()
+    };
+    let orientation = |sensor: &str| {
+        let names = ["qx", "qy", "qz", "qw"].map(|part| format!("{sensor}_{part}"));
+        columns(names.to_vec(), "quaternion of an orientation")
+    };
+    let back = orientation("back")?;
+    let mut segments = Vec::new();
+    let mut markers = Vec::new();
+    for finger in Finger::ALL {
+        for segment in 1..=3 {
+            segments.push(orientation(&format!("{}{segment}", finger.name()))?);
+        }
+        let names = ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()));
+        markers.push(table.all_or_none(&names, "position of a marker [m]")?);
+    }
+    let touch = table.column("touch");
+    let mut touches = Vec::new();
+    for row in &table.rows {
+        // All cells empty: not measured.
+        let cells = |columns: &[usize]| -> Result<Option<Vec<f32>>, Failure> {
+            if columns.iter().all(|&column| table.is_empty(row, column)) {
+                return Ok(None);
+            }
+            columns.iter().map(|&column| table.number(row, column)).collect::<Result<_, _>>().map(Some)
+        };
+        let quaternion =
+            |columns: &[usize]| Ok::<_, Failure>(cells(columns)?.and_then(|all| all.try_into().ok()));
+        let mut pose = Pose {
+            orientations: GloveSample { back: quaternion(&back)?, ..GloveSample::default() },
+            markers: [None; FINGERS],
+        };
+        for (columns, segment) in segments.iter().zip(pose.orientations.segments.as_flattened_mut()) {
+            *segment = quaternion(columns)?;
+        }
+        for (columns, marker) in markers.iter().zip(&mut pose.markers) {
+            if let Some(columns) = columns {
+                *marker = cells(columns)?.and_then(|all| all.try_into().ok());
+            }
+        }
+        let refused = |error| table.error(row.line, &format!("{error}; mend or remove the row"));
+        match touch.map_or("", |column| table.text(row, column)) {
+            "" => guide.add(&pose).map_err(refused)?,
+            name => match Finger::ALL[1..].iter().find(|finger| finger.name() == name) {
+                Some(finger) => touches.push((row, *finger, pose.orientations)),
+                None => {
+                    let message = format!("column touch: {name:?}: write index, middle, ring or little");
+                    return Err(table.error(row.line, &message));
+                }
+            },
+        }
+    }
+    // They need a thumb that is calibrated.
+    touches.into_iter().try_for_each(|(row, finger, orientations)| {
+        let refused = |error| table.error(row.line, &format!("a touch of the {finger}: {error}"));
+        guide.touch(finger, &orientations).map_err(refused)
+    })
+}
+
+/// Guides through the poses while samples come from standard input.
+fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> {
+    let mut detector = PoseDetector::default();
+    let tell = |guide: &CalibrationGuide, what: &str, next: Option<&str>| {
+        let deviations = guide.estimates().map(|estimate| {
+            estimate.map_or(Value::Null, |(_, accuracy)| output::exact(&accuracy.tip_deviation))
+        });
+        if options.json {
+            let value = json!({
+                "event": what, "poses": guide.poses(), "next": next,
+                "tip_deviation": Value::Object(named(&deviations)),
+            });
+            return output::line(&value.to_string());
+        }
+        let quality =
+            guide.estimates().iter().zip(Finger::ALL).fold(String::new(), |text, (estimate, finger)| {
+                match estimate {
+                    Some((_, accuracy)) => {
+                        format!("{text}  {} ±{:.1} mm", finger.name(), 1e3 * accuracy.tip_deviation)
+                    }
+                    None => text,
+                }
+            });
+        output::notice(options, &format!("{what}{quality}"));
+        next.map_or(Ok(()), |next| {
+            output::notice(options, &format!("Pose {}: {next}; hold still for a second.", guide.poses() + 1));
+            Ok(())
+        })
+    };
+    tell(guide, "No pose yet.", guide.instruction().as_deref())?;
+    for (line, number) in io::stdin().lock().lines().zip(1..) {
+        let line = line.map_err(Failure::file("standard input"))?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let (time, sample, markers) = live_sample(&line)
+            .map_err(|error| Failure::Other(format!("standard input:{number}: {error}")))?;
+        let Some(pose) = detector.add(time, sample, markers) else { continue };
+        match guide.add_live(&pose) {
+            Ok(()) => {
+                let next = guide.instruction();
+                tell(guide, &format!("{} poses.", guide.poses()), next.as_deref())?;
+                if next.is_none() {
+                    break;
+                }
+            }
+            Err(error) => {
+                detector.again();
+                tell(guide, &format!("Once more: {error}."), guide.instruction().as_deref())?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Time [s], orientations and markers of a line.
+fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
+    let value: Value = serde_json::from_str(line).map_err(|error| format!("no JSON: {error}"))?;
+    let time = value.get("time").and_then(Value::as_f64).ok_or("no number \"time\" [s]")?;
+    let orientation = |name: &str, value: Option<&Value>| match value {
+        None | Some(Value::Null) => Ok(None),
+        Some(value) => numbers::<4>(value).map(Some).ok_or_else(|| {
+            format!("\"{name}\" must be a quaternion [x, y, z, w], or null if it was not measured")
+        }),
+    };
+    let mut sample = GloveSample { back: orientation("back", value.get("back"))?, ..GloveSample::default() };
+    let mut markers = [None; FINGERS];
+    for (finger, segments) in Finger::ALL.into_iter().zip(&mut sample.segments) {
+        let given = value.get(finger.name());
+        for (number, segment) in segments.iter_mut().enumerate() {
+            *segment = orientation(finger.name(), given.and_then(|given| given.get(number)))?;
+        }
+        let marker = value.get("markers").and_then(|markers| markers.get(finger.name()));
+        markers[finger as usize] = match marker {
+            None | Some(Value::Null) => None,
+            Some(marker) => Some(numbers::<3>(marker).ok_or_else(|| {
+                format!("the marker \"{}\" must be [x, y, z] in m, or null if it is hidden", finger.name())
+            })?),
+        };
+    }
+    Ok((time, sample, markers))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
+fn numbers<const N: usize>(value: &Value) -> Option<[f32; N]> {
+    let numbers: Vec<f32> =
+        value.as_array()?.iter().map(|x| x.as_f64().map(|x| x as f32)).collect::<Option<_>>()?;
+    numbers.try_into().ok()
+}

@@ -1,0 +1,312 @@
+//! Calibration of an operator's hand: held poses out of a glove's stream, what to do next, and what is kept of
+//! it.
+
+use std::collections::VecDeque;
+use std::fmt::Write as _;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+use serde::{Deserialize, Serialize};
+use tesaki::math;
+use tesaki::teleop::{
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks,
+    FingerRotations, GloveSample, HandCalibration, MAX_TIP_DEVIATION,
+};
+
+/// Positions of the markers that are seen, thumb to little finger, in the frame of the back of the hand [m].
+pub type Markers = [Option<[f32; 3]>; FINGERS];
+
+/// A posture of the hand, with the markers that are seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Orientations, relative to the back of the hand.
+    pub orientations: GloveSample,
+    /// Markers.
+    pub markers: Markers,
+}
+
+/// How long a pose must be held [s].
+const HOLD: f64 = 1.0;
+/// Samples that a held pose has at least.
+const MIN_SAMPLES: usize = 20;
+/// Largest rotation between the means of the halves of a held pose [rad]: 2°.
+const STILL: f64 = 0.035;
+/// Rotation of a segment from the pose before that makes another pose [rad]: 10°.
+const DIFFERENT: f64 = 0.175;
+/// Poses from which a calibration is offered as complete.
+const MIN_POSES: u32 = 12;
+/// A pose whose tip is this far from the calibrated one is taken again [m].
+const REDO: f32 = 0.015;
+
+/// Standard deviation of two tips that touch, along each axis [m].
+const TOUCH: f32 = 2.5e-3;
+
+/// Finds the poses that are held for a second in a stream of samples, and averages them.
+#[derive(Clone, Debug, Default)]
+pub struct PoseDetector {
+    window: VecDeque<(f64, Pose)>,
+    last: Option<GloveSample>,
+}
+
+impl PoseDetector {
+    /// Takes a sample at a time [s]; returns the mean of a new pose that has been held.
+    pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<Pose> {
+        if self.window.back().is_some_and(|(before, _)| time <= *before) {
+            self.window.clear();
+        }
+        self.window.push_back((time, Pose { orientations, markers }));
+        while self.window.get(1).is_some_and(|(second, _)| time - second >= HOLD) {
+            self.window.pop_front();
+        }
+        let begin = self.window.front().map_or(time, |(begin, _)| *begin);
+        if time - begin < HOLD || self.window.len() < MIN_SAMPLES {
+            return None;
+        }
+        let samples: Vec<GloveSample> = self.window.iter().map(|(_, pose)| pose.orientations).collect();
+        let (first, second) = samples.split_at(samples.len() / 2);
+        if rotation(&mean_orientations(first), &mean_orientations(second)) > STILL {
+            return None;
+        }
+        let mean = mean_orientations(&samples);
+        if self.last.is_some_and(|last| rotation(&last, &mean) < DIFFERENT) {
+            return None;
+        }
+        let markers = mean_markers(self.window.iter().map(|(_, pose)| &pose.markers));
+        self.window.clear();
+        self.last = Some(mean);
+        Some(Pose { orientations: mean, markers })
+    }
+
+    /// Lets the pose that was found last be taken once more.
+    pub fn again(&mut self) {
+        self.last = None;
+    }
+}
+
+/// Mean orientations of the segments relative to the back of the hand, which is the identity in the result. A
+/// segment without any sample is missing in it.
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
+pub fn mean_orientations(samples: &[GloveSample]) -> GloveSample {
+    let mean = |finger: usize, segment: usize| {
+        let mut sum = Quaternion::new(0.0, 0.0, 0.0, 0.0);
+        for sample in samples {
+            let (Some(back), Some(absolute)) = (sample.back, sample.segments[finger][segment]) else {
+                continue;
+            };
+            let relative = quaternion(back).conjugate() * quaternion(absolute);
+            // q and −q are the same orientation.
+            sum += if relative.dot(&sum) < 0.0 { -relative } else { relative };
+        }
+        let norm = sum.norm();
+        (norm > 0.0).then(|| <[f64; 4]>::from((sum / norm).coords).map(|component| component as f32))
+    };
+    GloveSample {
+        back: Some([0.0, 0.0, 0.0, 1.0]),
+        segments: std::array::from_fn(|finger| std::array::from_fn(|segment| mean(finger, segment))),
+    }
+}
+
+fn quaternion([x, y, z, w]: [f32; 4]) -> Quaternion<f64> {
+    Quaternion::new(f64::from(w), f64::from(x), f64::from(y), f64::from(z))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
+fn mean_markers<'a>(samples: impl Iterator<Item = &'a Markers> + Clone) -> Markers {
+    std::array::from_fn(|finger| {
+        let (mut count, mut sum) = (0.0, [0.0; 3]);
+        for marker in samples.clone().filter_map(|markers| markers[finger]) {
+            count += 1.0;
+            sum.iter_mut().zip(marker).for_each(|(sum, value)| *sum += f64::from(value));
+        }
+        (count > 0.0).then(|| sum.map(|sum| (sum / count) as f32))
+    })
+}
+
+/// Largest rotation of a segment from one sample to another [rad].
+fn rotation(one: &GloveSample, other: &GloveSample) -> f64 {
+    let pairs = one.segments.iter().flatten().zip(other.segments.iter().flatten());
+    let angles = pairs.filter_map(|(one, other)| {
+        let unit = |components: [f32; 4]| UnitQuaternion::new_normalize(quaternion(components));
+        Some(unit((*one)?).angle_to(&unit((*other)?)))
+    });
+    angles.fold(0.0, f64::max)
+}
+
+/// What to do first, one pose after another.
+const FIRST_POSES: [&str; 8] = [
+    "hold the hand flat, all fingers straight and together",
+    "spread the fingers and the thumb",
+    "bend all fingers at the palm and keep them straight beyond it",
+    "make a hook: bend the middle and end joints, straight at the palm",
+    "make a loose fist, the thumb outside",
+    "lay the thumb across the palm, fingers straight",
+    "bend the thumb, and the fingers half way, spread",
+    "bend each finger differently, from the index to the little finger more and more",
+];
+
+/// Guides a person through the poses and judges each.
+#[derive(Clone, Debug)]
+pub struct CalibrationGuide {
+    calibration: HandCalibration,
+    flat: Option<GloveSample>,
+    poses: u32,
+    /// Fingers whose marker was seen.
+    marked: [bool; FINGERS],
+}
+
+impl CalibrationGuide {
+    /// No pose yet.
+    ///
+    /// # Errors
+    /// A setting outside its limits.
+    pub fn try_new(settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
+        let calibration = HandCalibration::try_new(settings)?;
+        Ok(Self { calibration, flat: None, poses: 0, marked: [false; FINGERS] })
+    }
+
+    /// Adds a pose.
+    ///
+    /// # Errors
+    /// An orientation or a marker that cannot be used, or markers where the calibrated hand cannot have them.
+    /// Nothing is added: the pose can be taken again.
+    pub fn add(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
+        self.calibration.add_pose(&pose.orientations, &pose.markers)?;
+        self.flat.get_or_insert(pose.orientations);
+        self.poses += 1;
+        self.marked.iter_mut().zip(pose.markers).for_each(|(marked, marker)| *marked |= marker.is_some());
+        Ok(())
+    }
+
+    /// As [`Self::add`], but refuses a pose in which a finger that is calibrated is more than 15 mm off: a person
+    /// who did not hold still, or a marker that was taken for another.
+    ///
+    /// # Errors
+    /// Also this.
+    pub fn add_live(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
+        for (finger, marker) in Finger::ALL.into_iter().zip(pose.markers) {
+            let Some(tip) = marker else { continue };
+            let Ok((links, _)) = self.calibration.finger(finger).solve() else { continue };
+            let found = links.tip(&FingerRotations::of(&pose.orientations, finger)?);
+            let square = found.iter().zip(tip).map(|(a, b)| (a - b) * (a - b)).sum();
+            let value = math::sqrt(square);
+            if value > REDO {
+                return Err(CalibrationError::Residual { finger, value, limit: REDO });
+            }
+        }
+        self.add(pose)
+    }
+
+    /// Number of poses.
+    pub const fn poses(&self) -> u32 {
+        self.poses
+    }
+
+    /// Adds a posture in which the tip of the thumb touches that of a finger without marker, after the poses that
+    /// calibrate the thumb.
+    ///
+    /// # Errors
+    /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.
+    pub fn touch(&mut self, finger: Finger, orientations: &GloveSample) -> Result<(), CalibrationError> {
+        self.calibration.add_touch(finger, orientations, TOUCH)
+    }
+
+    /// Links and accuracy so far; `None` for a finger with too few poses.
+    pub fn estimates(&self) -> [Option<(FingerLinks, CalibrationAccuracy)>; FINGERS] {
+        Finger::ALL.map(|finger| self.calibration.finger(finger).estimate().ok())
+    }
+
+    /// What the person is to do next; `None` if all fingers with markers are calibrated.
+    pub fn instruction(&self) -> Option<String> {
+        if let Some(first) = FIRST_POSES.get(self.poses as usize) {
+            return Some((*first).to_owned());
+        }
+        let estimates = self.estimates();
+        let marked = self.marked.iter().zip(estimates).filter(|(marked, _)| **marked);
+        let weakest = marked
+            .filter_map(|(_, estimate)| estimate)
+            .max_by(|(_, one), (_, other)| one.tip_deviation.total_cmp(&other.tip_deviation));
+        match weakest {
+            Some((_, accuracy)) if accuracy.tip_deviation > MAX_TIP_DEVIATION => {
+                Some(accuracy.weakest.to_string())
+            }
+            Some(_) if self.poses >= MIN_POSES => None,
+            _ => Some("take any pose unlike the others".to_owned()),
+        }
+    }
+
+    /// The calibration. With `proportions`, fingers without marker are inferred.
+    ///
+    /// # Errors
+    /// Why a finger is not calibrated.
+    pub fn finish(
+        &self,
+        proportions: bool,
+    ) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
+        match &self.flat {
+            Some(flat) if proportions => self.calibration.solve_with_proportions(flat),
+            _ => self.calibration.solve(),
+        }
+    }
+}
+
+/// Calibration file of one operator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OperatorFile {
+    /// The person.
+    pub operator: String,
+    /// The fingers.
+    pub thumb: FingerEntry,
+    /// II
+    pub index: FingerEntry,
+    /// III
+    pub middle: FingerEntry,
+    /// IV
+    pub ring: FingerEntry,
+    /// V
+    pub little: FingerEntry,
+}
+
+/// A finger in a calibration file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FingerEntry {
+    /// `l0` to `l3` [m].
+    pub links: FingerLinks,
+    /// Poses that showed its marker; 0 for a finger that was inferred.
+    pub poses: u32,
+    /// Standard deviation of the predicted tip [m].
+    pub tip_deviation: f32,
+}
+
+impl OperatorFile {
+    /// From a calibration.
+    pub fn new(operator: &str, solved: &[(FingerLinks, CalibrationAccuracy); FINGERS]) -> Self {
+        let [thumb, index, middle, ring, little] = solved.map(|(links, accuracy)| FingerEntry {
+            links,
+            poses: accuracy.poses,
+            tip_deviation: accuracy.tip_deviation,
+        });
+        Self { operator: operator.to_owned(), thumb, index, middle, ring, little }
+    }
+
+    /// Links, thumb to little finger.
+    pub const fn links(&self) -> [FingerLinks; FINGERS] {
+        [self.thumb.links, self.index.links, self.middle.links, self.ring.links, self.little.links]
+    }
+
+    /// As TOML.
+    pub fn to_toml(&self) -> String {
+        let name = self.operator.replace('\\', "\\\\").replace('"', "\\\"").replace(char::is_control, " ");
+        let mut text =
+            format!("# Written by `tesaki calibrate`. Links l0 to l3 [m].\noperator = \"{name}\"\n");
+        let entries = [&self.thumb, &self.index, &self.middle, &self.ring, &self.little];
+        for (finger, FingerEntry { links, poses, tip_deviation }) in Finger::ALL.into_iter().zip(entries) {
+            let _ = write!(text, "\n[{}]\nlinks = [\n", finger.name());
+            for [x, y, z] in links.0 {
+                let _ = writeln!(text, "    [{x:.6}, {y:.6}, {z:.6}],");
+            }
+            let _ = write!(text, "]\nposes = {poses}\ntip_deviation = {tip_deviation:.6} # [m]\n");
+        }
+        text
+    }
+}

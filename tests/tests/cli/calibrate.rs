@@ -1,0 +1,185 @@
+//! `tesaki calibrate`: the links of an operator's fingers, from a table and from a stream.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Stdio;
+
+use serde_json::{Value, json};
+use tesaki::teleop::{FINGERS, Finger, GloveSample, HumanHand};
+use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses, touches};
+use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
+
+/// Exit code, standard output and standard error.
+fn run(folder: &Path, arguments: &[&str], input: &str) -> (i32, String, String) {
+    let mut child = tesaki_tests::tesaki()
+        .arg("calibrate")
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A program that has what it needs closes its end.
+    let mut stdin = child.stdin.take().unwrap();
+    let input = input.to_owned();
+    let writer = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
+    let output = child.wait_with_output().unwrap();
+    writer.join().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+}
+
+/// The table of a simulated operator's poses: header and rows of cells.
+fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
+    let mut header: Vec<String> = ["qx", "qy", "qz", "qw"].map(|part| format!("back_{part}")).to_vec();
+    for finger in Finger::ALL.map(Finger::name) {
+        for segment in 1..=3 {
+            header.extend(["qx", "qy", "qz", "qw"].map(|part| format!("{finger}{segment}_{part}")));
+        }
+    }
+    header.extend(
+        Finger::ALL.iter().flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))),
+    );
+    header.push("touch".to_owned());
+    let mut table = vec![header];
+    let values = GloveValues::default();
+    let poses = poses(plan, values, 1).0.into_iter().map(|pose| (pose.orientations, pose.markers, ""));
+    let touches = touches(plan, values, 1).0.into_iter();
+    let touches = touches.map(|(finger, orientations)| (orientations, [None; FINGERS], finger.name()));
+    for (GloveSample { back, segments }, markers, touch) in poses.chain(touches) {
+        let mut row = Vec::new();
+        for quaternion in std::iter::once(&back).chain(segments.iter().flatten()) {
+            row.extend(quaternion.unwrap().map(|component| component.to_string()));
+        }
+        for marker in markers {
+            row.extend(marker.map_or([const { String::new() }; 3], |marker| marker.map(|x| x.to_string())));
+        }
+        row.push(touch.to_owned());
+        table.push(row);
+    }
+    table
+}
+
+fn text(table: &[Vec<String>]) -> String {
+    table.iter().fold(String::new(), |text, row| text + &row.join(",") + "\n")
+}
+
+#[test]
+fn a_table_of_poses_becomes_a_calibration_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    std::fs::write(path.join("poses.csv"), text(&table(&CalibrationPlan::FULL))).unwrap();
+    let (code, out, error) = run(path, &["poses.csv", "--operator", "Aiko \"A\"", "--out", "aiko.toml"], "");
+    assert_eq!(code, 0, "{out}{error}");
+    assert!(out.contains("index") && out.contains("written to aiko.toml"), "{out}");
+    let file = std::fs::read_to_string(path.join("aiko.toml")).unwrap();
+    let file: tesaki_supervisor::operator::OperatorFile = toml::from_str(&file).unwrap();
+    assert_eq!(file.operator, "Aiko \"A\"");
+    HumanHand::try_new(file.links()).unwrap();
+    assert!(file.thumb.poses > 40 && file.thumb.tip_deviation < 2e-3);
+    // The same from standard input, as JSON.
+    let (code, out, _) = run(path, &["-", "--json"], &text(&table(&CalibrationPlan::FULL)));
+    let value: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((code, &value["poses"], &value["fingers"]["index"]["rank"]), (0, &json!(61), &json!(10)));
+}
+
+#[test]
+fn fingers_without_markers_need_the_proportions() {
+    let folder = tempfile::tempdir().unwrap();
+    let poses = text(&table(&CalibrationPlan::QUICK));
+    let (code, _, error) = run(folder.path(), &["-"], &poses);
+    assert_eq!(code, 1);
+    assert!(error.contains("0 poses show the marker of the middle finger"), "{error}");
+    assert!(error.contains("--proportions"), "{error}");
+    assert!(!folder.path().join("operator.toml").exists(), "nothing is written");
+    let (code, out, _) = run(folder.path(), &["-", "--proportions"], &poses);
+    assert_eq!(code, 0);
+    assert!(out.contains("by proportions"), "{out}");
+}
+
+#[test]
+fn what_is_wrong_with_a_table_is_said_by_row_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = table(&CalibrationPlan::FULL);
+    let column = |name: &str| good[0].iter().position(|header| header == name).unwrap();
+    let refused = |change: &dyn Fn(&mut Vec<Vec<String>>), words: &[&str]| {
+        let mut table = good.clone();
+        change(&mut table);
+        let (code, _, error) = run(folder.path(), &["-"], &text(&table));
+        assert_eq!(code, 1, "{error}");
+        words.iter().for_each(|words| assert!(error.contains(words), "{words}: {error}"));
+    };
+    refused(&|table| table[3][column("ring2_qy")] = "x".to_owned(), &["standard input:4: column ring2_qy"]);
+    refused(&|table| table[3][column("ring2_qy")] = "nan".to_owned(), &["standard input:4: column ring2_qy"]);
+    refused(
+        &|table| {
+            (column("back_qx")..=column("back_qw")).for_each(|column| table[5][column] = "0.7".to_owned())
+        },
+        &["standard input:6: the orientation of the back of the hand is a quaternion of norm 1.4", "the row"],
+    );
+    refused(
+        &|table| (column("thumb3_qx")..=column("thumb3_qw")).for_each(|column| table[2][column].clear()),
+        &["standard input:3: no orientation of segment 3 of the thumb"],
+    );
+    refused(
+        &|table| table[2][column("thumb_x")] = "90".to_owned(),
+        &["standard input:3: the marker of the thumb", "metres"],
+    );
+    refused(&|table| table[0][column("little1_qw")] = "x".to_owned(), &["no column little1_qw"]);
+    refused(
+        &|table| table[9][column("touch")] = "pinky".to_owned(),
+        &["standard input:10: column touch: \"pinky\""],
+    );
+    refused(&|table| table.truncate(4), &["poses show the marker", "at least 4"]);
+    refused(
+        &|table| (2..62).for_each(|row| table[row] = table[1].clone()),
+        &["all poses of the thumb are alike"],
+    );
+    refused(
+        &|table| {
+            for row in &mut table[1..] {
+                (0..3).for_each(|axis| row.swap(column("index_x") + axis, column("ring_x") + axis));
+            }
+        },
+        &["the orientations of the index finger fit the marker of the ring finger", "swapped"],
+    );
+}
+
+#[test]
+fn a_stream_is_led_through_the_poses() {
+    let hand = OperatorHand::random(1);
+    let motion = FingersMotion::random(&hand, 1, 0, 40, [0.8, 1.2], 1.3);
+    let mut glove = Glove::new(GloveValues::default(), 1);
+    let mut lines = String::new();
+    while let (time, sample) = glove.sample(&hand, &motion)
+        && time < motion.duration()
+    {
+        let (_, angles) = motion.at(time);
+        let mut line = json!({ "time": time, "back": sample.back, "markers": {} });
+        for finger in Finger::ALL {
+            let number = finger as usize;
+            line[finger.name()] = json!(sample.segments[number]);
+            let tip: [f64; 3] = hand.finger(finger, &angles[number]).1.into();
+            line["markers"][finger.name()] = json!(tip);
+        }
+        writeln!(lines, "{line}").unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (code, out, error) = run(folder.path(), &["--live"], &lines);
+    assert_eq!(code, 0, "{out}{error}");
+    assert!(error.contains("Pose 1: hold the hand flat"), "{error}");
+    assert!(error.contains("Pose 2: spread the fingers"), "{error}");
+    assert!(folder.path().join("operator.toml").exists());
+    let (code, out, _) = run(folder.path(), &["--live", "--json"], &lines);
+    assert_eq!(code, 0);
+    let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
+    // A stream that stops, and one that is none.
+    let (code, _, error) =
+        run(folder.path(), &["--live"], lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
+    assert!(code == 1 && error.contains("not calibrated"), "{error}");
+    let (code, _, error) = run(folder.path(), &["--live"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
+    assert!(code == 1 && error.contains("standard input:1: \"back\" must be a quaternion"), "{error}");
+}
