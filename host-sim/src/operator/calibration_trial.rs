@@ -135,24 +135,16 @@ pub fn run(
         let tips = human.fingertips(&state);
         let Ok(thumb) = tips[0] else { continue };
         let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay));
-        let mut complete = true;
         for (number, tip) in tips[1..].iter().enumerate() {
-            if let Ok(tip) = tip {
-                let found = position(tip.position) - position(thumb.position);
-                vectors[number].push((found, truth[number]));
-            } else {
-                complete = false;
+            // A tip is missing until all its sensors have given a sample.
+            let Ok(tip) = tip else { continue };
+            vectors[number].push((position(tip.position) - position(thumb.position), truth[number]));
+            if number == 0 {
+                times.push(time);
             }
         }
-        if complete {
-            times.push(time);
-        }
     }
-    let delay = if times.len() == vectors[0].len() {
-        best_delay(&hand, &motion, &times, &vectors[0])
-    } else {
-        f64::NAN
-    };
+    let delay = best_delay(&hand, &motion, &times, &vectors[0]);
     Ok(CalibrationTrial { time, accuracy: solved.map(|(_, accuracy)| accuracy), vectors, delay })
 }
 
