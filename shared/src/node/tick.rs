@@ -1,8 +1,9 @@
+use core::ops::Range;
+
 use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
-use crate::control::ServoMode;
 use crate::fault::Fault;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
@@ -82,18 +83,20 @@ impl Node {
         if !all_advanced {
             advance_slowly(&mut all);
         }
-        if robot.has_mimics() {
-            return servo_coupled(robot, &mut all, mode, actuation);
-        }
+        let coupled = robot.has_mimics().then(|| coupled_torques(robot, &mut all));
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
-            let values = q.iter_mut().zip(&mut qd).zip(&mut qdd);
-            let references = all.references.get(joints.clone()).unwrap_or_default();
-            for (((q, qd), qdd), reference) in values.zip(references) {
-                (*q, *qd, *qdd) = (reference.position, reference.velocity, reference.acceleration);
+            if let Some(coupled) = &coupled {
+                torques = of_joints(coupled, &joints);
+            } else {
+                let values = q.iter_mut().zip(&mut qd).zip(&mut qdd);
+                let references = all.references.get(joints.clone()).unwrap_or_default();
+                for (((q, qd), qdd), reference) in values.zip(references) {
+                    (*q, *qd, *qdd) = (reference.position, reference.velocity, reference.acceleration);
+                }
+                chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
             }
-            chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             if let Actuation::Torque { damping, compensated } = actuation {
                 of_chain.for_each(|(mut joint, torque)| joint.push(damping, compensated, torque));
@@ -111,18 +114,16 @@ impl Node {
         let mut all = joints(robot, &mut self.state);
         let zero = [0.0; MAX_CHAIN_JOINTS];
         let [mut q, mut torques] = [zero; 2];
-        if robot.has_mimics() {
-            let mut motion = Motion::default();
-            let angles = all.measured.angles(0..robot.joints().len());
-            motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
-            let gravity = robot.coupled_dynamics(&motion);
-            return all.each().zip(gravity).for_each(|(mut joint, gravity)| joint.damp(gravity, begins));
-        }
+        let coupled = robot.has_mimics().then(|| coupled_weight(robot, &all));
         for config in robot.chains() {
             let joints = config.joints();
-            let angles = all.measured.angles(joints.clone());
-            q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
-            config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
+            if let Some(coupled) = &coupled {
+                torques = of_joints(coupled, &joints);
+            } else {
+                let angles = all.measured.angles(joints.clone());
+                q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
+                config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
+            }
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             of_chain.for_each(|(mut joint, gravity)| joint.damp(gravity, begins));
         }
@@ -134,19 +135,14 @@ impl Node {
         let robot = &self.robot;
         let mut all = joints(robot, &mut self.state);
         let [mut mean, mut added] = [[0.0; MAX_JOINTS]; 2];
-        if robot.has_mimics() {
+        let coupled = robot.has_mimics().then(|| {
             for joint in all.each() {
                 if let JointSetpoint::Point(point) = joint.target.setpoint {
                     *joint.reference = point;
                 }
             }
-            let torques = robot.coupled_dynamics(&references(&all));
-            let results = mean.iter_mut().zip(&mut added);
-            for ((mut joint, torque), (mean, added)) in all.each().zip(torques).zip(results) {
-                [*added, *mean] = joint.accelerate(friction, torque);
-            }
-            return self.state.task.applied(&self.robot, &mean, &added);
-        }
+            coupled_torques(robot, &mut all)
+        });
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
@@ -158,7 +154,11 @@ impl Node {
                 let reference = *joint.reference;
                 (*q, *qd, *qdd) = (reference.position, reference.velocity, reference.acceleration);
             }
-            chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
+            if let Some(coupled) = &coupled {
+                torques = of_joints(coupled, &joints);
+            } else {
+                chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
+            }
             let results = mean.iter_mut().zip(&mut added).skip(joints.start);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             for ((mut joint, torque), (mean, added)) in of_chain.zip(results) {
@@ -175,26 +175,34 @@ impl Node {
     }
 }
 
-/// The torques of [`Actuation::Servo`] and [`Actuation::Torque`] of a robot with mimic joints.
+/// The torques that the references need on a robot with mimic joints, by inverse dynamics [N·m].
 #[cold]
 #[inline(never)]
-fn servo_coupled(robot: &Robot, all: &mut Joints<'_>, mode: ServoMode, actuation: Actuation) {
-    let torques = robot.coupled_dynamics(&references(all));
-    for (mut joint, torque) in all.each().zip(torques) {
-        match actuation {
-            Actuation::Torque { damping, compensated } => joint.push(damping, compensated, torque),
-            _ => joint.control(mode, torque),
-        }
-    }
-}
-
-/// The motion of all references.
-fn references(joints: &Joints<'_>) -> Motion {
+fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] {
     let mut motion = Motion::default();
     for (motion, reference) in motion.iter_mut().zip(joints.references.iter()) {
         *motion = [reference.position, reference.velocity, reference.acceleration];
     }
-    motion
+    robot.coupled_dynamics(&motion)
+}
+
+/// The torques that balance the weight of a robot with mimic joints where it is [N·m].
+#[cold]
+#[inline(never)]
+fn coupled_weight(robot: &Robot, joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
+    let mut motion = Motion::default();
+    let angles = joints.measured.angles(0..robot.joints().len());
+    motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
+    robot.coupled_dynamics(&motion)
+}
+
+/// The torques of the joints of one chain.
+#[cold]
+fn of_joints(torques: &[f32; MAX_JOINTS], joints: &Range<usize>) -> [f32; MAX_CHAIN_JOINTS] {
+    let mut own = [0.0; MAX_CHAIN_JOINTS];
+    let all = torques.get(joints.clone()).unwrap_or_default();
+    own.iter_mut().zip(all).for_each(|(own, torque)| *own = *torque);
+    own
 }
 
 /// Advances the joints on the way to goals that are far, or to rest.

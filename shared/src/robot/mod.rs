@@ -32,16 +32,19 @@ const POINTING: [f32; 3] = [0.0, 0.0, 1.0];
 /// A validated model, preprocessed for computation; without joints before the first model.
 ///
 /// Its size is about 21 kB, so it is configured in place and never moved.
+// `repr(C)` and this order: the fields of every tick are within the immediate offset of a load.
+#[repr(C)]
 #[derive(Clone, Debug)]
 pub struct Robot {
-    model: RobotModel,
     gravity: Vector3<f32>,
+    has_mimics: bool,
+    force_sensors: usize,
+    tracking: Option<ErrorObserver>,
     chains: Vec<ChainConfig, MAX_CHAINS>,
     joints: Vec<JointConfig, MAX_JOINTS>,
-    force_sensors: usize,
-    has_mimics: bool,
-    hand: Option<Hand>,
-    tracking: Option<ErrorObserver>,
+    model: RobotModel,
+    /// At most one. (No hand is all zero as a list, which places a new node in `.bss`; as an option it is not.)
+    hand: Vec<Hand, 1>,
 }
 
 /// A chain, preprocessed for computation.
@@ -87,7 +90,7 @@ impl Robot {
         joints: Vec::new(),
         force_sensors: 0,
         has_mimics: false,
-        hand: None,
+        hand: Vec::new(),
         tracking: None,
     };
 
@@ -122,9 +125,20 @@ impl Robot {
         self.gravity = Vector3::from(model.gravity);
         self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
         self.has_mimics = model.chains.iter().any(|chain| chain.mimic.is_some());
-        self.hand = Hand::of_model(model, POINTING).ok().filter(|hand| hand.len() >= 2);
+        self.configure_hand(model);
         self.model.clone_from(model);
         Ok(())
+    }
+
+    /// A frame of its own on the stack: a hand takes 5 kB of it.
+    #[inline(never)]
+    fn configure_hand(&mut self, model: &RobotModel) {
+        self.hand.clear();
+        if let Ok(hand) = Hand::of_model(model, POINTING)
+            && hand.len() > 1
+        {
+            let _ = self.hand.push(hand);
+        }
     }
 
     /// The robot; `None` before the first model.
@@ -164,8 +178,8 @@ impl Robot {
 
     /// Its chains as the fingers of a hand; `None` unless there are two to five, with at most one joint that
     /// moves several of them.
-    pub const fn hand(&self) -> Option<&Hand> {
-        self.hand.as_ref()
+    pub fn hand(&self) -> Option<&Hand> {
+        self.hand.first()
     }
 
     /// Tracking feedback of joints under [`Actuation::Acceleration`]; `None` before the first model.
