@@ -1,6 +1,12 @@
 //! Telexistence on the five-finger hand that comes with tesaki: a node follows the fingertips of an operator
 //! over a link that loses, repeats and delays. The joints are ideal: the plant has its own scenarios.
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::disallowed_methods,
+    reason = "tests"
+)]
 
 use tesaki::TICK;
 use tesaki::kinematics::{Angles, Hand};

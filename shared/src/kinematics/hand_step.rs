@@ -83,7 +83,7 @@ impl Problem<'_> {
         let mut shared_step = 0.0;
         if let Some(shared) = shared.filter(|_| curvature != 0.0) {
             // Also when it is not a number.
-            if !(curvature > 0.0) {
+            if curvature.is_nan() || curvature <= 0.0 {
                 return None;
             }
             if !self.is_held(shared, here.angles[usize::from(shared)], gradient) {
@@ -220,7 +220,7 @@ impl Block {
                 pivot -= lower[(column, k)] * lower[(column, k)] * inverse[k];
             }
             // Below the rounding of its terms, or not a number.
-            if !(pivot > 3e-7 * full) {
+            if pivot.is_nan() || pivot <= 3e-7 * full {
                 return None;
             }
             inverse[column] = 1.0 / pivot;

@@ -37,6 +37,7 @@ const SPEED_FRACTION: f32 = 0.8;
 
 /// Commands of telexistence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[expect(clippy::large_enum_variant, reason = "almost every command is a sample")]
 pub enum TelexistenceCommand {
     /// 0: the operator's fingertips. May be repeated: a sample that is not newer than the last is counted and
     /// ignored.
