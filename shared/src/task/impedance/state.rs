@@ -204,7 +204,7 @@ impl ImpedanceState {
     /// disturbance to the tracking, which would press on: `J·d` at the tool.
     ///
     /// # Errors
-    /// For [`MISMATCH_TICKS`] the tracking made up for more than [`MAX_TOOL_DISTURBANCE`]: disturbance and
+    /// For `MISMATCH_TICKS` the tracking made up for more than `MAX_TOOL_DISTURBANCE`: disturbance and
     /// limit [m/s²].
     pub fn check_disturbance(&mut self) -> Result<(), (f32, f32)> {
         let is_mismatch = self.tool_disturbance > MAX_TOOL_DISTURBANCE * MAX_TOOL_DISTURBANCE;
