@@ -159,7 +159,7 @@ fn stack_is_measured() -> bool {
     let (before, size) = stack::usage();
     let deep = dig(40);
     let (after, _) = stack::usage();
-    size == 56 * 1024 && after >= before + 4000 && after < size && deep > 0
+    size == 52 * 1024 && after >= before + 4000 && after < size && deep > 0
 }
 
 #[inline(never)]

@@ -129,20 +129,13 @@ impl Node {
         }
     }
 
-    /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain.
+    /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots without
+    /// mimic joints: the tasks that use it are for single chains.
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;
         let mut all = joints(robot, &mut self.state);
         let [mut mean, mut added] = [[0.0; MAX_JOINTS]; 2];
-        let coupled = robot.has_mimics().then(|| {
-            for joint in all.each() {
-                if let JointSetpoint::Point(point) = joint.target.setpoint {
-                    *joint.reference = point;
-                }
-            }
-            coupled_torques(robot, &mut all)
-        });
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
             let (chain, joints) = (&config.chain, config.joints());
@@ -154,11 +147,7 @@ impl Node {
                 let reference = *joint.reference;
                 (*q, *qd, *qdd) = (reference.position, reference.velocity, reference.acceleration);
             }
-            if let Some(coupled) = &coupled {
-                torques = of_joints(coupled, &joints);
-            } else {
-                chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
-            }
+            chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
             let results = mean.iter_mut().zip(&mut added).skip(joints.start);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             for ((mut joint, torque), (mean, added)) in of_chain.zip(results) {
