@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
+use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::qemu::Qemu;
@@ -32,6 +33,8 @@ enum Command {
     Run(Run),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(Faults),
+    /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, and one JSON line with the truth
+    RenderKnob(RenderKnob),
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
     #[cfg(unix)]
@@ -93,6 +96,25 @@ struct Run {
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
+}
+
+#[derive(Args)]
+struct RenderKnob {
+    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of them
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Folder for the pictures
+    #[arg(long, default_value_os_t = PathBuf::from("out/render-knob"))]
+    out: PathBuf,
+    /// Robot folder with camera.toml
+    #[arg(long, default_value_os_t = workspace().join("robots/knob-arm"))]
+    robot: PathBuf,
+    /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
+    #[arg(long)]
+    distance: Option<f64>,
+    /// Without blur, noise and vignetting
+    #[arg(long)]
+    ideal: bool,
 }
 
 #[derive(Args)]
@@ -165,6 +187,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
         }
         Some(Command::Run(options)) => run_scenario(&options),
         Some(Command::Faults(options)) => run_faults(&options),
+        Some(Command::RenderKnob(options)) => render_knob(&options).map(|()| true),
         #[cfg(unix)]
         Some(Command::Serve(options)) => serve(&options).map(|()| true),
     }
@@ -260,6 +283,44 @@ fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
         }
     }
     Ok(passed)
+}
+
+/// What `render-knob` prints about a picture.
+#[derive(serde::Serialize)]
+struct RenderedKnob {
+    seed: u64,
+    file: PathBuf,
+    /// Of the hand in the door frame: x, y, z [m], and quaternion x, y, z, w.
+    hand: ([f64; 3], [f64; 4]),
+    rose_radius: f64,
+    #[serde(flatten)]
+    truth: ImageTruth,
+}
+
+fn render_knob(options: &RenderKnob) -> Result<(), Box<dyn Error>> {
+    let values = CameraValues::load(&options.robot)?;
+    let camera = values.camera();
+    if let Some(distance) = options.distance.filter(|distance| !(0.01..=1.0).contains(distance)) {
+        return Err(format!("--distance is {distance} m: it must be from 0.01 to 1 m").into());
+    }
+    std::fs::create_dir_all(&options.out)?;
+    for seed in options.seed.clone() {
+        let scene = Scene::draw(seed);
+        let optics = if options.ideal { Optics::ideal(0.3) } else { Optics::draw(seed) };
+        let mut view = View::draw(seed);
+        if let Some(distance) = options.distance {
+            view.hand.translation.z = -distance;
+        }
+        let (pose, fingers) = (view.hand * values.mount(), view.fingers(0.22));
+        let image = scene.photograph(&camera, &optics, &pose, &fingers, (seed, 0));
+        let file = options.out.join(format!("knob-{seed}.png"));
+        std::fs::write(&file, image.png()?).map_err(|error| format!("{}: {error}", file.display()))?;
+        let hand = (view.hand.translation.vector.into(), view.hand.rotation.coords.into());
+        let truth = scene.truth(&camera, &pose, &fingers);
+        let rendered = RenderedKnob { seed, file, hand, rose_radius: scene.rose.radius, truth };
+        println!("{}", serde_json::to_string(&rendered)?);
+    }
+    Ok(())
 }
 
 #[cfg(unix)]

@@ -8,6 +8,7 @@
 )]
 
 pub mod boards;
+pub mod camera;
 pub mod controller;
 pub mod digest;
 pub mod faults;

@@ -24,6 +24,12 @@ pub(crate) enum Purpose {
     Glove = 15,
     FingertipMarkers = 16,
     Pinches = 17,
+    HandPostures = 18,
+    DoorScene = 19,
+    Optics = 20,
+    HandView = 21,
+    ImageNoise = 22,
+    CircleSearch = 23,
 }
 
 impl Purpose {

@@ -9,6 +9,7 @@ mod arm7_straight;
 mod arm7_wall;
 pub(crate) mod common;
 mod grasping;
+mod hand;
 mod hand3_force;
 mod hand3_grasp;
 mod hand3_reach;
@@ -16,6 +17,10 @@ mod hand3_servo;
 mod hand3_shift;
 mod hand3_turn;
 mod hand3_weights;
+mod hand5_calibrate;
+mod hand5_reach;
+mod hand5_teleop;
+mod knob_find;
 
 pub use grasping::scene;
 
@@ -66,6 +71,10 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_wall::SCENARIO,
     arm7_bilateral::SCENARIO,
     arm7_follow::SCENARIO,
+    hand5_calibrate::SCENARIO,
+    hand5_reach::SCENARIO,
+    hand5_teleop::SCENARIO,
+    knob_find::SCENARIO,
 ];
 
 /// What a run is given.
@@ -123,6 +132,26 @@ pub enum ScenarioError {
     /// What it found makes no sense.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
+    /// The robot has no fingers to lead.
+    #[error("{robot} is no hand: {reason}")]
+    NoHand {
+        /// Its folder.
+        robot: String,
+        /// Why.
+        reason: String,
+    },
+    /// The operator's hand.
+    #[error("the operator's hand: {0}")]
+    Operator(#[from] crate::operator::calibration_trial::TrialError),
+    /// `camera.toml` cannot be used.
+    #[error(transparent)]
+    CameraFile(#[from] crate::camera::CameraFileError),
+    /// A search for circles.
+    #[error(transparent)]
+    Vision(#[from] tesaki::vision::VisionError),
+    /// A picture for the page.
+    #[error(transparent)]
+    Png(#[from] png::EncodingError),
     /// The node gave up.
     #[error("the controller stopped after {time:.2} s of {trial}: {fault}")]
     Fault {

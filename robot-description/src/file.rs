@@ -48,6 +48,19 @@ pub(crate) fn check_length(text: &str, most: usize, report: &mut Report) -> bool
     fits
 }
 
+/// Reads a TOML text; else reports what is wrong, by line, with an advice.
+pub(crate) fn parse<T: DeserializeOwned>(text: &str, advice: &str, report: &mut Report) -> Option<T> {
+    if !check_length(text, MAX_TOML, report) {
+        return None;
+    }
+    let problem = |error: toml::de::Error| {
+        let start = error.span().map_or(0, |span| span.start);
+        let line = text.get(..start).unwrap_or(text).matches('\n').count() + 1;
+        report.dynamics(Some(line), error.message(), advice);
+    };
+    toml::from_str(text).map_err(problem).ok()
+}
+
 /// Reads a TOML file.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
     let toml = |message| FileError::Toml { path: path.to_owned(), message };

@@ -5,7 +5,8 @@
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
-//! - [`calibration`] holds the values of one machine, [`grasp`] and [`impedance`] what tasks are given.
+//! - [`calibration`] holds the values of one machine, [`grasp`], [`impedance`] and [`retargeting`] what tasks
+//!   are given.
 
 pub mod calibration;
 mod file;
@@ -16,6 +17,7 @@ pub mod init;
 mod line;
 mod load;
 pub mod plant;
+pub mod retargeting;
 pub mod robot;
 pub mod urdf;
 

@@ -54,9 +54,9 @@ fn accuracy(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
     );
 }
 
-/// Follows a smooth path of the joints; the step is that of a hand at 100 samples a second.
-fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
-    let mut rng = Rng::new(2, 0);
+/// A smooth path of the joints from one random posture to the next, half a second each, 100 samples a second.
+fn path(seed: u64) -> Vec<Angles> {
+    let mut rng = Rng::new(seed, 0);
     let mut path = Vec::new();
     let (mut from, mut to) = (random_angles(&mut rng), random_angles(&mut rng));
     for frame in 0..4000_u16 {
@@ -64,8 +64,14 @@ fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
             (from, to) = (to, random_angles(&mut rng));
         }
         let s = f32::from(frame % 50) / 50.0;
-        path.push(targets(hand, &(from + (to - from) * (s * s * (3.0 - 2.0 * s))), fingers.clone()));
+        path.push(from + (to - from) * (s * s * (3.0 - 2.0 * s)));
     }
+    path
+}
+
+/// Follows a smooth path of the joints; the step is that of a hand at 100 samples a second.
+fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
+    let path: Vec<_> = path(2).iter().map(|angles| targets(hand, angles, fingers.clone())).collect();
     let (mut best, mut worst, mut evaluations, mut reached) = (f64::INFINITY, 0.0_f32, 0, 0);
     for round in 0..20 {
         let mut angles = hand.center();
@@ -93,26 +99,20 @@ fn tracking(name: &str, hand: &Hand, fingers: core::ops::Range<usize>) {
 /// Retargets an operator whose hand is larger and moves smoothly, at 100 samples a second.
 fn retargeting(hand: &Hand, scale: f32) {
     let settings = RetargetSettings { speeds: [1e3; 16], ..RetargetSettings::DEFAULT };
-    let retargeting = Retargeting::try_new(hand.clone(), settings).expect("valid");
-    let mut rng = Rng::new(3, 0);
-    let mut path = Vec::new();
-    let (mut from, mut to) = (random_angles(&mut rng), random_angles(&mut rng));
-    for frame in 0..4000_u16 {
-        if frame % 50 == 0 {
-            (from, to) = (to, random_angles(&mut rng));
-        }
-        let s = f32::from(frame % 50) / 50.0;
-        let angles = from + (to - from) * (s * s * (3.0 - 2.0 * s));
-        let positions = core::array::from_fn(|finger| Some(hand.tip(finger, &angles)?.0 * scale));
-        path.push(OperatorFingertips { positions, directions: [None; 5] });
-    }
+    settings.validate(hand).expect("valid");
+    let retargeting = Retargeting { hand, settings: &settings };
+    let tips = |angles: &Angles| OperatorFingertips {
+        positions: core::array::from_fn(|finger| Some(hand.tip(finger, angles)?.0 * scale)),
+        directions: [None; 5],
+    };
+    let path: Vec<_> = path(3).iter().map(tips).collect();
     let (mut best, mut evaluations, mut most, mut reached, mut largest) = (f64::INFINITY, 0, 0, 0, 0.0_f32);
     for round in 0..20 {
         let mut state = retargeting.begin(&hand.center(), &nalgebra::Vector3::zeros());
         let _ = retargeting.update(&mut state, &path[0], 0.01);
         let start = Instant::now();
         for tips in &path {
-            let before = *state.angles();
+            let before = state.angles();
             let Ok(report) = retargeting.update(&mut state, black_box(tips), 0.01) else { continue };
             if round == 0 {
                 reached += u32::from(report.missed == 0);

@@ -23,6 +23,7 @@
 //! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
 //! | [`control`] | PID, observer, friction feed-forward, joint servo |
 //! | [`teleop`] | unilateral master-slave control over a delayed link, passivity of bilateral links |
+//! | [`vision`] | circle finding in a grey image |
 //! | [`fault`] | causes of faults, and their log |
 //! | [`robot`] | preprocessed model, measured state, targets of the joints |
 //! | [`task`] | what an enabled node does: joint servo, grasping, impedance control |
@@ -52,6 +53,7 @@ pub mod task;
 pub mod teleop;
 #[cfg(any(test, feature = "test-support"))]
 pub mod test_support;
+pub mod vision;
 mod zip;
 
 /// The control period `T` [s].

@@ -7,6 +7,7 @@ use tesaki::protocol::{
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, TelexistenceTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskTelemetry};
 
 /// Why a request to a board failed.
@@ -317,6 +318,26 @@ pub trait Board {
     fn set_target(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), BoardError> {
         let command = ImpedanceCommand::SetTarget { point, elbow };
         self.ask("move its tool", Request::Task(TaskCommand::Impedance(command)))
+    }
+
+    /// Moves a hand to the operator's fingertips.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn follow_fingertips(&mut self, sample: FingertipSample) -> Result<(), BoardError> {
+        let command = TelexistenceCommand::Follow(sample);
+        self.ask("follow the fingertips", Request::Task(TaskCommand::Telexistence(command)))
+    }
+
+    /// Telemetry of telexistence.
+    ///
+    /// # Errors
+    /// When the board's task is not telexistence.
+    fn read_telexistence(&mut self) -> Result<TelexistenceTelemetry, BoardError> {
+        match self.read_task()?.telemetry {
+            TaskTelemetry::Telexistence(hand) => Ok(hand),
+            other => Err(BoardError::OtherTask { expected: TaskKind::Telexistence, reported: other.kind() }),
+        }
     }
 
     /// Keeps the task running: resets the command timeout only.

@@ -1,5 +1,15 @@
-//! Calibration of an operator's hand: held poses out of a glove's stream, what to do next, and what is kept of
-//! it.
+//! An operator's hand. Calibration of its links: held poses out of a glove's stream, what to do next, and
+//! what is kept of it. Then its fingertips out of the frames of any source ([`Tracker`]).
+
+mod error;
+mod fingertips;
+mod landmarks;
+mod palm;
+mod tracker;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "tests")]
+mod tests;
 
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -11,6 +21,10 @@ use tesaki::teleop::{
     CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks,
     FingerRotations, GloveSample, HandCalibration, MAX_TIP_DEVIATION,
 };
+
+pub use error::FrameError;
+pub use landmarks::{LANDMARKS, Landmarks};
+pub use tracker::{Fingertips, Observation, Tracker, TrackerSettings, Wearer, operator_fingertips};
 
 /// Positions of the markers that are seen, thumb to little finger, in the frame of the back of the hand [m].
 pub type Markers = [Option<[f32; 3]>; FINGERS];
@@ -176,8 +190,8 @@ impl CalibrationGuide {
         Ok(())
     }
 
-    /// As [`Self::add`], but refuses a pose in which a finger that is calibrated is more than 15 mm off: a person
-    /// who did not hold still, or a marker that was taken for another.
+    /// As [`Self::add`], but refuses a pose in which a finger that is calibrated is more than 15 mm off: a
+    /// person who did not hold still, or a marker that was taken for another.
     ///
     /// # Errors
     /// Also this.
@@ -200,8 +214,8 @@ impl CalibrationGuide {
         self.poses
     }
 
-    /// Adds a posture in which the tip of the thumb touches that of a finger without marker, after the poses that
-    /// calibrate the thumb.
+    /// Adds a posture in which the tip of the thumb touches that of a finger without marker, after the poses
+    /// that calibrate the thumb.
     ///
     /// # Errors
     /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.

@@ -226,16 +226,16 @@ fn separate<'a>(name: &str, tips: &[&'a str]) -> Vec<&'a str> {
 #[test]
 fn columns_in_any_order_further_columns_and_angles_outside_are_told_and_computed() {
     let ur5e = robot("ur5e");
-    let input = "time,wrist_3_joint,wrist_2_joint,wrist_1_joint,elbow_joint,shoulder_lift_joint,shoulder_pan_joint\n\
-        0,0.6,0.5,0.4,0.3,-0.2,0.1\n\
-        0,0.6,0.5,0.4,3.5,-0.2,0.1\n";
+    let input = "time,load,wrist_3_joint,wrist_2_joint,wrist_1_joint,elbow_joint,shoulder_lift_joint,shoulder_pan_joint\n\
+        0,9,0.6,0.5,0.4,0.3,-0.2,0.1\n\
+        0,9,0.6,0.5,0.4,3.5,-0.2,0.1\n";
     let (out, err) = eval("fk", &ur5e, &[], input);
     let ordered = "shoulder_pan_joint,shoulder_lift_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint\n\
         0.1,-0.2,0.3,0.4,0.5,0.6\n\
         0.1,-0.2,3.5,0.4,0.5,0.6\n";
     assert_eq!(out, eval("fk", &ur5e, &[], ordered).0);
     for words in [
-        "unused columns: time",
+        "unused columns: load",
         "elbow_joint: 1 of 2 angles outside its limits -3.1415927 to 3.1415927 rad, first in line 3",
         "2 rows, tips tool0",
     ] {

@@ -86,8 +86,8 @@ impl Board {
         for (index, joint) in now.joints.iter().enumerate() {
             let [position, velocity] = self.references.get(index).copied().unwrap_or([joint.reference, 0.0]);
             let new = (joint.reference - position) / TICK;
-            // 0.8 of the velocity limit.
-            let speed = if [5].contains(&index) { 3.2 } else { 4.8 };
+            // 25 ms of the acceleration below the velocity limit of 6 rad/s; half of that of `spread`, 4 rad/s.
+            let speed = if index == 5 { 2.0 } else { 3.5 };
             assert!(new.abs() < 1.001 * speed + 1e-3, "joint {index}: {new} rad/s");
             let change = (new - velocity) / TICK;
             // The mean velocity of a tick of constant acceleration lags by half a tick.
@@ -229,7 +229,7 @@ fn lost_late_and_repeated_samples_are_bridged() {
     }
     let telemetry = board.telemetry();
     assert!(telemetry.ignored > 40 && telemetry.samples > 250, "{telemetry:?}");
-    assert!(worst < 0.012, "{worst} m");
+    assert!(worst < 0.015, "{worst} m");
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn a_stream_that_stops_leaves_the_hand_at_rest() {
         assert_eq!(board.task(TelexistenceCommand::Follow(sample)), Reply::Done);
         board.tick();
     }
-    for _ in 0..40 {
+    for _ in 0..80 {
         let _ = board.ask(Request::Keep);
         board.tick();
     }
@@ -250,7 +250,7 @@ fn a_stream_that_stops_leaves_the_hand_at_rest() {
     board.tick();
     assert!((board.angles() - before).norm() < 1e-5);
     let telemetry = board.telemetry();
-    assert_eq!((telemetry.age, telemetry.unknown), (42, 0b1_1111));
+    assert_eq!((telemetry.age, telemetry.unknown), (82, 0b1_1111));
 }
 
 #[test]

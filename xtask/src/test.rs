@@ -141,7 +141,9 @@ fn tables() -> Result<()> {
 
 fn lints() -> Result<()> {
     tools::run(&mut cargo(&["fmt", "--all", "--check"]))?;
-    tools::run(cargo(&["clippy", "--all-targets"]).args(HOST).args(["--", "-D", "warnings"]))
+    // With the examples that need what the tests share.
+    let all = ["clippy", "--all-targets", "--features", "tesaki/test-support"];
+    tools::run(cargo(&all).args(HOST).args(["--", "-D", "warnings"]))
 }
 
 fn firmware_lints(compiler: ArmCompiler) -> Result<()> {

@@ -26,6 +26,8 @@ use tesaki::protocol::{
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
+use tesaki::test_support::hand5;
 use tesaki_firmware as _;
 
 mod support;
@@ -226,6 +228,8 @@ fn main() -> ! {
 
     grasp(&mut watch);
     slices();
+    retargeting("retarget", 1.0);
+    retargeting("retarget_unreachable", 1.1);
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
@@ -379,6 +383,39 @@ fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
 
 fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
+}
+
+/// Frames of the five-finger hand that follows an operator whose hand is `size` times as large and moves: all
+/// on average, and the longest.
+#[inline(never)]
+fn retargeting(name: &str, size: f32) {
+    const FRAMES: u16 = 500;
+    let hand = hand5();
+    let settings = RetargetSettings { speeds: [1e3; 16], ..RetargetSettings::DEFAULT };
+    let retargeting = Retargeting { hand: &hand, settings: &settings };
+    let operator = |frame: u16| {
+        let mut angles = hand.center();
+        for (joint, (angle, (lower, upper))) in (0_u8..).zip(angles.iter_mut().zip(hand.limits())) {
+            let phase = (3.0 + 0.1 * f32::from(joint)) * 0.01 * f32::from(frame) + 1.7 * f32::from(joint);
+            *angle += 0.35 * (upper - lower) * math::sin_cos(phase).0;
+        }
+        let position = |finger| Some(hand.tip(finger, &angles)?.0 * size);
+        OperatorFingertips { positions: core::array::from_fn(position), directions: [None; 5] }
+    };
+    let mut state = retargeting.begin_nearby(&hand.center(), &Vector3::zeros());
+    let (mut longest, mut sum) = (0, 0);
+    for frame in 0..FRAMES {
+        let tips = operator(frame);
+        let start = SYST::get_current();
+        let report = retargeting.update(&mut state, black_box(&tips), 0.01);
+        let ticks = start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF;
+        assert!(black_box(&report).is_ok(), "refused");
+        longest = longest.max(ticks);
+        sum += u64::from(ticks);
+    }
+    let per_frame = (sum * 10_000 / 168 / u64::from(FRAMES)) as u32;
+    hprintln!("{} {}.{}", name, per_frame / 10, per_frame % 10);
+    hprintln!("{}_longest {}.0", name, u64::from(longest) * 1000 / 168);
 }
 
 /// Tick of a node with three chains of three joints, enabled and in motion.

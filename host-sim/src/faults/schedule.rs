@@ -53,9 +53,9 @@ pub const PLACES: &[Place] = &[
     place("hand3-turn", "hand3", 1, [60, 440]),
     place(SERVED, "hand3", 1, [10, 300]),
     place("arm7-wall", "arm7", 6, [120, 300]),
-    place("hand3-servo", "hand3", 4, [5, 500]),
+    place("hand5-teleop", "hand5", 3, [5, 1400]),
     place("arm7-elbow", "arm7", 2, [60, 440]),
-    place(SERVED, "arm7", 1, [10, 300]),
+    place(SERVED, "hand5", 1, [10, 300]),
     place("arm7-bilateral", "arm7", 3, [60, 370]),
     place("hand3-shift", "hand3", 1, [60, 440]),
 ];
@@ -279,7 +279,7 @@ impl Schedule {
                 let begin = start + if index == 0 { 0 } else { rng.below(SPREAD) };
                 let lasting = rng.chance(0.5);
                 let ticks = 1 + rng.below(80);
-                let kind = draw_kind(&mut rng, place.robot == "arm7");
+                let kind = draw_kind(&mut rng, Size::of(place.robot));
                 // A board is reset once.
                 let ticks = match kind {
                     Kind::Reset | Kind::Removed => Some(1),
@@ -316,18 +316,41 @@ impl Schedule {
     }
 }
 
-fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
-    let (joints, sensors) = if arm { (7, 1) } else { (9, 3) };
+/// What the faults of a robot are drawn from.
+#[derive(Clone, Copy)]
+struct Size {
+    joints: u32,
+    force_sensors: u32,
+    /// Of an encoder [counts].
+    turn: f64,
+    /// Of the supply [V].
+    voltage: f64,
+    /// Largest force that something exerts on it [N].
+    force: f64,
+}
+
+impl Size {
+    fn of(robot: &str) -> Self {
+        let hand = Self { joints: 9, force_sensors: 3, turn: 65_536.0, voltage: 24.0, force: 6.0 };
+        match robot {
+            "arm7" => Self { joints: 7, force_sensors: 1, turn: 262_144.0, voltage: 48.0, force: 150.0 },
+            "hand5" => Self { joints: 16, force_sensors: 0, ..hand },
+            _ => hand,
+        }
+    }
+}
+
+fn draw_kind(rng: &mut Rng, of: Size) -> Kind {
+    let Size { joints, force_sensors, turn, voltage, force } = of;
     let index = |rng: &mut Rng, below: u32| usize::try_from(rng.below(below)).unwrap_or(0);
     let family = Family::ALL[index(rng, 7)];
     let joint = index(rng, joints);
-    let sensor = index(rng, sensors);
+    let sensor = index(rng, force_sensors.max(1));
     let variant = rng.below(7);
     // Of every size: from small ones, which are hard to detect, to large ones.
     let size = rng.uniform() * rng.uniform();
     let sign = if rng.chance(0.5) { 1.0 } else { -1.0 };
     let direction: [f64; 3] = core::array::from_fn(|_| rng.symmetric());
-    let turn: f64 = if arm { 262_144.0 } else { 65_536.0 };
     let round = |value: f64| (value * 1000.0).round() / 1000.0;
     match (family, variant) {
         (Family::Link, 0) => Kind::Loss { probability: round(0.1 + 0.9 * size) },
@@ -340,11 +363,12 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
         (Family::Sensors, 1) => Kind::Jump { joint, counts: (sign * (1.0 + size * turn / 4.0)) as i32 },
         (Family::Sensors, 2) => Kind::Drift { joint, rate: (sign * (1.0 + size * turn / 300.0)).round() },
         (Family::Sensors, 3) => Kind::Noise { joint, counts: (1.0 + size * turn / 500.0).round() },
-        (Family::Sensors, 4) => Kind::Saturation { sensor },
+        (Family::Sensors, 4) if force_sensors > 0 => Kind::Saturation { sensor },
         (Family::Sensors, 5) => Kind::Swapped { joint, other: (joint + 1) % joints as usize },
-        (Family::Sensors, _) => Kind::ForceLow { sensor },
-        (Family::Supply, 0..=3) => Kind::Sag { voltage: round((1.0 - size) * if arm { 45.0 } else { 22.0 }) },
-        (Family::Supply, _) => Kind::Surge { voltage: round((1.0 + size) * if arm { 48.0 } else { 24.0 }) },
+        (Family::Sensors, _) if force_sensors > 0 => Kind::ForceLow { sensor },
+        (Family::Sensors, _) => Kind::Stuck { joint },
+        (Family::Supply, 0..=3) => Kind::Sag { voltage: round((1.0 - size) * 0.93 * voltage) },
+        (Family::Supply, _) => Kind::Surge { voltage: round((1.0 + size) * voltage) },
         (Family::Drive, 0 | 1) => Kind::Weak { joint, factor: round(0.9 * rng.uniform()) },
         (Family::Drive, 2 | 3) => Kind::Reversed { joint },
         (Family::Drive, 4) => Kind::Dead { joint },
@@ -355,7 +379,7 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
         (Family::Board, 0..=2) => Kind::Reset,
         (Family::Board, _) => Kind::Skip,
         (Family::Environment, 0..=2) => {
-            let force = size * if arm { 150.0 } else { 6.0 };
+            let force = size * force;
             Kind::Push { joint, force: direction.map(|part| round(part * force)) }
         }
         (Family::Environment, 3) => {
@@ -366,7 +390,7 @@ fn draw_kind(rng: &mut Rng, arm: bool) -> Kind {
             Kind::Wall { direction, clearance, stiffness }
         }
         (Family::Environment, 4 | 5) => {
-            let force = size * if arm { 150.0 } else { 6.0 };
+            let force = size * force;
             Kind::Pull { force: direction.map(|part| round(part * force)) }
         }
         (Family::Environment, _) => Kind::Removed,

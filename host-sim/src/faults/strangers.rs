@@ -4,12 +4,15 @@ use tesaki::control::{JointPoint, ServoMode};
 use tesaki::protocol::{Item, Request, SCHEMA_KEY, Stream};
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::telexistence::{
+    FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceSettings,
+};
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_rng::Rng;
 
 /// A request of a second program that wants to command `joints` joints.
 pub fn second(rng: &mut Rng, joints: usize) -> Request {
-    match rng.below(16) {
+    match rng.below(17) {
         0..=2 => Request::Hello { schema: SCHEMA_KEY },
         3 | 4 => Request::TakeCommand { by_force: true },
         5 => Request::TakeCommand { by_force: false },
@@ -21,6 +24,7 @@ pub fn second(rng: &mut Rng, joints: usize) -> Request {
         13 => Request::ClearFaults { total: rng.below(3) },
         14 if rng.chance(0.2) => Request::Disable,
         14 => Request::ReleaseCommand,
+        15 => Request::Enable(TaskConfig::Telexistence(TelexistenceSettings::DEFAULT)),
         _ if rng.chance(0.2) => Request::Stop,
         _ => Request::ReadStatus,
     }
@@ -32,7 +36,7 @@ pub fn nonsense(rng: &mut Rng, joints: usize) -> Request {
     let wild = WILD[usize::try_from(rng.below(6)).unwrap_or(0)];
     let any = rng.next_u64() as u32;
     let point = JointPoint { position: wild, velocity: wild, acceleration: wild };
-    match rng.below(16) {
+    match rng.below(17) {
         0 => Request::Home { positions: (0..joints).map(|_| wild).collect() },
         1 => Request::Home { positions: (0..rng.below(17)).map(|_| 0.0).collect() },
         2 => command(JointCommand::Goal { positions: (0..joints).map(|_| wild).collect() }),
@@ -54,7 +58,12 @@ pub fn nonsense(rng: &mut Rng, joints: usize) -> Request {
         11 => Request::ClearFaults { total: any },
         12 => Request::Hello { schema: any.into() },
         13 => Request::SetRate { stream: Stream::Telemetry, every: any as u16 },
-        14 => Request::Export(if rng.chance(0.5) { Item::Model } else { Item::State }),
+        14 => Request::Task(TaskCommand::Telexistence(TelexistenceCommand::Follow(FingertipSample {
+            number: any as u16,
+            age: if rng.chance(0.5) { wild } else { 0.0 },
+            tips: [Some(FingertipPoint { position: [wild; 3], velocity: [wild; 3], direction: None }); 5],
+        }))),
+        15 => Request::Export(if rng.chance(0.5) { Item::Model } else { Item::State }),
         _ => Request::ReadExport { offset: any },
     }
 }

@@ -51,8 +51,8 @@ pub struct VectorError {
 
 impl VectorError {
     /// Of pairs of an estimated and a true vector.
-    pub fn of(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone) -> Self {
-        let pairs = pairs.filter(|(_, truth)| truth.norm() >= MIN_DISTANCE);
+    pub fn of(pairs: impl Iterator<Item = [Vector3<f64>; 2]> + Clone) -> Self {
+        let pairs = pairs.filter(|[_, truth]| truth.norm() >= MIN_DISTANCE);
         let statistics = |values: &mut dyn Iterator<Item = f64>| {
             let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
             for value in values {
@@ -63,8 +63,8 @@ impl VectorError {
         };
         Self {
             count: pairs.clone().count() as u32,
-            length: statistics(&mut pairs.clone().map(|(found, truth)| found.norm() - truth.norm())),
-            direction: statistics(&mut pairs.map(|(found, truth)| found.angle(&truth))),
+            length: statistics(&mut pairs.clone().map(|[found, truth]| found.norm() - truth.norm())),
+            direction: statistics(&mut pairs.map(|[found, truth]| found.angle(&truth))),
         }
     }
 }
@@ -78,7 +78,9 @@ pub struct CalibrationTrial {
     pub accuracy: [CalibrationAccuracy; FINGERS],
     /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one of each per
     /// sample.
-    pub vectors: [Vec<(Vector3<f64>, Vector3<f64>)>; 4],
+    pub vectors: [Vec<[Vector3<f64>; 2]>; 4],
+    /// When the index finger's were estimated [s].
+    pub times: Vec<f64>,
     /// Delay that explains the estimated vectors best [s].
     pub delay: f64,
 }
@@ -94,6 +96,36 @@ pub enum TrialError {
     Link(#[from] InvalidLink),
 }
 
+/// A hand that was calibrated.
+#[derive(Clone, Debug)]
+pub struct Calibrated {
+    /// Its links.
+    pub human: HumanHand,
+    /// Of each finger.
+    pub accuracy: [CalibrationAccuracy; FINGERS],
+    /// Time that the poses took [s].
+    pub time: f64,
+}
+
+/// Calibrates the hand of a seed.
+///
+/// # Errors
+/// The calibration was refused.
+pub fn calibrate(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> Result<Calibrated, TrialError> {
+    let (poses, time) = poses(plan, values, seed);
+    let settings = CalibrationSettings {
+        orientation_noise: (GloveValues::default().noise * POSE_NOISE) as f32,
+        ..CalibrationSettings::DEFAULT
+    };
+    let mut guide = CalibrationGuide::try_new(&settings)?;
+    poses.iter().try_for_each(|pose| guide.add(pose))?;
+    let (touches, touch_time) = touches(plan, values, seed);
+    touches.iter().try_for_each(|(finger, orientations)| guide.touch(*finger, orientations))?;
+    let solved = guide.finish(true)?;
+    let human = HumanHand::try_new(solved.map(|(links, _)| links))?;
+    Ok(Calibrated { human, accuracy: solved.map(|(_, accuracy)| accuracy), time: time + touch_time })
+}
+
 /// Calibrates the hand of a seed and lets it move for `duration` [s].
 ///
 /// # Errors
@@ -106,18 +138,7 @@ pub fn run(
     duration: f64,
 ) -> Result<CalibrationTrial, TrialError> {
     let hand = OperatorHand::random(seed);
-    let (poses, time) = poses(plan, values, seed);
-    let settings = CalibrationSettings {
-        orientation_noise: (GloveValues::default().noise * POSE_NOISE) as f32,
-        ..CalibrationSettings::DEFAULT
-    };
-    let mut guide = CalibrationGuide::try_new(&settings)?;
-    poses.iter().try_for_each(|pose| guide.add(pose))?;
-    let (touches, touch_time) = touches(plan, values, seed);
-    touches.iter().try_for_each(|(finger, orientations)| guide.touch(*finger, orientations))?;
-    let time = time + touch_time;
-    let solved = guide.finish(true)?;
-    let human = HumanHand::try_new(solved.map(|(links, _)| links))?;
+    let Calibrated { human, accuracy, time } = calibrate(plan, values, seed)?;
     // Half-second movements, as in fast finger work.
     let count = libm::ceil(duration / 0.75) as usize;
     let motion = FingersMotion::random(&hand, seed, 1, count, [0.4, 0.9], 0.1);
@@ -138,14 +159,14 @@ pub fn run(
         for (number, tip) in tips[1..].iter().enumerate() {
             // A tip is missing until all its sensors have given a sample.
             let Ok(tip) = tip else { continue };
-            vectors[number].push((position(tip.position) - position(thumb.position), truth[number]));
+            vectors[number].push([position(tip.position) - position(thumb.position), truth[number]]);
             if number == 0 {
                 times.push(time);
             }
         }
     }
     let delay = best_delay(&hand, &motion, &times, &vectors[0]);
-    Ok(CalibrationTrial { time, accuracy: solved.map(|(_, accuracy)| accuracy), vectors, delay })
+    Ok(CalibrationTrial { time, accuracy, vectors, times, delay })
 }
 
 /// The poses of a calibration, each the mean of the time that it is held, and how long they took [s]. The first
@@ -208,12 +229,12 @@ fn best_delay(
     hand: &OperatorHand,
     motion: &FingersMotion,
     times: &[f64],
-    vectors: &[(Vector3<f64>, Vector3<f64>)],
+    vectors: &[[Vector3<f64>; 2]],
 ) -> f64 {
     let cost = |delay: f64| -> f64 {
         let pairs = times.iter().zip(vectors).step_by(7);
         pairs
-            .map(|(time, (found, _))| (found - true_vectors(hand, motion, time - delay)[0]).norm_squared())
+            .map(|(time, [found, _])| (found - true_vectors(hand, motion, time - delay)[0]).norm_squared())
             .sum()
     };
     let delays = (-20..=60).map(|step| 1e-3 * f64::from(step));

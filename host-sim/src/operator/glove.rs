@@ -103,40 +103,27 @@ impl OperatorHand {
         (core::array::from_fn(|k| segments[k] * mounts[k]), tip)
     }
 
+    /// The posture whose fingertips are nearest to given ones [m], from half-bent fingers.
+    pub fn imitate(&self, tips: &[Vector3<f64>; FINGERS]) -> [FingerAngles; FINGERS] {
+        let half =
+            core::array::from_fn(|number| self.fingers[number].range.map(|[low, high]| 0.5 * (low + high)));
+        Finger::ALL.into_iter().fold(half, |posture, finger| {
+            let cost = |angles: &[FingerAngles; FINGERS]| {
+                (self.tip(finger, angles) - tips[finger as usize]).norm() + self.strain(finger, angles)
+            };
+            self.descend(posture, &[finger], cost)
+        })
+    }
+
     /// A posture in which the tip of the thumb touches that of a finger: the best of four by coordinate descent
     /// from random postures. Skin and nail put the tips 2 mm off each other along each axis, at random.
     fn pinch(&self, finger: Finger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
-        let number = finger as usize;
         let cost = |angles: &[FingerAngles; FINGERS]| {
-            let tip = |finger: Finger| self.finger(finger, &angles[finger as usize]).1;
-            // The end joint cannot bend by itself.
-            let [_, _, middle, end] = angles[number];
-            let apart = (end - self.fingers[number].coupling * middle).abs();
-            (tip(finger) - tip(Finger::Thumb) - offset).norm() + 0.02 * (apart - 0.14).max(0.0)
+            let gap = self.tip(finger, angles) - self.tip(Finger::Thumb, angles) - offset;
+            gap.norm() + self.strain(finger, angles)
         };
-        let joints =
-            || [Finger::Thumb as usize, number].into_iter().flat_map(|n| (0..4).map(move |joint| (n, joint)));
-        let mut descend = || {
-            let (mut angles, mut step) = (self.posture(rng), 0.3);
-            while step > 1e-3 {
-                let before = cost(&angles);
-                for (n, joint) in joints() {
-                    for change in [step, -step] {
-                        let mut other = angles;
-                        let [low, high] = self.fingers[n].range[joint];
-                        other[n][joint] = (other[n][joint] + change).clamp(low, high);
-                        if cost(&other) < cost(&angles) {
-                            angles = other;
-                        }
-                    }
-                }
-                if cost(&angles) > 0.99 * before {
-                    step *= 0.6;
-                }
-            }
-            angles
-        };
+        let mut descend = || self.descend(self.posture(rng), &[Finger::Thumb, finger], cost);
         let mut best = descend();
         for _ in 1..4 {
             let other = descend();
@@ -145,6 +132,50 @@ impl OperatorHand {
             }
         }
         best
+    }
+
+    /// The tip of a finger [m].
+    fn tip(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> Vector3<f64> {
+        self.finger(finger, &angles[finger as usize]).1
+    }
+
+    /// The cost of an end joint that is bent by itself, which it cannot be [m].
+    fn strain(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> f64 {
+        if finger == Finger::Thumb {
+            return 0.0;
+        }
+        let [_, _, middle, end] = angles[finger as usize];
+        let apart = (end - self.fingers[finger as usize].coupling * middle).abs();
+        0.02 * (apart - 0.14).max(0.0)
+    }
+
+    /// Coordinate descent of a cost by the joints of some fingers.
+    fn descend(
+        &self,
+        mut angles: [FingerAngles; FINGERS],
+        fingers: &[Finger],
+        cost: impl Fn(&[FingerAngles; FINGERS]) -> f64,
+    ) -> [FingerAngles; FINGERS] {
+        let mut step = 0.3;
+        while step > 1e-3 {
+            let before = cost(&angles);
+            for (n, joint) in
+                fingers.iter().flat_map(|&finger| (0..4).map(move |joint| (finger as usize, joint)))
+            {
+                for change in [step, -step] {
+                    let mut other = angles;
+                    let [low, high] = self.fingers[n].range[joint];
+                    other[n][joint] = (other[n][joint] + change).clamp(low, high);
+                    if cost(&other) < cost(&angles) {
+                        angles = other;
+                    }
+                }
+            }
+            if cost(&angles) > 0.99 * before {
+                step *= 0.6;
+            }
+        }
+        angles
     }
 
     /// A random posture: the fingers bend more or less together.
@@ -203,6 +234,18 @@ impl FingersMotion {
         }
         let sway = [0.3, 3.0].map(|size| Vector3::from_fn(|_, _| size * rng.symmetric()));
         Self { stops, sway }
+    }
+
+    /// The same from another first posture, a fraction of the way to each of the others.
+    #[must_use]
+    pub fn around(mut self, first: [FingerAngles; FINGERS], fraction: f64) -> Self {
+        for (number, (_, posture)) in self.stops.iter_mut().enumerate() {
+            let fraction = if number == 0 { 0.0 } else { fraction };
+            for (angle, from) in posture.iter_mut().flatten().zip(first.iter().flatten()) {
+                *angle = from + fraction * (*angle - from);
+            }
+        }
+        self
     }
 
     /// As [`Self::random`], through postures in which the thumb touches one finger after another.

@@ -11,6 +11,9 @@ use crate::purpose::Purpose;
 /// Largest magnitude of a relative encoder's count at power-on.
 const POWER_ON_COUNTS: f64 = 1e6;
 
+/// How fast a deflection follows the torque, about as fast as a light arm vibrates [rad/s].
+const DEFLECTION_RATE: f64 = 60.0;
+
 /// A joint's drive and sensors.
 #[derive(Clone, Debug)]
 pub struct DriveState {
@@ -30,6 +33,10 @@ pub struct DriveState {
     pub homing_error: f64,
     /// End stops of the joint [rad].
     pub stops: Option<[f64; 2]>,
+    /// Deflection of the joint under torque [rad/(N·m)], and its present value: angle of the motor minus angle of
+    /// the link [rad].
+    compliance: f64,
+    deflection: f64,
     /// The homing error that is part of an absolute encoder's count [rad].
     encoder_error: f64,
 }
@@ -72,6 +79,8 @@ pub fn states(
             zero: if encoder.relative { offset } else { encoder.zero },
             homing_error,
             stops: stops(index),
+            compliance: values.elasticity.get(&drive.joint).map_or(0.0, |stiffness| 1.0 / stiffness),
+            deflection: 0.0,
             encoder_error: if encoder.relative { 0.0 } else { homing_error },
         }
     };
@@ -91,7 +100,10 @@ impl DriveState {
 
     /// Advances by `time` and returns the mean torque at the joint [N·m].
     pub fn advance(&mut self, time: f64) -> f64 {
-        self.lag.advance(time) * self.torque_constant / self.nominal_constant
+        let torque = self.lag.advance(time) * self.torque_constant / self.nominal_constant;
+        let target = torque * self.compliance;
+        self.deflection += (target - self.deflection) * (1.0 - libm::exp(-DEFLECTION_RATE * time));
+        torque
     }
 
     /// Torque at the joint in `time` from now [N·m].
@@ -99,9 +111,15 @@ impl DriveState {
         self.lag.ahead(time) * self.torque_constant / self.nominal_constant
     }
 
+    /// Angle of the motor minus angle of the link [rad].
+    pub const fn deflection(&self) -> f64 {
+        self.deflection
+    }
+
     /// What the encoder reads at a joint angle.
     pub fn encoder_count(&self, position: f64) -> i32 {
-        self.zero.wrapping_add(round((position + self.encoder_error) * self.counts_per_radian))
+        self.zero
+            .wrapping_add(round((position + self.deflection + self.encoder_error) * self.counts_per_radian))
     }
 
     /// What the current sensor reads in `time` from now, with `noise` [A].

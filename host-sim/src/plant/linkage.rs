@@ -6,15 +6,12 @@
 
 use super::error::PlantError;
 use super::tree::Body;
+use super::values::LinkageValues;
 
 /// Inertia of a linkage at the joint that follows [kg·m²]. It bounds the frequency of the spring for any
-/// posture.
+/// posture: with the default stiffness 500 rad/s, far below the 2000 rad/s at which sub-steps of 1 ms become
+/// unstable.
 pub const INERTIA: f64 = 2e-5;
-/// Stiffness at the joint that follows [N·m/rad]: 500 rad/s with [`INERTIA`], far below the 2000 rad/s at
-/// which sub-steps of 1 ms become unstable. A finger of 40 g bends it by 3 mrad.
-const STIFFNESS: f64 = 5.0;
-/// Damping [N·m·s/rad]: a quarter of the critical one.
-const DAMPING: f64 = 5e-3;
 
 /// A joint that follows another: angle = `multiplier` · angle of the driving joint + `offset`.
 #[derive(Clone, Copy, Debug)]
@@ -24,10 +21,11 @@ pub struct Linkage {
     pub driver: usize,
     pub multiplier: f64,
     pub offset: f64,
+    pub values: LinkageValues,
 }
 
 /// The linkages of a robot.
-pub fn linkages(bodies: &[Body]) -> Result<Vec<Linkage>, PlantError> {
+pub fn linkages(bodies: &[Body], values: LinkageValues) -> Result<Vec<Linkage>, PlantError> {
     let mimics = bodies.iter().enumerate().filter_map(|(index, body)| Some((index, body.mimic.as_ref()?)));
     let linkage = |(follower, (name, multiplier, offset)): (usize, &(String, f64, f64))| {
         let driver = bodies.iter().position(|body| body.joint == *name && body.mimic.is_none());
@@ -40,7 +38,7 @@ pub fn linkages(bodies: &[Body]) -> Result<Vec<Linkage>, PlantError> {
                 known: driven.map(|body| body.joint.as_str()).collect::<Vec<_>>().join(", "),
             }
         })?;
-        Ok(Linkage { follower, driver, multiplier: *multiplier, offset: *offset })
+        Ok(Linkage { follower, driver, multiplier: *multiplier, offset: *offset, values })
     };
     mimics.map(linkage).collect()
 }
@@ -50,6 +48,6 @@ impl Linkage {
     pub fn torque(&self, driver: (f64, f64), follower: (f64, f64)) -> f64 {
         let stretch = self.multiplier * driver.0 + self.offset - follower.0;
         let rate = self.multiplier * driver.1 - follower.1;
-        STIFFNESS * stretch + DAMPING * rate
+        self.values.stiffness * stretch + self.values.damping * rate
     }
 }

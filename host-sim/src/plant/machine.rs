@@ -55,6 +55,7 @@ impl Plant {
         check_count(drives)?;
         let bodies = tree::bodies(urdf)?;
         let drive_of = match_drives(&bodies, drives)?;
+        check_names("plant.toml, [elasticity],", values.elasticity.keys(), drives)?;
         let posture = posture(values, options, drives)?;
         let spread = if options.mismatch { values.mismatch.spread } else { 0.0 };
         let factors = factors::draw(options.seed, spread, drives.len());
@@ -69,7 +70,7 @@ impl Plant {
         let mut world_posture: Vec<f64> = (0..bodies.len())
             .map(|index| posture.get(in_world_order(index)).copied().unwrap_or(0.0))
             .collect();
-        let linkages = linkage::linkages(&bodies)?;
+        let linkages = linkage::linkages(&bodies, values.linkage)?;
         for linkage in &linkages {
             let angle = linkage.multiplier * world_posture[linkage.driver] + linkage.offset;
             world_posture[linkage.follower] = angle;
@@ -308,10 +309,14 @@ impl Plant {
         self.world.remove_support();
     }
 
-    /// The angles that homing finds now: the true ones and each joint's homing error [rad].
+    /// The angles that homing finds now: the true ones, each joint's deflection and its homing error [rad].
     pub fn homed_positions(&self) -> Vec<f64> {
         let positions = in_drive_order(&self.drive_of, self.world.positions());
-        self.drives.iter().zip(positions).map(|(drive, position)| position + drive.homing_error).collect()
+        self.drives
+            .iter()
+            .zip(positions)
+            .map(|(drive, position)| position + drive.deflection() + drive.homing_error)
+            .collect()
     }
 
     /// Deviation factors of each joint from the model.
@@ -396,18 +401,27 @@ fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantEr
     bodies.iter().map(find).collect()
 }
 
+/// `item`, a section of `plant.toml`, names joints that exist.
+fn check_names<'a>(
+    item: &'static str,
+    names: impl Iterator<Item = &'a String>,
+    drives: &[Drive],
+) -> Result<(), PlantError> {
+    let unknown = |name: &&String| !drives.iter().any(|drive| drive.joint == **name);
+    match names.into_iter().find(unknown) {
+        None => Ok(()),
+        Some(joint) => Err(PlantError::UnknownJoint {
+            item,
+            joint: joint.clone(),
+            place: "the robot",
+            known: drives.iter().map(|drive| drive.joint.as_str()).collect::<Vec<_>>().join(", "),
+        }),
+    }
+}
+
 /// Angles at the start, in the order of the drives.
 fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Result<Vec<f64>, PlantError> {
-    for joint in values.posture.keys() {
-        if !drives.iter().any(|drive| drive.joint == *joint) {
-            return Err(PlantError::UnknownJoint {
-                item: "plant.toml, [posture],",
-                joint: joint.clone(),
-                place: "the robot",
-                known: drives.iter().map(|drive| drive.joint.as_str()).collect::<Vec<_>>().join(", "),
-            });
-        }
-    }
+    check_names("plant.toml, [posture],", values.posture.keys(), drives)?;
     let posture = match &options.posture {
         Some(posture) if posture.len() == drives.len() => posture.clone(),
         Some(posture) => {

@@ -21,6 +21,11 @@
 //! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the
 //! bound is at rest and does not creep.
 //!
+//! # Elasticity
+//! A joint with a stiffness in [`PlantValues::elasticity`] has its encoder at the motor: it reads the angle of
+//! the link and the deflection under the motor's torque. The deflection is quasi-static; the vibration of the
+//! link against the rotor is left out.
+//!
 //! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
 //! again as a constraint. Only the object touches anything: links and tips pass through each other and
@@ -62,6 +67,6 @@ pub use object::{ObjectValues, Shape, Support};
 pub use push::{Load, Push};
 pub use truth::{ContactTruth, ObjectTruth, TipTruth, Truth};
 pub use values::{
-    CONTROL_PERIOD, Drive, ForceSensorValues, FrictionSizes, InnerLoop, Integration, Mismatch, Noise,
-    PlantOptions, PlantValues, Supply,
+    CONTROL_PERIOD, Drive, ForceSensorValues, FrictionSizes, InnerLoop, Integration, LinkageValues, Mismatch,
+    Noise, PlantOptions, PlantValues, Supply,
 };

@@ -1,7 +1,7 @@
 use tesaki::model::{Encoder, JointModel, Motor};
 pub use tesaki_description::plant::{
-    CONTROL_PERIOD, ForceSensorValues, FrictionSizes, InnerLoop, Integration, Mismatch, Noise, PlantValues,
-    Supply,
+    CONTROL_PERIOD, ForceSensorValues, FrictionSizes, InnerLoop, Integration, LinkageValues, Mismatch, Noise,
+    PlantValues, Supply,
 };
 
 use super::object::ObjectValues;

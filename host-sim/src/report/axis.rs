@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use super::figure::Panel;
+use super::figure::{Panel, Picture};
 
 /// Numbers on a horizontal axis over the whole width.
 pub(super) const X_TICKS: usize = 10;
@@ -71,8 +71,16 @@ pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     ranges().filter(fills).fold(own, |a, b| a.start.min(b.start)..a.end.max(b.end))
 }
 
-/// Ranges of one scale that hold the panel's lines.
+/// Ranges of one scale that hold the panel's lines, or its picture. Beside a picture whose lower edge is the larger
+/// ordinate, the vertical axis points down: its range begins with the larger value.
 pub(super) fn equal_ranges(panel: &Panel, aspect: f64) -> (Range<f64>, Range<f64>) {
+    if let Some(Picture { x, y, .. }) = &panel.picture {
+        let ([left, right], [upper, lower]) = (*x, *y);
+        let scale = ((right - left) / aspect).max((lower - upper).abs());
+        let (middle, half) = (f64::midpoint(left, right), 0.5 * scale * aspect);
+        let (center, up) = (f64::midpoint(upper, lower), 0.5 * scale * (upper - lower).signum());
+        return (middle - half..middle + half, center - up..center + up);
+    }
     let x = padded(span(panel.lines.iter().flat_map(|l| l.x.iter().copied())), 0.08);
     let y = padded(span(panel.lines.iter().flat_map(|l| l.y.iter().copied())), 0.08);
     let scale = ((x.end - x.start) / aspect).max(y.end - y.start);

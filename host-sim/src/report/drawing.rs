@@ -3,11 +3,12 @@
 //! Colours are written as attributes, so that a file is right wherever it is opened; the classes beside them
 //! let the page's style sheet swap what is black on white for dark pages.
 
+use base64::Engine;
 use svg::Document;
-use svg::node::element::{Circle, Group, Polyline, Rectangle, Text, Title};
+use svg::node::element::{Circle, Group, Image, Polyline, Rectangle, Text, Title};
 
 use super::axis::{X_TICKS, axis_label, ticks};
-use super::figure::{Arrangement, Figure, LineStyle, Panel};
+use super::figure::{Arrangement, Figure, LineStyle, Panel, Picture};
 use super::layout::{
     Axes, LEFT, LEGEND_SAMPLE, Layout, Legend, ROW, SMALL, STRIP_ROW, StripLabel, TEXT, TITLE, WIDTH,
 };
@@ -59,6 +60,7 @@ fn draw(figure: &Figure, layout: &Layout<'_>, buckets: usize) -> Group {
         group = draw_head(group, panel, &layout.legends[i], axes, *top);
         group = draw_phases(group, figure, axes);
         group = draw_axes(group, figure, panel, axes, last);
+        group = draw_picture(group, panel, axes);
         group = draw_lines(group, panel, axes, buckets);
         group = draw_rule_labels(group, panel, axes, figure.arrangement);
         group = draw_marks(group, panel, axes);
@@ -158,6 +160,20 @@ const fn stroke(style: LineStyle) -> Stroke {
     }
 }
 
+fn draw_picture(group: Group, panel: &Panel, axes: &Axes) -> Group {
+    let Some(Picture { png, x, y }) = &panel.picture else { return group };
+    let ([left, right], [top, bottom]) = (x.map(|x| axes.at_x(x)), y.map(|y| axes.at_y(y)));
+    let data = base64::engine::general_purpose::STANDARD.encode(png);
+    let picture = Image::new()
+        .set("x", round(left))
+        .set("y", round(top))
+        .set("width", round(right - left))
+        .set("height", round(bottom - top))
+        .set("preserveAspectRatio", "none")
+        .set("href", format!("data:image/png;base64,{data}"));
+    group.add(picture)
+}
+
 /// Every other phase shaded, and a line at each event.
 fn draw_phases(mut group: Group, figure: &Figure, axes: &Axes) -> Group {
     if figure.arrangement == Arrangement::Paths {
@@ -216,7 +232,8 @@ fn draw_axes(mut group: Group, figure: &Figure, panel: &Panel, axes: &Axes, x_la
             group = group.add(text(label, (x, bottom + 13.0), TEXT, MUTED, Anchor::Middle));
         }
     }
-    let y_ticks = ticks(&axes.y, count((bottom - top) / 26.0, usize::MAX));
+    let upwards = axes.y.start.min(axes.y.end)..axes.y.end.max(axes.y.start);
+    let y_ticks = ticks(&upwards, count((bottom - top) / 26.0, usize::MAX));
     for (y, label) in &y_ticks.at {
         let (at, paint) = (axes.at_y(*y), if *y == 0.0 { MUTED } else { GRID });
         group = group

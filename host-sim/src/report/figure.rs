@@ -98,6 +98,15 @@ pub struct Mark {
     pub label: String,
 }
 
+/// A picture behind the lines.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Picture {
+    pub png: Vec<u8>,
+    /// Its left and its right edge on the horizontal axis, its upper and its lower edge on the vertical one.
+    pub x: [f64; 2],
+    pub y: [f64; 2],
+}
+
 /// A named interval of the horizontal axis: a phase of a grasp, the time in which errors are evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
@@ -131,6 +140,7 @@ pub struct Panel {
     pub lines: Vec<Line>,
     pub(super) rules: Vec<Rule>,
     pub(super) marks: Vec<Mark>,
+    pub(super) picture: Option<Picture>,
 }
 
 impl Panel {
@@ -143,6 +153,7 @@ impl Panel {
             lines: Vec::new(),
             rules: Vec::new(),
             marks: Vec::new(),
+            picture: None,
         }
     }
 
@@ -164,6 +175,14 @@ impl Panel {
     #[must_use]
     pub fn rule(mut self, value: f64, label: impl Into<String>) -> Self {
         self.rules.push(Rule { value, band: false, label: label.into() });
+        self
+    }
+
+    /// The same with a picture behind the lines: a PNG file from `x[0]` to `x[1]`, with its upper edge at `y[0]`
+    /// and its lower one at `y[1]`. For figures of [paths](Figure::paths).
+    #[must_use]
+    pub fn picture(mut self, png: Vec<u8>, x: [f64; 2], y: [f64; 2]) -> Self {
+        self.picture = Some(Picture { png, x, y });
         self
     }
 

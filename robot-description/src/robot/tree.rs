@@ -61,7 +61,9 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
     let mut tip = None;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
-        let body = RigidBody::new(&urdf.robot, &joint.child.link);
+        let mut body = RigidBody::new(&urdf.robot, &joint.child.link);
+        tip = body.tip(&urdf.robot);
+        carry_followers(urdf, &mut body);
         if let [(one, _), (other, _), ..] = &*body.joints {
             let message = format!(
                 "the chain branches behind joint {} into {} and {}: chains on a board may branch only at the base",
@@ -73,7 +75,6 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
         let is_first = mimic.is_none() && joints.is_empty();
         driven(urdf, joint, is_first, report);
         next = body.joints.first().copied();
-        tip = body.tip(&urdf.robot);
         let serial = serial_joint(joint, &offset, &body);
         match joint.mimic.as_ref().filter(|_| is_first) {
             Some(of) => {
@@ -104,6 +105,25 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
         center_of_mass: inertial.map_or([0.0; 3], |inertial| inertial.origin.xyz.0.map(narrow)),
         radius: narrow(link.and_then(sphere).unwrap_or(0.0)),
     }
+}
+
+/// Takes joints without motor out of a branch, such as the fingers of a gripper that one motor moves: mimic
+/// joints with nothing behind them that moves. To the controller their links are fixed to the body that
+/// carries them, at the angle 0.
+fn carry_followers<'a>(urdf: &'a Urdf, body: &mut RigidBody<'a>) {
+    let of_joint = |joint: &'a Joint| RigidBody::new(&urdf.robot, &joint.child.link);
+    let follows = |joint: &'a Joint| {
+        joint.mimic.is_some() && joint.joint_type == JointType::Revolute && of_joint(joint).joints.is_empty()
+    };
+    let (followers, others): (Vec<_>, Vec<_>) = body.joints.iter().partition(|(joint, _)| follows(joint));
+    if others.is_empty() {
+        return;
+    }
+    for (joint, place) in followers {
+        let place: Isometry3<f64> = place * isometry(&joint.origin);
+        body.links.extend(of_joint(joint).links.into_iter().map(|(link, frame)| (link, place * frame)));
+    }
+    body.joints = others;
 }
 
 /// Radius of a link's sphere about its origin: of a collision element, else of a visual one.

@@ -30,9 +30,13 @@ impl Node {
             Mode::Enabled(_) if strongest == Reaction::Hold => self.halt(&fault),
             Mode::Enabled(_) => strongest,
             Mode::Fault => {
-                if fault.cause == FaultCause::LateTick && self.is_holding() && self.state.halting {
+                if fault.cause == FaultCause::LateTick && self.is_holding() {
                     // The motion went on without control: the stop begins anew.
-                    self.halt(&fault);
+                    if self.state.halting {
+                        self.halt(&fault);
+                    } else {
+                        self.hold_joints(&fault);
+                    }
                     return;
                 }
                 let failed = self.shows_that_holding_fails(fault.cause);
@@ -78,14 +82,19 @@ impl Node {
             Halt::Task => Reaction::Hold,
             Halt::Damp => Reaction::Damp,
             Halt::Joints => {
-                // Without a servo there is no reference to follow to rest.
-                let no_servo = self.state.targets.actuation != Actuation::Servo;
-                let where_it_is = no_servo || fault.cause.invalidates_reference();
-                self.state.targets.actuation = Actuation::Servo;
-                joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(where_it_is));
+                self.hold_joints(fault);
                 Reaction::Hold
             }
         }
+    }
+
+    /// Brings each joint to rest by its servo.
+    fn hold_joints(&mut self, fault: &Fault) {
+        // Without a servo there is no reference to follow to rest.
+        let no_servo = self.state.targets.actuation != Actuation::Servo;
+        let where_it_is = no_servo || fault.cause.invalidates_reference();
+        self.state.targets.actuation = Actuation::Servo;
+        joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(where_it_is));
     }
 
     /// Reads the sensors and checks them.

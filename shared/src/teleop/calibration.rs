@@ -2,7 +2,7 @@
 //!
 //! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a finger's
 //! links. They are added one after another to a triangular factor ([`IncrementalQr`]), so calibration goes on
-//! in use, with forgetting where wanted.
+//! in use, optionally with forgetting.
 //!
 //! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip exactly as
 //! the same component of link `k` does, so `A` has rank 10, without spreading 9, whatever the poses. Noise hides

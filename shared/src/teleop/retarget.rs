@@ -28,6 +28,10 @@ use crate::model::MAX_JOINTS;
 const SMALLEST_GAP: f32 = 5e-4;
 /// Maximum number of times that the thumb yields in a frame.
 const MAX_YIELDS: u8 = 8;
+/// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
+const YIELD_ITERATIONS: u8 = 3;
+/// [`RetargetState::budget`] of a state that shall fit into a control period.
+const NEARBY_BUDGET: u16 = 32;
 /// The thumb yields to a pinching finger that misses it by more [m].
 const YIELD_ERROR: f32 = 5e-5;
 /// Maximum coordinate of an operator's fingertip [m].
@@ -166,8 +170,10 @@ pub struct RetargetState {
     offset: [f32; 3],
     /// The operator's thumb when it was last known [m].
     thumb: Option<[f32; 3]>,
-    /// The first frame searches from more than one start.
+    /// Whether a frame has passed, or none shall search from more than one start as the first one does.
     begun: bool,
+    /// The thumb yields no more in a frame after this number of evaluations of the hand's kinematics.
+    budget: u16,
 }
 
 impl RetargetState {
@@ -249,7 +255,21 @@ impl Retargeting<'_> {
         }
         self.hand.limit(&mut angles);
         let [solution, output] = [angles.into(); 2];
-        RetargetState { solution, output, offset: (*offset).into(), thumb: None, begun: false }
+        RetargetState {
+            solution,
+            output,
+            offset: (*offset).into(),
+            thumb: None,
+            begun: false,
+            budget: u16::MAX,
+        }
+    }
+
+    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution, which takes
+    /// millions of instructions when the fingertips are out of reach, and the thumb yields to a pinch that it does not
+    /// reach only as far as there is time.
+    pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
+        RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
     }
 
     /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose
@@ -272,12 +292,17 @@ impl Retargeting<'_> {
         let wish = operator.positions[0].map(|thumb| thumb * *scale + Vector3::from(state.offset));
         let mut thumb_target = wish;
         for round in 0..=MAX_YIELDS {
-            self.solve_thumb(state, thumb_target, operator, &mut report);
+            let mut options = HandOptions::default();
+            if round > 0 {
+                options.iterations = YIELD_ITERATIONS;
+            }
+            self.solve_thumb(state, thumb_target, operator, &options, &mut report);
             let thumb = self.tip(0, &state.solution);
-            let missed = self.solve_fingers(state, &thumb, &vectors, &mut report);
+            let missed = self.solve_fingers(state, &thumb, &vectors, &options, &mut report);
             state.begun |= given;
             // The thumb yields to where the pinching fingers need it.
-            if round == MAX_YIELDS || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
+            let enough = round == MAX_YIELDS || report.evaluations > state.budget;
+            if enough || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
                 break;
             }
             // Added up, so that a thumb at the limit of its reach slides along it.
@@ -287,7 +312,8 @@ impl Retargeting<'_> {
         if report.limited != 0 {
             // The vectors begin where the thumb is.
             let thumb = self.tip(0, &state.output);
-            self.solve_fingers(state, &thumb, &vectors, &mut report);
+            let options = HandOptions { iterations: YIELD_ITERATIONS, ..HandOptions::default() };
+            self.solve_fingers(state, &thumb, &vectors, &options, &mut report);
         }
         self.limit_speed(state, 1..self.hand.len(), period, &mut report);
         self.measure(state, wish, &vectors, &mut report);
@@ -338,13 +364,14 @@ impl Retargeting<'_> {
         state: &mut RetargetState,
         target: Option<Vector3<f32>>,
         operator: &OperatorFingertips,
+        options: &HandOptions,
         report: &mut RetargetReport,
     ) {
         let Some(position) = target else { return };
         let direction = operator.directions[0].filter(|_| self.settings.directions);
         let mut targets = FingertipTargets::default();
         targets[0] = Some(FingertipTarget { position, weight: 1.0, direction });
-        self.solve(state, &targets, report);
+        self.solve(state, &targets, options, report);
     }
 
     /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, as
@@ -354,13 +381,14 @@ impl Retargeting<'_> {
         state: &mut RetargetState,
         thumb: &Vector3<f32>,
         vectors: &[Option<Vector>; MAX_FINGERS],
+        options: &HandOptions,
         report: &mut RetargetReport,
     ) -> Vector3<f32> {
         let targets = vectors.map(|vector| {
             let Vector { vector, weight, direction, .. } = vector?;
             Some(FingertipTarget { position: thumb + vector, weight, direction })
         });
-        let errors = self.solve(state, &targets, report);
+        let errors = self.solve(state, &targets, options, report);
         let (mut sum, mut total, mut most) = (Vector3::zeros(), 0.0, 0.0_f32);
         for (vector, error) in vectors.iter().zip(&errors) {
             let Some(vector) = vector else { continue };
@@ -375,13 +403,14 @@ impl Retargeting<'_> {
         &self,
         state: &mut RetargetState,
         targets: &FingertipTargets,
+        options: &HandOptions,
         report: &mut RetargetReport,
     ) -> [Vector3<f32>; MAX_FINGERS] {
-        let (options, mut angles) = (HandOptions::default(), Angles::from(state.solution));
+        let mut angles = Angles::from(state.solution);
         let solved = if state.begun {
-            self.hand.solve(targets, &options, &mut angles)
+            self.hand.solve(targets, options, &mut angles)
         } else {
-            self.hand.search(targets, &options, &mut angles)
+            self.hand.search(targets, options, &mut angles)
         };
         state.solution = angles.into();
         report.evaluations = report.evaluations.saturating_add(solved.evaluations);

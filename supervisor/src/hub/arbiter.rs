@@ -224,7 +224,7 @@ impl Arbiter {
         std::mem::take(&mut self.answers)
     }
 
-    /// The highest rate that is wanted, as a period [ticks].
+    /// The highest rate that a connection asks for, as a period [ticks].
     fn rate(&self, stream: Stream) -> u16 {
         let rates = self.connections.values().map(|connection| connection.rates[stream as usize]);
         rates.filter(|&every| every != 0).min().unwrap_or(0)

@@ -1,22 +1,15 @@
 //! Runs `tesaki` and reads its tables.
 
+mod feed;
+
 use std::collections::BTreeMap;
-use std::io::Write;
-use std::process::{Command, Stdio};
+use std::process::Command;
+
+use feed::feed;
 
 /// Exit code, standard output, standard error of `tesaki`, which reads `input`.
 pub fn tesaki(arguments: &[&str], input: &str) -> (i32, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_tesaki"));
-    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut child = command.spawn().unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let input = input.to_owned();
-    // A program that ends without reading its input is right to do so.
-    let writer = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
-    let output = child.wait_with_output().unwrap();
-    writer.join().unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+    feed(Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments), input)
 }
 
 /// Columns by name.

@@ -1,38 +1,22 @@
 //! `tesaki calibrate`: the links of an operator's fingers, from a table and from a stream.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
-use std::process::Stdio;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{FINGERS, Finger, GloveSample, HumanHand};
 use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses, touches};
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
 
+use super::feed::feed;
+
 /// Exit code, standard output and standard error.
 fn run(folder: &Path, arguments: &[&str], input: &str) -> (i32, String, String) {
-    let mut child = tesaki_tests::tesaki()
-        .arg("calibrate")
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // A program that has what it needs closes its end.
-    let mut stdin = child.stdin.take().unwrap();
-    let input = input.to_owned();
-    let writer = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
-    let output = child.wait_with_output().unwrap();
-    writer.join().unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+    feed(tesaki_tests::tesaki().arg("calibrate").args(arguments).current_dir(folder), input)
 }
 
 /// The table of a simulated operator's poses: header and rows of cells.
-fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
+pub fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     let mut header: Vec<String> = ["qx", "qy", "qz", "qw"].map(|part| format!("back_{part}")).to_vec();
     for finger in Finger::ALL.map(Finger::name) {
         for segment in 1..=3 {
@@ -62,7 +46,7 @@ fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     table
 }
 
-fn text(table: &[Vec<String>]) -> String {
+pub fn text(table: &[Vec<String>]) -> String {
     table.iter().fold(String::new(), |text, row| text + &row.join(",") + "\n")
 }
 

@@ -9,9 +9,14 @@ mod commanding;
 mod configuring;
 mod connection;
 mod faults;
+#[path = "../../../supervisor/tests/common/feed.rs"]
+mod feed;
+mod find_circle;
 mod grasping;
 mod init;
 mod moving;
 mod network;
 mod recording;
+mod retarget;
+mod retarget_hands;
 mod server;

@@ -15,6 +15,7 @@ use reader::Reader;
 
 const README: &str = include_str!("../../../README.md");
 const SUPERVISOR: &str = include_str!("../../../docs/supervisor.md");
+const OPERATOR_HAND: &str = include_str!("../../../docs/operator-hand.md");
 const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
 
 /// The sections that begin with a board of their own run beside the others, which share the first board.
@@ -24,15 +25,18 @@ fn every_command_runs(kind: Kind) {
     // Its other commands print what the page shows: a test of their own.
     let of_own_hand = page::steps(own_hand::PAGE).into_iter().filter(|step| step.shown.is_none()).collect();
     let mut readers = vec![Reader::new("docs/bring-your-own-hand.md", own_hand, of_own_hand)];
-    for (name, text) in
-        [("README.md", README), ("docs/supervisor.md", SUPERVISOR), ("docs/teleoperation.md", TELEOPERATION)]
-    {
+    for (name, text) in [
+        ("README.md", README),
+        ("docs/supervisor.md", SUPERVISOR),
+        ("docs/operator-hand.md", OPERATOR_HAND),
+        ("docs/teleoperation.md", TELEOPERATION),
+    ] {
         for steps in reader::split(page::steps(text)) {
             readers.push(Reader::new(name, reader::folder(), steps));
         }
     }
     // An emulated board takes a core for itself.
-    let at_once = if kind == Kind::Native { readers.len() } else { 2 };
+    let at_once = if kind == Kind::Native { 4 } else { 2 };
     let (readers, failures) = (Mutex::new(readers), Mutex::new(Vec::new()));
     let read = || {
         loop {
@@ -65,7 +69,8 @@ fn every_command_of_the_pages_runs_on_the_image() {
 /// Or an entry about a command that no page has any more would go unseen.
 #[test]
 fn every_exception_is_about_a_command_of_a_page() {
-    let steps: Vec<_> = [README, SUPERVISOR, TELEOPERATION].into_iter().flat_map(page::steps).collect();
+    let steps: Vec<_> =
+        [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION].into_iter().flat_map(page::steps).collect();
     assert!(steps.len() >= 40, "only {} commands found", steps.len());
     for command in reader::exceptions() {
         assert!(steps.iter().any(|step| step.command == command), "no page has `{command}`");

@@ -30,6 +30,14 @@ const EXCUSED: &[(&str, &str)] = &[
     ("scp -p lab.key robot:", "it needs another machine"),
     ("tesaki --key lab.key --port /dev/ttyUSB0 share tcp://0.0.0.0:7400", "likewise"),
     ("tesaki --key lab.key --port tcp://robot:7400 monitor", "likewise"),
+    (
+        "python3 docs/examples/hand_landmarks.py hand_landmarker.task --udp 7500",
+        "it needs a webcam; cli/retarget.rs reads its lines",
+    ),
+    ("tesaki retarget --live --udp 7500 --robot robots/hand5", "cli/retarget.rs sends it datagrams"),
+    ("glove | tesaki retarget --live --operator aiko.toml", "cli/retarget.rs runs it with a simulated glove"),
+    ("tesaki calibrate poses.csv --operator Aiko --out aiko.toml", "cli/calibrate.rs runs it"),
+    ("glove | tesaki calibrate --live --out aiko.toml", "likewise"),
 ];
 
 /// Commands that fail: command, beginning of the comment, exit code.
@@ -97,11 +105,13 @@ pub fn split(steps: Vec<Step>) -> Vec<Vec<Step>> {
     boards
 }
 
-/// A folder to type in, with the robots and a calibration.
+/// A folder to type in, with the robots, the data of the oracles and a calibration.
 pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").canonicalize().unwrap();
-    std::os::unix::fs::symlink(robots, folder.path().join("robots")).unwrap();
+    for name in ["robots", "tests"] {
+        let there = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name).canonicalize().unwrap();
+        std::os::unix::fs::symlink(there, folder.path().join(name)).unwrap();
+    }
     std::fs::write(folder.path().join("calibration.toml"), CALIBRATION).unwrap();
     folder
 }

@@ -49,6 +49,22 @@ pub struct Table {
     pub rows: &'static [Row],
 }
 
+const KNOB: &[Row] = &[
+    Row {
+        bound: Bound::AtLeast,
+        ..row("knob-find", "whole_right", "whole image: pictures with the right circle")
+    },
+    row("knob-find", "whole_wrong", "with a wrong one"),
+    row("knob-find", "whole_center", "error of the centre, median"),
+    row("knob-find", "whole_radius", "error of the radius, median"),
+    Row {
+        bound: Bound::AtLeast,
+        ..row("knob-find", "window_right", "window: pictures with the right circle")
+    },
+    row("knob-find", "window_wrong", "with a wrong one"),
+    row("knob-find", "empty_found", "doors without a knob: a circle is found"),
+];
+
 const MEASUREMENTS: &str = "docs/measurements.md";
 
 const fn row(scenario: &'static str, metric: &'static str, label: &'static str) -> Row {
@@ -73,6 +89,57 @@ pub const TABLES: &[Table] = &[
     Table { document: MEASUREMENTS, name: "straight", rows: STRAIGHT },
     Table { document: MEASUREMENTS, name: "follow", rows: FOLLOW },
     Table { document: MEASUREMENTS, name: "bilateral", rows: BILATERAL },
+    Table { document: MEASUREMENTS, name: "calibrate", rows: CALIBRATE },
+    Table { document: MEASUREMENTS, name: "fingertips", rows: FINGERTIPS },
+    Table { document: MEASUREMENTS, name: "glove", rows: GLOVE },
+    Table { document: MEASUREMENTS, name: "knob", rows: KNOB },
+];
+
+const CALIBRATE: &[Row] = &[
+    row("hand5-calibrate", "full_time", "markers on five fingers: time"),
+    row("hand5-calibrate", "full_index_length_mean", "vector to the index finger: mean error of the length"),
+    row("hand5-calibrate", "full_index_length_deviation", "its standard deviation"),
+    row("hand5-calibrate", "full_index_direction_mean", "mean error of the direction"),
+    row("hand5-calibrate", "full_index_direction_deviation", "its standard deviation"),
+    row("hand5-calibrate", "quick_time", "markers on thumb, index and little finger, touches: time"),
+    row(
+        "hand5-calibrate",
+        "quick_middle_length_mean",
+        "vector to the middle finger: mean error of the length",
+    ),
+    row("hand5-calibrate", "quick_middle_length_deviation", "its standard deviation"),
+    row("hand5-calibrate", "quick_ring_length_mean", "vector to the ring finger: mean error of the length"),
+    row("hand5-calibrate", "quick_ring_length_deviation", "its standard deviation"),
+];
+
+const FINGERTIPS: &[Row] = &[
+    row("hand5-reach", "own_stated_error", "the robot's own hand: error of the kinematics"),
+    row("hand5-reach", "own_index_rms", "true vector to the index finger, rms error"),
+    row("hand5-reach", "own_little_rms", "true vector to the little finger, rms error"),
+    row("hand5-reach", "human_index_stated", "a person's hand: index finger, rms error of the kinematics"),
+    row("hand5-reach", "human_little_stated", "little finger, the same"),
+    row("hand5-reach", "pinch_index_stated", "pinch with the index finger: gap of the kinematics"),
+    row("hand5-reach", "pinch_index_gap", "true gap"),
+    row("hand5-reach", "pinch_little_gap", "pinch with the little finger: true gap"),
+];
+
+const GLOVE: &[Row] = &[
+    row("hand5-teleop", "two_delay", "thumb and index finger: delay"),
+    magnitude(
+        "hand5-teleop",
+        "two_index_length_mean",
+        "vector to the index finger: mean error of the length",
+    ),
+    row("hand5-teleop", "two_index_length_deviation", "its standard deviation"),
+    row("hand5-teleop", "two_index_direction_mean", "mean error of the direction"),
+    row("hand5-teleop", "two_index_direction_deviation", "its standard deviation"),
+    magnitude(
+        "hand5-teleop",
+        "all_index_length_mean",
+        "five fingers: index finger, mean error of the length",
+    ),
+    row("hand5-teleop", "all_index_length_deviation", "its standard deviation"),
+    row("hand5-teleop", "all_speed", "largest speed of a joint, of its limit"),
 ];
 
 const README: &[Row] = &[

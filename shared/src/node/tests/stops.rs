@@ -211,6 +211,27 @@ fn a_late_tick_is_no_jump_and_its_velocity_counts_all_periods() {
 }
 
 #[test]
+fn after_missed_ticks_a_joint_is_stopped_where_it_is() {
+    let modes = [ServoMode::Pid, ServoMode::Observer];
+    for (mode, stopped) in modes.into_iter().flat_map(|mode| [(mode, false), (mode, true)]) {
+        let mut rig = Rig::ready(&model());
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        rig.tick();
+        if stopped {
+            rig.ask(Request::Stop);
+            rig.tick();
+        }
+        // The drives were off for five periods, and the joint fell by 0.1 rad; then it rests.
+        rig.sensors.encoders[0] = libm::roundf(0.1 * COUNTS_PER_RADIAN) as i32;
+        rig.sensors.sequence += 4;
+        let torques: std::vec::Vec<f32> = (0..10).map(|_| rig.tick().torques[0]).collect();
+        let cause = if stopped { FaultCause::Stop } else { FaultCause::LateTick };
+        assert_eq!(rig.node.faults().faults[0].cause, cause);
+        assert!(torques.iter().all(|torque| torque.abs() < 0.03), "{mode:?}, {cause:?}: {torques:?}");
+    }
+}
+
+#[test]
 fn a_joint_beyond_its_limit_is_held_and_is_one_fault() {
     let mut rig = Rig::enabled(&model());
     rig.tick();

@@ -42,7 +42,10 @@ pub struct FingertipSample {
 
 impl FingertipSample {
     /// Checks all values.
-    pub(super) fn validate(&self) -> Result<(), TelexistenceRefusal> {
+    ///
+    /// # Errors
+    /// The age, or the first finger, that is out of range.
+    pub fn validate(&self) -> Result<(), TelexistenceRefusal> {
         if !(0.0..=MAX_AGE).contains(&self.age) {
             return Err(TelexistenceRefusal::Age { value: self.age });
         }

@@ -30,10 +30,12 @@ use crate::teleop::{MotionLimits, MotionTarget, RetargetReport, RetargetState, R
 
 use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
+use settings::LAG;
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
-/// Fraction of a joint's velocity limit that its reference uses. The rest is a margin for tracking.
-const SPEED_FRACTION: f32 = 0.8;
+/// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a glove's noise,
+/// which nearly straight fingers magnify, does not.
+const DECAY: f32 = 0.778_801;
 
 /// Commands of telexistence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -114,8 +116,8 @@ pub struct Telexistence {
     fingertips: Fingertips,
     /// `None` until the first sample with a thumb after the begin or a release.
     retargeting: Option<RetargetState>,
-    /// Joint angles that the fingertips need, in the last tick [rad].
-    solution: [f32; MAX_JOINTS],
+    /// Motion of the joints that the fingertips need.
+    motion: [JointEstimate; MAX_JOINTS],
     telemetry: TelexistenceTelemetry,
 }
 
@@ -128,7 +130,7 @@ impl Task for Telexistence {
         settings: TelexistenceSettings::DEFAULT,
         fingertips: Fingertips::NONE,
         retargeting: None,
-        solution: [0.0; MAX_JOINTS],
+        motion: [JointEstimate { angle: 0.0, velocity: 0.0 }; MAX_JOINTS],
         telemetry: TelexistenceTelemetry {
             samples: 0,
             ignored: 0,
@@ -151,13 +153,12 @@ impl Task for Telexistence {
 
     fn begin(&mut self, io: Io<'_>, settings: &TelexistenceSettings) {
         self.settings = *settings;
-        for (speed, joint) in self.settings.retargeting.speeds.iter_mut().zip(io.robot.joints()) {
-            *speed = speed.min(SPEED_FRACTION * joint.limits.velocity);
-        }
-        self.solution = angles(&io);
+        self.settings.limit_speeds(io.robot.joints().iter().map(|joint| joint.limits.velocity));
+        let angles = angles(&io);
+        self.motion = angles.map(JointEstimate::at_rest);
         io.targets.servo_mode = settings.servo_mode;
         io.targets.actuation = Actuation::Servo;
-        io.targets.stand_at(&self.solution);
+        io.targets.stand_at(&angles);
     }
 
     fn command(&mut self, io: Io<'_>, command: &TelexistenceCommand) -> Result<(), TelexistenceRefusal> {
@@ -173,7 +174,7 @@ impl Task for Telexistence {
             TelexistenceCommand::Release => {
                 self.fingertips.forget();
                 self.retargeting = None;
-                self.solution = angles(&io);
+                self.motion = angles(&io).map(JointEstimate::at_rest);
             }
         }
         Ok(())
@@ -184,7 +185,6 @@ impl Task for Telexistence {
         // Cannot fail: `check` required a hand.
         let Some(hand) = io.robot.hand() else { return Ok(()) };
         self.fingertips.advance(self.settings.max_sample_age);
-        let before = self.solution;
         let report = self.retarget(hand, &io);
         self.telemetry.limited = report.limited;
         self.telemetry.missed = report.missed;
@@ -194,11 +194,12 @@ impl Task for Telexistence {
             *error = report.distance(finger);
         }
         let limits = hand.limits().iter().zip(&self.settings.retargeting.speeds);
-        let solutions = limits.zip(self.solution.iter().zip(&before));
         let joints = io.targets.joints.iter_mut().zip(io.references);
-        for ((target, reference), ((&range, &speed), (&solution, &before))) in joints.zip(solutions) {
-            let limits = MotionLimits { speed, acceleration: self.settings.acceleration };
-            let point = next(&limits, range, reference, solution, (solution - before) / TICK);
+        for ((target, reference), ((&range, &speed), estimate)) in joints.zip(limits.zip(&self.motion)) {
+            // `limit_speeds` leaves at least as much margin above the speed.
+            let acceleration = self.settings.acceleration.min(speed / LAG);
+            let limits = MotionLimits { speed, acceleration };
+            let point = next(&limits, range, reference, estimate);
             *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
         }
         Ok(())
@@ -218,13 +219,40 @@ impl Telexistence {
             && let Some(thumb) = &operator.positions[0]
         {
             let angles = Angles::from(angles(io));
-            self.retargeting = Some(retargeting.begin(&angles, &retargeting.initial_offset(&angles, thumb)));
+            let offset = retargeting.initial_offset(&angles, thumb);
+            self.retargeting = Some(retargeting.begin_nearby(&angles, &offset));
         }
         let Some(state) = &mut self.retargeting else { return RetargetReport::default() };
         // Samples are valid, and so is what they are extrapolated to.
         let report = retargeting.update(state, &operator, TICK).unwrap_or_default();
-        self.solution = state.angles().into();
+        for (estimate, angle) in self.motion.iter_mut().zip(&state.angles()) {
+            estimate.update(*angle);
+        }
         report
+    }
+}
+
+/// A joint's motion as the solutions show it, smoothed: an alpha-beta filter with a double pole at [`DECAY`], which
+/// follows a steady motion without delay.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+struct JointEstimate {
+    /// [rad]
+    angle: f32,
+    /// [rad/s]
+    velocity: f32,
+}
+
+impl JointEstimate {
+    const fn at_rest(angle: f32) -> Self {
+        Self { angle, velocity: 0.0 }
+    }
+
+    /// Takes the solution of the next tick [rad].
+    fn update(&mut self, solution: f32) {
+        let predicted = self.angle + self.velocity * TICK;
+        let innovation = solution - predicted;
+        self.angle = predicted + (1.0 - DECAY * DECAY) * innovation;
+        self.velocity += (1.0 - DECAY) * (1.0 - DECAY) / TICK * innovation;
     }
 }
 
@@ -237,29 +265,37 @@ fn angles(io: &Io<'_>) -> [f32; MAX_JOINTS] {
     angles
 }
 
-/// The reference after `reference` on the way to a `target` with a `velocity`, within the limits.
+/// How far references stay inside the limits of angle [rad]. Homing may be as wrong, and a joint that is pressed against
+/// its stop looks blocked.
+const STOP_MARGIN: f32 = 5e-3;
+
+/// The reference after `reference` on the way to the estimated motion: where position and velocity have come
+/// to, with the acceleration of the period that begins, which keeps the limits.
 fn next(
     limits: &MotionLimits,
     (lower, upper): (f32, f32),
     reference: &JointPoint,
-    target: f32,
-    velocity: f32,
+    estimate: &JointEstimate,
 ) -> JointPoint {
+    let JointPoint { position: before, velocity: speed, acceleration } = *reference;
+    let now = speed + acceleration * TICK;
+    let (lower, upper) = (lower + STOP_MARGIN, upper - STOP_MARGIN);
+    // A joint that begins outside comes back without a jump.
+    let position = math::clamp(before + 0.5 * (speed + now) * TICK, lower.min(before), upper.max(before));
     let target = MotionTarget {
-        offset: Vector1::new(target - reference.position),
-        velocity: Vector1::new(velocity),
+        offset: Vector1::new(estimate.angle - position),
+        velocity: Vector1::new(estimate.velocity),
         acceleration: Vector1::zeros(),
     };
-    let desired = limits.acceleration(&Vector1::new(reference.velocity), &target).x;
-    // The speed `v` from which half of the acceleration `a` brakes before the limit of the angle, after one more
-    // period: v T + v²/a = space.
-    let lag = 0.5 * limits.acceleration * TICK;
+    let desired = limits.acceleration(&Vector1::new(now), &target).x;
+    // The speed `v` at the end of the period from which half of the acceleration `a` brakes before the limit of the
+    // angle: (now + v) T/2 + v²/a = space.
+    let lag = 0.25 * limits.acceleration * TICK;
     let room = |space: f32| math::sqrt(lag * lag + limits.acceleration * space.max(0.0)) - lag;
-    let (down, up) = (room(reference.position - lower), room(upper - reference.position));
-    let velocity = math::clamp(reference.velocity + desired * TICK, -down, up);
-    let acceleration = (velocity - reference.velocity) / TICK;
-    let position = reference.position + 0.5 * (reference.velocity + velocity) * TICK;
-    JointPoint { position: math::clamp(position, lower, upper), velocity, acceleration }
+    let half = 0.5 * now * TICK;
+    let (down, up) = (room(position - lower + half), room(upper - position - half));
+    let acceleration = (math::clamp(now + desired * TICK, -down, up) - now) / TICK;
+    JointPoint { position, velocity: now, acceleration }
 }
 
 /// A vector of the wire.

@@ -3,10 +3,12 @@
 mod calibrate;
 mod eval;
 mod examples;
+mod find_circle;
 mod grasp;
 mod identify;
 mod impedance;
 mod init;
+mod retarget;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -18,10 +20,12 @@ use tesaki_supervisor::port::Address;
 
 pub use calibrate::Calibrate;
 pub use eval::{Eval, Grip, Kinematics};
+pub use find_circle::FindCircle;
 pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 pub use init::Init;
+pub use retarget::Retarget;
 
 use crate::failure::Failure;
 use crate::output;
@@ -115,6 +119,11 @@ pub enum Command {
     /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips; needs
     /// no board
     Calibrate(Calibrate),
+    /// Joint angles of a hand for an operator's fingertips, from a file or live: glove, webcam landmarks or
+    /// positions
+    Retarget(Retarget),
+    /// Find the outermost circle in pictures, as that of a door knob; needs no board
+    FindCircle(FindCircle),
     /// Cartesian impedance control of an arm: the tool behaves as a mass with a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),

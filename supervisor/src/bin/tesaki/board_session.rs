@@ -17,6 +17,7 @@ use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
 use crate::failure::Failure;
+use crate::output;
 
 /// The link to the board: reopened when it is lost, with injected faults if requested.
 pub type BoardLink = FaultyLink<Reopening>;
@@ -102,10 +103,20 @@ impl BoardSession {
     /// document that explains it.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        Ok(log.faults.last().map_or_else(
-            || "no fault is recorded".to_owned(),
-            |fault| format!("{}\nSee {}", describe(fault, model), troubleshooting::fault(fault.cause)),
-        ))
+        Ok(explained(log.faults.last(), model))
+    }
+
+    /// As [`fault`](Self::fault), for the first fault after the board had seen `before` of them: what follows
+    /// may be a consequence.
+    pub fn fault_after(&mut self, before: u32, model: Option<&RobotModel>) -> Result<String, Failure> {
+        let log = self.board.faults()?;
+        let since = log.total.saturating_sub(before).max(1) as usize;
+        let first = log.faults.len().saturating_sub(since);
+        let text = explained(log.faults.get(first), model);
+        Ok(match since {
+            1 => text,
+            more => format!("{text}\nThen {} (`tesaki faults`)", output::counted(more - 1, "fault")),
+        })
     }
 
     /// Fails when the board is in fault.
@@ -199,6 +210,14 @@ pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
 pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
     let port = board.link().get_ref().port();
     port.map_or_else(String::new, |port| port.address().to_string())
+}
+
+/// Description of a fault, and the entry of the document that explains it.
+fn explained(fault: Option<&Fault>, model: Option<&RobotModel>) -> String {
+    fault.map_or_else(
+        || "no fault is recorded".to_owned(),
+        |fault| format!("{}\nSee {}", describe(fault, model), troubleshooting::fault(fault.cause)),
+    )
 }
 
 /// Description of a fault.

@@ -13,6 +13,7 @@ use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose,
 use crate::args::{Calibrate, Options};
 use crate::eval::table::Table;
 use crate::failure::Failure;
+use crate::glove::{self, GloveColumns, PositionColumns};
 use crate::output;
 
 pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
@@ -85,47 +86,13 @@ fn accuracy_json(accuracy: &CalibrationAccuracy) -> Value {
 /// Reads a table of poses.
 fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> {
     let table = Table::read(path)?;
-    let columns = |names: Vec<String>, what: &str| -> Result<Vec<usize>, Failure> {
-        names.iter().map(|name| table.needed(name, what)).collect()
-    };
-    let orientation = |sensor: &str| {
-        let names = ["qx", "qy", "qz", "qw"].map(|part| format!("{sensor}_{part}"));
-        columns(names.to_vec(), "quaternion of an orientation")
-    };
-    let back = orientation("back")?;
-    let mut segments = Vec::new();
-    let mut markers = Vec::new();
-    for finger in Finger::ALL {
-        for segment in 1..=3 {
-            segments.push(orientation(&format!("{}{segment}", finger.name()))?);
-        }
-        let names = ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()));
-        markers.push(table.all_or_none(&names, "position of a marker [m]")?);
-    }
+    let (glove, markers) =
+        (GloveColumns::find(&table)?, PositionColumns::find(&table, "position of a marker [m]")?);
     let touch = table.column("touch");
     let mut touches = Vec::new();
     for row in &table.rows {
-        // All cells empty: not measured.
-        let cells = |columns: &[usize]| -> Result<Option<Vec<f32>>, Failure> {
-            if columns.iter().all(|&column| table.is_empty(row, column)) {
-                return Ok(None);
-            }
-            columns.iter().map(|&column| table.number(row, column)).collect::<Result<_, _>>().map(Some)
-        };
-        let quaternion =
-            |columns: &[usize]| Ok::<_, Failure>(cells(columns)?.and_then(|all| all.try_into().ok()));
-        let mut pose = Pose {
-            orientations: GloveSample { back: quaternion(&back)?, ..GloveSample::default() },
-            markers: [None; FINGERS],
-        };
-        for (columns, segment) in segments.iter().zip(pose.orientations.segments.as_flattened_mut()) {
-            *segment = quaternion(columns)?;
-        }
-        for (columns, marker) in markers.iter().zip(&mut pose.markers) {
-            if let Some(columns) = columns {
-                *marker = cells(columns)?.and_then(|all| all.try_into().ok());
-            }
-        }
+        let pose =
+            Pose { orientations: glove.sample(&table, row)?, markers: markers.positions(&table, row)? };
         let refused = |error| table.error(row.line, &format!("{error}; mend or remove the row"));
         match touch.map_or("", |column| table.text(row, column)) {
             "" => guide.add(&pose).map_err(refused)?,
@@ -202,35 +169,6 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
 
 /// Time [s], orientations and markers of a line.
 fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
-    let value: Value = serde_json::from_str(line).map_err(|error| format!("no JSON: {error}"))?;
-    let time = value.get("time").and_then(Value::as_f64).ok_or("no number \"time\" [s]")?;
-    let orientation = |name: &str, value: Option<&Value>| match value {
-        None | Some(Value::Null) => Ok(None),
-        Some(value) => numbers::<4>(value).map(Some).ok_or_else(|| {
-            format!("\"{name}\" must be a quaternion [x, y, z, w], or null if it was not measured")
-        }),
-    };
-    let mut sample = GloveSample { back: orientation("back", value.get("back"))?, ..GloveSample::default() };
-    let mut markers = [None; FINGERS];
-    for (finger, segments) in Finger::ALL.into_iter().zip(&mut sample.segments) {
-        let given = value.get(finger.name());
-        for (number, segment) in segments.iter_mut().enumerate() {
-            *segment = orientation(finger.name(), given.and_then(|given| given.get(number)))?;
-        }
-        let marker = value.get("markers").and_then(|markers| markers.get(finger.name()));
-        markers[finger as usize] = match marker {
-            None | Some(Value::Null) => None,
-            Some(marker) => Some(numbers::<3>(marker).ok_or_else(|| {
-                format!("the marker \"{}\" must be [x, y, z] in m, or null if it is hidden", finger.name())
-            })?),
-        };
-    }
-    Ok((time, sample, markers))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
-fn numbers<const N: usize>(value: &Value) -> Option<[f32; N]> {
-    let numbers: Vec<f32> =
-        value.as_array()?.iter().map(|x| x.as_f64().map(|x| x as f32)).collect::<Option<_>>()?;
-    numbers.try_into().ok()
+    let (time, value) = glove::object(line)?;
+    Ok((time, glove::orientations(&value)?, glove::positions(value.get("markers"), "marker")?))
 }

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
 use tesaki_description::finding::{Finding, Weight};
+use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
 
@@ -35,7 +36,12 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
     let file = path.join("plant.toml");
     let plant = file.is_file().then(|| std::fs::read_to_string(&file).map_err(Failure::file(&file)));
     let plant = plant.transpose()?;
-    let (folder, findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
+    let (folder, mut findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
+    let file = path.join(retargeting::FILE);
+    if let Some(folder) = folder.as_ref().filter(|_| file.is_file()) {
+        let text = std::fs::read_to_string(&file).map_err(Failure::file(&file))?;
+        findings.extend(RetargetingSettings::check(&file, &text, &folder.model).1);
+    }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
 }
 

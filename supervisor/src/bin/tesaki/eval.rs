@@ -21,12 +21,13 @@ use crate::output;
 use table::{Row, Table};
 
 /// A table of results as text.
-struct Results {
-    header: Vec<String>,
-    rows: Vec<Vec<String>>,
+#[derive(Default)]
+pub struct Results {
+    pub header: Vec<String>,
+    pub rows: Vec<Vec<String>>,
     /// Notes for the user.
-    notes: Vec<String>,
-    used: Vec<String>,
+    pub notes: Vec<String>,
+    pub used: Vec<String>,
 }
 
 /// A quantity of a robot.
@@ -145,13 +146,14 @@ fn drives(paths: &[SerialPath]) -> Vec<&Drive> {
 }
 
 /// The shortest digits that identify the number.
-fn exact(value: f32) -> String {
+pub fn exact(value: f32) -> String {
     format!("{value:?}")
 }
 
 fn unused(table: &Table, used: &[String]) -> Option<String> {
-    let unused: Vec<&str> =
-        table.headers().iter().filter(|header| !used.contains(header)).map(String::as_str).collect();
+    // A table over time has a column for it, which nobody takes for an argument.
+    let is_unused = |header: &&String| *header != "time" && !used.contains(*header);
+    let unused: Vec<&str> = table.headers().iter().filter(is_unused).map(String::as_str).collect();
     (!unused.is_empty()).then(|| format!("unused columns: {}", unused.join(", ")))
 }
 
@@ -173,7 +175,7 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
 
 /// Writes the results and prints a summary, which goes to standard error if the results go to standard
 /// output.
-fn finish(
+pub fn finish(
     options: &Options,
     path: &Path,
     results: &Results,

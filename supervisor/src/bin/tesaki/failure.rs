@@ -13,6 +13,7 @@ use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::grasp::GraspFileError;
 use tesaki_description::impedance::ImpedanceFileError;
+use tesaki_description::retargeting::RetargetingFileError;
 use tesaki_description::robot::RobotError;
 use tesaki_description::urdf::UrdfError;
 use tesaki_supervisor::BoardError;
@@ -53,6 +54,9 @@ pub enum Failure {
     /// An invalid impedance file.
     #[error(transparent)]
     ImpedanceFile(#[from] ImpedanceFileError),
+    /// An invalid retargeting file.
+    #[error(transparent)]
+    RetargetingFile(#[from] RetargetingFileError),
     /// An invalid calibration file.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
@@ -107,6 +111,7 @@ impl Failure {
             | Self::Urdf(_)
             | Self::GraspFile(_)
             | Self::ImpedanceFile(_)
+            | Self::RetargetingFile(_)
             | Self::Calibration(_)
             | Self::File { .. }
             | Self::Board(BoardError::Reset)

@@ -8,6 +8,8 @@ mod check;
 mod doctor;
 mod eval;
 mod failure;
+mod find_circle;
+mod glove;
 mod grasp;
 mod gravity;
 mod home;
@@ -21,6 +23,7 @@ mod parameter;
 mod reach;
 mod recording;
 mod replay;
+mod retarget;
 mod share;
 mod watch;
 
@@ -57,6 +60,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Grasp(command) => grasp::run(options, command),
         Command::Identify(args) => identify::run(options, args),
         Command::Calibrate(args) => calibrate::run(options, args),
+        Command::Retarget(args) => retarget::run(options, args),
         Command::Impedance(command) => impedance::run(options, command),
         Command::Tare => home::tare(options),
         Command::Home(args) => home::home(options, args),
@@ -70,6 +74,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
             ModelCommand::Show => model::show(options),
             ModelCommand::Check { robot } => return check::run(options, robot),
         },
+        Command::FindCircle(args) => find_circle::run(options, args),
         Command::Eval(eval) => eval::run(options, eval),
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),

@@ -191,6 +191,8 @@ pub struct Motion<'a> {
     pub model: RobotModel,
     /// The latest joint angles [rad].
     angles: Vec<f32>,
+    /// Number of faults of the board before.
+    faults: u32,
     enabled: bool,
     /// Whether to request the task's own telemetry.
     asks: bool,
@@ -212,13 +214,14 @@ impl<'a> Motion<'a> {
     pub fn begin(options: &'a Options) -> Result<Self, Failure> {
         let mut session = BoardSession::command(options)?;
         let model = session.model()?;
-        let mode = session.board.status()?.node.mode;
-        session.require_no_fault(mode, Some(&model))?;
+        let node = session.board.status()?.node;
+        session.require_no_fault(node.mode, Some(&model))?;
         Ok(Self {
             session,
             options,
             model,
             angles: Vec::new(),
+            faults: node.faults,
             enabled: false,
             asks: false,
             is_unread: false,
@@ -392,7 +395,7 @@ impl<'a> Motion<'a> {
         match mode {
             Mode::Fault => {
                 self.enabled = false;
-                Err(Failure::Fault(self.session.fault(Some(&self.model))?))
+                Err(Failure::Fault(self.session.fault_after(self.faults, Some(&self.model))?))
             }
             Mode::Disabled if *seen_enabled => {
                 self.enabled = false;

@@ -127,7 +127,7 @@ fn the_board_sends_at_the_highest_rate_that_anybody_wants() {
 }
 
 #[test]
-fn what_a_connection_wanted_ends_with_it() {
+fn what_a_connection_asked_for_ends_with_it() {
     for loss in [0.0, 0.3] {
         let mut rig = Rig::new();
         rig.set_rate(1, 1);
@@ -146,7 +146,7 @@ fn what_a_connection_wanted_ends_with_it() {
         rig.node.tick(&SensorFrame { sequence: 10, ..SensorFrame::default() });
         assert!(!rig.node.is_due(Stream::Telemetry));
     }
-    // Who wanted less than the others changes nothing.
+    // A connection that asked for less than the others changes nothing.
     let mut rig = Rig::new();
     rig.set_rate(1, 1);
     rig.set_rate(2, 10);
@@ -223,7 +223,7 @@ fn refusals_of_exports_reach_the_one_who_asked() {
 #[test]
 fn nobody_keeps_others_from_their_export() {
     let mut rig = Rig::new();
-    let wanted = rig.ask(2, Request::Export(Item::State));
+    let export = rig.ask(2, Request::Export(Item::State));
     // One leaves in the middle of its own, another begins anew all the time.
     rig.ask(1, Request::Export(Item::State));
     rig.arbiter.proceed(rig.now, &mut rig.line);
@@ -234,7 +234,7 @@ fn nobody_keeps_others_from_their_export() {
     }
     assert!(rig.arbiter.tasks.len() <= 3, "{} tasks", rig.arbiter.tasks.len());
     rig.run();
-    assert!(matches!(rig.answer(2, wanted), Some(Reply::Exported { .. })));
+    assert!(matches!(rig.answer(2, export), Some(Reply::Exported { .. })));
 
     // A board that does not answer is given up.
     rig.loss = 1.0;

@@ -2,6 +2,7 @@
 
 use std::io::{self, Read};
 use std::path::Path;
+use std::str::FromStr;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
@@ -133,10 +134,24 @@ impl Table {
 
     /// A finite number.
     pub fn number(&self, row: &Row, column: usize) -> Result<f32, Failure> {
+        self.finite(row, column, |value: &f32| value.is_finite())
+    }
+
+    /// A finite number, such as a time, that needs more digits.
+    pub fn precise(&self, row: &Row, column: usize) -> Result<f64, Failure> {
+        self.finite(row, column, |value: &f64| value.is_finite())
+    }
+
+    fn finite<T: FromStr>(
+        &self,
+        row: &Row,
+        column: usize,
+        is_finite: impl Fn(&T) -> bool,
+    ) -> Result<T, Failure> {
         let text = row.record.get(column).unwrap_or_default();
         let name = self.header(column);
-        match text.parse::<f32>() {
-            Ok(value) if value.is_finite() => Ok(value),
+        match text.parse::<T>() {
+            Ok(value) if is_finite(&value) => Ok(value),
             Ok(_) => {
                 Err(self
                     .error(row.line, &format!("column {name}: {text} is no finite number: mend the value")))

@@ -1,0 +1,196 @@
+//! Where rays meet the scene.
+
+use rapier3d::na::{Matrix3, Point3, Vector3};
+
+use super::scene::Scene;
+use super::view::Finger;
+
+/// A finger for many rays from one point.
+pub struct Obstacle {
+    origin: Vector3<f64>,
+    to_finger: Matrix3<f64>,
+    half: [f64; 3],
+    /// Towards its bounding sphere as seen from the origin, and the squared cosine of the half angle of that;
+    /// 0 where the origin is within.
+    axis: Vector3<f64>,
+    cos2: f64,
+}
+
+impl Obstacle {
+    pub fn new(finger: &Finger, origin: &Point3<f64>) -> Self {
+        let axis = finger.pose.translation.vector - origin.coords;
+        let radius2 = Vector3::from(finger.half).norm_squared();
+        Self {
+            origin: finger.pose.inverse_transform_point(origin).coords,
+            to_finger: finger.pose.rotation.inverse().to_rotation_matrix().into_inner(),
+            half: finger.half,
+            axis: axis.normalize(),
+            cos2: (1.0 - radius2 / axis.norm_squared()).max(0.0),
+        }
+    }
+
+    /// Distance to the finger, and the axis of the face's normal with its sign.
+    fn meet(&self, ray: &Ray) -> Option<(f64, i8)> {
+        let along = self.axis.dot(&ray.direction);
+        if self.cos2 > 0.0 && (along < 0.0 || along * along < self.cos2 * ray.direction.norm_squared()) {
+            return None;
+        }
+        let direction = self.to_finger * ray.direction;
+        let (mut enter, mut leave, mut face) = (0.0, f64::INFINITY, 0);
+        for (axis, half) in self.half.into_iter().enumerate() {
+            let inverse = 1.0 / direction[axis];
+            let [one, other] = [-half, half].map(|side| (side - self.origin[axis]) * inverse);
+            let near = one.min(other);
+            if near > enter {
+                enter = near;
+                let axis = [1, 2, 3][axis];
+                face = if inverse > 0.0 { -axis } else { axis };
+            }
+            leave = leave.min(one.max(other));
+        }
+        (face != 0 && enter < leave).then_some((enter, face))
+    }
+}
+
+pub fn obstacles(fingers: &[Finger], origin: &Point3<f64>) -> Vec<Obstacle> {
+    fingers.iter().map(|finger| Obstacle::new(finger, origin)).collect()
+}
+
+/// What a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Surface {
+    KnobFace,
+    KnobEdge,
+    KnobSide,
+    RoseFace,
+    RoseEdge,
+    RoseSide,
+    Door,
+    Gap,
+    Frame,
+    Wall,
+    /// Of a finger: its index, and the axis of the face's normal with its sign.
+    Finger(u8, i8),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// The point is origin + `distance` · direction.
+    pub distance: f64,
+    pub surface: Surface,
+}
+
+/// A ray in the door frame, towards the door.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub origin: Point3<f64>,
+    pub direction: Vector3<f64>,
+}
+
+impl Ray {
+    pub fn at(&self, distance: f64) -> Point3<f64> {
+        self.origin + self.direction * distance
+    }
+
+    fn to_plane(self, z: f64) -> f64 {
+        (z - self.origin.z) / self.direction.z
+    }
+
+    /// Nearest intersection with the surface of revolution `radius = base + slope · z` for z within `range`.
+    fn to_cone(self, base: f64, slope: f64, range: [f64; 2]) -> Option<f64> {
+        let (o, d) = (self.origin, self.direction);
+        let radius = base + slope * o.z;
+        let a = d.x * d.x + d.y * d.y - slope * slope * d.z * d.z;
+        let b = o.x * d.x + o.y * d.y - slope * d.z * radius;
+        let c = o.x * o.x + o.y * o.y - radius * radius;
+        let discriminant = b * b - a * c;
+        if discriminant < 0.0 || a.abs() < 1e-12 {
+            return None;
+        }
+        let root = discriminant.sqrt();
+        let valid = |t: &f64| {
+            let z = o.z + t * d.z;
+            *t > 0.0 && range[0] <= z && z <= range[1] && base + slope * z > 0.0
+        };
+        let roots = [(-b - root) / a, (-b + root) / a];
+        roots.into_iter().filter(valid).min_by(f64::total_cmp)
+    }
+}
+
+impl Scene {
+    /// What a ray towards the door meets first.
+    pub(super) fn cast(&self, ray: &Ray, fingers: &[Obstacle]) -> Hit {
+        let hit = self.cast_fixed(ray);
+        let mut nearest = hit;
+        for (index, finger) in (0..).zip(fingers) {
+            if let Some((distance, face)) = finger.meet(ray)
+                && distance < nearest.distance
+            {
+                nearest = Hit { distance, surface: Surface::Finger(index, face) };
+            }
+        }
+        nearest
+    }
+
+    fn cast_fixed(&self, ray: &Ray) -> Hit {
+        if self.passes_near(ray)
+            && let Some((distance, surface)) = self.cast_knob(ray).or_else(|| self.cast_rose(ray))
+        {
+            return Hit { distance, surface };
+        }
+        let (door, frame) = (&self.door, &self.frame);
+        let distance = ray.to_plane(0.0);
+        let side = |y: f64| y * door.side;
+        if side(ray.at(distance).y) <= door.edge {
+            return Hit { distance, surface: Surface::Door };
+        }
+        let distance = ray.to_plane(frame.depth);
+        let beyond = side(ray.at(distance).y) - door.edge - frame.gap;
+        let surface = match beyond {
+            beyond if beyond < 0.0 => Surface::Gap,
+            beyond if beyond < frame.width => Surface::Frame,
+            _ => Surface::Wall,
+        };
+        Hit { distance, surface }
+    }
+
+    /// Whether a ray enters the smallest cylinder about knob and rose.
+    fn passes_near(&self, ray: &Ray) -> bool {
+        let [from, to] = [-self.knob.length, 0.0].map(|z| ray.at(ray.to_plane(z)));
+        let (x, y) = (to.x - from.x, to.y - from.y);
+        let nearest = -(from.x * x + from.y * y) / (x * x + y * y).max(1e-18);
+        let nearest = nearest.clamp(0.0, 1.0);
+        let (x, y) = (from.x + nearest * x, from.y + nearest * y);
+        let radius = self.rose.radius.max(self.knob.radius) + 1e-9;
+        x * x + y * y <= radius * radius
+    }
+
+    /// The knob stands before the rose, as seen from where the rays come.
+    fn cast_knob(&self, ray: &Ray) -> Option<(f64, Surface)> {
+        let (knob, foot) = (&self.knob, -self.rose.thickness);
+        let tip = -knob.length;
+        let face = ray.to_plane(tip);
+        let point = ray.at(face);
+        let inner = knob.radius - knob.chamfer;
+        if point.x * point.x + point.y * point.y <= inner * inner {
+            return Some((face, Surface::KnobFace));
+        }
+        let edge = ray.to_cone(inner - tip, 1.0, [tip, tip + knob.chamfer]);
+        let side = || ray.to_cone(knob.radius, 0.0, [tip + knob.chamfer, foot]);
+        edge.map(|t| (t, Surface::KnobEdge)).or_else(|| side().map(|t| (t, Surface::KnobSide)))
+    }
+
+    fn cast_rose(&self, ray: &Ray) -> Option<(f64, Surface)> {
+        let rose = &self.rose;
+        let top = -rose.thickness;
+        let face = ray.to_plane(top);
+        let point = ray.at(face);
+        let inner = rose.radius - rose.chamfer;
+        if point.x * point.x + point.y * point.y <= inner * inner {
+            return Some((face, Surface::RoseFace));
+        }
+        let edge = ray.to_cone(inner - top, 1.0, [top, top + rose.chamfer]);
+        let side = || ray.to_cone(rose.radius, 0.0, [top + rose.chamfer, 0.0]);
+        edge.map(|t| (t, Surface::RoseEdge)).or_else(|| side().map(|t| (t, Surface::RoseSide)))
+    }
+}

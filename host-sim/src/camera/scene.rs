@@ -1,0 +1,127 @@
+use super::geometry::Circle;
+
+/// What stands before the camera. Lengths in m; brightness is relative, as the camera sets its exposure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Decides the patterns of the surfaces.
+    pub pattern: u32,
+    /// The knob.
+    pub knob: Knob,
+    /// The plate behind it.
+    pub rose: Rose,
+    /// The door.
+    pub door: Door,
+    /// What is beside the door.
+    pub frame: Frame,
+    /// The lamps: two near ones that cast shadows.
+    pub lamps: [Lamp; 2],
+    /// Directions to bright windows, and how bright they are.
+    pub windows: [([f64; 3], f64); 3],
+    /// Light from everywhere.
+    pub ambient: f64,
+}
+
+/// A cylinder that stands on the door.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Knob {
+    /// Radius.
+    pub radius: f64,
+    /// How far its tip stands off the door.
+    pub length: f64,
+    /// Of the edge of its tip.
+    pub chamfer: f64,
+    /// Radius of the button or lock in its tip; 0 for none.
+    pub button: f64,
+    /// Its surface.
+    pub finish: Finish,
+}
+
+/// A round plate on the door.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rose {
+    /// Radius.
+    pub radius: f64,
+    /// How far its face stands off the door.
+    pub thickness: f64,
+    /// Of the edge of its face.
+    pub chamfer: f64,
+    /// Its surface.
+    pub finish: Finish,
+}
+
+/// A surface that was turned on a lathe, or moulded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finish {
+    /// Share of the light that is scattered.
+    pub diffuse: f64,
+    /// Share of the light that is reflected.
+    pub specular: f64,
+    /// Width of reflections along the grooves of the lathe.
+    pub along: f64,
+    /// Width across the grooves: larger than `along`, lamps become radial streaks.
+    pub across: f64,
+    /// Contrast of grooves and stains.
+    pub stains: f64,
+}
+
+/// The surface of the door.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Door {
+    /// Share of the light that is scattered.
+    pub diffuse: f64,
+    /// Share of the light that is reflected.
+    pub specular: f64,
+    /// Its pattern.
+    pub texture: Texture,
+    /// Contrast of the pattern.
+    pub contrast: f64,
+    /// From the axis of the knob to the edge.
+    pub edge: f64,
+    /// Where the edge is: 1 right, −1 left.
+    pub side: f64,
+}
+
+/// Pattern of a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Texture {
+    /// Upright grain.
+    Wood,
+    /// Brush strokes and dirt.
+    Paint,
+}
+
+/// The door frame, behind a dark gap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Width of the gap.
+    pub gap: f64,
+    /// Width of the frame; the wall follows.
+    pub width: f64,
+    /// How far it is behind the surface of the door.
+    pub depth: f64,
+    /// Share of the light that frame and wall scatter.
+    pub diffuse: [f64; 2],
+}
+
+/// A lamp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Where it is in the door frame.
+    pub position: [f64; 3],
+    /// Brightness where it falls on the knob.
+    pub brightness: f64,
+    /// Its radius, which softens shadows.
+    pub radius: f64,
+}
+
+impl Scene {
+    /// The outer rim of the rose, where its chamfer begins, in the door frame.
+    pub fn rose_rim(&self) -> Circle {
+        Circle::about_z(self.rose.chamfer - self.rose.thickness, self.rose.radius)
+    }
+
+    /// The outer rim of the knob's tip, where its chamfer begins, in the door frame.
+    pub fn knob_rim(&self) -> Circle {
+        Circle::about_z(self.knob.chamfer - self.knob.length, self.knob.radius)
+    }
+}

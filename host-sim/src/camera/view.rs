@@ -1,0 +1,50 @@
+use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::draw::within;
+use crate::purpose::Purpose;
+
+/// A box of the gripper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finger {
+    /// Pose of its middle in the door frame.
+    pub pose: Isometry3<f64>,
+    /// Half its extents [m].
+    pub half: [f64; 3],
+    /// Share of the light that it scatters.
+    pub diffuse: f64,
+}
+
+/// Where the hand is before the door.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Pose of the hand frame in the door frame.
+    pub hand: Isometry3<f64>,
+}
+
+impl View {
+    /// A random place on the way to the knob: 6 to 25 cm from the fingertips to the door. At the start, 21 cm
+    /// off, the base is wrong by ±50 mm to the side and in height and ±3° in tilt, heading and roll; the
+    /// offset shrinks with the distance, as it does on the way.
+    pub fn draw(seed: u64) -> Self {
+        const START: f64 = 0.21;
+        let mut rng = Purpose::HandView.rng(seed);
+        let distance = within(&mut rng, [0.06, 0.25]);
+        let offset = 0.05 * (distance / START).min(1.0);
+        let [up, right] = core::array::from_fn(|_| offset * rng.symmetric());
+        let turn = Vector3::from_fn(|_, _| 3.0_f64.to_radians() * rng.symmetric());
+        let place = Translation3::new(up, right, -distance);
+        Self { hand: Isometry3::from_parts(place, UnitQuaternion::new(turn)) }
+    }
+
+    /// The fingers of the gripper of `robots/knob-arm`, each turned outwards by `angle` from where the pads are
+    /// parallel, 50 mm apart [rad].
+    pub fn fingers(&self, angle: f64) -> [Finger; 2] {
+        const HALF: [f64; 3] = [0.009, 0.005, 0.05];
+        [-1.0, 1.0].map(|side| {
+            let pivot = Translation3::new(0.0, side * 0.030, -2.0 * HALF[2]);
+            let turn = UnitQuaternion::new(Vector3::x() * (-side * angle));
+            let pose = self.hand * pivot * turn * Translation3::new(0.0, 0.0, HALF[2]);
+            Finger { pose, half: HALF, diffuse: 0.12 }
+        })
+    }
+}

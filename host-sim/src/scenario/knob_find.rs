@@ -1,0 +1,274 @@
+//! The circle finder on pictures of a door knob (Knob, section 3).
+
+use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, Window, find_circle};
+
+use super::common::require_duration;
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::camera::{self, Camera, CameraValues, CircleTruth, Optics, Scene, View};
+use crate::motion::Motion;
+use crate::purpose::Purpose;
+use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "knob-find",
+    title: "The rose of a door knob",
+    about: "a circle finder on rendered pictures of a door knob, and of a door without one",
+    robot: "knob-arm",
+    duration: 6.0,
+    lead: &[
+        "A camera in the hand of an arm takes pictures of a door knob on its round plate, the rose, from 6 to 25 cm \
+         before the door, aside and turned as a mobile base leaves it. Each seed is another door: size of the rose, \
+         metal or plastic, wood or paint, light and its reflections; each picture has its own blur, noise and \
+         exposure. The finder has to give the centre and the radius of the rose, not of the knob, and nothing \
+         where there is no knob. It knows the distance from the door to 30 mm, as the arm's posture tells it.",
+        "The outline of the rose is an ellipse in the picture: the centre is that of the ellipse, the radius the \
+         root of the product of its semi-axes. A circle is *right* when its centre is within 3 px and its radius \
+         within 2 px of the true ones. Pictures that show less than half of the outline may give nothing. No board \
+         takes part.",
+    ],
+    run,
+};
+
+/// Pictures per second of the scenario's duration.
+const RATE: f64 = 10.0;
+/// Of these, as many show no knob.
+const EMPTY: usize = 5;
+/// Radii of roses [m], and how well the arm knows its distance from the door [m].
+const ROSES: [f64; 2] = [0.035, 0.045];
+const DISTANCE_ERROR: f64 = 0.03;
+/// A circle is right up to these errors of centre and radius [px].
+const RIGHT: [f64; 2] = [3.0, 2.0];
+/// Share of the outline from which on a picture has to give a circle.
+const VISIBLE: f64 = 0.5;
+/// Circles of less confidence are not believed.
+const BELIEVED: f32 = 0.5;
+/// In the second search the last picture is known: the error of what it predicts, and the window about it [px].
+const PREDICTION_ERROR: f64 = 6.0;
+const REACH: f32 = 12.0;
+/// Angle of the open fingers of the gripper [rad].
+const OPEN: f64 = 0.22;
+/// Pictures of the film strip.
+const SHOWN: usize = 6;
+
+/// A picture and what was found in it.
+struct Picture {
+    distance: f64,
+    image: camera::Image,
+    truth: Option<CircleTruth>,
+    /// In the whole image, and in a window about a prediction.
+    found: [Option<Circle>; 2],
+}
+
+impl Picture {
+    /// Errors of centre and radius [px].
+    fn errors(&self, search: usize) -> Option<[f64; 2]> {
+        let (truth, found) = (self.truth.as_ref()?, self.found[search].as_ref()?);
+        let [dx, dy] = [0, 1].map(|axis| f64::from(found.center[axis]) - truth.center[axis]);
+        Some([dx.hypot(dy), f64::from(found.radius) - truth.radius])
+    }
+
+    fn is_right(&self, search: usize) -> bool {
+        self.errors(search).is_some_and(|[center, radius]| center <= RIGHT[0] && radius.abs() <= RIGHT[1])
+    }
+
+    /// Whether it shows enough of the rose.
+    fn is_clear(&self) -> bool {
+        self.truth.is_some_and(|truth| truth.visible >= VISIBLE)
+    }
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let values = CameraValues::load(setting.robot)?;
+    let (camera, scene) = (values.camera(), Scene::draw(setting.seed));
+    let count = (setting.duration * RATE) as usize;
+    let mut finder =
+        Finder { camera: &camera, buffers: Box::default(), rng: Purpose::CircleSearch.rng(setting.seed) };
+    let mut pictures = Vec::new();
+    for number in 0..count {
+        let is_empty = number >= count - EMPTY;
+        pictures.push(finder.picture(&scene, &values, setting.seed, number, is_empty)?);
+        (setting.progress)((number + 1) as f64 / count as f64);
+    }
+    let (empty, mut pictures) = (pictures.split_off(count - EMPTY), pictures);
+    pictures.sort_by(|one, other| other.distance.total_cmp(&one.distance));
+    let summary = summary(&pictures, &empty, setting.seed);
+    let figures = vec![
+        film_strip(&pictures, 0, "Film strip: from far")?,
+        film_strip(&pictures, SHOWN / 2, "Film strip: to near")?,
+        errors(&pictures),
+    ];
+    let tables = vec![("pictures.csv".to_owned(), table(&pictures))];
+    Ok(Outcome { summary, figures, tables, motion: Motion::new(Vec::<String>::new()) })
+}
+
+struct Finder<'a> {
+    camera: &'a Camera,
+    buffers: Box<CameraBuffers>,
+    rng: tesaki_rng::Rng,
+}
+
+impl Finder<'_> {
+    /// Takes a picture and looks for the rose.
+    fn picture(
+        &mut self,
+        scene: &Scene,
+        values: &CameraValues,
+        seed: u64,
+        number: usize,
+        is_empty: bool,
+    ) -> Result<Picture, ScenarioError> {
+        let own = seed.wrapping_add((number as u64 + 1) << 32);
+        let mut view = View::draw(own);
+        if is_empty {
+            // Along the door, away from its edge.
+            view.hand.translation.y -= 0.4 * scene.door.side;
+        }
+        let fingers = view.fingers(OPEN);
+        let pose = view.hand * values.mount();
+        let image = scene.photograph(self.camera, &Optics::draw(own), &pose, &fingers, (own, 0));
+        let truth = if is_empty { None } else { scene.truth(self.camera, &pose, &fingers).rose };
+        let distance = -pose.translation.z;
+        let known = distance + DISTANCE_ERROR * self.rng.symmetric();
+        let radius = [
+            self.camera.focal * ROSES[0] / (known + DISTANCE_ERROR),
+            self.camera.focal * ROSES[1] / (known - DISTANCE_ERROR),
+        ];
+        let mut search = CircleSearch { radius: radius.map(|radius| radius as f32), window: None };
+        let whole = self.find(&image, &search)?;
+        search.window = truth.map(|truth| {
+            let predicted =
+                truth.center.map(|center| (center + PREDICTION_ERROR * self.rng.symmetric()) as f32);
+            Window { center: predicted, reach: REACH }
+        });
+        let near = match search.window {
+            Some(window) if self.camera.contains(window.center.map(f64::from)) => {
+                self.find(&image, &search)?
+            }
+            _ => None,
+        };
+        Ok(Picture { distance, image, truth, found: [whole, near] })
+    }
+
+    fn find(
+        &mut self,
+        image: &camera::Image,
+        search: &CircleSearch,
+    ) -> Result<Option<Circle>, ScenarioError> {
+        let image = Image::new(&image.pixels, image.width, image.height)?;
+        let found = find_circle(&image, search, &mut self.buffers.scratch())?;
+        Ok(found.filter(|circle| circle.confidence >= BELIEVED))
+    }
+}
+
+fn summary(pictures: &[Picture], empty: &[Picture], seed: u64) -> Summary {
+    let mut summary = Summary::new(SCENARIO.name, "", seed);
+    let clear = || pictures.iter().filter(|picture| picture.is_clear());
+    let share = |number: usize, of: usize| 100.0 * number as f64 / of.max(1) as f64;
+    for (search, key, label) in [(0, "whole", "Whole image"), (1, "window", "Window")] {
+        let mut insert = |name: &str, metric: Metric| summary.insert(format!("{key}_{name}"), metric);
+        let right = clear().filter(|picture| picture.is_right(search)).count();
+        let text = format!("{label}: pictures with the right circle");
+        insert("right", Metric::at_least(text, share(right, clear().count()), 99.0, "%"));
+        let wrong =
+            pictures.iter().filter(|picture| picture.found[search].is_some() && !picture.is_right(search));
+        let text = format!("{label}: pictures with a wrong circle");
+        insert("wrong", Metric::at_most(text, share(wrong.count(), pictures.len()), 1.0, "%"));
+        let errors = |which: usize| {
+            let right = pictures.iter().filter(|picture| picture.is_right(search));
+            median(right.filter_map(|picture| picture.errors(search)).map(|errors| errors[which].abs()))
+        };
+        let text = format!("{label}: error of the centre, median");
+        insert("center", Metric::at_most(text, errors(0), 0.3, "px"));
+        let text = format!("{label}: error of the radius, median");
+        insert("radius", Metric::at_most(text, errors(1), 0.1, "px"));
+    }
+    let found = empty.iter().filter(|picture| picture.found[0].is_some()).count();
+    let text = "Doors without a knob in which a circle is found";
+    summary.insert("empty_found", Metric::at_most(text, share(found, empty.len()), 1.0, "%"));
+    summary
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Three of the pictures that are shown, with the true and the found outline.
+fn film_strip(pictures: &[Picture], from: usize, title: &str) -> Result<Figure, ScenarioError> {
+    let caption = "What the camera saw at several distances of its lens from the door, with the true outline of the \
+                   rose and the one that was found in the whole image.";
+    let mut figure = Figure::paths(title, caption, "x", "px");
+    for index in from..from + SHOWN / 2 {
+        let Some(picture) = pictures.get(index * pictures.len().saturating_sub(1) / (SHOWN - 1)) else {
+            break;
+        };
+        let mut panel = Panel::new(format!("{:.0} mm", 1000.0 * picture.distance), "y", "px");
+        let [right, bottom] = [picture.image.width, picture.image.height].map(|size| size as f64 - 0.5);
+        panel = panel.picture(picture.image.png()?, [-0.5, right], [-0.5, bottom]);
+        if let Some(truth) = &picture.truth {
+            panel = panel.line(outline("true", 1, truth.center, truth.semi_axes, truth.angle));
+        }
+        if let Some(found) = &picture.found[0] {
+            let axes = found.semi_axes.map(f64::from);
+            panel = panel.line(outline("found", 0, found.center.map(f64::from), axes, found.angle.into()));
+        }
+        figure = figure.panel(panel);
+    }
+    Ok(figure)
+}
+
+/// The part of an ellipse that is in the picture.
+fn outline(name: &str, colour: usize, [u, v]: [f64; 2], [long, short]: [f64; 2], angle: f64) -> Line {
+    let (sin, cos) = angle.sin_cos();
+    let points = (0..=90).map(|step| {
+        let (y, x) = (f64::from(step) * core::f64::consts::TAU / 90.0).sin_cos();
+        let (x, y) = (u + long * x * cos - short * y * sin, v + long * x * sin + short * y * cos);
+        if (0.0..255.0).contains(&x) && (0.0..239.0).contains(&y) { (x, y) } else { (f64::NAN, f64::NAN) }
+    });
+    let (x, y) = points.unzip();
+    Line::solid(name, colour, x, y)
+}
+
+fn errors(pictures: &[Picture]) -> Figure {
+    let right: Vec<&Picture> = pictures.iter().filter(|picture| picture.is_right(0)).rev().collect();
+    let distance: Vec<f64> = right.iter().map(|picture| 1000.0 * picture.distance).collect();
+    let values =
+        |which: usize| right.iter().map(|p| p.errors(0).unwrap_or_default()[which]).collect::<Vec<_>>();
+    let caption = "Of the right circles in whole images, over the distance of the lens from the door.";
+    Figure::stacked("Errors of centre and radius", caption, "distance", "mm")
+        .panel(Panel::new("Centre", "error", "px").rule(0.3, "limit of the median").line(Line::solid(
+            "centre",
+            0,
+            distance.clone(),
+            values(0),
+        )))
+        .panel(Panel::new("Radius", "error", "px").band(0.1, "limit of the median").line(Line::solid(
+            "radius",
+            1,
+            distance,
+            values(1),
+        )))
+}
+
+fn table(pictures: &[Picture]) -> String {
+    let column = |value: &dyn Fn(&Picture) -> f64| pictures.iter().map(value).collect::<Vec<_>>();
+    let truth = |value: fn(&CircleTruth) -> f64| column(&|p| p.truth.as_ref().map_or(f64::NAN, value));
+    let found =
+        |value: fn(&Circle) -> f32| column(&|p| p.found[0].as_ref().map_or(f64::NAN, |c| value(c).into()));
+    let columns = [
+        ("distance", "m", column(&|picture| picture.distance)),
+        ("visible", "", truth(|truth| truth.visible)),
+        ("true_x", "px", truth(|truth| truth.center[0])),
+        ("true_y", "px", truth(|truth| truth.center[1])),
+        ("true_radius", "px", truth(|truth| truth.radius)),
+        ("found_x", "px", found(|circle| circle.center[0])),
+        ("found_y", "px", found(|circle| circle.center[1])),
+        ("found_radius", "px", found(|circle| circle.radius)),
+        ("confidence", "", found(|circle| circle.confidence)),
+    ];
+    let columns: Vec<_> =
+        columns.iter().map(|(name, unit, values)| Column::new(*name, *unit, values)).collect();
+    csv(&columns)
+}

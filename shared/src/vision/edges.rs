@@ -1,0 +1,263 @@
+use super::image::Image;
+use crate::math;
+
+/// Most edge points of a search: the strongest ones.
+pub const MAX_EDGES: usize = 1280;
+
+/// Least contrast of an edge, in Sobel's units on cells with [`FRACTION`]: about 6 grey levels.
+const THRESHOLD: u32 = 300 * 300;
+/// Fraction of a grey level in a cell.
+const FRACTION: u32 = 16;
+/// Rows of 16-bit numbers that the computation keeps: cells, and both components of the gradient.
+const ROWS: usize = 9;
+/// Buckets of the histogram of squared gradients, four for each power of two.
+const BUCKETS: usize = 128;
+
+/// Elements of [`Scratch::rows`](super::Scratch::rows) for images of this width [px].
+pub const fn row_len(width: usize) -> usize {
+    ROWS * (width / 2)
+}
+
+/// A point of an edge.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct EdgePoint {
+    /// Cell.
+    pub(super) x: u16,
+    pub(super) y: u16,
+    /// Direction of the gradient, of length 127.
+    pub(super) gx: i8,
+    pub(super) gy: i8,
+    /// Weight of its votes, 1 to 8.
+    pub(super) weight: u8,
+    bucket: u8,
+}
+
+impl EdgePoint {
+    /// Points of no edge, for buffers.
+    pub const NONE: Self = Self { x: 0, y: 0, gx: 0, gy: 0, weight: 0, bucket: 0 };
+}
+
+/// A rectangle of cells: from (inclusive), to (exclusive).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cells {
+    pub from: [usize; 2],
+    pub to: [usize; 2],
+}
+
+impl Cells {
+    pub const fn width(&self) -> usize {
+        self.to[0].saturating_sub(self.from[0])
+    }
+
+    pub const fn height(&self) -> usize {
+        self.to[1].saturating_sub(self.from[1])
+    }
+}
+
+/// Edge points in the image reduced by 2^`level`, `level` at least 1, in a rectangle of cells: local maxima of
+/// Sobel's gradient across the edge. Returns their number: of too many, the strongest.
+pub(super) fn edges(
+    image: &Image<'_>,
+    level: u32,
+    cells: &Cells,
+    rows: &mut [i16],
+    points: &mut [EdgePoint],
+) -> usize {
+    let width = cells.width();
+    if width < 3 || cells.height() < 3 {
+        return 0;
+    }
+    let mut list = List { points, length: 0, histogram: [0; BUCKETS], least: 0 };
+    let (binned, gradients) = rows.split_at_mut((3 * width).min(rows.len()));
+    for (index, y) in (cells.from[1]..cells.to[1]).enumerate() {
+        reduce(image, level, y, cells.from[0], row(binned, width, index));
+        if index < 2 {
+            continue;
+        }
+        let above: &[i16] = row_of(binned, width, index - 2);
+        let here: &[i16] = row_of(binned, width, index - 1);
+        let below: &[i16] = row_of(binned, width, index);
+        let (gx, gy) = row(gradients, 2 * width, index).split_at_mut(width);
+        sobel(above, here, below, gx, gy);
+        if index >= 4 {
+            let [above, here, below] =
+                [2, 1, 0].map(|back| row_of(gradients, 2 * width, index - back).split_at(width));
+            maxima(above, here, below, cells.from[0], y - 2, &mut list);
+        }
+    }
+    list.weigh();
+    list.length
+}
+
+/// The `index`-th of rows in a ring of three.
+fn row(ring: &mut [i16], width: usize, index: usize) -> &mut [i16] {
+    let start = index % 3 * width;
+    ring.get_mut(start..start + width).unwrap_or_default()
+}
+
+fn row_of(ring: &[i16], width: usize, index: usize) -> &[i16] {
+    let start = index % 3 * width;
+    ring.get(start..start + width).unwrap_or_default()
+}
+
+/// A row of cells: means of 2^level × 2^level pixels.
+fn reduce(image: &Image<'_>, level: u32, y: usize, from: usize, cells: &mut [i16]) {
+    let side = 1 << level;
+    if level == 1 {
+        let (upper, lower) = (image.row(2 * y), image.row(2 * y + 1));
+        let (upper, lower) =
+            (upper.get(2 * from..).unwrap_or_default(), lower.get(2 * from..).unwrap_or_default());
+        let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+        for (cell, (a, b)) in cells.iter_mut().zip(pairs) {
+            if let ([a, b], [c, d]) = (a, b) {
+                let sum = i16::from(*a) + i16::from(*b) + i16::from(*c) + i16::from(*d);
+                *cell = sum * (FRACTION as i16 / 4);
+            }
+        }
+        return;
+    }
+    cells.fill(0);
+    // At level 2 the sum of 16 pixels has just the fraction that a cell has; four rows of 16 pixels at level 4
+    // remain below 2¹⁵.
+    let shift = 2 * level - 4;
+    for line in 0..side {
+        let pixels = image.row(side * y + line).get(side * from..).unwrap_or_default();
+        for (cell, block) in cells.iter_mut().zip(pixels.chunks_exact(side)) {
+            let sum: u32 = block.iter().map(|&pixel| u32::from(pixel)).sum();
+            // Rounding down in each line costs less than a sixteenth of a grey level.
+            *cell += (sum >> shift) as i16;
+        }
+    }
+}
+
+/// Sobel's operator. The first and last elements remain 0.
+fn sobel(above: &[i16], here: &[i16], below: &[i16], gx: &mut [i16], gy: &mut [i16]) {
+    let width = here.len().min(above.len()).min(below.len()).min(gx.len()).min(gy.len());
+    if width < 3 {
+        return;
+    }
+    let (above, here, below) = (&above[..width], &here[..width], &below[..width]);
+    let (gx, gy) = (&mut gx[..width], &mut gy[..width]);
+    for x in 1..width - 1 {
+        gx[x] =
+            (above[x + 1] - above[x - 1]) + 2 * (here[x + 1] - here[x - 1]) + (below[x + 1] - below[x - 1]);
+        gy[x] = (below[x - 1] - above[x - 1]) + 2 * (below[x] - above[x]) + (below[x + 1] - above[x + 1]);
+    }
+    gx[0] = 0;
+    gy[0] = 0;
+    gx[width - 1] = 0;
+    gy[width - 1] = 0;
+}
+
+type Gradients<'a> = (&'a [i16], &'a [i16]);
+
+#[inline]
+fn squared(gradients: Gradients<'_>, x: usize) -> u32 {
+    let (gx, gy) = (i32::from(gradients.0[x]), i32::from(gradients.1[x]));
+    (gx * gx + gy * gy) as u32
+}
+
+/// Appends the points of a row whose gradient is over the threshold and not below that of both neighbours
+/// across the edge.
+fn maxima(
+    above: Gradients<'_>,
+    here: Gradients<'_>,
+    below: Gradients<'_>,
+    from: usize,
+    y: usize,
+    list: &mut List<'_>,
+) {
+    let width = here.0.len();
+    if [above.0, above.1, here.1, below.0, below.1].iter().any(|row| row.len() != width) {
+        return;
+    }
+    for x in 1..width.saturating_sub(1) {
+        let magnitude = squared(here, x);
+        if magnitude < THRESHOLD {
+            continue;
+        }
+        let (gx, gy) = (i32::from(here.0[x]), i32::from(here.1[x]));
+        let (wide, high) = (gx.abs(), gy.abs());
+        let (one, other) = if wide > 2 * high {
+            (squared(here, x - 1), squared(here, x + 1))
+        } else if high > 2 * wide {
+            (squared(above, x), squared(below, x))
+        } else if (gx > 0) == (gy > 0) {
+            (squared(above, x - 1), squared(below, x + 1))
+        } else {
+            (squared(above, x + 1), squared(below, x - 1))
+        };
+        if magnitude >= one && magnitude > other {
+            list.push((from + x) as u16, y as u16, gx, gy, magnitude);
+        }
+    }
+}
+
+/// The strongest edge points so far.
+struct List<'a> {
+    points: &'a mut [EdgePoint],
+    length: usize,
+    histogram: [u16; BUCKETS],
+    /// Points of lower buckets are dropped.
+    least: u8,
+}
+
+impl List<'_> {
+    fn push(&mut self, x: u16, y: u16, gx: i32, gy: i32, magnitude: u32) {
+        let power = 31 - magnitude.leading_zeros();
+        let bucket = (4 * power + (magnitude >> (power - 2) & 3)) as u8;
+        if bucket < self.least {
+            return;
+        }
+        if self.length >= self.points.len() {
+            self.drop_weakest();
+            if bucket < self.least {
+                return;
+            }
+        }
+        let scale = 127.0 / math::sqrt(magnitude as f32);
+        let [gx, gy] = [gx, gy].map(|component| math::round(component as f32 * scale) as i8);
+        if let Some(point) = self.points.get_mut(self.length) {
+            *point = EdgePoint { x, y, gx, gy, weight: 0, bucket };
+            self.length += 1;
+            self.histogram[usize::from(bucket) % BUCKETS] += 1;
+        }
+    }
+
+    /// Drops at least an eighth of the points, the weakest.
+    fn drop_weakest(&mut self) {
+        let mut dropped = 0;
+        while dropped < self.length.div_ceil(8) && usize::from(self.least) < BUCKETS {
+            let count = &mut self.histogram[usize::from(self.least)];
+            dropped += usize::from(*count);
+            *count = 0;
+            self.least += 1;
+        }
+        let mut kept = 0;
+        for index in 0..self.length {
+            let point = self.points[index];
+            if point.bucket >= self.least {
+                self.points[kept] = point;
+                kept += 1;
+            }
+        }
+        self.length = kept;
+    }
+
+    /// Weights: the squared gradient in powers of two, 4 at the median, 1 to 8.
+    fn weigh(&mut self) {
+        let (mut below, mut median) = (0, 0);
+        for (bucket, &count) in self.histogram.iter().enumerate() {
+            below += usize::from(count);
+            if 2 * below >= self.length {
+                median = bucket;
+                break;
+            }
+        }
+        for point in self.points.iter_mut().take(self.length) {
+            // Four buckets double the square; the median has the weight 4.
+            let quarters = i32::from(point.bucket) - median as i32 + 8;
+            point.weight = if quarters < 0 { 1 } else { 1 << (quarters / 4).min(3) };
+        }
+    }
+}

@@ -1,0 +1,88 @@
+use nalgebra::{SMatrix, SVector};
+
+use crate::math::{self, Ldlt};
+
+/// Largest flattening `(a² − b²)/(a² + b²)` of semi-axes a, b: a/b = 1.36.
+const MAX_FLATTENING: f32 = 0.3;
+/// Deviation of an edge point [px].
+const DEVIATION: f32 = 0.4;
+
+/// `u² + v² + p (u² − v²) + 2 q uv = radius² √(1 − p² − q²)` about the centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ellipse {
+    pub center: [f32; 2],
+    /// Root of the product of the semi-axes [px].
+    pub radius: f32,
+    /// Flattening along x and along the diagonal.
+    pub flattening: [f32; 2],
+}
+
+impl Ellipse {
+    pub const fn circle(center: [f32; 2], radius: f32) -> Self {
+        Self { center, radius, flattening: [0.0; 2] }
+    }
+
+    /// Distance of the ellipse from its centre in the direction of a unit vector [px].
+    #[inline]
+    pub fn reach(&self, [u, v]: [f32; 2]) -> f32 {
+        let [p, q] = self.flattening;
+        // The determinant's root makes `radius²` the product of the semi-axes.
+        let square = math::sqrt(1.0 - p * p - q * q) / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v);
+        self.radius * math::sqrt(square)
+    }
+
+    /// Semi-axes, the larger first, and the angle of the larger one from x towards y [rad].
+    pub fn axes(&self) -> ([f32; 2], f32) {
+        let [p, q] = self.flattening;
+        let flattening = math::sqrt(p * p + q * q);
+        let ratio = math::sqrt(math::sqrt((1.0 + flattening) / (1.0 - flattening)));
+        ([self.radius * ratio, self.radius / ratio], 0.5 * math::atan2(-q, -p))
+    }
+
+    /// Weighted least squares of `u² + v² + p (u² − v²) + 2 q uv = a + b u + c v` over edge points (x, y, weight),
+    /// in units of this ellipse about its centre. The flattening is expected to deviate from zero by
+    /// `flattening`. None if the result is no ellipse near this one.
+    pub fn refit(&self, points: impl Iterator<Item = ([f32; 2], f32)>, flattening: f32) -> Option<Self> {
+        let mut matrix = SMatrix::<f32, 5, 5>::zeros();
+        let mut right = SVector::<f32, 5>::zeros();
+        let scale = 1.0 / self.radius;
+        let mut total = 0.0;
+        for ([x, y], weight) in points {
+            let (u, v) = ((x - self.center[0]) * scale, (y - self.center[1]) * scale);
+            let row = SVector::<f32, 5>::from([1.0, u, v, v * v - u * u, -2.0 * u * v]);
+            let value = u * u + v * v;
+            for column in 0..5 {
+                let weighted = weight * row[column];
+                for line in column..5 {
+                    matrix[(line, column)] += weighted * row[line];
+                }
+                right[column] += weighted * value;
+            }
+            total += weight;
+        }
+        if total < 5.0 {
+            return None;
+        }
+        let prior = 2.0 * DEVIATION * scale / flattening;
+        matrix[(3, 3)] += prior * prior;
+        matrix[(4, 4)] += prior * prior;
+        let [a, b, c, p, q] = Ldlt::new(&matrix, 1e-6).solve(&right).into();
+        let determinant = 1.0 - p * p - q * q;
+        // NaN fails too.
+        let is_ellipse = determinant > 1.0 - MAX_FLATTENING * MAX_FLATTENING;
+        if !is_ellipse {
+            return None;
+        }
+        let u = 0.5 * ((1.0 - p) * b - q * c) / determinant;
+        let v = 0.5 * ((1.0 + p) * c - q * b) / determinant;
+        let square = a + 0.5 * (b * u + c * v);
+        if !(square > 0.25 && square < 4.0 && u * u + v * v < 0.5) {
+            return None;
+        }
+        Some(Self {
+            center: [self.center[0] + u * self.radius, self.center[1] + v * self.radius],
+            radius: self.radius * math::sqrt(square / math::sqrt(determinant)),
+            flattening: [p, q],
+        })
+    }
+}

@@ -1,0 +1,259 @@
+use super::ellipse::Ellipse;
+use super::image::Image;
+use crate::math;
+
+/// Rays from the centre.
+pub(super) const RAYS: usize = 64;
+/// Cosine and sine of the angle between two rays.
+const TURN: [f32; 2] = [0.995_184_7, 0.098_017_14];
+/// Neighbouring rays that are judged together.
+const GROUP: usize = 4;
+/// Most samples of a ray to each side of the ellipse, without the margin of the derivative.
+const MAX_BAND: usize = 8;
+/// Samples along a ray.
+const SAMPLES: usize = 2 * MAX_BAND + 5;
+/// Distance between the three parallel profiles of a ray [px].
+const ACROSS: f32 = 1.5;
+/// Standard deviation of the derivative along a ray, over that of the pixels.
+const DERIVATIVE_NOISE: f32 = 0.5;
+/// Least contrast of an edge point [grey levels].
+const MIN_CONTRAST: f32 = 4.0;
+/// A flattening that halves the strength of the evidence: that of a circle seen at 25°.
+const FLATTENING: f32 = 0.1;
+/// Bounds of the residual in Tukey's weights, fit by fit, over the band that was searched.
+const TUKEY: [f32; 4] = [1.0, 0.75, 0.5, 0.4];
+
+/// A fitted ellipse with its evidence.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fit {
+    pub ellipse: Ellipse,
+    /// Rays inside the image, a bit for each.
+    pub visible: u64,
+    /// Rays with an edge point on the ellipse.
+    pub inliers: u64,
+    /// Rays of groups with a common edge on the ellipse.
+    pub coherent: u64,
+}
+
+impl Fit {
+    /// Share of the rays in `open` with an edge on the ellipse, 0 to 1; a flat ellipse is less likely.
+    pub fn strength(&self, open: u64) -> f32 {
+        let [p, q] = self.ellipse.flattening;
+        let found = (self.inliers & open).count_ones() + (self.coherent & open).count_ones();
+        let share = 0.5 * found as f32 / open.count_ones().max(1) as f32;
+        share / (1.0 + (p * p + q * q) * (1.0 / (FLATTENING * FLATTENING)))
+    }
+
+    /// Rays whose point on the ellipse is inside `other`.
+    pub fn hidden_by(&self, other: &Ellipse) -> u64 {
+        let is_inside = |direction: [f32; 2]| {
+            let reach = self.ellipse.reach(direction);
+            let [dx, dy] =
+                [0, 1].map(|axis| self.ellipse.center[axis] + reach * direction[axis] - other.center[axis]);
+            dx * dx + dy * dy < 1.05 * other.radius * other.radius
+        };
+        (0..)
+            .zip(directions())
+            .fold(0, |mask, (ray, direction)| mask | u64::from(is_inside(direction)) << ray)
+    }
+}
+
+/// Deviation of the noise [grey levels]: mean absolute value of a difference that is blind to slopes
+/// (Immerkær 1996), at every fourth pixel in both directions.
+pub(super) fn noise(image: &Image<'_>) -> f32 {
+    let (mut sum, mut count) = (0, 0);
+    for y in (1..image.height() - 1).step_by(4) {
+        let [above, here, below] = [y - 1, y, y + 1].map(|y| image.row(y));
+        let triples = above.windows(3).zip(here.windows(3)).zip(below.windows(3)).step_by(4);
+        for ((above, here), below) in triples {
+            if let (&[a, b, c], &[d, e, f], &[g, h, i]) = (above, here, below) {
+                let [a, b, c, d, e, f, g, h, i] = [a, b, c, d, e, f, g, h, i].map(i32::from);
+                let value = a + c + g + i - 2 * (b + d + f + h) + 4 * e;
+                // Edges do not count as noise.
+                sum += value.abs().min(80);
+                count += 1;
+            }
+        }
+    }
+    // √(π/2)/6
+    0.208_9 * sum as f32 / count.max(1) as f32
+}
+
+/// Grey levels along a ray, from inside to outside.
+struct Profile {
+    length: usize,
+    grey: [f32; SAMPLES],
+    /// Differences of the parallel profiles.
+    across: [f32; SAMPLES],
+}
+
+impl Profile {
+    /// Samples `band` + 2 steps of `unit` px to both sides of the ellipse; None if that leaves the image.
+    fn new(
+        image: &Image<'_>,
+        ellipse: &Ellipse,
+        direction: [f32; 2],
+        band: usize,
+        unit: f32,
+    ) -> Option<Self> {
+        let [u, v] = direction;
+        let half = band.min(MAX_BAND) + 2;
+        let (reach, side) = (ellipse.reach(direction), half as f32 * unit);
+        let [cx, cy] = ellipse.center;
+        let is_inside = |reach: f32| image.contains(cx + reach * u, cy + reach * v, ACROSS);
+        if !is_inside(reach + side) || !is_inside(reach - side) {
+            return None;
+        }
+        let mut profile = Self { length: 2 * half + 1, grey: [0.0; SAMPLES], across: [0.0; SAMPLES] };
+        let (mut x, mut y) = (cx + (reach - side) * u, cy + (reach - side) * v);
+        let (dx, dy) = (-ACROSS * v, ACROSS * u);
+        for (grey, across) in profile.grey.iter_mut().zip(&mut profile.across).take(profile.length) {
+            let (left, right) = (image.at(x - dx, y - dy), image.at(x + dx, y + dy));
+            *grey = (left + image.at(x, y) + right) * (1.0 / 3.0);
+            *across = right - left;
+            x += unit * u;
+            y += unit * v;
+        }
+        Some(profile)
+    }
+
+    /// Smoothed derivative: the contrast of a sharp edge there [grey levels].
+    #[inline]
+    fn contrast(&self, index: usize) -> f32 {
+        match self.grey.get(index.wrapping_sub(2)..index + 3) {
+            Some(&[a, b, _, d, e]) => (2.0 * (d - b) + (e - a)) * (1.0 / 3.0),
+            _ => 0.0,
+        }
+    }
+
+    /// Offset from the ellipse, in steps, of the strongest edge with a gradient along the ray.
+    fn edge(&self, least: f32) -> Option<f32> {
+        let middle = self.length / 2;
+        let (mut best, mut at) = (0.0, 0);
+        let falloff = 0.5 / ((middle - 1) * (middle - 1)) as f32;
+        for index in 2..self.length - 2 {
+            let away = index as f32 - middle as f32;
+            let score = math::abs(self.contrast(index)) * (1.0 - falloff * away * away);
+            if score > best {
+                (best, at) = (score, index);
+            }
+        }
+        let contrast = math::abs(self.contrast(at));
+        if contrast < least || at < 3 || at + 4 > self.length {
+            return None;
+        }
+        // A slope of 1 is a contrast of 8/3 along, and of 2 · 1.5 across.
+        let across = self.across[at - 1] + self.across[at] + self.across[at + 1];
+        if math::abs(across) * (8.0 / 27.0) > 0.6 * contrast + 0.3 * least {
+            return None;
+        }
+        let (before, after) = (math::abs(self.contrast(at - 1)), math::abs(self.contrast(at + 1)));
+        let curvature = before + after - 2.0 * contrast;
+        let shift = if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 };
+        Some(at as f32 - middle as f32 + math::clamp(shift, -0.5, 0.5))
+    }
+}
+
+/// Directions of the rays.
+fn directions() -> impl Iterator<Item = [f32; 2]> {
+    let [cos, sin] = TURN;
+    core::iter::successors(Some([1.0, 0.0]), move |[u, v]: &[f32; 2]| {
+        Some([u * cos - v * sin, u * sin + v * cos])
+    })
+    .take(RAYS)
+}
+
+/// Fits an ellipse to the edge within `band` steps of `unit` px of a candidate, then nearer and nearer.
+/// Returns None without a common ellipse.
+pub(super) fn refit(image: &Image<'_>, start: &Ellipse, band: usize, unit: f32, noise: f32) -> Option<Fit> {
+    let mut ellipse = *start;
+    // A circle at first: a mixture of two rims would be a fine ellipse.
+    let middle = math::clamp(0.5 * unit, 1.0, unit);
+    for (band, unit, step, flattening) in [(band, unit, 2, 0.003), (4, middle, 1, 0.006), (2, 1.0, 1, 0.02)] {
+        ellipse = approach(image, &ellipse, band, unit, step, flattening, noise)?;
+    }
+    judge(image, &ellipse, noise)
+}
+
+/// Least contrast of an edge point.
+fn least_contrast(noise: f32) -> f32 {
+    math::clamp(1.5 * DERIVATIVE_NOISE * noise, MIN_CONTRAST, 255.0)
+}
+
+/// One search along every `step`-th ray, and the robust fit to its edge points; the expected deviation of the
+/// flattening.
+fn approach(
+    image: &Image<'_>,
+    start: &Ellipse,
+    band: usize,
+    unit: f32,
+    step: usize,
+    flattening: f32,
+    noise: f32,
+) -> Option<Ellipse> {
+    let mut points = [([0.0; 2], 0.0); RAYS];
+    let least = least_contrast(noise);
+    for (direction, (point, weight)) in directions().zip(&mut points).step_by(step) {
+        let Some(profile) = Profile::new(image, start, direction, band, unit) else { continue };
+        if let Some(offset) = profile.edge(least) {
+            // The parallel profiles meet the rim nearer to the centre.
+            let reach = start.reach(direction) + offset * unit;
+            let reach = reach + ACROSS * ACROSS / (3.0 * reach);
+            *point = [start.center[0] + reach * direction[0], start.center[1] + reach * direction[1]];
+            *weight = 1.0;
+        }
+    }
+    if points.iter().filter(|(_, weight)| *weight > 0.0).count() < RAYS / (5 * step) {
+        return None;
+    }
+    let mut ellipse = *start;
+    for bound in TUKEY {
+        let bound = bound * unit * band as f32;
+        let weighted = points.iter().map(|&(point, weight)| {
+            let ratio = distance(&ellipse, point) / bound;
+            let tukey = if ratio * ratio < 1.0 { (1.0 - ratio * ratio) * (1.0 - ratio * ratio) } else { 0.0 };
+            (point, weight * tukey)
+        });
+        ellipse = ellipse.refit(weighted, flattening)?;
+    }
+    Some(ellipse)
+}
+
+/// Distance of a point from the ellipse, outwards from the centre [px].
+fn distance(ellipse: &Ellipse, [x, y]: [f32; 2]) -> f32 {
+    let (dx, dy) = (x - ellipse.center[0], y - ellipse.center[1]);
+    let length = math::sqrt(dx * dx + dy * dy);
+    if length < 1.0 {
+        return -ellipse.radius;
+    }
+    length - ellipse.reach([dx / length, dy / length])
+}
+
+/// The evidence for an ellipse.
+fn judge(image: &Image<'_>, ellipse: &Ellipse, noise: f32) -> Option<Fit> {
+    let mut fit = Fit { ellipse: *ellipse, visible: 0, inliers: 0, coherent: 0 };
+    let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
+    let least = least_contrast(noise);
+    for (ray, direction) in directions().enumerate() {
+        if let Some(profile) = Profile::new(image, ellipse, direction, 3, 1.0) {
+            fit.visible |= 1 << ray;
+            count += 1.0;
+            let middle = profile.length / 2;
+            for (sum, index) in sum.iter_mut().zip([middle - 3, middle, middle + 3]) {
+                *sum += profile.contrast(index);
+            }
+            let is_inlier = profile.edge(least).is_some_and(|offset| math::abs(offset) < 1.0);
+            fit.inliers |= u64::from(is_inlier) << ray;
+        }
+        if ray % GROUP == GROUP - 1 {
+            let [inside, here, outside] = sum.map(math::abs);
+            let limit = 3.0 * DERIVATIVE_NOISE * noise * math::sqrt(count);
+            if count > 0.0 && here > limit && here > 2.5 * count && here > inside && here > outside {
+                fit.coherent |= ((1 << GROUP) - 1) << (ray + 1 - GROUP);
+            }
+            (sum, count) = ([0.0; 3], 0.0);
+        }
+    }
+    fit.coherent &= fit.visible;
+    (fit.inliers != 0).then_some(fit)
+}

@@ -1,0 +1,137 @@
+//! `find-circle`: the circle finder of the control core on pictures.
+
+mod picture;
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+use tesaki::vision::{
+    Circle, CircleSearch, EdgePoint, Image, MAX_EDGES, Scratch, Window, accumulator_len, find_circle, row_len,
+};
+
+use crate::args::{FindCircle, Options};
+use crate::failure::Failure;
+use crate::output;
+use picture::{Picture, write_png};
+
+/// Largest side of the picture that is searched [px]; larger pictures are reduced.
+const MAX_SIDE: usize = 1000;
+/// Largest radius in that picture [px].
+const MAX_RADIUS: f32 = 400.0;
+
+pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
+    if args.annotate.is_some() && args.images.len() > 1 {
+        return Err(Failure::Usage("--annotate writes one picture: give one IMAGE".to_owned()));
+    }
+    let (mut lines, mut values) = (String::new(), Vec::new());
+    for path in &args.images {
+        let picture = Picture::read(path)?;
+        let (circle, milliseconds) = search(path, &picture, args)?;
+        lines += &line(path, circle.as_ref(), milliseconds);
+        values.push(object(path, circle.as_ref(), milliseconds));
+        if let Some(annotated) = &args.annotate {
+            annotate(annotated, &picture, circle.as_ref())?;
+        }
+    }
+    output::result(options, &json!({ "images": values }), || lines)
+}
+
+/// The circle in the picture, and the time that the search took [ms].
+#[expect(clippy::cast_precision_loss, reason = "a small number")]
+fn search(path: &Path, picture: &Picture, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure> {
+    let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", path.display()));
+    let factor = picture.width.max(picture.height).div_ceil(MAX_SIDE).max(1);
+    let reduced = (factor > 1).then(|| picture.reduced(factor));
+    let searched = reduced.as_ref().unwrap_or(picture);
+    let image =
+        Image::new(&searched.pixels, searched.width, searched.height).map_err(|error| wrong(&error))?;
+    let scale = factor as f32;
+    // The reduced pixel lies in the middle of those that it is the mean of.
+    let offset = 0.5 * (scale - 1.0);
+    let half = 0.5 * searched.width.min(searched.height) as f32;
+    let radius = args
+        .radius
+        .map_or([10.0_f32.min(0.5 * half), half.min(MAX_RADIUS)], |radius| radius.map(|r| r / scale));
+    let window = args.window.map(|[x, y, reach]| Window {
+        center: [(x - offset) / scale, (y - offset) / scale],
+        reach: reach / scale,
+    });
+    let mut accumulator = vec![0; accumulator_len(searched.width, searched.height)];
+    let mut points = vec![EdgePoint::NONE; MAX_EDGES.max(searched.pixels.len() / 48)];
+    let mut rows = vec![0; row_len(searched.width)];
+    let mut scratch = Scratch { accumulator: &mut accumulator, points: &mut points, rows: &mut rows };
+    let start = Instant::now();
+    let found = find_circle(&image, &CircleSearch { radius, window }, &mut scratch).map_err(|error| {
+        let note = if factor > 1 {
+            format!(", after the picture was reduced {factor} times")
+        } else {
+            String::new()
+        };
+        wrong(&format!("{error}{note}"))
+    })?;
+    let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+    let enlarge = |circle: Circle| Circle {
+        center: circle.center.map(|value| scale * value + offset),
+        radius: scale * circle.radius,
+        semi_axes: circle.semi_axes.map(|value| scale * value),
+        ..circle
+    };
+    Ok((found.map(enlarge), milliseconds))
+}
+
+fn line(path: &Path, circle: Option<&Circle>, milliseconds: f64) -> String {
+    let path = path.display();
+    match circle {
+        Some(Circle { center: [x, y], radius, confidence, .. }) => format!(
+            "{path}: centre ({x:.2}, {y:.2}), radius {radius:.2} px, confidence {confidence:.2}, {milliseconds:.2} ms\n"
+        ),
+        None => format!("{path}: no circle, {milliseconds:.2} ms\n"),
+    }
+}
+
+fn object(path: &Path, circle: Option<&Circle>, milliseconds: f64) -> Value {
+    let circle = circle.map(|circle| {
+        json!({
+            "center": output::exact(&circle.center),
+            "radius": output::exact(&circle.radius),
+            "semi_axes": output::exact(&circle.semi_axes),
+            "angle": output::exact(&circle.angle),
+            "confidence": output::exact(&circle.confidence),
+        })
+    });
+    json!({ "image": path.display().to_string(), "circle": circle, "milliseconds": milliseconds })
+}
+
+/// Writes the picture with the ellipse and its centre in red.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "pixels"
+)]
+fn annotate(path: &Path, picture: &Picture, circle: Option<&Circle>) -> Result<(), Failure> {
+    let mut pixels: Vec<u8> = picture.pixels.iter().flat_map(|&grey| [grey; 3]).collect();
+    let mut dot = |x: f64, y: f64| {
+        let (x, y) = (x.round(), y.round());
+        if x >= 0.0 && y >= 0.0 && x < picture.width as f64 && y < picture.height as f64 {
+            let start = 3 * (y as usize * picture.width + x as usize);
+            pixels[start..start + 3].copy_from_slice(&[255, 0, 0]);
+        }
+    };
+    if let Some(circle) = circle {
+        let [x, y] = circle.center.map(f64::from);
+        let [a, b] = circle.semi_axes.map(f64::from);
+        let (sin, cos) = f64::from(circle.angle).sin_cos();
+        let steps = (8.0 * a) as u32 + 8;
+        for step in 0..steps {
+            let (v, u) = (std::f64::consts::TAU * f64::from(step) / f64::from(steps)).sin_cos();
+            dot(x + a * u * cos - b * v * sin, y + a * u * sin + b * v * cos);
+        }
+        for step in -3..=3 {
+            dot(x + f64::from(step), y);
+            dot(x, y + f64::from(step));
+        }
+    }
+    write_png(path, picture.width, picture.height, &pixels)
+}

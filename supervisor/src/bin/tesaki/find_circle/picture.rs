@@ -1,0 +1,125 @@
+//! Pictures as grey levels: PNG and PGM.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use crate::failure::Failure;
+
+/// Grey levels row by row.
+pub struct Picture {
+    pub width: usize,
+    pub height: usize,
+    pub pixels: Vec<u8>,
+}
+
+impl Picture {
+    /// Reads a PNG or PGM file.
+    pub fn read(path: &Path) -> Result<Self, Failure> {
+        let bytes = std::fs::read(path).map_err(Failure::file(path))?;
+        let picture = match bytes.get(..2) {
+            Some(b"\x89P") => png(&bytes),
+            Some(b"P5" | b"P2") => pgm(&bytes),
+            _ => Err("neither a PNG nor a PGM picture".to_owned()),
+        };
+        picture.map_err(|error| Failure::Other(format!("{}: {error}", path.display())))
+    }
+
+    /// The picture reduced `factor` times: means of `factor` × `factor` pixels.
+    pub fn reduced(&self, factor: usize) -> Self {
+        let (width, height) = (self.width / factor, self.height / factor);
+        let mean = |x: usize, y: usize| {
+            let rows = (y * factor..(y + 1) * factor).map(|y| y * self.width + x * factor);
+            let sum: usize =
+                rows.flat_map(|start| &self.pixels[start..start + factor]).map(|&v| usize::from(v)).sum();
+            u8::try_from(sum / (factor * factor)).unwrap_or(u8::MAX)
+        };
+        let pixels =
+            (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect();
+        Self { width, height, pixels }
+    }
+}
+
+fn png(bytes: &[u8]) -> Result<Picture, String> {
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
+    let size = reader.output_buffer_size().ok_or("the picture is too large")?;
+    let mut buffer = vec![0; size];
+    let info = reader.next_frame(&mut buffer).map_err(|error| error.to_string())?;
+    let pixels = &buffer[..info.buffer_size()];
+    // Weights of the colours for brightness (ITU-R BT.601), of 256.
+    let brightness = |pixel: &[u8]| match pixel {
+        [red, green, blue, ..] => {
+            let sum = 77 * u32::from(*red) + 150 * u32::from(*green) + 29 * u32::from(*blue);
+            u8::try_from(sum >> 8).unwrap_or(u8::MAX)
+        }
+        [grey, ..] => *grey,
+        [] => 0,
+    };
+    let samples = info.color_type.samples();
+    Ok(Picture {
+        width: info.width as usize,
+        height: info.height as usize,
+        pixels: pixels.chunks_exact(samples).map(brightness).collect(),
+    })
+}
+
+/// The next word of a header, without comments.
+fn word<'a>(bytes: &'a [u8], at: &mut usize) -> Option<&'a str> {
+    loop {
+        while bytes.get(*at)?.is_ascii_whitespace() {
+            *at += 1;
+        }
+        if bytes[*at] != b'#' {
+            break;
+        }
+        while *bytes.get(*at)? != b'\n' {
+            *at += 1;
+        }
+    }
+    let start = *at;
+    while bytes.get(*at).is_some_and(|byte| !byte.is_ascii_whitespace()) {
+        *at += 1;
+    }
+    std::str::from_utf8(&bytes[start..*at]).ok()
+}
+
+fn pgm(bytes: &[u8]) -> Result<Picture, String> {
+    let mut at = 2;
+    let mut number = |what: &str| {
+        let word = word(bytes, &mut at).unwrap_or_default();
+        word.parse::<usize>().map_err(|_| format!("PGM: {word:?} is not a {what}"))
+    };
+    let (width, height, largest) = (number("width")?, number("height")?, number("maximum")?);
+    if !(1..=255).contains(&largest) {
+        return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
+    }
+    let count =
+        width.checked_mul(height).filter(|count| *count <= 1 << 28).ok_or("PGM: the picture is too large")?;
+    let values: Vec<usize> = if bytes.starts_with(b"P5") {
+        bytes.get(at + 1..).unwrap_or_default().iter().take(count).map(|&value| usize::from(value)).collect()
+    } else {
+        (0..count).map_while(|_| word(bytes, &mut at)?.parse().ok()).collect()
+    };
+    if values.len() != count {
+        return Err(format!("PGM: {} of {count} grey levels: the file is cut off", values.len()));
+    }
+    let scaled = |value: usize| u8::try_from(value.min(largest) * 255 / largest).unwrap_or(u8::MAX);
+    Ok(Picture { width, height, pixels: values.into_iter().map(scaled).collect() })
+}
+
+/// Writes a picture in colour: red, green, blue of each pixel.
+pub fn write_png(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), Failure> {
+    let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", path.display()));
+    let (width, height) = match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(width), Ok(height)) => (width, height),
+        _ => return Err(wrong(&"the picture is too large")),
+    };
+    let file = std::fs::File::create(path).map_err(Failure::file(path))?;
+    let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(|error| wrong(&error))?;
+    writer.write_image_data(pixels).map_err(|error| wrong(&error))?;
+    writer.finish().map_err(|error| wrong(&error))
+}

@@ -1,0 +1,135 @@
+//! What is wrong with a frame of a source.
+
+use tesaki::teleop::{Finger, GloveError};
+use tesaki_description::retargeting::Side;
+
+/// Why a frame cannot be of the operator's hand, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FrameError {
+    /// Time does not go on.
+    #[error("time {time} s does not follow {before} s: times must rise; sort the frames, or start anew")]
+    Time {
+        /// Of the frame [s].
+        time: f64,
+        /// Of the frame before [s].
+        before: f64,
+    },
+    /// A number is not finite.
+    #[error("{0} holds a number that is not finite: leave out what was not measured")]
+    NotFinite(String),
+    /// An orientation cannot be used.
+    #[error("{0}")]
+    Glove(#[from] GloveError),
+    /// Lengths are not those of a hand.
+    #[error("{what} is {value}, limits {min} and {max}: {hint}")]
+    Size {
+        /// Which length.
+        what: &'static str,
+        /// The value.
+        value: f32,
+        /// Smallest hand.
+        min: f32,
+        /// Largest hand.
+        max: f32,
+        /// What to do.
+        hint: String,
+    },
+    /// The palm has no extent.
+    #[error("the landmarks of wrist and knuckles (0, 5, 9, 13, 17) lie in one line: no palm")]
+    Flat,
+    /// A bone is too short or too long for the size of the palm.
+    #[error(
+        "landmarks {from} and {to} are {length:.4} m apart, limits {min:.4} and {max:.4} m for a palm of this size: \
+         check the order of the landmarks"
+    )]
+    Bone {
+        /// Landmark.
+        from: usize,
+        /// Landmark.
+        to: usize,
+        /// Distance [m].
+        length: f32,
+        /// Limit [m].
+        min: f32,
+        /// Limit [m].
+        max: f32,
+    },
+    /// Image coordinates in place of lengths.
+    #[error(
+        "all x and y are within 0 to 1 and z of the wrist is 0: these are normalised image coordinates; send the world \
+         landmarks, in metres"
+    )]
+    Normalised,
+    /// A finger is on the wrong side of its neighbour.
+    #[error(
+        "the {what} of the {finger} is {beyond:.3} m beyond that of the {neighbour} on the thumb's side, limit \
+         {limit} m: are the two swapped?"
+    )]
+    Order {
+        /// The finger.
+        finger: Finger,
+        /// The finger that should be nearer to the thumb.
+        neighbour: Finger,
+        /// "tip" or "knuckle".
+        what: &'static str,
+        /// How far [m].
+        beyond: f32,
+        /// Limit [m].
+        limit: f32,
+    },
+    /// The fingers stand in reverse order.
+    #[error(
+        "index to little finger stand as on a {} hand, and the robot follows a {} hand: y = z × x must point to the \
+         thumb of a right hand; is the input mirrored?", .follows.other().name(), .follows.name()
+    )]
+    Reversed {
+        /// The operator's hand of the settings.
+        follows: Side,
+    },
+    /// The fingertips are behind the hand.
+    #[error(
+        "the fingertips are {mean:.3} m behind the back of the hand, limit {limit} m: x must point out of the palm; is \
+         the input mirrored?"
+    )]
+    Behind {
+        /// Mean of the fingers without the thumb [m].
+        mean: f32,
+        /// Limit [m].
+        limit: f32,
+    },
+    /// Both of these.
+    #[error("the fingertips are turned by 180° about the fingers: x must point out of the palm")]
+    Turned,
+    /// A fingertip is farther from the wrist than fingers reach.
+    #[error(
+        "the tip of the {finger} is {distance:.3} m from the wrist, limit {limit} m: is it that of another finger, or \
+         not in metres?"
+    )]
+    Reach {
+        /// The finger.
+        finger: Finger,
+        /// From the wrist [m].
+        distance: f32,
+        /// Limit [m].
+        limit: f32,
+    },
+    /// The other hand, or a mirrored one.
+    #[error(
+        "the fingers bend like those of a {} hand, and the robot follows a {} hand: show this hand; if it is, the \
+         picture is mirrored: do not flip it", .0.name(), .0.other().name()
+    )]
+    OtherHand(Side),
+    /// The source says that it is the other hand.
+    #[error(
+        "the source calls it a {} hand{}, and the robot follows a {} hand: show this hand; if it is, the picture is \
+         mirrored or the source names hands as in a mirror: then do not flip it, or leave out `handedness`",
+        .label.name(), if *.bends_otherwise { ", but it bends like the other one" } else { "" },
+        .label.other().name()
+    )]
+    Label {
+        /// The label.
+        label: Side,
+        /// Whether its fingers bend like those of the hand that the robot follows.
+        bends_otherwise: bool,
+    },
+}

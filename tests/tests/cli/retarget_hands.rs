@@ -1,0 +1,157 @@
+//! `tesaki retarget` on public hands of four fingers.
+
+use std::io::Write as _;
+use std::process::Stdio;
+
+use serde_json::{Value, json};
+use tesaki::teleop::Finger;
+use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+
+use super::feed::feed;
+use super::server::{Server, finish, said};
+
+/// Fingertips of an operator and, relative to its thumb, of the robot that reproduces them, by Pinocchio.
+const HANDS: [(&str, &str, f64); 2] = [
+    ("allegro", include_str!("../../oracles/data/allegro_tips.csv"), 0.024),
+    ("leap", include_str!("../../oracles/data/leap_tips.csv"), 0.02),
+];
+
+/// Exit code, standard output and standard error.
+fn run(robot: &str, arguments: &[&str], input: &str) -> (i32, String, String) {
+    let mut command = tesaki_tests::tesaki();
+    command.arg("retarget").arg("--robot").arg(tesaki_tests::robot_folder(robot)).args(["--in", "-"]);
+    feed(command.args(arguments), input)
+}
+
+/// Numbers of a table, row by row.
+fn rows(text: &str) -> Vec<Vec<f64>> {
+    let row = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect();
+    text.lines().skip(1).map(row).collect()
+}
+
+/// Fingertips relative to the thumb's [m], by the bodies of the simulator.
+fn vectors(robot: &str, angles: &[f64]) -> Vec<f64> {
+    let folder = tesaki_tests::robot(robot);
+    let drives: Vec<Drive> = folder.model.joints.iter().map(Drive::from).collect();
+    let values = PlantValues::load(&tesaki_tests::robot_folder(robot)).unwrap();
+    let options = PlantOptions { posture: Some(angles.to_vec()), ..PlantOptions::exact() };
+    let plant = Plant::new(&folder.urdf, &drives, &values, &options).unwrap();
+    let tips: Vec<[f64; 3]> = plant.tips().into_iter().map(|tip| tip.position).collect();
+    tips.iter().flat_map(|tip| [0, 1, 2].map(|axis| tip[axis] - tips[0][axis])).collect()
+}
+
+fn length(vector: &[f64]) -> f64 {
+    vector.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+#[test]
+fn the_folders_of_public_hands_are_good() {
+    for (robot, ..) in HANDS {
+        let folder = tesaki_tests::robot_folder(robot);
+        let (code, out, error) =
+            feed(tesaki_tests::tesaki().args(["model", "check", folder.to_str().unwrap()]), "");
+        assert!(code == 0 && !out.contains("BAD") && out.contains("16 joints in 4 chains"), "{out}{error}");
+    }
+}
+
+/// The vectors are those of the hand for which they were made, also where thumb and finger touch; joints keep
+/// their limits.
+#[test]
+fn public_hands_reproduce_vectors_and_pinch() {
+    for (robot, table, contact) in HANDS {
+        let (code, out, error) = run(robot, &["--bandwidth", "20"], table);
+        assert_eq!(code, 0, "{error}");
+        assert!(
+            error.contains("360 frames") && error.contains("computing time of a frame: median"),
+            "{error}"
+        );
+        let folder = tesaki_tests::robot(robot);
+        let (found, wanted) = (rows(&out), rows(table));
+        assert_eq!(found.len(), wanted.len());
+        let (mut within, mut pinched) = (0, [f64::INFINITY; 3]);
+        for (frame, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
+            let angles = &found[1..];
+            for (angle, joint) in angles.iter().zip(&folder.model.joints) {
+                let (lower, upper) = (f64::from(joint.limits.lower), f64::from(joint.limits.upper));
+                assert!(*angle >= lower - 1e-6 && *angle <= upper + 1e-6, "{robot} {frame} {}", joint.name);
+            }
+            let found = vectors(robot, angles);
+            let wanted = &wanted[13..25];
+            let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            within += usize::from(worst < 5e-4);
+            for (finger, smallest) in (1..4).zip(&mut pinched) {
+                let [one, other] = [&found[..], wanted].map(|tips| length(&tips[3 * finger..3 * finger + 3]));
+                // In a pinch the gap counts most of all.
+                assert!(
+                    other > contact + 5e-3 || (one - other).abs() < 5e-4,
+                    "{robot} {frame}: {one}, {other} m"
+                );
+                *smallest = smallest.min(one);
+            }
+        }
+        // The limit of speed holds back a few frames after the begin.
+        assert!(within >= 357, "{robot}: {within} frames");
+        assert!(pinched.iter().all(|gap| (gap - contact).abs() < 5e-4), "{robot}: {pinched:?}");
+    }
+}
+
+/// An operator whose fingers are half as long again.
+#[test]
+fn what_public_hands_cannot_reach_is_told() {
+    for (robot, table, _) in HANDS {
+        let mut lines = table.lines();
+        let mut far = lines.next().unwrap().to_owned() + "\n";
+        for line in lines {
+            let mut cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            for index in 4..13 {
+                let thumb = cells[1 + (index - 1) % 3];
+                cells[index] = thumb + 1.4 * (cells[index] - thumb);
+            }
+            far += &(cells.iter().map(f64::to_string).collect::<Vec<_>>().join(",") + "\n");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("joints.csv");
+        let (code, said, error) = run(robot, &["--json", "--out", out.to_str().unwrap()], &far);
+        assert_eq!(code, 0, "{error}");
+        let value: Value = serde_json::from_str(&said).unwrap();
+        let fingers = value["fingers"].as_object().unwrap();
+        let missed =
+            fingers.values().skip(1).filter(|finger| finger["within_tolerance"].as_f64().unwrap() < 0.9);
+        assert!(missed.count() >= 3, "{robot}: {said}");
+    }
+}
+
+#[test]
+fn public_hands_follow_on_a_board() {
+    for (robot, table, _) in HANDS {
+        let folder = tesaki_tests::robot_folder(robot);
+        let options = PlantOptions::mismatched(1);
+        let server = Server::start_robot(&folder, tempfile::tempdir().unwrap(), &options);
+        server.succeeds(&["model", "push", folder.to_str().unwrap()]);
+        server.home();
+        let mut command = server.command(&["--json", "retarget", "--live", "--no-hold", "--robot"]);
+        let mut child = command
+            .arg(folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut stdin = child.stdin.take().unwrap();
+        for row in rows(table).iter().take(90) {
+            let mut line = json!({ "time": row[0], "tips": { "little": null } });
+            for (finger, tip) in Finger::ALL.into_iter().zip(row[1..13].chunks(3)) {
+                line["tips"][finger.name()] = json!(tip);
+            }
+            writeln!(stdin, "{line}").unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(33));
+        }
+        drop(stdin);
+        let (code, out) = said(&finish(child));
+        assert_eq!(code, 0, "{robot}: {out}");
+        let objects: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let (last, reports) = objects.split_last().unwrap();
+        assert_eq!((&last["frames"], &last["dropped"]), (&json!(90), &json!(0)), "{out}");
+        assert!(reports.last().unwrap()["samples"].as_u64().unwrap() > 60, "{out}");
+    }
+}
