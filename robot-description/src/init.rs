@@ -11,7 +11,7 @@ use tesaki::kinematics::Chain;
 pub use motor::{GENERIC, MotorPreset, PRESETS};
 
 use crate::finding::{Finding, Report};
-use crate::load::joint_loads;
+use crate::load::{joint_inertias, joint_loads};
 use crate::robot::tree::{SerialChain, SerialJoint, serial_chains};
 use crate::urdf::{self, Urdf};
 use motor::LARGEST_EFFORT;
@@ -154,12 +154,14 @@ fn plan_chain(chain: &SerialChain, options: &InitOptions) -> Result<Vec<JointPla
     let links = chain.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
     let limits: Vec<(f32, f32)> =
         chain.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let loads = joint_loads(&Chain::from_links(links, &chain.pose), &GRAVITY, &limits);
-    let plan = |(joint, load): (&SerialJoint, _)| {
-        let (motor, reason) = choose_motor(joint, &load, options)?;
-        Ok(JointPlan::new(joint, load, motor, reason))
-    };
-    chain.joints.iter().zip(loads).map(plan).collect()
+    let bodies = Chain::from_links(links, &chain.pose);
+    let loads = joint_loads(&bodies, &GRAVITY, &limits);
+    let motors = chain.joints.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
+    let motors = motors.collect::<Result<Vec<_>, _>>()?;
+    let bodies = bodies.with_rotor_inertia(motors.iter().map(|(motor, _)| motor.rotor_inertia));
+    let inertias = joint_inertias(&bodies, &limits);
+    let joints = chain.joints.iter().zip(loads).zip(inertias).zip(motors);
+    Ok(joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor)).collect())
 }
 
 /// The motor of a joint, and why.

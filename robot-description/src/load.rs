@@ -9,11 +9,9 @@ const POSTURES: u32 = 600;
 /// Bases of the Halton sequence.
 const PRIMES: [u32; MAX_CHAIN_JOINTS] = [2, 3, 5, 7, 11, 13, 17];
 
-/// Inertia and gravity torque of a joint over the postures.
+/// Gravity torque of a joint over the postures.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct JointLoad {
-    /// Smallest and largest inertia of the links that the joint moves, without its rotor [kg·m²].
-    pub inertia: [f32; 2],
     /// Largest gravity torque [N·m].
     pub gravity: f32,
     /// The posture in which gravity is largest [rad].
@@ -22,24 +20,9 @@ pub(crate) struct JointLoad {
 
 /// The loads of the joints of `chain` under `gravity` [m/s²], with lower and upper limits [rad].
 pub(crate) fn joint_loads(chain: &Chain, gravity: &[f32; 3], limits: &[(f32, f32)]) -> Vec<JointLoad> {
-    let none = JointLoad { inertia: [f32::INFINITY, 0.0], gravity: 0.0, posture: Vec::new() };
-    let mut loads = vec![none; limits.len()];
-    let corners = 1_u32 << limits.len().min(MAX_CHAIN_JOINTS);
-    let corner = |number: u32| {
-        let angle = move |(index, &(lower, upper))| if number >> index & 1 == 0 { lower } else { upper };
-        limits.iter().enumerate().map(angle).collect::<Vec<f32>>()
-    };
-    let between = |number: u32| {
-        let angle =
-            |(&(lower, upper), &base): (&(f32, f32), &u32)| lower + (upper - lower) * halton(number, base);
-        limits.iter().zip(&PRIMES).map(angle).collect::<Vec<f32>>()
-    };
-    for posture in (0..corners).map(corner).chain((1..=POSTURES).map(between)) {
-        let matrix = chain.mass_matrix(&posture);
-        let torques = gravity_torques(chain, gravity, &posture);
-        for (index, (load, torque)) in loads.iter_mut().zip(torques).enumerate() {
-            let inertia = matrix.get((index, index)).copied().unwrap_or(0.0);
-            load.inertia = [load.inertia[0].min(inertia), load.inertia[1].max(inertia)];
+    let mut loads = vec![JointLoad { gravity: 0.0, posture: Vec::new() }; limits.len()];
+    for posture in postures(limits) {
+        for (load, torque) in loads.iter_mut().zip(gravity_torques(chain, gravity, &posture)) {
             if torque.abs() > load.gravity || load.posture.is_empty() {
                 load.gravity = torque.abs();
                 load.posture.clone_from(&posture);
@@ -47,6 +30,40 @@ pub(crate) fn joint_loads(chain: &Chain, gravity: &[f32; 3], limits: &[(f32, f32
         }
     }
     loads
+}
+
+/// Smallest and largest inertia that each joint of `chain` feels over the postures [kg·m²]. The largest one is
+/// felt with the other joints held: the diagonal `M_ii` of the mass matrix. The smallest one is felt with the
+/// other joints free, `1/(M⁻¹)_ii` (Featherstone 2008, section 7.3): servos do not hold them against fast motion.
+pub(crate) fn joint_inertias(chain: &Chain, limits: &[(f32, f32)]) -> Vec<[f32; 2]> {
+    let mut inertias = vec![[f32::INFINITY, 0.0_f32]; limits.len()];
+    for posture in postures(limits) {
+        let matrix = chain.mass_matrix(&posture);
+        let inverse = matrix.view_range(..limits.len(), ..limits.len()).map(f64::from).try_inverse();
+        for (index, [smallest, largest]) in inertias.iter_mut().enumerate() {
+            let held = matrix.get((index, index)).copied().unwrap_or(0.0);
+            let mobility = inverse.as_ref().and_then(|inverse| inverse.get((index, index)).copied());
+            #[expect(clippy::cast_possible_truncation, reason = "an inertia")]
+            let free = mobility.map_or(held, |mobility| (1.0 / mobility) as f32);
+            (*smallest, *largest) = (smallest.min(free), largest.max(held));
+        }
+    }
+    inertias
+}
+
+/// All limits, and angles spread between them [rad].
+fn postures(limits: &[(f32, f32)]) -> impl Iterator<Item = Vec<f32>> {
+    let corners = 1_u32 << limits.len().min(MAX_CHAIN_JOINTS);
+    let corner = |number: u32| {
+        let angle = move |(index, &(lower, upper))| if number >> index & 1 == 0 { lower } else { upper };
+        limits.iter().enumerate().map(angle).collect()
+    };
+    let between = |number: u32| {
+        let angle =
+            |(&(lower, upper), &base): (&(f32, f32), &u32)| lower + (upper - lower) * halton(number, base);
+        limits.iter().zip(&PRIMES).map(angle).collect()
+    };
+    (0..corners).map(corner).chain((1..=POSTURES).map(between))
 }
 
 /// The torques that hold the posture [N·m].
@@ -82,11 +99,32 @@ mod tests {
         else {
             panic!("one joint")
         };
-        assert!(load.inertia.iter().all(|inertia| (inertia - 0.5).abs() < 1e-6), "{load:?}");
+        let [inertia] = &*joint_inertias(&chain, &[(-0.2, 1.0)]) else { panic!("one joint") };
+        assert!(inertia.iter().all(|inertia| (inertia - 0.5).abs() < 1e-6), "{inertia:?}");
         assert!(
             (load.gravity - 9.81).abs() < 1e-4
                 && (load.posture[0] - core::f32::consts::FRAC_PI_2).abs() < 1e-4,
             "{load:?}"
         );
+    }
+
+    #[test]
+    fn a_joint_is_light_where_the_others_are_free() {
+        // 1 kg at the end of two rods of 1 m, the second one at a right angle, with rotors of 1 and 0.1 kg·m².
+        // M_22 = 1 + 0.1; the mass is 1 m beyond both axes, along and across: M_11 = 1² + 1² + 1, M_12 = 1.
+        // Free: 3 − 1/1.1 and 1.1 − 1/3. Folded to 0: M_11 = 4 + 1, M_12 = 2: 5 − 4/1.1 and 1.1 − 4/5.
+        let rod = |mass| Inertial { mass, center_of_mass: [1.0, 0.0, 0.0], inertia: [0.0; 6] };
+        let (first, second) = (rod(0.0), rod(1.0));
+        let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
+        let axis = [0.0, 0.0, 1.0];
+        let links = [(&Pose::IDENTITY, &axis, &first), (&end, &axis, &second)];
+        let chain = Chain::from_links(links, &end).with_rotor_inertia([1.0, 0.1]);
+        let right = core::f32::consts::FRAC_PI_2;
+        let [one, two] = &*joint_inertias(&chain, &[(0.0, 0.1), (0.0, right)]) else { panic!("two joints") };
+        for (got, expected) in
+            [(one[0], 5.0 - 4.0 / 1.1), (one[1], 5.0), (two[0], 1.1 - 4.0 / 5.0), (two[1], 1.1)]
+        {
+            assert!((got - expected).abs() < 1e-5, "{got} instead of {expected}");
+        }
     }
 }

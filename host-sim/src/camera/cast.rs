@@ -2,7 +2,7 @@
 
 use rapier3d::na::{Matrix3, Point3, Vector3};
 
-use super::scene::Scene;
+use super::scene::{Rose, Scene};
 use super::view::Finger;
 
 /// A finger for many rays from one point.
@@ -167,30 +167,40 @@ impl Scene {
 
     /// The knob stands before the rose, as seen from where the rays come.
     fn cast_knob(&self, ray: &Ray) -> Option<(f64, Surface)> {
-        let (knob, foot) = (&self.knob, -self.rose.thickness);
-        let tip = -knob.length;
-        let face = ray.to_plane(tip);
-        let point = ray.at(face);
-        let inner = knob.radius - knob.chamfer;
-        if point.x * point.x + point.y * point.y <= inner * inner {
-            return Some((face, Surface::KnobFace));
-        }
-        let edge = ray.to_cone(inner - tip, 1.0, [tip, tip + knob.chamfer]);
-        let side = || ray.to_cone(knob.radius, 0.0, [tip + knob.chamfer, foot]);
-        edge.map(|t| (t, Surface::KnobEdge)).or_else(|| side().map(|t| (t, Surface::KnobSide)))
+        let knob = Disc {
+            radius: self.knob.radius,
+            chamfer: self.knob.chamfer,
+            z: [-self.knob.length, -self.rose.thickness],
+        };
+        knob.cast(ray, [Surface::KnobFace, Surface::KnobEdge, Surface::KnobSide])
     }
 
     fn cast_rose(&self, ray: &Ray) -> Option<(f64, Surface)> {
-        let rose = &self.rose;
-        let top = -rose.thickness;
+        let Rose { radius, chamfer, thickness, .. } = self.rose;
+        let rose = Disc { radius, chamfer, z: [-thickness, 0.0] };
+        rose.cast(ray, [Surface::RoseFace, Surface::RoseEdge, Surface::RoseSide])
+    }
+}
+
+/// A disc about the z axis from its face to its foot, with a bevelled edge at the face.
+struct Disc {
+    radius: f64,
+    chamfer: f64,
+    z: [f64; 2],
+}
+
+impl Disc {
+    /// Where a ray meets it; the surfaces are face, edge and side.
+    fn cast(&self, ray: &Ray, [on_face, on_edge, on_side]: [Surface; 3]) -> Option<(f64, Surface)> {
+        let [top, foot] = self.z;
         let face = ray.to_plane(top);
         let point = ray.at(face);
-        let inner = rose.radius - rose.chamfer;
+        let inner = self.radius - self.chamfer;
         if point.x * point.x + point.y * point.y <= inner * inner {
-            return Some((face, Surface::RoseFace));
+            return Some((face, on_face));
         }
-        let edge = ray.to_cone(inner - top, 1.0, [top, top + rose.chamfer]);
-        let side = || ray.to_cone(rose.radius, 0.0, [top + rose.chamfer, 0.0]);
-        edge.map(|t| (t, Surface::RoseEdge)).or_else(|| side().map(|t| (t, Surface::RoseSide)))
+        let edge = ray.to_cone(inner - top, 1.0, [top, top + self.chamfer]);
+        let side = || ray.to_cone(self.radius, 0.0, [top + self.chamfer, foot]);
+        edge.map(|t| (t, on_edge)).or_else(|| side().map(|t| (t, on_side)))
     }
 }

@@ -205,24 +205,24 @@ pub fn vector_errors(pairs: impl Iterator<Item = [Vector3<f64>; 2]> + Clone) -> 
     [error.length.map(|value| 1e3 * value), error.direction.map(f64::to_degrees)]
 }
 
-/// A path in the x-z plane of the robot's hand, the one in which fingers bend: found, and true or wanted [mm].
+/// A path in the x-z plane of the robot's hand, the one in which fingers bend: found, and true [mm].
 pub fn path_panel(
     title: &str,
     names: [&str; 2],
     found: impl Iterator<Item = Vector3<f64>>,
-    wanted: impl Iterator<Item = Vector3<f64>>,
+    truth: impl Iterator<Item = Vector3<f64>>,
 ) -> Panel {
     let unzip = |points: &mut dyn Iterator<Item = Vector3<f64>>| -> (Vec<f64>, Vec<f64>) {
         points.map(|point| (1e3 * point.x, 1e3 * point.z)).unzip()
     };
     let mut found = found;
-    let mut wanted = wanted;
-    let ((x, z), (wanted_x, wanted_z)) = (unzip(&mut found), unzip(&mut wanted));
+    let mut truth = truth;
+    let ((x, z), (true_x, true_z)) = (unzip(&mut found), unzip(&mut truth));
     Panel::new(title, "z", "mm").line(Line::solid(names[0], 0, x, z)).line(Line::dashed(
         names[1],
         Line::INK,
-        wanted_x,
-        wanted_z,
+        true_x,
+        true_z,
     ))
 }
 

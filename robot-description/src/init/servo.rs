@@ -92,7 +92,14 @@ pub struct JointPlan {
 }
 
 impl JointPlan {
-    pub fn new(joint: &SerialJoint, load: JointLoad, motor: MotorPreset, reason: String) -> Self {
+    /// For a motor, and why it was chosen, with the smallest and largest inertia that it feels, its rotor
+    /// included [kg·m²].
+    pub fn new(
+        joint: &SerialJoint,
+        load: JointLoad,
+        [smallest, largest]: [f32; 2],
+        (motor, reason): (MotorPreset, String),
+    ) -> Self {
         let limits = &joint.limits;
         let torque = if limits.torque > 0.0 { limits.torque.min(motor.torque()) } else { motor.torque() };
         let velocity = if limits.velocity > 0.0 { limits.velocity.min(motor.speed) } else { motor.speed };
@@ -107,7 +114,6 @@ impl JointPlan {
         let coulomb = of(coulomb_choice, joint.friction.coulomb, motor.coulomb);
         let viscous = of(viscous_choice, joint.friction.viscous, motor.viscous);
 
-        let [smallest, largest] = load.inertia.map(|inertia| inertia + motor.rotor_inertia);
         let inertia = sqrt(smallest * largest);
         let (bandwidth, observer_bandwidth) = bandwidths(&motor, largest / smallest, coulomb / inertia);
 
@@ -193,7 +199,7 @@ mod tests {
     use tesaki::model::{Friction, Inertial, JointLimits, Pose};
 
     /// A joint of ±1 rad, 2 rad/s and 4 N·m with 0.1 N·m and 0.02 N·m·s/rad of friction, moved by a
-    /// XM430-W350; its links have 1.5 to 3.5e-3 kg·m² and weigh 1 N·m.
+    /// XM430-W350; its links weigh 1 N·m.
     fn joint() -> (SerialJoint, JointLoad) {
         let limits = JointLimits {
             lower: -1.0,
@@ -211,19 +217,22 @@ mod tests {
             limits,
             friction: Friction { coulomb: 0.1, viscous: 0.02 },
         };
-        (joint, JointLoad { inertia: [1.5e-3, 3.5e-3], gravity: 1.0, posture: vec![0.0] })
+        (joint, JointLoad { gravity: 1.0, posture: vec![0.0] })
     }
 
-    fn plan(joint: &SerialJoint, load: JointLoad) -> JointPlan {
+    /// With links of 1.5 to 3.5e-3 kg·m², and the rotor's 8.5e-3.
+    const INERTIA: [f32; 2] = [0.010, 0.012];
+
+    fn plan(joint: &SerialJoint, load: JointLoad, inertia: [f32; 2]) -> JointPlan {
         let motor = MotorPreset::find("xm430-w350").cloned().unwrap_or_else(|| panic!("a preset"));
-        JointPlan::new(joint, load, motor, String::new())
+        JointPlan::new(joint, load, inertia, (motor, String::new()))
     }
 
     #[test]
     fn limits_and_gains_are_those_worked_by_hand() {
         let (joint, load) = joint();
-        let plan = plan(&joint, load);
-        // Inertias with the rotor's 8.5e-3: 0.010, 0.012, and √(0.010·0.012). Bandwidth 15 rad/s, because
+        let plan = plan(&joint, load, INERTIA);
+        // Mean inertia √(0.010·0.012). Bandwidth 15 rad/s, because
         // 0.1 N·m are overcome at 0.1/(0.010954·15²) = 0.041 rad. Filter by speed: 2/(e·0.8·2) = 0.46 s; by
         // torque, 0.8·4 − 1.2·(1 + 0.1 + 0.02) = 1.856 N·m are spare: √(0.012·2/0.928) = 0.16 s. Following:
         // 0.5·1.1 + 0.3·0.012·2/0.5² = 0.5788 N·m unknown, twice that over 0.010954·15² N·m/rad.
@@ -250,17 +259,17 @@ mod tests {
     fn friction_is_met_by_a_faster_loop_or_not_believed_and_a_varying_inertia_by_a_slower_one() {
         let (mut joint, load) = joint();
         joint.friction.coulomb = 0.3;
-        let much = plan(&joint, load.clone());
+        let much = plan(&joint, load.clone(), INERTIA);
         assert!(much.bandwidth > 15.0 && much.coulomb_choice == FrictionChoice::Urdf, "{much:?}");
         joint.friction = Friction { coulomb: 1.3, viscous: 1.1 };
-        let absurd = plan(&joint, load.clone());
+        let absurd = plan(&joint, load.clone(), INERTIA);
         assert_eq!(
             (absurd.coulomb_choice, absurd.viscous_choice),
             (FrictionChoice::TooLarge, FrictionChoice::TooLarge)
         );
         assert!((absurd.coulomb - 0.1).abs() < 1e-6, "that of the motor");
         joint.friction = Friction { coulomb: 0.0, viscous: 0.0 };
-        let varying = plan(&joint, JointLoad { inertia: [1.5e-3, 0.1], ..load });
+        let varying = plan(&joint, load, [0.010, 0.11]);
         assert!(varying.bandwidth < 15.0 && varying.coulomb_choice == FrictionChoice::Missing, "{varying:?}");
     }
 
@@ -268,6 +277,6 @@ mod tests {
     fn a_joint_starts_away_from_its_limits() {
         let (mut joint, load) = joint();
         (joint.limits.lower, joint.limits.upper) = (0.263, 1.396);
-        assert!((plan(&joint, load).start - 0.3763).abs() < 1e-6);
+        assert!((plan(&joint, load, INERTIA).start - 0.3763).abs() < 1e-6);
     }
 }

@@ -264,7 +264,7 @@ fn servo(joint: &JointPlan, add: Add<'_>) {
     add("servo", "rest_error", n(joint.rest_error), comment.to_owned());
     let [smallest, largest, mean] = joint.inertia;
     let comment = format!(
-        "kg·m²; computed from the mass matrix with rotor: geometric mean of {} and {}",
+        "kg·m²; computed, with rotors: geometric mean of {} (other joints free) and {} (held)",
         n(smallest),
         n(largest)
     );

@@ -1,5 +1,6 @@
 use core::fmt;
 
+use super::find::MIN_RADIUS;
 use super::image::{MAX_SIDE, MIN_SIDE};
 
 /// Why an image or a search is refused.
@@ -55,11 +56,11 @@ impl fmt::Display for VisionError {
                 "an image of {width} × {height} pixels: each side must be {MIN_SIDE} to {MAX_SIDE} pixels"
             ),
             Self::Pixels { pixels, expected } => {
-                write!(f, "{pixels} grey values for an image of {expected} pixels")
+                write!(f, "{pixels} grey values for an image of {expected} pixels: one is needed for each")
             }
             Self::Radius { from, to, limit } => write!(
                 f,
-                "expected radius of {from} to {to} pixels: the limits are 5 to {limit} pixels in this image"
+                "expected radius of {from} to {to} pixels: the limits are {MIN_RADIUS} to {limit} pixels in this image"
             ),
             Self::Window { center: [x, y], reach } => write!(
                 f,

@@ -7,7 +7,9 @@ use super::refit::{Fit, noise, refit};
 use crate::math;
 
 /// Smallest radius [px].
-const MIN_RADIUS: f32 = 5.0;
+pub(super) const MIN_RADIUS: f32 = 5.0;
+/// Largest radius [px]: that of the last level.
+const MAX_RADIUS: f32 = 400.0;
 /// Radii of the levels of the pyramid, in cells; the first level takes smaller ones too.
 const CELL_RADII: [usize; 2] = [6, 25];
 /// Levels of the pyramid: cells of 2 to 16 px.
@@ -166,9 +168,6 @@ impl CircleSearch {
             && self.window.as_ref().is_none_or(is_near)
     }
 }
-
-/// Largest radius [px]: that of the last level.
-const MAX_RADIUS: f32 = 400.0;
 
 /// A candidate at full resolution.
 #[derive(Clone, Copy)]

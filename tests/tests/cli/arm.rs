@@ -69,7 +69,8 @@ fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
-    let moved = server.moves(&["--relative", &format!("{joint}=0")]);
+    server.wait_for_rest();
+    let moved = server.succeeds(&["move", "--no-hold", "--relative", &format!("{joint}=0")]);
     assert!(moved.contains("arrived") && !moved.contains("holding"), "{moved}");
 
     // Another arm: this one falls.

@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::server::{Server, finish, hand3, said, unread};
 
@@ -43,11 +43,12 @@ fn a_client_is_told_that_its_board_was_reset_or_is_gone() {
     server.wait_for("enabled");
     server.stop.store(true, Ordering::Relaxed);
     server.thread.take().unwrap().join().unwrap();
-    let gone = Instant::now();
     let (code, text) = said(&finish(enabled));
     assert_eq!(code, 6, "{text}");
-    assert!(text.contains("no answer from the board for 2.0 s") && text.contains("1 s after"), "{text}");
-    assert!(gone.elapsed() < Duration::from_secs(4), "{:?}", gone.elapsed());
+    // After 2 s; a busy machine tells it later.
+    let told = text.split_once("no answer from the board for ").and_then(|(_, told)| told.split_once(" s: "));
+    let seconds: f64 = told.unwrap_or_else(|| panic!("{text}")).0.parse().unwrap();
+    assert!((2.0..20.0).contains(&seconds) && text.contains("1 s after the last command"), "{text}");
 }
 
 #[test]

@@ -74,7 +74,8 @@ fn what_is_wrong_is_said_by_file() {
     };
     let cases = [
         (write("text.png", b"hello"), "text.png: neither a PNG nor a PGM picture"),
-        (write("cut.png", b"\x89PNG\r\n\x1a\n\0\0"), "cut.png: "),
+        (write("cut.png", b"\x89PNG\r\n\x1a\n\0\0"), "cut.png: PNG: the file is cut off"),
+        (write("huge.pgm", b"P5 99999 99999 255\n"), "99999 × 99999 pixels: more than 268 million pixels"),
         (write("cut.pgm", b"P5 64 64 255\nabc"), "cut.pgm: PGM: 3 of 4096 grey levels: the file is cut off"),
         (write("deep.pgm", b"P5 64 64 65535\nabc"), "deep.pgm: PGM: maximum 65535"),
         (write("word.pgm", b"P2 wide 64 255\n"), "word.pgm: PGM: \"wide\" is not a width"),
@@ -91,6 +92,18 @@ fn what_is_wrong_is_said_by_file() {
         code == 1 && error.contains("black.pgm: expected radius of 2 to 20 pixels: the limits are 5 to"),
         "{error}"
     );
+    // One bad file does not hide what is found in others.
+    let folder_of = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let good = folder_of("good.pgm");
+    disc(Path::new(&good), [256, 240], [100.25, 120.5, 40.0]);
+    let (code, out, error) = run(&["find-circle", &folder_of("cut.pgm"), &good, &folder_of("text.png")]);
+    assert!(code == 1 && out.contains("good.pgm: centre (100.2"), "{code} {out}");
+    assert!(error.contains("cut.pgm: PGM: 3 of 4096") && error.contains("text.png: neither"), "{error}");
+    // Nor is the picture replaced by its drawing.
+    let before = std::fs::read(&good).unwrap();
+    let (code, _, error) = run(&["find-circle", &good, "--annotate", &good]);
+    assert!(code == 2 && error.contains("IMAGE and --annotate are both"), "{code} {error}");
+    assert_eq!(std::fs::read(&good).unwrap(), before);
     for arguments in
         [["--radius", "20"], ["--radius", "30..20"], ["--window", "1,2"], ["--annotate", "x.png"]]
     {

@@ -3,9 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use tesaki_sim::plant::PlantOptions;
-
-use super::server::{Server, arm7, hand3};
+use super::machine::move_every_joint;
+use super::server::{arm7, hand3};
 
 /// A finger with what published URDFs often have wrong.
 const DEFECTS: &str = include_str!("defects.urdf");
@@ -28,27 +27,6 @@ fn check(folder: &Path) -> String {
     let (code, text) = run(&["model", "check", folder.to_str().unwrap()]);
     assert_eq!(code, 0, "{text}");
     text
-}
-
-/// Moves each joint to a quarter and to three quarters of its range, then all of them to the middle.
-fn move_every_joint(folder: &Path, seed: u64) {
-    let server = Server::start_robot(folder, tempfile::tempdir().unwrap(), &PlantOptions::mismatched(seed));
-    server.succeeds(&["model", "push", folder.to_str().unwrap()]);
-    server.home();
-    let model = server.json(&["model", "show"]);
-    let mut middle = Vec::new();
-    for joint in model["joints"].as_array().unwrap() {
-        let name = joint["name"].as_str().unwrap();
-        let [lower, upper] = ["lower", "upper"].map(|key| joint["limits"][key].as_f64().unwrap());
-        let target = |part: f64| format!("{name}={}", lower + part * (upper - lower));
-        for part in [0.25, 0.75] {
-            server.moves(&[&target(part)]);
-        }
-        middle.push(target(0.5));
-    }
-    server.moves(&middle.iter().map(String::as_str).collect::<Vec<_>>());
-    let list = server.succeeds(&["faults"]);
-    assert!(list.contains("0 faults since power-on"), "{list}");
 }
 
 #[test]

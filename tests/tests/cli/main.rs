@@ -14,6 +14,7 @@ mod feed;
 mod find_circle;
 mod grasping;
 mod init;
+mod machine;
 mod moving;
 mod network;
 mod recording;

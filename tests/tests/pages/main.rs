@@ -14,6 +14,7 @@ use board::Kind;
 use reader::Reader;
 
 const README: &str = include_str!("../../../README.md");
+const FIND_CIRCLE: &str = include_str!("../../../docs/find-circle.md");
 const SUPERVISOR: &str = include_str!("../../../docs/supervisor.md");
 const OPERATOR_HAND: &str = include_str!("../../../docs/operator-hand.md");
 const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
@@ -30,6 +31,7 @@ fn every_command_runs(kind: Kind) {
         ("docs/supervisor.md", SUPERVISOR),
         ("docs/operator-hand.md", OPERATOR_HAND),
         ("docs/teleoperation.md", TELEOPERATION),
+        ("docs/find-circle.md", FIND_CIRCLE),
     ] {
         for steps in reader::split(page::steps(text)) {
             readers.push(Reader::new(name, reader::folder(), steps));
@@ -69,8 +71,10 @@ fn every_command_of_the_pages_runs_on_the_image() {
 /// Or an entry about a command that no page has any more would go unseen.
 #[test]
 fn every_exception_is_about_a_command_of_a_page() {
-    let steps: Vec<_> =
-        [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION].into_iter().flat_map(page::steps).collect();
+    let steps: Vec<_> = [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION, FIND_CIRCLE]
+        .into_iter()
+        .flat_map(page::steps)
+        .collect();
     assert!(steps.len() >= 40, "only {} commands found", steps.len());
     for command in reader::exceptions() {
         assert!(steps.iter().any(|step| step.command == command), "no page has `{command}`");

@@ -12,7 +12,7 @@ use tesaki::vision::{
 
 use crate::args::{FindCircle, Options};
 use crate::failure::Failure;
-use crate::output;
+use crate::output::{self, keep_input};
 use picture::{Picture, write_png};
 
 /// Largest side of the picture that is searched [px]; larger pictures are reduced.
@@ -24,17 +24,33 @@ pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
     if args.annotate.is_some() && args.images.len() > 1 {
         return Err(Failure::Usage("--annotate writes one picture: give one IMAGE".to_owned()));
     }
-    let (mut lines, mut values) = (String::new(), Vec::new());
+    if let Some(annotated) = &args.annotate {
+        keep_input(annotated, "--annotate", &args.images[0], "IMAGE")?;
+    }
+    let (mut lines, mut values, mut failures) = (String::new(), Vec::new(), Vec::new());
     for path in &args.images {
-        let picture = Picture::read(path)?;
-        let (circle, milliseconds) = search(path, &picture, args)?;
-        lines += &line(path, circle.as_ref(), milliseconds);
-        values.push(object(path, circle.as_ref(), milliseconds));
-        if let Some(annotated) = &args.annotate {
-            annotate(annotated, &picture, circle.as_ref())?;
+        match find(path, args) {
+            Ok((circle, milliseconds)) => {
+                lines += &line(path, circle.as_ref(), milliseconds);
+                values.push(object(path, circle.as_ref(), milliseconds));
+            }
+            Err(failure) => failures.push(failure.to_string()),
         }
     }
-    output::result(options, &json!({ "images": values }), || lines)
+    if !values.is_empty() {
+        output::result(options, &json!({ "images": values }), || lines)?;
+    }
+    if failures.is_empty() { Ok(()) } else { Err(Failure::Other(failures.join("\n"))) }
+}
+
+/// The circle in a file, and the time that the search took [ms].
+fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure> {
+    let picture = Picture::read(path)?;
+    let (circle, milliseconds) = search(path, &picture, args)?;
+    if let Some(annotated) = &args.annotate {
+        annotate(annotated, &picture, circle.as_ref())?;
+    }
+    Ok((circle, milliseconds))
 }
 
 /// The circle in the picture, and the time that the search took [ms].

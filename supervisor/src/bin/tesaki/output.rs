@@ -1,6 +1,7 @@
 //! Output as text and as JSON.
 
 use std::io::{self, IsTerminal, Write};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -20,6 +21,18 @@ pub fn result<T: Serialize>(
         line(&serde_json::to_string(value).map_err(|error| Failure::Other(error.to_string()))?)
     } else {
         line(text().trim_end())
+    }
+}
+
+/// Refuses to write over what is read; `outcome` and `source` name the arguments.
+pub fn keep_input(output: &Path, outcome: &str, input: &Path, source: &str) -> Result<(), Failure> {
+    let file = |path: &Path| path.canonicalize().ok().filter(|path| path.is_file());
+    match (file(input), file(output)) {
+        (Some(one), Some(other)) if one == other => Err(Failure::Usage(format!(
+            "{source} and {outcome} are both {}, which would be lost: choose another {outcome}",
+            input.display()
+        ))),
+        _ => Ok(()),
     }
 }
 

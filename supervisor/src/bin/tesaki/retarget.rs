@@ -4,7 +4,6 @@ mod live;
 mod source;
 
 use std::fmt::Write as _;
-use std::path::Path;
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -20,13 +19,13 @@ use tesaki_supervisor::operator::{Fingertips, operator_fingertips};
 use crate::args::{Options, Retarget};
 use crate::eval::{Results, exact, finish};
 use crate::failure::Failure;
-use crate::output;
+use crate::output::{self, keep_input};
 use source::Source;
 
 pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     match (&args.input, &args.robot) {
         (Some(input), Some(robot)) if !args.live => {
-            keep_input(input, &args.output)?;
+            keep_input(&args.output, "--out", input, "--in")?;
             let model = RobotFolder::load(robot)?.model;
             let settings = RetargetingSettings::load(robot, &model)?;
             let mut tracker = source::tracker(args, &settings)?;
@@ -40,18 +39,6 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
             offline(options, args, &model, &settings, &tips, tracker.gaps())
         }
         _ => live::run(options, args),
-    }
-}
-
-/// Refuses to write over the frames.
-fn keep_input(input: &Path, output: &Path) -> Result<(), Failure> {
-    let file = |path: &Path| path.canonicalize().ok().filter(|path| path.is_file());
-    match (file(input), file(output)) {
-        (Some(one), Some(other)) if one == other => Err(Failure::Usage(format!(
-            "--in and --out are both {}: the angles would replace the frames; choose another --out",
-            input.display()
-        ))),
-        _ => Ok(()),
     }
 }
 

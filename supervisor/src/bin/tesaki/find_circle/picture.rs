@@ -1,9 +1,13 @@
 //! Pictures as grey levels: PNG and PGM.
 
-use std::io::Cursor;
+use std::io::{Cursor, ErrorKind};
 use std::path::Path;
 
 use crate::failure::Failure;
+
+/// Most pixels of a picture.
+const MAX_PIXELS: usize = 1 << 28;
+const TOO_LARGE: &str = "more than 268 million pixels: reduce the picture first";
 
 /// Grey levels row by row.
 pub struct Picture {
@@ -42,10 +46,16 @@ impl Picture {
 fn png(bytes: &[u8]) -> Result<Picture, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
-    let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
-    let size = reader.output_buffer_size().ok_or("the picture is too large")?;
-    let mut buffer = vec![0; size];
-    let info = reader.next_frame(&mut buffer).map_err(|error| error.to_string())?;
+    let wrong = |error: png::DecodingError| match error {
+        png::DecodingError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            "PNG: the file is cut off".to_owned()
+        }
+        error => format!("PNG: {error}"),
+    };
+    let mut reader = decoder.read_info().map_err(wrong)?;
+    let size = reader.output_buffer_size().filter(|size| *size <= 4 * MAX_PIXELS);
+    let mut buffer = vec![0; size.ok_or_else(|| format!("PNG: {TOO_LARGE}"))?];
+    let info = reader.next_frame(&mut buffer).map_err(wrong)?;
     let pixels = &buffer[..info.buffer_size()];
     // Weights of the colours for brightness (ITU-R BT.601), of 256.
     let brightness = |pixel: &[u8]| match pixel {
@@ -94,8 +104,8 @@ fn pgm(bytes: &[u8]) -> Result<Picture, String> {
     if !(1..=255).contains(&largest) {
         return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
     }
-    let count =
-        width.checked_mul(height).filter(|count| *count <= 1 << 28).ok_or("PGM: the picture is too large")?;
+    let count = width.checked_mul(height).filter(|count| *count <= MAX_PIXELS);
+    let count = count.ok_or_else(|| format!("PGM: {width} × {height} pixels: {TOO_LARGE}"))?;
     let values: Vec<usize> = if bytes.starts_with(b"P5") {
         bytes.get(at + 1..).unwrap_or_default().iter().take(count).map(|&value| usize::from(value)).collect()
     } else {

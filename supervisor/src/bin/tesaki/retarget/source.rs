@@ -74,16 +74,11 @@ impl Source {
         self.suits(kind)?;
         let observation = match kind {
             Kind::Glove => {
-                every_finger(Some(&value), "the orientations of")?;
+                every_finger(&value)?;
                 Observation::Glove(glove::orientations(&value)?)
             }
             Kind::Landmarks => Observation::Landmarks(landmarks(&value)?),
-            Kind::Fingertips => {
-                let tips = value.get("tips");
-                let positions = glove::positions(tips, "tip")?;
-                every_finger(tips.filter(|tips| !tips.is_null()), "the tip of")?;
-                Observation::Fingertips(positions)
-            }
+            Kind::Fingertips => Observation::Fingertips(glove::positions(value.get("tips"), "tip")?),
         };
         self.admit(kind)?;
         Ok(Frame { time, observation })
@@ -177,13 +172,12 @@ impl Source {
     }
 }
 
-/// Whether an object, where there is one, has a key for each finger that a hand has.
-fn every_finger(value: Option<&Value>, what: &str) -> Result<(), String> {
-    let missing =
-        Finger::ALL.iter().find(|finger| value.is_some_and(|value| value.get(finger.name()).is_none()));
+/// Whether a line of a glove has a key for each finger: among its other keys a misspelt one would not be noticed.
+fn every_finger(value: &Value) -> Result<(), String> {
+    let missing = Finger::ALL.iter().find(|finger| value.get(finger.name()).is_none());
     missing.map_or(Ok(()), |finger| {
         Err(format!(
-            "{what} the {finger} (\"{}\") is missing: write null if it was not measured",
+            "the orientations of the {finger} (\"{}\") are missing: write null if they were not measured",
             finger.name()
         ))
     })
