@@ -179,7 +179,7 @@ fn bad_input_is_refused_with_its_limits() {
         "an image of 10 × 10 pixels: each side must be 32 to 4096 pixels"
     );
     let error = Image::new(&[0; 100], 256, 240).unwrap_err();
-    assert_eq!(error.to_string(), "100 grey values for an image of 61440 pixels");
+    assert_eq!(error.to_string(), "100 grey values for an image of 61440 pixels: one is needed for each");
     let pixels = vec![0; WIDTH * HEIGHT];
     let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
     let mut buffers = Box::new(CameraBuffers::new());
