@@ -38,7 +38,7 @@ fn main() {
         let inside = [center[0].clamp(0.0, 254.0), center[1].clamp(0.0, 238.0)];
         let window = windowed.then_some(Window { center: inside, reach: 12.0 });
         let radius = if windowed { [0.85 * row[4], 1.15 * row[4]] } else { [row[0], row[1]] };
-        let search = CircleSearch { radius, window };
+        let search = CircleSearch { radius, window, axis: None };
         let mut best = f32::INFINITY;
         let mut found = None;
         for _ in 0..3 {

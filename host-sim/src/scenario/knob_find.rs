@@ -1,5 +1,6 @@
 //! The circle finder on pictures of a door knob (Knob, section 3).
 
+use rapier3d::na::Vector3;
 use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, Window, find_circle};
 
 use super::common::require_duration;
@@ -20,7 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
          before the door, aside and turned as a mobile base leaves it. Each seed is another door: size of the rose, \
          metal or plastic, wood or paint, light and its reflections; each picture has its own blur, noise and \
          exposure. The finder has to give the centre and the radius of the rose, not of the knob, and nothing \
-         where there is no knob. It knows the distance from the door to 30 mm, as the arm's posture tells it.",
+         where there is no knob. It knows the distance from the door to 30 mm and the direction of the knob's \
+         axis to 3°, as the arm's posture tells it.",
         "The outline of the rose is an ellipse in the picture: the centre is that of the ellipse, the radius the \
          root of the product of its semi-axes. A circle is *right* when its centre is within 3 px and its radius \
          within 2 px of the true ones. Pictures that show less than half of the outline may give nothing. No board \
@@ -36,6 +38,8 @@ const EMPTY: usize = 5;
 /// Radii of roses [m], and how well the arm knows its distance from the door [m].
 const ROSES: [f64; 2] = [0.035, 0.045];
 const DISTANCE_ERROR: f64 = 0.03;
+/// How far the hand is turned from the axis of the knob about each of its axes, at most [rad].
+const AXIS_ERROR: f64 = 0.052;
 /// A circle is right up to these errors of centre and radius [px].
 const RIGHT: [f64; 2] = [3.0, 2.0];
 /// Share of the outline from which on a picture has to give a circle.
@@ -134,7 +138,13 @@ impl Finder<'_> {
             self.camera.focal * ROSES[0] / (known + DISTANCE_ERROR),
             self.camera.focal * ROSES[1] / (known - DISTANCE_ERROR),
         ];
-        let mut search = CircleSearch { radius: radius.map(|radius| radius as f32), window: None };
+        // The knob stands along the approach of the hand.
+        let approach = values.mount().inverse_transform_vector(&Vector3::z());
+        let axis = self.camera.project(&approach.into()).map(|place| Window {
+            center: place.map(|value| value as f32),
+            reach: (self.camera.focal * AXIS_ERROR) as f32,
+        });
+        let mut search = CircleSearch { radius: radius.map(|radius| radius as f32), window: None, axis };
         let whole = self.find(&image, &search)?;
         search.window = truth.map(|truth| {
             let predicted =

@@ -37,6 +37,13 @@ pub enum VisionError {
         /// Its reach [px].
         reach: f32,
     },
+    /// The place where the axis vanishes is not finite.
+    Axis {
+        /// Its centre [px].
+        center: [f32; 2],
+        /// Its reach [px].
+        reach: f32,
+    },
     /// A buffer is too short.
     Buffer {
         /// Which.
@@ -66,6 +73,12 @@ impl fmt::Display for VisionError {
                 f,
                 "window of {reach} pixels around ({x}, {y}): the centre must lie in the image, and the reach be at least 1"
             ),
+            Self::Axis { center: [x, y], reach } => {
+                write!(
+                    f,
+                    "axis within {reach} pixels of ({x}, {y}): it must be finite, and the reach not negative"
+                )
+            }
             Self::Buffer { name, length, needed } => {
                 write!(f, "the buffer `{name}` has {length} elements, this image needs {needed}")
             }

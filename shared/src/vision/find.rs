@@ -3,7 +3,9 @@ use super::ellipse::Ellipse;
 use super::error::VisionError;
 use super::hough::{Candidate, accumulator_len, maxima, radii_about, vote};
 use super::image::Image;
+use super::knob::{behind_knob, uncover};
 use super::refit::{Fit, noise, refit};
+use super::starts::{MAX_CANDIDATES, Start, Starts};
 use crate::math;
 
 /// Smallest radius [px].
@@ -16,22 +18,16 @@ const CELL_RADII: [usize; 2] = [6, 25];
 const LEVELS: core::ops::RangeInclusive<u32> = 1..=4;
 /// Least strength of the evidence for a circle.
 const MIN_STRENGTH: f32 = 0.45;
-/// Least strength of the evidence for a circle that hides others.
-const FRONT_STRENGTH: f32 = 0.72;
-/// Least number of rays on which a circle is judged.
-const MIN_RAYS: u32 = 20;
-/// Number of visible rays that is as good as all.
-const MANY_RAYS: f32 = 40.0;
 /// Distance of two fits to the same rim, over its radius.
-const SAME_RIM: f32 = 0.12;
-/// Most candidates that are fitted.
-const MAX_CANDIDATES: usize = 14;
+pub(super) const SAME_RIM: f32 = 0.12;
+/// The end of a knob is looked for down to this part of the smallest radius of a rose.
+const KNOB_RADIUS: f32 = 0.65;
 
 /// Where the centre is expected: within `reach` of `center` along both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Window {
-    /// Centre, inside the image [px].
+    /// Centre [px].
     pub center: [f32; 2],
     /// Largest difference along x and y [px].
     pub reach: f32,
@@ -45,6 +41,9 @@ pub struct CircleSearch {
     pub radius: [f32; 2],
     /// Near the last result; None searches the whole image.
     pub window: Option<Window>,
+    /// Where the axis of the knob vanishes: the point of the image that shows its direction, as the arm knows it; its
+    /// centre may lie outside the image. With it, a rose is also found that the knob hides in part.
+    pub axis: Option<Window>,
 }
 
 /// A circle that was found: an ellipse, see the [module](super).
@@ -111,6 +110,11 @@ impl CircleSearch {
         if !(MIN_RADIUS <= from && from < to && to <= limit) {
             return Err(VisionError::Radius { from, to, limit });
         }
+        if let Some(Window { center: [x, y], reach }) = self.axis
+            && !(x.is_finite() && y.is_finite() && reach >= 0.0 && reach.is_finite())
+        {
+            return Err(VisionError::Axis { center: [x, y], reach });
+        }
         if let Some(Window { center, reach }) = self.window
             && !(image.contains(center[0], center[1], 0.0) && reach >= 1.0 && reach.is_finite())
         {
@@ -133,7 +137,7 @@ impl CircleSearch {
     fn radii(&self, level: u32) -> Option<[usize; 2]> {
         let side = (1_u32 << level) as f32;
         let least = if level == *LEVELS.start() { 2 } else { CELL_RADII[0] };
-        let from = ((self.radius[0] / side) as usize).max(least);
+        let from = ((KNOB_RADIUS * self.radius[0] / side) as usize).max(least);
         let to = ((self.radius[1] / side) as usize + 1).min(CELL_RADII[1]);
         (from < to).then_some([from, to])
     }
@@ -159,7 +163,7 @@ impl CircleSearch {
         (around(near), around(near + (radius + 3) as f32 * cell))
     }
 
-    fn allows(&self, ellipse: &Ellipse) -> bool {
+    pub(super) fn allows(&self, ellipse: &Ellipse) -> bool {
         let is_near = |window: &Window| {
             (0..2).all(|axis| math::abs(ellipse.center[axis] - window.center[axis]) <= window.reach)
         };
@@ -167,47 +171,6 @@ impl CircleSearch {
             && ellipse.radius <= self.radius[1]
             && self.window.as_ref().is_none_or(is_near)
     }
-}
-
-/// A candidate at full resolution.
-#[derive(Clone, Copy)]
-struct Start {
-    ellipse: Ellipse,
-    score: f32,
-    /// Side of a cell at its level [px].
-    side: f32,
-}
-
-/// The best candidates, the best first.
-struct Starts {
-    list: [Option<Start>; MAX_CANDIDATES],
-}
-
-impl Starts {
-    fn insert(&mut self, start: Start) {
-        let is_same = |known: &Start| {
-            let near = 0.06 * start.ellipse.radius + 1.5;
-            let [dx, dy] =
-                [0, 1].map(|axis| math::abs(known.ellipse.center[axis] - start.ellipse.center[axis]));
-            dx < near && dy < near && math::abs(known.ellipse.radius - start.ellipse.radius) < near
-        };
-        if let Some(known) = self.list.iter_mut().flatten().find(|known| is_same(known)) {
-            if known.score < start.score {
-                *known = start;
-                self.list.sort_unstable_by(|one, other| rank(other).total_cmp(&rank(one)));
-            }
-            return;
-        }
-        let place = self.list.iter().position(|known| rank(known) < start.score);
-        if let Some(place) = place {
-            self.list[place..].rotate_right(1);
-            self.list[place] = Some(start);
-        }
-    }
-}
-
-fn rank(start: &Option<Start>) -> f32 {
-    start.as_ref().map_or(-1.0, |start| start.score)
 }
 
 /// The outermost circle with an expected radius; None if there is no circle. At most a fixed number of steps.
@@ -220,7 +183,7 @@ pub fn find_circle(
     scratch: &mut Scratch<'_>,
 ) -> Result<Option<Circle>, VisionError> {
     search.check(image, scratch)?;
-    let mut starts = Starts { list: [None; MAX_CANDIDATES] };
+    let mut starts = Starts::NONE;
     for level in LEVELS {
         if let Some(radii) = search.radii(level) {
             candidates(image, search, level, radii, scratch, &mut starts);
@@ -229,13 +192,18 @@ pub fn find_circle(
     let noise = noise(image);
     let mut fits = [None::<Fit>; MAX_CANDIDATES];
     for (fit, start) in fits.iter_mut().zip(starts.list.iter().flatten()) {
-        let (band, unit) =
-            if start.side > 4.0 { (6, 0.25 * start.side) } else { (start.side as usize + 2, 1.0) };
-        *fit = refit(image, &start.ellipse, band, unit, noise).filter(|fit| search.allows(&fit.ellipse));
+        let band = if start.side > 4.0 { (6, 0.25 * start.side) } else { (start.side as usize + 2, 1.0) };
+        *fit = refit(image, &start.ellipse, band, noise, None);
     }
-    Ok(outermost(&fits).map(|(fit, confidence)| {
+    let rose = search.axis.and_then(|axis| behind_knob(image, search, &axis, noise, &fits));
+    let found = rose.or_else(|| {
+        uncover(image, noise, &mut fits);
+        outermost(search, &fits)
+    });
+    Ok(found.map(|fit| {
         let (semi_axes, angle) = fit.ellipse.axes();
-        Circle { center: fit.ellipse.center, radius: fit.ellipse.radius, semi_axes, angle, confidence }
+        let Ellipse { center, radius, .. } = fit.ellipse;
+        Circle { center, radius, semi_axes, angle, confidence: confidence(fit.evidence()) }
     }))
 }
 
@@ -265,28 +233,21 @@ fn candidates(
     }
 }
 
-/// The circle with the longest rim that is seen, of those with enough evidence, and its confidence: of
-/// concentric ones the outermost. Of several fits to one rim, that with the most evidence.
-fn outermost(fits: &[Option<Fit>]) -> Option<(Fit, f32)> {
-    let mut strengths = [0.0; MAX_CANDIDATES];
-    for (strength, fit) in strengths.iter_mut().zip(fits) {
-        *strength = fit.as_ref().map_or(0.0, |fit| evidence(fit, fits));
-    }
-    let length = |(fit, strength): &(&Fit, f32)| strength * fit.ellipse.radius;
-    let circles = || {
-        let pairs = fits.iter().zip(strengths).filter_map(|(fit, strength)| Some((fit.as_ref()?, strength)));
-        pairs.filter(|(_, strength)| *strength >= MIN_STRENGTH)
-    };
-    let (outer, _) = circles().max_by(|one, other| length(one).total_cmp(&length(other)))?;
-    let same = circles().filter(|(fit, _)| distance(fit, outer) < SAME_RIM * outer.ellipse.radius);
-    let (fit, strength) = same.max_by(|one, other| one.1.total_cmp(&other.1))?;
-    Some((*fit, confidence(strength)))
+/// The circle with the longest rim that is seen, of those with enough evidence: of concentric ones the outermost. Of
+/// several fits to one rim, that with the most evidence.
+fn outermost(search: &CircleSearch, fits: &[Option<Fit>]) -> Option<Fit> {
+    let circles =
+        || fits.iter().flatten().filter(|fit| fit.evidence() >= MIN_STRENGTH && search.allows(&fit.ellipse));
+    let length = |fit: &Fit| fit.evidence() * fit.ellipse.radius;
+    let outer = circles().max_by(|one, other| length(one).total_cmp(&length(other)))?;
+    let same = circles().filter(|fit| fit.distance(outer) < SAME_RIM * outer.ellipse.radius);
+    same.max_by(|one, other| one.evidence().total_cmp(&other.evidence())).copied()
 }
 
 /// Share of right answers by the strength of the evidence, measured on drawn door knobs; linear in between.
 fn confidence(strength: f32) -> f32 {
     const SHARES: [(f32, f32); 6] =
-        [(0.45, 0.4), (0.55, 0.7), (0.65, 0.83), (0.75, 0.88), (0.85, 0.91), (1.0, 0.97)];
+        [(0.45, 0.2), (0.55, 0.45), (0.65, 0.65), (0.75, 0.78), (0.85, 0.86), (1.0, 0.97)];
     let above = SHARES.windows(2).find(|pair| matches!(pair, [_, (upper, _)] if strength <= *upper));
     match above {
         Some(&[(lower, from), (upper, to)]) => {
@@ -294,31 +255,4 @@ fn confidence(strength: f32) -> f32 {
         }
         _ => SHARES[SHARES.len() - 1].1,
     }
-}
-
-/// Strength of the evidence for a circle, 0 to 1. Where the knob hides the rim of the rose, no rim is expected.
-fn evidence(fit: &Fit, fits: &[Option<Fit>]) -> f32 {
-    let front = fits.iter().flatten().filter(|front| is_in_front(front, fit));
-    let hidden = front.fold(0, |hidden, front| hidden | fit.hidden_by(&front.ellipse));
-    let open = fit.visible & !hidden;
-    let mut strength = fit.strength(fit.visible);
-    if open.count_ones() >= MIN_RAYS {
-        strength = strength.max(fit.strength(open));
-    }
-    // Any edges fit a short arc.
-    strength * (fit.visible.count_ones() as f32 / MANY_RAYS).min(1.0)
-}
-
-/// How far apart two circles are [px].
-fn distance(one: &Fit, other: &Fit) -> f32 {
-    let [dx, dy] = [0, 1].map(|axis| one.ellipse.center[axis] - other.ellipse.center[axis]);
-    math::sqrt(dx * dx + dy * dy) + math::abs(one.ellipse.radius - other.ellipse.radius)
-}
-
-/// Whether one circle is the end of a cylinder that stands on the other: seen nearly all around, not much larger,
-/// and at another place.
-fn is_in_front(front: &Fit, fit: &Fit) -> bool {
-    front.ellipse.radius < 1.1 * fit.ellipse.radius
-        && distance(front, fit) > SAME_RIM * fit.ellipse.radius
-        && front.strength(front.visible) > FRONT_STRENGTH
 }

@@ -35,7 +35,9 @@ mod error;
 mod find;
 mod hough;
 mod image;
+mod knob;
 mod refit;
+mod starts;
 #[cfg(test)]
 mod tests;
 

@@ -20,6 +20,10 @@ const DERIVATIVE_NOISE: f32 = 0.5;
 const MIN_CONTRAST: f32 = 4.0;
 /// A flattening that halves the strength of the evidence: that of a circle seen at 25°.
 const FLATTENING: f32 = 0.1;
+/// Number of open rays that is as good as all.
+const MANY_RAYS: f32 = 40.0;
+/// Open rays, of every second, without which a circle gets no glance.
+const FEWEST_RAYS: u8 = 10;
 /// Bounds of the residual in Tukey's weights, fit by fit, over the band that was searched.
 const TUKEY: [f32; 4] = [1.0, 0.75, 0.5, 0.4];
 
@@ -29,6 +33,8 @@ pub(super) struct Fit {
     pub ellipse: Ellipse,
     /// Rays inside the image, a bit for each.
     pub visible: u64,
+    /// Rays that end on the knob before the circle.
+    pub hidden: u64,
     /// Rays with an edge point on the ellipse.
     pub inliers: u64,
     /// Rays of groups with a common edge on the ellipse.
@@ -36,26 +42,65 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Share of the rays in `open` with an edge on the ellipse, 0 to 1; a flat ellipse is less likely.
-    pub fn strength(&self, open: u64) -> f32 {
-        let [p, q] = self.ellipse.flattening;
-        let found = (self.inliers & open).count_ones() + (self.coherent & open).count_ones();
-        let share = 0.5 * found as f32 / open.count_ones().max(1) as f32;
-        share / (1.0 + (p * p + q * q) * (1.0 / (FLATTENING * FLATTENING)))
+    /// Rays on which a rim is expected.
+    pub const fn open(&self) -> u64 {
+        self.visible & !self.hidden
     }
 
-    /// Rays whose point on the ellipse is inside `other`.
-    pub fn hidden_by(&self, other: &Ellipse) -> u64 {
-        let is_inside = |direction: [f32; 2]| {
-            let reach = self.ellipse.reach(direction);
-            let [dx, dy] =
-                [0, 1].map(|axis| self.ellipse.center[axis] + reach * direction[axis] - other.center[axis]);
-            dx * dx + dy * dy < 1.05 * other.radius * other.radius
+    /// Strength of the evidence for the circle, 0 to 1: share of the open rays with an edge on it. Any edges fit a
+    /// short arc; a flat ellipse is less likely.
+    pub fn evidence(&self) -> f32 {
+        let [p, q] = self.ellipse.flattening;
+        let open = self.open();
+        let found = (self.inliers & open).count_ones() + (self.coherent & open).count_ones();
+        let count = open.count_ones() as f32;
+        let share = 0.5 * found as f32 / math::clamp(count, 1.0, RAYS as f32);
+        let flat = 1.0 + (p * p + q * q) * (1.0 / (FLATTENING * FLATTENING));
+        share / flat * math::clamp(count / MANY_RAYS, 0.0, 1.0)
+    }
+
+    /// Rays whose point on the ellipse is hidden by `front`.
+    pub fn hidden_by(&self, front: &Ellipse) -> u64 {
+        let point = |[u, v]: [f32; 2]| {
+            let reach = self.ellipse.reach([u, v]);
+            [self.ellipse.center[0] + reach * u, self.ellipse.center[1] + reach * v]
         };
         (0..)
             .zip(directions())
-            .fold(0, |mask, (ray, direction)| mask | u64::from(is_inside(direction)) << ray)
+            .fold(0, |mask, (ray, direction)| mask | u64::from(hides(front, point(direction))) << ray)
     }
+
+    /// How far apart two circles are [px].
+    pub fn distance(&self, other: &Self) -> f32 {
+        let [dx, dy] = [0, 1].map(|axis| self.ellipse.center[axis] - other.ellipse.center[axis]);
+        math::sqrt(dx * dx + dy * dy) + math::abs(self.ellipse.radius - other.ellipse.radius)
+    }
+}
+
+/// Whether the end of a knob hides a point, or has its own rim there.
+fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
+    distance(front, point) < 0.03 * front.radius + 1.5
+}
+
+/// How well an edge follows the part of a circle that `front` leaves open, 0 to 1: on every second ray, the
+/// contrast that neighbours have in common, up to three times the least of an edge point. A glance, to choose what
+/// is fitted.
+pub(super) fn glance(image: &Image<'_>, circle: &Ellipse, front: &Ellipse, noise: f32) -> f32 {
+    let most = 3.0 * least_contrast(noise);
+    let (mut open, mut sum, mut before) = (0_u8, 0.0, 0.0);
+    for [u, v] in directions().step_by(2) {
+        let at = |reach: f32| [circle.center[0] + reach * u, circle.center[1] + reach * v];
+        let point = at(circle.radius);
+        let mut here = 0.0;
+        if image.contains(point[0], point[1], 2.0 * ACROSS) && !hides(front, point) {
+            let ([x, y], [outer_x, outer_y]) = (at(circle.radius - ACROSS), at(circle.radius + ACROSS));
+            here = math::clamp(image.at(outer_x, outer_y) - image.at(x, y), -most, most);
+            open += 1;
+        }
+        sum += 0.5 * (math::abs(here + before) - math::abs(here - before));
+        before = here;
+    }
+    if open < FEWEST_RAYS { 0.0 } else { sum / (most * f32::from(open.max(MANY_RAYS as u8 / 2))) }
 }
 
 /// Deviation of the noise [grey levels]: mean absolute value of a difference that is blind to slopes
@@ -163,16 +208,23 @@ fn directions() -> impl Iterator<Item = [f32; 2]> {
     .take(RAYS)
 }
 
-/// Fits an ellipse to the edge within `band` steps of `unit` px of a candidate, then nearer and nearer.
-/// Returns None without a common ellipse.
-pub(super) fn refit(image: &Image<'_>, start: &Ellipse, band: usize, unit: f32, noise: f32) -> Option<Fit> {
+/// Fits an ellipse to the edge within `band` steps of `unit` px of a candidate, then nearer and nearer; where `front`
+/// hides it, no edge counts. Returns None without a common ellipse.
+pub(super) fn refit(
+    image: &Image<'_>,
+    start: &Ellipse,
+    (band, unit): (usize, f32),
+    noise: f32,
+    front: Option<&Ellipse>,
+) -> Option<Fit> {
     let mut ellipse = *start;
     // A circle at first: a mixture of two rims would be a fine ellipse.
     let middle = math::clamp(0.5 * unit, 1.0, unit);
     for (band, unit, step, flattening) in [(band, unit, 2, 0.003), (4, middle, 1, 0.006), (2, 1.0, 1, 0.02)] {
-        ellipse = approach(image, &ellipse, band, unit, step, flattening, noise)?;
+        let seen = edge_points(image, &ellipse, (band, unit), step, noise, front)?;
+        ellipse = approach(&ellipse, &seen, unit * band as f32, flattening)?;
     }
-    judge(image, &ellipse, noise)
+    judge(image, &ellipse, noise, front)
 }
 
 /// Least contrast of an edge point.
@@ -180,35 +232,44 @@ fn least_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * DERIVATIVE_NOISE * noise, MIN_CONTRAST, 255.0)
 }
 
-/// One search along every `step`-th ray, and the robust fit to its edge points; the expected deviation of the
-/// flattening.
-fn approach(
+/// Edge points (x, y) next to an ellipse, along every `step`-th ray, with weights 0 or 1. None if they are few.
+fn edge_points(
     image: &Image<'_>,
-    start: &Ellipse,
-    band: usize,
-    unit: f32,
+    ellipse: &Ellipse,
+    (band, unit): (usize, f32),
     step: usize,
-    flattening: f32,
     noise: f32,
-) -> Option<Ellipse> {
+    front: Option<&Ellipse>,
+) -> Option<[([f32; 2], f32); RAYS]> {
     let mut points = [([0.0; 2], 0.0); RAYS];
     let least = least_contrast(noise);
+    let mut count = 0;
     for (direction, (point, weight)) in directions().zip(&mut points).step_by(step) {
-        let Some(profile) = Profile::new(image, start, direction, band, unit) else { continue };
+        let Some(profile) = Profile::new(image, ellipse, direction, band, unit) else { continue };
         if let Some(offset) = profile.edge(least) {
             // The parallel profiles meet the rim nearer to the centre.
-            let reach = start.reach(direction) + offset * unit;
+            let reach = ellipse.reach(direction) + offset * unit;
             let reach = reach + ACROSS * ACROSS / (3.0 * reach);
-            *point = [start.center[0] + reach * direction[0], start.center[1] + reach * direction[1]];
-            *weight = 1.0;
+            *point = [ellipse.center[0] + reach * direction[0], ellipse.center[1] + reach * direction[1]];
+            if !front.is_some_and(|front| hides(front, *point)) {
+                *weight = 1.0;
+                count += 1;
+            }
         }
     }
-    if points.iter().filter(|(_, weight)| *weight > 0.0).count() < RAYS / (5 * step) {
-        return None;
-    }
+    (count >= RAYS / (5 * step)).then_some(points)
+}
+
+/// The robust fit to edge points within `band` px; the expected deviation of the flattening.
+fn approach(
+    start: &Ellipse,
+    points: &[([f32; 2], f32); RAYS],
+    band: f32,
+    flattening: f32,
+) -> Option<Ellipse> {
     let mut ellipse = *start;
     for bound in TUKEY {
-        let bound = bound * unit * band as f32;
+        let bound = bound * band;
         let weighted = points.iter().map(|&(point, weight)| {
             let ratio = distance(&ellipse, point) / bound;
             let tukey = if ratio * ratio < 1.0 { (1.0 - ratio * ratio) * (1.0 - ratio * ratio) } else { 0.0 };
@@ -230,8 +291,8 @@ fn distance(ellipse: &Ellipse, [x, y]: [f32; 2]) -> f32 {
 }
 
 /// The evidence for an ellipse.
-fn judge(image: &Image<'_>, ellipse: &Ellipse, noise: f32) -> Option<Fit> {
-    let mut fit = Fit { ellipse: *ellipse, visible: 0, inliers: 0, coherent: 0 };
+fn judge(image: &Image<'_>, ellipse: &Ellipse, noise: f32, front: Option<&Ellipse>) -> Option<Fit> {
+    let mut fit = Fit { ellipse: *ellipse, visible: 0, hidden: 0, inliers: 0, coherent: 0 };
     let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
     let least = least_contrast(noise);
     for (ray, direction) in directions().enumerate() {
@@ -255,5 +316,6 @@ fn judge(image: &Image<'_>, ellipse: &Ellipse, noise: f32) -> Option<Fit> {
         }
     }
     fit.coherent &= fit.visible;
+    fit.hidden = front.map_or(0, |front| fit.hidden_by(front));
     (fit.inliers != 0).then_some(fit)
 }

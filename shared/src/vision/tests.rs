@@ -55,7 +55,7 @@ fn draw(discs: &[Disc], background: f32, noise: f64, seed: u64) -> Vec<u8> {
 fn find_in(pixels: &[u8], radius: [f32; 2], window: Option<Window>) -> Option<Circle> {
     let mut buffers = Box::new(CameraBuffers::new());
     let image = Image::new(pixels, WIDTH, HEIGHT).unwrap();
-    find_circle(&image, &CircleSearch { radius, window }, &mut buffers.scratch()).unwrap()
+    find_circle(&image, &CircleSearch { radius, window, axis: None }, &mut buffers.scratch()).unwrap()
 }
 
 fn apart(one: [f32; 2], other: [f32; 2]) -> f32 {
@@ -112,6 +112,30 @@ fn of_concentric_circles_the_outermost_is_found() {
     assert_near(find_in(&pixels, [30.0, 42.0], None), [126.0, 118.0, 36.0], 0.3);
 }
 
+/// A knob whose end is as large as its rose in the picture and hides four tenths of its rim: only the axis tells
+/// which is which.
+#[test]
+fn a_rose_behind_its_knob_is_found_along_the_axis() {
+    let rose = Disc::round(126.0, 120.0, 26.0, 130.0);
+    let knob = Disc::round(124.0, 136.0, 26.0, 60.0);
+    let pixels = draw(&[rose, knob], 170.0, 2.0, 1);
+    let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
+    let mut buffers = Box::new(CameraBuffers::new());
+    // It vanishes at (128, 90), where rose and knob would be if they were infinitely far; known to 5 px.
+    for center in [[128.0, 90.0], [132.0, 88.0], [125.0, 94.0]] {
+        let axis = Some(Window { center, reach: 5.0 });
+        let search = CircleSearch { radius: [19.0, 34.0], window: None, axis };
+        let found = find_circle(&image, &search, &mut buffers.scratch()).unwrap();
+        assert_near(found, [126.0, 120.0, 26.0], 0.5);
+    }
+    // Without a rose, the end of the knob is what there is.
+    let pixels = draw(&[Disc::round(124.0, 136.0, 26.0, 60.0)], 170.0, 2.0, 1);
+    let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
+    let axis = Some(Window { center: [128.0, 90.0], reach: 5.0 });
+    let search = CircleSearch { radius: [19.0, 34.0], window: None, axis };
+    assert_near(find_circle(&image, &search, &mut buffers.scratch()).unwrap(), [124.0, 136.0, 26.0], 0.3);
+}
+
 #[test]
 fn a_circle_partly_outside_the_image_is_found() {
     let pixels = draw(&[Disc::round(30.4, 120.3, 45.0, 170.0)], 90.0, 2.0, 1);
@@ -161,7 +185,11 @@ fn any_image_has_an_answer() {
         let reach = 1.0 + 300.0 * rng.uniform() as f32;
         let center = [rng.below(width as u32 - 1) as f32, rng.below(height as u32 - 1) as f32];
         let window = rng.chance(0.5).then_some(Window { center, reach });
-        let search = CircleSearch { radius: [from, 0.75 * width.max(height) as f32], window };
+        let axis = rng.chance(0.5).then(|| {
+            let [x, y] = [0; 2].map(|_| 1e3 * (rng.uniform() - 0.3) as f32);
+            Window { center: [x, y], reach: 100.0 * rng.uniform() as f32 }
+        });
+        let search = CircleSearch { radius: [from, 0.75 * width.max(height) as f32], window, axis };
         match find_circle(&image, &search, &mut buffers.scratch()) {
             Ok(Some(circle)) => {
                 assert!(circle.radius >= from && (0.0..=1.0).contains(&circle.confidence), "{circle:?}");
@@ -185,7 +213,9 @@ fn bad_input_is_refused_with_its_limits() {
     let mut buffers = Box::new(CameraBuffers::new());
     let mut said = |radius, window: Option<([f32; 2], f32)>| {
         let window = window.map(|(center, reach)| Window { center, reach });
-        find_circle(&image, &CircleSearch { radius, window }, &mut buffers.scratch()).unwrap_err().to_string()
+        find_circle(&image, &CircleSearch { radius, window, axis: None }, &mut buffers.scratch())
+            .unwrap_err()
+            .to_string()
     };
     for radius in [[4.0, 50.0], [50.0, 20.0], [20.0, 193.0], [f32::NAN, 50.0], [20.0, f32::INFINITY]] {
         assert!(said(radius, None).ends_with("the limits are 5 to 192 pixels in this image"), "{radius:?}");
@@ -194,8 +224,15 @@ fn bad_input_is_refused_with_its_limits() {
     {
         assert!(said([20.0, 50.0], Some(window)).starts_with("window of "), "{window:?}");
     }
+    let axis = Some(Window { center: [f32::NAN, 0.0], reach: 5.0 });
+    let search = CircleSearch { radius: [20.0, 50.0], window: None, axis };
+    let error = find_circle(&image, &search, &mut buffers.scratch()).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "axis within 5 pixels of (NaN, 0): it must be finite, and the reach not negative"
+    );
     let mut short: Buffers<100, MAX_EDGES, { row_len(256) }> = Buffers::new();
-    let search = CircleSearch { radius: [20.0, 50.0], window: None };
+    let search = CircleSearch { radius: [20.0, 50.0], window: None, axis: None };
     assert_eq!(
         find_circle(&image, &search, &mut short.scratch()).unwrap_err().to_string(),
         "the buffer `accumulator` has 100 elements, this image needs 15360"
@@ -219,7 +256,7 @@ fn what_an_independent_renderer_draws_is_found() {
         let is_right = |center: [f32; 2], found: f32| {
             apart(center, [x, y]) < 0.1 * radius && (found - radius).abs() < 0.05 * radius
         };
-        let search = CircleSearch { radius: [from, to], window: None };
+        let search = CircleSearch { radius: [from, to], window: None, axis: None };
         let found = find_circle(&image, &search, &mut buffers.scratch()).unwrap();
         right += u32::from(found.is_some_and(|circle| is_right(circle.center, circle.radius)));
         opencv += u32::from(is_right([found_x, found_y], found_radius));

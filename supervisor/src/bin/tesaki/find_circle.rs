@@ -69,16 +69,17 @@ fn search(path: &Path, picture: &Picture, args: &FindCircle) -> Result<(Option<C
     let radius = args
         .radius
         .map_or([10.0_f32.min(0.5 * half), half.min(MAX_RADIUS)], |radius| radius.map(|r| r / scale));
-    let window = args.window.map(|[x, y, reach]| Window {
+    let reduced = |[x, y, reach]: [f32; 3]| Window {
         center: [(x - offset) / scale, (y - offset) / scale],
         reach: reach / scale,
-    });
+    };
+    let search = CircleSearch { radius, window: args.window.map(reduced), axis: args.axis.map(reduced) };
     let mut accumulator = vec![0; accumulator_len(searched.width, searched.height)];
     let mut points = vec![EdgePoint::NONE; MAX_EDGES.max(searched.pixels.len() / 48)];
     let mut rows = vec![0; row_len(searched.width)];
     let mut scratch = Scratch { accumulator: &mut accumulator, points: &mut points, rows: &mut rows };
     let start = Instant::now();
-    let found = find_circle(&image, &CircleSearch { radius, window }, &mut scratch).map_err(|error| {
+    let found = find_circle(&image, &search, &mut scratch).map_err(|error| {
         let note = if factor > 1 {
             format!(", after the picture was reduced {factor} times")
         } else {

@@ -13,6 +13,7 @@ Examples:
   tesaki find-circle knob.png
   tesaki find-circle --radius 20..60 --annotate found.png knob.png
   tesaki find-circle --radius 15..25 --window 69,94,10 knob1.pgm knob2.pgm
+  tesaki find-circle --axis 127,95,7 knob.png
   tesaki --json find-circle knob.png";
 
 #[derive(Args)]
@@ -27,6 +28,10 @@ pub struct FindCircle {
     /// Look for the centre only within REACH of (X, Y) [px]
     #[arg(long, value_name = "X,Y,REACH", value_parser = window)]
     pub window: Option<[f32; 3]>,
+    /// Where the axis of the knob vanishes: the point (X, Y) that shows its direction, known to REACH [px];
+    /// finds a rose that the knob hides in part
+    #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
+    pub axis: Option<[f32; 3]>,
     /// Write the picture with the circle and its centre drawn in red; for one picture only
     #[arg(long, value_name = "PNG")]
     pub annotate: Option<PathBuf>,
