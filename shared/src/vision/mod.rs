@@ -12,8 +12,9 @@
 //!    is fitted to them, with outliers rejected.
 //!
 //! The answer is the circle with the longest rim that is supported by edges: of concentric circles, the outermost.
-//! Where the end of the knob hides the rose, no rim is expected. A prior of the radius, from the arm's own pose, and
-//! a window about the last result exclude other circles.
+//! Where the end of the knob hides the rose, no rim is expected, and that of the knob does not count. When it is known
+//! where the axis of the knob vanishes, the rose is looked for along it, behind each circle that may be the knob's end.
+//! A prior of the radius, from the arm's own pose, and a window about the last result exclude other circles.
 //!
 //! The front rim of the rose is an ellipse in the image, because the camera looks at it obliquely.
 //! [`Circle::center`] is the ellipse's centre, [`Circle::radius`] the root of the product of its semi-axes. The

@@ -38,7 +38,7 @@ const EXCUSED: &[(&str, &str)] = &[
     ("glove | tesaki retarget --live --operator aiko.toml", "cli/retarget.rs runs it with a simulated glove"),
     ("tesaki calibrate poses.csv --operator Aiko --out aiko.toml", "cli/calibrate.rs runs it"),
     ("glove | tesaki calibrate --live --out aiko.toml", "likewise"),
-    ("python3 tests/oracles/find_circle.py set 250 3 DIR", "it needs Python's NumPy, and minutes"),
+    ("python3 tests/oracles/find_circle.py set 250 4 DIR", "it needs Python's NumPy, and minutes"),
     ("python3 tests/oracles/find_circle.py opencv DIR", "it needs OpenCV"),
     (
         "cargo run --release -p tesaki --example circle_accuracy -- DIR list",
