@@ -6,7 +6,7 @@ use crate::{TICK, math};
 
 /// Below this reference speed the Coulomb term falls linearly to 0 [rad/s]; larger is smoother, but weaker at
 /// starts.
-pub(super) const STALL_SPEED: f32 = 0.002;
+pub(crate) const STALL_SPEED: f32 = 0.002;
 /// Minimum reference speed of the adaptation [rad/s]; slower motion is dominated by stiction.
 const LEARNING_SPEED: f32 = 0.05;
 /// Adaptation rate: fraction of the disturbance taken over per second of motion [1/s].

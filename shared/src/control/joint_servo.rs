@@ -132,11 +132,25 @@ impl JointServo {
         measured: f32,
         model_torque: f32,
     ) -> ServoOutput {
+        self.compute::<true>(state, mode, reference, measured, model_torque)
+    }
+
+    /// As [`update`](Self::update), but learns nothing of the disturbance, unless it `LEARNS`.
+    #[inline]
+    pub(crate) fn compute<const LEARNS: bool>(
+        &self,
+        state: &mut JointServoState,
+        mode: ServoMode,
+        reference: &JointPoint,
+        measured: f32,
+        model_torque: f32,
+    ) -> ServoOutput {
         let feedforward = model_torque
             + self.rotor_inertia * reference.acceleration
             + self.friction.torque(&state.friction, reference.velocity);
         let error = reference.position - measured;
-        let at_rest = math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
+        let at_rest =
+            !LEARNS || math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
         match mode {
             ServoMode::Pid => {
                 let requested = feedforward + self.pid.output(&mut state.pid, reference, measured);

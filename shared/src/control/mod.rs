@@ -6,6 +6,7 @@ mod joint_servo;
 mod observer;
 mod pid;
 
+pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
 pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};

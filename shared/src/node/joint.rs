@@ -318,12 +318,14 @@ impl Joint<'_> {
         };
     }
 
-    /// Computes the torque by the servo. `model_torque` is the inverse dynamics at the reference [N·m].
+    /// Computes the torque by the servo, which goes on learning the disturbance if it `LEARNS`. `model_torque` is
+    /// the inverse dynamics at the reference [N·m].
     #[inline]
-    pub fn control(&mut self, mode: ServoMode, model_torque: f32) {
+    pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
         let feedforward = model_torque + self.target.feedforward;
-        let servo = &mut self.state.servo;
-        let output = self.config.servo.update(servo, mode, self.reference, *self.position, feedforward);
+        let Self { config, state, reference, position, .. } = self;
+        let output =
+            config.servo.compute::<LEARNS>(&mut state.servo, mode, reference, **position, feedforward);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }

@@ -4,10 +4,15 @@ use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
+use crate::control::STALL_SPEED;
 use crate::fault::Fault;
+use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
+
+/// Time in which the servos learn the disturbance of a stop [ticks].
+const SETTLING_TICKS: u32 = 30;
 
 impl Node {
     /// One control period: reads the sensors, checks for faults, runs the task, computes the torques.
@@ -68,13 +73,23 @@ impl Node {
             (Reaction::Damp, Some(_)) => self.damp(),
             (Reaction::Hold, Some(_)) => match self.state.targets.actuation {
                 Actuation::Acceleration { friction } => self.accelerate(friction),
-                actuation => self.servo(actuation),
+                actuation if self.stays() => self.servo::<false>(actuation),
+                actuation => self.servo::<true>(actuation),
             },
         }
     }
 
-    /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`].
-    fn servo(&mut self, actuation: Actuation) {
+    /// Whether a stop is over and the joints stay where they are. What they would learn of the disturbance from
+    /// then on would make them press harder against what holds them, or after an encoder that has died.
+    fn stays(&self) -> bool {
+        self.state.mode == Mode::Fault
+            && self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
+            && self.state.references.iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
+    }
+
+    /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`]; the servos go on learning the disturbance if
+    /// they `LEARN`.
+    fn servo<const LEARN: bool>(&mut self, actuation: Actuation) {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
         let mut all = joints(robot, &mut self.state);
@@ -101,7 +116,7 @@ impl Node {
             if let Actuation::Torque { damping, compensated } = actuation {
                 of_chain.for_each(|(mut joint, torque)| joint.push(damping, compensated, torque));
             } else {
-                of_chain.for_each(|(mut joint, torque)| joint.control(mode, torque));
+                of_chain.for_each(|(mut joint, torque)| joint.control::<LEARN>(mode, torque));
             }
         }
     }

@@ -79,6 +79,37 @@ fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_mos
     }
 }
 
+/// Whoever leans on a held joint meets its spring, not one that grows stiffer the longer he leans.
+#[test]
+fn a_held_joint_does_not_press_harder_with_time() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        let mut rig = Rig::enabled(&model());
+        rig.ask(Request::Disable);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        rig.tick();
+        let lean = |rig: &mut Rig, ticks: u32| {
+            // 10 mrad, more than the error at which a joint counts as resting.
+            rig.sensors.encoders[0] = libm::roundf(0.01 * COUNTS_PER_RADIAN) as i32;
+            (0..ticks).for_each(|_| _ = rig.tick());
+            rig.node.telemetry().joints[0].torque
+        };
+        rig.ask(Request::Stop);
+        (0..40).for_each(|_| _ = rig.tick());
+        let (soon, later) = (lean(&mut rig, 20), lean(&mut rig, 200));
+        assert_eq!(rig.node.faults().total, 1);
+        assert!(soon < -1e-4 && (later / soon - 1.0).abs() < 0.01, "{mode:?}: {soon} {later}");
+        // Enabled, it brings the joint back.
+        let mut rig = Rig::enabled(&model());
+        rig.ask(Request::Disable);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        rig.tick();
+        let keep =
+            |rig: &mut Rig, ticks: u32| (0..ticks).map(|_| (rig.ask(Request::Keep), lean(rig, 1)).1).last();
+        let (soon, later) = (keep(&mut rig, 8).unwrap(), keep(&mut rig, 20).unwrap());
+        assert!(later < 1.1 * soon, "{mode:?}: {soon} {later}");
+    }
+}
+
 /// A finger that lies along x, with gravity across it.
 fn lying() -> RobotModel {
     let mut model = model();
