@@ -9,7 +9,7 @@ use crate::math;
 
 /// Least evidence for the end of a knob that hides others, where nothing else is known.
 const FRONT_EVIDENCE: f32 = 0.72;
-/// Least evidence for the end of a knob before which a rose is looked for along the axis, for that rose, and for the
+/// Least evidence for the end of a knob behind which a rose is looked for along the axis, for that rose, and for the
 /// rose and half of the knob together.
 const KNOB_EVIDENCE: f32 = 0.45;
 const ROSE_EVIDENCE: f32 = 0.5;
@@ -18,7 +18,7 @@ const PAIR_EVIDENCE: f32 = 0.95;
 const LOSS: f32 = 0.05;
 /// Least number of open rays on which a circle is judged.
 const MIN_RAYS: u32 = 20;
-/// Ends of knobs before which a rose is looked for.
+/// Ends of knobs behind which a rose is looked for.
 const MAX_KNOBS: usize = 3;
 /// Radius of a rose over that of its knob, both on the door.
 const ROSE_RADIUS: [f32; 2] = [1.05, 2.2];
