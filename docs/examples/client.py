@@ -109,7 +109,7 @@ TASKS = ["joint servo", "grasping", "impedance", "telexistence"]
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck;
 torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog
 reset; panic; CPU fault; clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
-object lost; object moved; tool away; tool turned; runaway; force mismatch""".replace("\n", " ").split("; ")
+object lost; object moved; tool away; tool turned; runaway; force mismatch; stop gained energy""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):

@@ -77,6 +77,10 @@ pub enum FaultCause {
     /// 26: something acts on an arm that its force sensor does not see: the sensor reads too little, or a link
     /// is pushed. Value: the acceleration of the tool that the control made up for; limit [m/s²].
     ForceMismatch,
+    /// 27: the drives brought energy into a robot that was to come to rest, because an encoder or a drive lies, the
+    /// control swings, or what it pressed on is gone. The joint is the one that did most in the last tick. Value
+    /// and limit in J.
+    EnergyGained,
 }
 
 impl FaultCause {
@@ -117,6 +121,7 @@ impl FaultCause {
             Self::VelocityLimit => "rad/s",
             Self::EncoderStuck | Self::Runaway | Self::NotFinite => "N·m",
             Self::ForceMismatch => "m/s²",
+            Self::EnergyGained => "J",
             Self::SupplyLow | Self::SupplyHigh => "V",
             Self::OverCurrent => "A",
             Self::ForceLimit | Self::ObjectLost => "N",
@@ -157,6 +162,9 @@ impl FaultCause {
             Self::ToolOrientationError => "the tool is rotated too far from its set-point",
             Self::ForceMismatch => {
                 "pushed by what its force sensor does not see: sensor wrong, or a link touched"
+            }
+            Self::EnergyGained => {
+                "drove the robot that was to stop: encoder or drive wrong, or its load is gone"
             }
             Self::Runaway => "gains speed against its torque: drive reversed, wrong encoder, or pushed",
         }

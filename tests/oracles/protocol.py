@@ -268,8 +268,8 @@ def from_board():
     first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause)
              for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
-    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 27)]
-    golden("board-faults-16-to-26", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 28)]
+    golden("board-faults-16-to-27", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     exported = uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)
     golden("board-exported", reply(9, 1234, exported))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))

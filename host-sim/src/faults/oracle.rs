@@ -9,7 +9,7 @@ use tesaki::model::Reaction;
 use tesaki::protocol::{Mode, Reply, Request};
 
 use super::rules::{Rule, Violation};
-use super::sample::{Machine, Sample};
+use super::sample::{Machine, REDUCED_SPEED, Sample};
 
 /// Control period [s].
 const T: f64 = 0.01;
@@ -17,8 +17,6 @@ const T: f64 = 0.01;
 const REST_SPEED: f64 = 0.02;
 /// The time in which a held robot comes to rest [ticks].
 const REST_TIME: u32 = 100;
-/// Reduced speed, at which people may be near (ISO 10218-1) [m/s].
-const REDUCED_SPEED: f64 = 0.25;
 /// Fraction of weight and friction by which the model may be wrong.
 const WEIGHT_ERROR: f64 = 0.25;
 /// How far a joint may press into its stop [rad].
@@ -33,7 +31,8 @@ const CONTACT: f64 = 1.0;
 /// an encoder that lies otherwise, or a drive that does not what it is told, by the motion that follows.
 const STUCK_TICKS: u32 = 3;
 /// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
-const FADING: f64 = 2.0;
+const FADING_TICKS: u32 = 2;
+const FADING: f64 = FADING_TICKS as f64;
 
 /// Whether outputs may be on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +51,8 @@ struct Stop {
     tick: u32,
     cause: Option<FaultCause>,
     total: u32,
+    /// Number of faults when the energy was counted anew.
+    found: u32,
     /// Largest contact force before [N], and energy and speed of the tool at that time; or when the board ticks
     /// again after missed ticks.
     contact: f64,
@@ -60,14 +61,17 @@ struct Stop {
     /// Work of the drives beyond the weight, and its allowance, since [J].
     work: f64,
     allowance: f64,
-    /// What the rate limits leave of each torque beyond the weight [N·m].
+    /// What the rate limits leave of each torque beyond the weight [N·m], and since when they act.
     fading: Vec<f64>,
+    fades_from: u32,
     /// The last disturbance.
     disturbed: u32,
     /// Whether anything but the board decides on the contact force.
     excused: bool,
     /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
     drifted: bool,
+    /// A sensor or a drive is wrong, or was so shortly before this tick.
+    wrong_until: u32,
     /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was wrong.
     unnoticed: u32,
 }
@@ -113,6 +117,11 @@ impl Oracle {
     /// The broken rules, each with its first violation.
     pub fn violations(&self) -> &[Violation] {
         &self.broken
+    }
+
+    /// The work of the drives in the present stop, and how much of it is allowed [J].
+    pub fn work(&self) -> Option<[f64; 2]> {
+        self.stop.as_ref().map(|stop| [stop.work, stop.allowance])
     }
 
     /// Adds a violation, the first of its rule only.
@@ -276,7 +285,8 @@ impl Oracle {
         let stops = self.machine.stops.clone();
         for (index, (stop, &angle)) in stops.iter().zip(&sample.positions).enumerate() {
             let Some([lower, upper]) = *stop else { continue };
-            if !(lower - STOP_COMPLIANCE..=upper + STOP_COMPLIANCE).contains(&angle) {
+            if !sample.acting.pushed && !(lower - STOP_COMPLIANCE..=upper + STOP_COMPLIANCE).contains(&angle)
+            {
                 let name = self.machine.model.joint_name(index).to_owned();
                 let text = format!("{name}: {angle:.4} rad, stops at {lower:.4} and {upper:.4} rad");
                 self.violate(Rule::Stops, sample.tick, text);
@@ -324,7 +334,7 @@ impl Oracle {
             return;
         }
         let Some(before) = self.before.back() else { return };
-        let acting = sample.acting;
+        let acting = &sample.acting;
         if self.stop.is_none() {
             let contact = self.before.iter().fold(0.0, |force: f64, before| force.max(before.contact));
             self.stop = Some(Stop {
@@ -335,21 +345,19 @@ impl Oracle {
                 energy: before.energy,
                 speed: before.speed + FADING * rise(&self.before),
                 work: 0.0,
-                fading: before
-                    .drives
-                    .iter()
-                    .zip(&before.weight)
-                    .map(|(drive, weight)| drive - weight)
-                    .collect(),
-                allowance: before.energy + 0.5 * self.machine.mass * REDUCED_SPEED * REDUCED_SPEED,
+                fading: excess(before).collect(),
+                fades_from: sample.tick + FADING_TICKS,
+                allowance: before.energy + self.machine.tolerated_energy(),
+                found: sample.total,
                 disturbed: sample.tick,
                 excused: false,
                 drifted: false,
+                wrong_until: 0,
                 unnoticed: 0,
             });
         }
         let Some(stop) = &mut self.stop else { return };
-        stop.excused |= acting.environment || acting.weak_drives;
+        stop.excused |= acting.environment || !acting.weak_drives.is_empty();
         stop.drifted |= acting.drifts;
         if !sample.answered {
             // Without a tick the robot falls: what counts is the motion at the next one.
@@ -357,24 +365,40 @@ impl Oracle {
             stop.energy = stop.energy.max(sample.energy);
             stop.speed = stop.speed.max(sample.speed + FADING * (sample.speed - before.speed).max(0.0));
         }
-        if acting.changes {
+        let unloads = acting.unloads || before.acting.held && !acting.held;
+        if acting.changes || unloads {
             stop.disturbed = sample.tick;
+        }
+        if unloads {
+            // What balanced the load drives the robot until it has faded.
+            for (fading, balanced) in stop.fading.iter_mut().zip(excess(before)) {
+                *fading = if balanced.abs() > fading.abs() { balanced } else { *fading };
+            }
+            stop.fades_from = sample.tick + STUCK_TICKS;
         }
         let moved = sample.positions.iter().zip(&before.positions).map(|(now, before)| now - before);
         let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
         let fading = stop.fading.iter_mut().zip(&self.machine.model.joints);
         if sample.enabled {
-            for (((moved, torque), weight), (fading, joint)) in
-                moved.zip(torques).zip(&sample.weight).zip(fading)
+            for (index, (((moved, torque), weight), (fading, joint))) in
+                moved.zip(torques).zip(&sample.weight).zip(fading).enumerate()
             {
-                stop.work += (torque - weight) * moved;
+                // What a weak drive does not bear of the weight is no work of the drive.
+                let unborne = if acting.weak_drives.contains(&index) {
+                    torque.clamp(weight.min(0.0), weight.max(0.0))
+                } else {
+                    *weight
+                };
+                stop.work += (torque - unborne) * moved;
                 let friction =
                     f64::from(joint.friction.coulomb) + f64::from(joint.friction.viscous) * moved.abs() / T;
                 stop.allowance += WEIGHT_ERROR * (weight * moved).abs()
                     + (1.0 + WEIGHT_ERROR) * friction * moved.abs()
                     + (*fading * moved).max(0.0);
-                let step = f64::from(joint.limits.torque_rate) * T;
-                *fading -= fading.clamp(-step, step);
+                if sample.tick >= stop.fades_from {
+                    let step = f64::from(joint.limits.torque_rate) * T;
+                    *fading -= fading.clamp(-step, step);
+                }
             }
         }
         if !sample.enabled || !sample.answered {
@@ -386,8 +410,23 @@ impl Oracle {
         let in_contact = !stop.excused && stop.contact > CONTACT && after > 0;
         let energy = stop.work > stop.allowance && !stop.drifted;
         let speed = in_contact && sample.speed > too_fast;
-        let wrong = acting.encoders || acting.drives;
-        stop.unnoticed = if wrong && (energy || speed) { stop.unnoticed + 1 } else { 0 };
+        // The motion goes on until its energy is in the wall's spring.
+        let stored = 2.0 * sample.stiffness * stop.energy;
+        let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
+        let force = in_contact && sample.contact > limit;
+        if acting.encoders || acting.drives {
+            stop.wrong_until = sample.tick + 2 * STUCK_TICKS;
+        }
+        let wrong = sample.tick < stop.wrong_until;
+        if wrong && sample.total > stop.found {
+            // The board has found it: from here on it must not get worse.
+            (stop.found, stop.work) = (sample.total, 0.0);
+            stop.allowance = sample.energy + self.machine.tolerated_energy();
+            stop.fading = excess(sample).collect();
+            stop.fades_from = sample.tick + FADING_TICKS;
+            stop.speed = stop.speed.max(sample.speed);
+        }
+        stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
         let noticeable = !wrong || stop.unnoticed > 2 * STUCK_TICKS;
         if energy && noticeable {
             let text = format!(
@@ -397,8 +436,7 @@ impl Oracle {
             );
             broken.push((Rule::Energy, text));
         }
-        let mass = self.machine.mass;
-        let rest = 0.5 * mass * REST_SPEED * REST_SPEED;
+        let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
         let holds = self.machine.model.safety.reaction == Reaction::Hold
             && sample.total == stop.total
             && !matches!(
@@ -416,10 +454,7 @@ impl Oracle {
             );
             broken.push((Rule::Rest, text));
         }
-        // The motion goes on until its energy is in the wall's spring.
-        let stored = 2.0 * sample.stiffness * stop.energy;
-        let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
-        if in_contact && sample.contact > limit {
+        if force && noticeable {
             let text = format!(
                 "{:.2} N {after} ticks after the fault, {:.2} N before it, limit {limit:.2} N",
                 sample.contact, stop.contact
@@ -437,6 +472,11 @@ impl Oracle {
             self.violate(rule, sample.tick, text);
         }
     }
+}
+
+/// The torques of the drives beyond the weight [N·m].
+fn excess(sample: &Sample) -> impl Iterator<Item = f64> {
+    sample.drives.iter().zip(&sample.weight).map(|(drive, weight)| drive - weight)
 }
 
 /// By how much the tool got faster in the last tick [m/s].

@@ -339,7 +339,7 @@ impl Rig {
                 Kind::Pull { force } if plant.object().is_some() => plant.push(push(force)),
                 Kind::Pull { force } => plant.push_tip(0, push(force)),
                 Kind::Wall { direction, clearance, stiffness } => {
-                    plant.insert_wall_ahead(0, direction, clearance, stiffness)
+                    plant.insert_wall_ahead(direction, clearance, stiffness)
                 }
                 Kind::Removed => {
                     plant.remove_object();
@@ -364,6 +364,9 @@ impl Rig {
         let acting = Acting {
             changes: self.schedule.faults.iter().any(|fault| fault.changes(self.tick)),
             environment: self.touched,
+            pushed: is(|kind| matches!(kind, Kind::Push { .. } | Kind::Pull { .. })),
+            held: plant.is_held(),
+            unloads: self.schedule.faults.iter().any(|fault| fault.unloads(self.tick)),
             encoders: is(|kind| {
                 matches!(
                     kind,
@@ -376,7 +379,7 @@ impl Rig {
             }),
             drifts: is(|kind| matches!(kind, Kind::Drift { .. })),
             drives: self.acts(Family::Drive),
-            weak_drives: is(|kind| matches!(kind, Kind::Weak { .. } | Kind::Dead { .. })),
+            weak_drives: self.acting().filter_map(|fault| fault.kind.weak_drive()).collect(),
         };
         Sample {
             tick: self.tick,
@@ -385,6 +388,7 @@ impl Rig {
             enabled: self.answer.enabled,
             torques: self.answer.torques.to_vec(),
             counts: self.counts.clone(),
+            reaction: node.reaction(),
             total: node.faults().total,
             latest: node.faults().faults.last().copied(),
             positions: truth.positions,

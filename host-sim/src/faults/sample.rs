@@ -3,24 +3,33 @@
 use std::fmt;
 
 use tesaki::fault::Fault;
-use tesaki::model::RobotModel;
+use tesaki::model::{Reaction, RobotModel};
 use tesaki::protocol::Mode;
 
+/// Reduced speed, at which people may be near (ISO 10218-1) [m/s].
+pub const REDUCED_SPEED: f64 = 0.25;
+
 /// What the schedule does in a tick.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Acting {
     /// A fault begins or ends.
     pub changes: bool,
     /// The environment is disturbed, now or before.
     pub environment: bool,
+    /// Something pushes the robot or its object.
+    pub pushed: bool,
+    /// Something of the scenario holds the tool.
+    pub held: bool,
+    /// What loaded the robot is gone.
+    pub unloads: bool,
     /// An encoder lies.
     pub encoders: bool,
     /// An encoder drifts.
     pub drifts: bool,
     /// A drive does not do what it is told.
     pub drives: bool,
-    /// A drive cannot carry its joint's weight.
-    pub weak_drives: bool,
+    /// The joints whose drives cannot carry the weight.
+    pub weak_drives: Vec<usize>,
 }
 
 /// One control period: what the board answered at its start, and the truth at its end.
@@ -38,6 +47,8 @@ pub struct Sample {
     pub torques: Vec<f32>,
     /// Encoder counts as the board read them, and as they truly are.
     pub counts: [Vec<i32>; 2],
+    /// What the outputs do in a stop, and whether the task brings the robot to rest; for a trace.
+    pub reaction: (Reaction, bool),
     /// Total of the fault log.
     pub total: u32,
     /// The latest fault.
@@ -64,12 +75,13 @@ impl fmt::Display for Sample {
     /// A line of a trace.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tick, mode, total, energy, speed, contact, .. } = self;
-        let state = if !self.answered {
-            "no tick"
-        } else if self.enabled {
-            "on"
-        } else {
-            "off"
+        let state = match (self.mode, self.reaction) {
+            _ if !self.answered => "no tick",
+            _ if !self.enabled => "off",
+            (Mode::Fault, (Reaction::Hold, true)) => "brought to rest by the task",
+            (Mode::Fault, (Reaction::Hold, false)) => "held",
+            (Mode::Fault, _) => "damped",
+            _ => "on",
         };
         write!(
             f,
@@ -94,4 +106,11 @@ pub struct Machine {
     pub mass: f64,
     /// Noise of a contact force [N].
     pub force_noise: f64,
+}
+
+impl Machine {
+    /// Kinetic energy of the robot at a tolerated speed of all its mass [J].
+    pub fn tolerated_energy(&self) -> f64 {
+        0.5 * self.mass * REDUCED_SPEED * REDUCED_SPEED
+    }
 }

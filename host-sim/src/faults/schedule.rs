@@ -198,6 +198,14 @@ impl Kind {
         }
     }
 
+    /// The joint whose drive is weak or dead.
+    pub const fn weak_drive(&self) -> Option<usize> {
+        match *self {
+            Self::Weak { joint, .. } | Self::Dead { joint } => Some(joint),
+            _ => None,
+        }
+    }
+
     /// Simpler variants, for shrinking: half of a magnitude.
     pub fn simpler(&self) -> Vec<Self> {
         let half = |vector: [f64; 3]| vector.map(|part| (part / 2.0).round());
@@ -240,6 +248,16 @@ impl Fault {
     /// Whether it acts in a tick.
     pub fn acts(&self, tick: u32) -> bool {
         tick >= self.begin && self.ticks.is_none_or(|ticks| tick - self.begin < ticks)
+    }
+
+    /// Whether it takes a load off the robot in a tick.
+    pub fn unloads(&self, tick: u32) -> bool {
+        self.changes(tick)
+            && match self.kind {
+                Kind::Removed => tick == self.begin,
+                Kind::Push { .. } | Kind::Pull { .. } => tick != self.begin,
+                _ => false,
+            }
     }
 
     /// Whether it begins or ends in a tick.

@@ -82,11 +82,15 @@ impl Intervention for SharedRig {
     fn after(&mut self, plant: &Plant) {
         let mut rig = self.lock();
         let sample = rig.sample(plant);
-        if let Some(trace) = &mut rig.trace {
-            trace.push(sample.to_string());
-        }
+        let mut line = rig.trace.is_some().then(|| sample.to_string());
         if let Some(oracle) = &mut rig.oracle {
             oracle.tick(sample);
+            if let (Some(line), Some([work, allowance])) = (&mut line, oracle.work()) {
+                line.push_str(&format!("  work {work:.3} of {allowance:.3} J"));
+            }
+        }
+        if let (Some(trace), Some(line)) = (&mut rig.trace, line) {
+            trace.push(line);
         }
         rig.tick += 1;
         rig.is_over |= rig.tick >= rig.schedule.end || rig.panicked;

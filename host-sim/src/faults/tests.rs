@@ -6,6 +6,7 @@ use std::path::Path;
 
 use tesaki::control::ServoMode;
 use tesaki::fault::{Fault, FaultCause};
+use tesaki::model::Reaction;
 use tesaki::protocol::{Mode, Reply, Request};
 use tesaki::task::{TaskConfig, TaskKind};
 use tesaki_description::robot::RobotFolder;
@@ -45,6 +46,7 @@ fn sample(tick: u32, mode: Mode, enabled: bool) -> Sample {
         enabled,
         torques: vec![0.0; 9],
         counts: [vec![0; 9], vec![0; 9]],
+        reaction: (Reaction::Off, false),
         total: stopped.into(),
         latest: stopped.then_some(fault),
         positions: vec![0.0; 9],

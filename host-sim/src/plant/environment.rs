@@ -235,6 +235,11 @@ impl Environment {
         }
     }
 
+    /// Whether a tip is held.
+    pub fn holds(&self) -> bool {
+        self.tips.iter().any(|tip| tip.hold.is_some())
+    }
+
     /// Releases the tip at `time`.
     pub fn release(&mut self, tip: usize, time: f64) {
         if let Some(held) = self.tips.get_mut(tip).and_then(|tip| tip.hold.as_mut()) {

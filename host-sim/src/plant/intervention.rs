@@ -79,24 +79,29 @@ impl Plant {
         Ok(())
     }
 
-    /// Inserts a wall ahead of a tip, `clearance` from it in a direction.
+    /// Inserts a wall ahead of all tips in a direction, `clearance` from the first that would touch it.
     ///
     /// # Errors
-    /// No such tip, or an invalid value.
+    /// No tip, or an invalid value.
     pub fn insert_wall_ahead(
         &mut self,
-        tip: usize,
         direction: [f64; 3],
         clearance: f64,
         stiffness: f64,
     ) -> Result<(), PlantError> {
-        let tips = self.world.tips().len();
-        let frame = self.world.tip_frame(tip).ok_or(PlantError::NoTip { tip, tips })?;
-        let Some(tip) = self.world.tips().get(tip) else { return Ok(()) };
         let ahead = Vector3::from(direction).normalize();
-        let surface = (frame * Point3::from(tip.center)).coords + ahead * (tip.radius + clearance);
-        let (point, normal) = (surface.into(), (-ahead).into());
+        let reach = self.world.tips().iter().enumerate().filter_map(|(index, tip)| {
+            let frame = self.world.tip_frame(index)?;
+            Some((frame * Point3::from(tip.center)).coords.dot(&ahead) + tip.radius)
+        });
+        let reach = reach.max_by(f64::total_cmp).ok_or(PlantError::NoTip { tip: 0, tips: 0 })?;
+        let (point, normal) = ((ahead * (reach + clearance)).into(), (-ahead).into());
         self.insert_wall(Wall { point, normal, stiffness, damping: 20.0, friction: 0.3 })
+    }
+
+    /// Whether something holds a tip.
+    pub fn is_held(&self) -> bool {
+        self.world.environment().holds()
     }
 
     /// Takes the object away, if there is one.

@@ -16,8 +16,10 @@ const STUCK_TICKS: u16 = 3;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
-/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back.
+/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back. Torques that
+/// drive the robot balance no contact, and decay faster.
 const FEEDFORWARD_DECAY: f32 = 0.95;
+const DRIVING_DECAY: f32 = 0.5;
 
 /// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -27,7 +29,7 @@ pub(super) struct JointState {
     homed: bool,
     count: i32,
     /// Change of the angle in the last tick [rad].
-    change: f32,
+    pub change: f32,
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
@@ -174,11 +176,16 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Prepares for a tick that comes several periods after the last one: the last position becomes that of one
-    /// period ago, at constant velocity.
+    /// Prepares for a tick that comes several periods after the last one: position and velocity become those of
+    /// one period ago, at the constant acceleration of a joint whose drive was off.
     pub fn catch_up(&mut self, count: i32, periods: f32) {
+        let (before, max) = (*self.velocity, self.config.limits.velocity);
         let position = self.state.angle(self.config, count);
-        *self.position = position - (position - *self.position) / periods;
+        let mean = (position - *self.position) / (periods * TICK);
+        let now = math::clamp(2.0 * mean - before, -max, max);
+        let last = now + (before - now) / periods;
+        *self.position = position - 0.5 * (last + now) * TICK;
+        *self.velocity = last;
     }
 
     /// Reads the encoder in a tick.
@@ -230,16 +237,15 @@ impl Joint<'_> {
     }
 
     /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against the effort
-    /// of the last tick, does it exceed its velocity limit? Returns a fault: cause, value, limit.
-    pub fn check_speed(&mut self, actuation: Actuation, tick: u32) -> Option<(FaultCause, f32, f32)> {
+    /// of the last tick, does it exceed its velocity limit? Where the reference `follows` the joint, its error says
+    /// nothing. Returns a fault: cause, value, limit.
+    pub fn check_speed(&mut self, follows: bool, tick: u32) -> Option<(FaultCause, f32, f32)> {
         let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
         if abs(state.change) > config.jump {
             return Some((FaultCause::EncoderJump, state.change, config.jump));
         }
-        // A reference arm that touches something takes the measured state, so its error says nothing.
-        let accelerated = matches!(actuation, Actuation::Acceleration { .. });
-        let deviates = accelerated || abs(self.reference.position - *self.position) > config.deviation;
+        let deviates = follows || abs(self.reference.position - *self.position) > config.deviation;
         let ticks = if state.gained_in.wrapping_add(1) == tick { state.running_away } else { 0 };
         state.running_away = if deviates && is_opposed { ticks.saturating_add(1) } else { 0 };
         state.gained_in = tick;
@@ -247,7 +253,15 @@ impl Joint<'_> {
             return Some((FaultCause::Runaway, state.effort, config.breakaway));
         }
         let (velocity, limit) = (*self.velocity, config.limits.velocity);
-        (abs(velocity) > limit).then_some((FaultCause::VelocityLimit, velocity, limit))
+        if abs(velocity) <= limit {
+            return None;
+        }
+        // Neither its drive nor a push makes a joint so fast in one tick.
+        let leap = config.max_leap(velocity);
+        if abs(state.change) > leap {
+            return Some((FaultCause::EncoderJump, state.change, leap));
+        }
+        Some((FaultCause::VelocityLimit, velocity, limit))
     }
 
     /// Checks the control. Returns a fault: cause, value, limit.
@@ -365,18 +379,22 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque, beside the gravity torque [N·m] and the fading feed-forward. When damping
-    /// `begins`, the feed-forward becomes what the torque has balanced so far, such as a contact force.
-    pub fn damp(&mut self, gravity: f32, begins: bool) {
-        if begins {
+    /// Computes a damping torque, beside the gravity torque [N·m] and the feed-forward, which fades, faster if all
+    /// together it is `driving` the robot. When damping `begins`, the feed-forward becomes what the torque has
+    /// balanced so far, such as a contact force; of torques that were `driving` the robot, nothing.
+    pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
+        if begins && driving {
+            self.target.feedforward = 0.0;
+        } else if begins {
             let acceleration = self.config.acceleration(self.state.change, *self.velocity);
             self.target.feedforward = self.state.torque - gravity - self.config.inertia * acceleration;
         }
-        self.target.feedforward *= FEEDFORWARD_DECAY;
+        self.target.feedforward *= if driving { DRIVING_DECAY } else { FEEDFORWARD_DECAY };
         *self.reference = JointPoint { position: *self.position, ..JointPoint::default() };
-        let desired = gravity + self.target.feedforward - self.config.damping * *self.velocity;
+        let effort = -self.config.damping * *self.velocity;
+        let desired = gravity + self.target.feedforward + effort;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
-        self.state.effort = 0.0;
+        self.state.effort = effort;
     }
 
     /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque of

@@ -24,6 +24,7 @@ mod optional;
 mod replay;
 mod safety;
 mod state;
+mod stop_energy;
 mod tick;
 mod transfer;
 
@@ -45,7 +46,7 @@ pub use state::{STATE_KEY, State};
 use heapless::Vec;
 
 use crate::fault::{Fault, FaultLog};
-use crate::model::MAX_JOINTS;
+use crate::model::{MAX_JOINTS, Reaction};
 use crate::protocol::{
     BoardStatus, FromBoard, JointTelemetry, Mode, Stream, TaskReport, Telemetry, TipTelemetry, Tips,
 };
@@ -89,6 +90,11 @@ impl Node {
     /// The mode.
     pub const fn mode(&self) -> Mode {
         self.state.mode
+    }
+
+    /// What the outputs do in [`Mode::Fault`], and whether the task itself brings the robot to rest.
+    pub const fn reaction(&self) -> (Reaction, bool) {
+        (self.state.reaction, self.state.halting)
     }
 
     /// The robot; `None` before the first model.

@@ -40,7 +40,12 @@ impl Node {
                     return;
                 }
                 let failed = self.shows_that_holding_fails(fault.cause);
-                let reaction = strongest.min(if failed { Reaction::Damp } else { Reaction::Hold });
+                let damps = self.state.reaction == Reaction::Damp;
+                let reaction = strongest.min(match fault.cause {
+                    FaultCause::EnergyGained if damps => Reaction::Off,
+                    _ if failed => Reaction::Damp,
+                    _ => Reaction::Hold,
+                });
                 // A state that lasts, such as a low supply, is no further fault.
                 if reaction >= self.state.reaction {
                     return;
@@ -53,12 +58,16 @@ impl Node {
         self.state.reaction = reaction;
         self.state.damped = false;
         self.state.reacting_since = self.state.tick;
+        if reaction != Reaction::Off {
+            self.begin_stop_energy();
+        }
     }
 
     /// Whether a fault while the robot is held after another one shows that holding fails.
     fn shows_that_holding_fails(&self, cause: FaultCause) -> bool {
         match cause {
             FaultCause::FollowingError
+            | FaultCause::EnergyGained
             | FaultCause::ObjectLost
             | FaultCause::ObjectMoved
             | FaultCause::ToolPositionError
@@ -126,7 +135,11 @@ impl Node {
             suspect |= joint.gains_speed() || joint.check_measurement(current).is_some();
         }
         let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
-        let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
+        let has_force_sensors = robot.force_sensors() > 0;
+        if elapsed.cast_signed() > 1 && self.is_stopping() {
+            self.begin_stop_energy();
+        }
+        let tip_fault = if !has_force_sensors { None } else { self.read_force_sensors(sensors) };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
@@ -162,13 +175,10 @@ impl Node {
         }
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
-        if self.is_holding() && elapsed != 1 {
-            return late();
-        }
-        if supply < safety.supply_min {
-            return fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
-        }
-        of_sensor(joint_fault.or(tip_fault)).or_else(late)
+        let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
+        late()
+            .or_else(|| low().filter(|_| supply < safety.supply_min))
+            .or(of_sensor(joint_fault.or(tip_fault)))
     }
 
     /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.
@@ -198,6 +208,11 @@ impl Node {
     /// Whether the task is ticked: it is enabled, or brings the robot to rest.
     pub(super) fn ticks_task(&self) -> bool {
         matches!(self.state.mode, Mode::Enabled(_)) || self.state.halting && self.is_holding()
+    }
+
+    /// Whether the outputs are on after a fault.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.state.mode == Mode::Fault && self.state.reaction != Reaction::Off
     }
 
     /// Whether a fault ended in [`Reaction::Hold`].
@@ -247,11 +262,14 @@ impl Node {
 #[cold]
 #[inline(never)]
 fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> SensorFault {
-    let (tick, actuation) = (state.tick, state.targets.actuation);
+    let tick = state.tick;
+    // A reference arm that touches something takes the measured state, as joints do that are damped.
+    let damped = state.mode == Mode::Fault && state.reaction == Reaction::Damp;
+    let follows = damped || matches!(state.targets.actuation, Actuation::Acceleration { .. });
     let mut found = None;
     for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
         if joint.gains_speed()
-            && let Some(fault) = joint.check_speed(actuation, tick)
+            && let Some(fault) = joint.check_speed(follows, tick)
         {
             found = worse(found, (index, fault));
         }

@@ -5,6 +5,7 @@ use super::force_sensor::ForceSensorState;
 use super::joint::JointState;
 use super::lease::{Lease, is_far_ahead};
 use super::optional::Optional;
+use super::stop_energy::StopEnergy;
 use crate::control::JointPoint;
 use crate::fault::{Fault, FaultLog};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
@@ -50,6 +51,7 @@ pub struct State {
     pub(super) damped: bool,
     /// The tick in which the reaction began.
     pub(super) reacting_since: u32,
+    pub(super) stop_energy: StopEnergy,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
     /// Whether the joints were read since the commit of the model.
@@ -89,6 +91,7 @@ impl State {
             halting: false,
             damped: false,
             reacting_since: 0,
+            stop_energy: StopEnergy::NONE,
             tick: 0,
             sensed: false,
             supply: 0,

@@ -5,7 +5,7 @@ use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
 use crate::control::STALL_SPEED;
-use crate::fault::Fault;
+use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
@@ -28,6 +28,12 @@ impl Node {
         // A stop that begins in this tick has no reference yet.
         let begins = self.state.mode == Mode::Fault && self.state.reacting_since == sensors.sequence;
         if !begins && let Some(fault) = self.check_control() {
+            self.fail(fault);
+        }
+        if !begins
+            && self.is_stopping()
+            && let Some(fault) = self.check_stop_energy()
+        {
             self.fail(fault);
         }
         if let Some(fault) = self.tick_task() {
@@ -126,22 +132,13 @@ impl Node {
     fn damp(&mut self) {
         let Some(robot) = self.robot.loaded() else { return };
         let begins = !core::mem::replace(&mut self.state.damped, true);
+        let drove =
+            self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
         let mut all = joints(robot, &mut self.state);
-        let zero = [0.0; MAX_CHAIN_JOINTS];
-        let [mut q, mut torques] = [zero; 2];
-        let coupled = robot.has_mimics().then(|| coupled_weight(robot, &all));
-        for config in robot.chains() {
-            let joints = config.joints();
-            if let Some(coupled) = &coupled {
-                torques = of_joints(coupled, &joints);
-            } else {
-                let angles = all.measured.angles(joints.clone());
-                q.iter_mut().zip(angles).for_each(|(q, angle)| *q = *angle);
-                config.chain.inverse_dynamics(robot.gravity(), &q, &zero, &zero, &mut torques);
-            }
-            let of_chain = all.range(joints.start, joints.len()).zip(torques);
-            of_chain.for_each(|(mut joint, gravity)| joint.damp(gravity, begins));
-        }
+        let power: f32 = all.each().map(|joint| joint.target.feedforward * *joint.velocity).sum();
+        let driving = if begins { drove } else { power > 0.0 };
+        let weight = weight(&all);
+        all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }
 
     /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots without
@@ -190,14 +187,14 @@ fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] 
     robot.coupled_dynamics(&motion)
 }
 
-/// The torques that balance the weight of a robot with mimic joints where it is [N·m].
+/// The torques that balance the weight where the joints are [N·m].
 #[cold]
 #[inline(never)]
-fn coupled_weight(robot: &Robot, joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
+pub(super) fn weight(joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
     let mut motion = Motion::default();
-    let angles = joints.measured.angles(0..robot.joints().len());
+    let angles = joints.measured.angles(0..joints.robot.joints().len());
     motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
-    robot.coupled_dynamics(&motion)
+    joints.robot.coupled_dynamics(&motion)
 }
 
 /// The torques of the joints of one chain.

@@ -80,10 +80,17 @@ impl JointConfig {
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             stiction: 5.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
-            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+            breakaway: joint.friction.coulomb + 0.1 * joint.limits.torque,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }
+    }
+
+    /// The largest change of the angle in a period that a joint is capable of [rad], when the filtered velocity is
+    /// `velocity` at its end [rad/s]: as that took 63 % of the change of velocity, 2.7 times what the largest torque
+    /// makes of it.
+    pub(crate) fn max_leap(&self, velocity: f32) -> f32 {
+        (abs(velocity) + self.servo.acceleration(self.limits.torque) * TICK) * TICK
     }
 
     /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity` is

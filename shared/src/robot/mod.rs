@@ -130,6 +130,11 @@ impl Robot {
         Ok(())
     }
 
+    /// Mass of all links [kg].
+    pub(crate) fn mass(&self) -> f32 {
+        self.chains.iter().flat_map(|config| &config.chain.links).map(|link| link.mass).sum()
+    }
+
     /// A frame of its own on the stack: a hand takes 5 kB of it.
     #[inline(never)]
     fn configure_hand(&mut self, model: &RobotModel) {

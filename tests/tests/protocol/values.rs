@@ -399,6 +399,7 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::ToolOrientationError,
     FaultCause::Runaway,
     FaultCause::ForceMismatch,
+    FaultCause::EnergyGained,
 ];
 
 pub fn quiet_board() -> BoardStatus {

@@ -112,7 +112,7 @@ variants! {
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
         ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
-        ForceMismatch,
+        ForceMismatch, EnergyGained,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }

@@ -1,0 +1,94 @@
+//! Supervision of a stop by its energy: the drives may bring none into a robot that is to come to rest.
+//!
+//! A servo, a damper or a task that brings a robot to rest is passive as long as encoders and drives tell the
+//! truth: what the drives do beyond bearing the weight takes energy out of the motion. A sum that exceeds what
+//! was in the motion shows that something lies, that control swings, or that what the torques balanced is gone.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::Node;
+use super::handle::joints;
+use super::tick::weight;
+use crate::TICK;
+use crate::fault::{Fault, FaultCause};
+use crate::math::abs;
+use crate::robot::Motion;
+
+/// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are late.
+const TOLERATED_SPEED: f32 = 0.1;
+/// Fraction by which the model's weight may be wrong.
+const WEIGHT_ERROR: f32 = 0.1;
+/// Time in which the torques at the beginning go on unchanged [s].
+const REACTION_TIME: f32 = 2.0 * TICK;
+
+/// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
+pub(super) struct StopEnergy {
+    work: f32,
+    allowed: f32,
+}
+
+impl StopEnergy {
+    pub const NONE: Self = Self { work: 0.0, allowed: 0.0 };
+}
+
+impl Node {
+    /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until they
+    /// have faded.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn begin_stop_energy(&mut self) {
+        let robot = &self.robot;
+        let mut all = joints(robot, &mut self.state);
+        let weight = weight(&all);
+        let mut motion = Motion::default();
+        for (motion, joint) in motion.iter_mut().zip(all.each()) {
+            *motion = [*joint.position, 0.0, *joint.velocity];
+        }
+        let with_momentum = robot.coupled_dynamics(&motion);
+        let mut allowed = 0.5 * robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED;
+        for ((joint, weight), torque) in all.each().zip(weight).zip(with_momentum) {
+            let velocity = *joint.velocity;
+            let momentum = torque - weight + joint.config.servo.rotor_torque(velocity);
+            let excess = joint.state.torque - weight;
+            let fading = 0.5 * abs(excess) / joint.config.limits.torque_rate + REACTION_TIME;
+            let gained = excess / joint.config.inertia * fading;
+            let faded = excess * (velocity + 0.5 * gained) * fading;
+            allowed += 0.5 * (momentum * velocity).max(0.0) + faded.max(0.0);
+        }
+        self.state.stop_energy = StopEnergy { work: 0.0, allowed };
+    }
+
+    /// Adds the work of the drives in the last period of a stop. Returns a fault when it exceeds what is allowed.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn check_stop_energy(&mut self) -> Option<Fault> {
+        let mut all = joints(&self.robot, &mut self.state);
+        let weight = weight(&all);
+        let [mut work, mut allowed] = [0.0; 2];
+        let (mut hardest, mut largest) = (0, 0.0);
+        for (index, (joint, weight)) in (0..).zip(all.each().zip(weight)) {
+            let moved = joint.state.change;
+            let own = (joint.state.torque - weight) * moved;
+            work += own;
+            allowed += WEIGHT_ERROR * abs(weight * moved)
+                + abs(joint.config.servo.friction(&joint.state.servo, *joint.velocity) * moved);
+            if own > largest {
+                (hardest, largest) = (index, own);
+            }
+        }
+        let energy = &mut self.state.stop_energy;
+        energy.work += work;
+        energy.allowed += allowed;
+        let (value, limit) = (energy.work, energy.allowed);
+        let fault = Fault {
+            cause: FaultCause::EnergyGained,
+            joint: Some(hardest),
+            value,
+            limit,
+            tick: self.state.tick,
+        };
+        (value > limit).then_some(fault)
+    }
+}
