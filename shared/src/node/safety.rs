@@ -30,6 +30,9 @@ impl Node {
             Mode::Enabled(_) if strongest == Reaction::Hold => self.halt(&fault),
             Mode::Enabled(_) => strongest,
             Mode::Fault => {
+                if fault.cause == FaultCause::LateTick && self.is_stopping() {
+                    self.begin_stop_energy();
+                }
                 if fault.cause == FaultCause::LateTick && self.is_holding() {
                     // The motion went on without control: the stop begins anew.
                     if self.state.halting {
@@ -135,11 +138,7 @@ impl Node {
             suspect |= joint.gains_speed() || joint.check_measurement(current).is_some();
         }
         let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
-        let has_force_sensors = robot.force_sensors() > 0;
-        if elapsed.cast_signed() > 1 && self.is_stopping() {
-            self.begin_stop_energy();
-        }
-        let tip_fault = if !has_force_sensors { None } else { self.read_force_sensors(sensors) };
+        let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
@@ -183,11 +182,14 @@ impl Node {
 
     /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.
     pub(super) fn check_control(&mut self) -> Option<Fault> {
-        let robot = self.robot.loaded()?;
         let enabled = matches!(self.state.mode, Mode::Enabled(_));
-        if !enabled && !self.is_holding() {
-            return None;
+        if !enabled {
+            let gained = if self.is_stopping() { self.check_stop_energy() } else { None };
+            if gained.is_some() || !self.is_holding() {
+                return gained;
+            }
         }
+        let robot = self.robot.loaded()?;
         let (tick, actuation) = (self.state.tick, self.state.targets.actuation);
         for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
             if let Some((cause, value, limit)) = joint.check_control(actuation) {

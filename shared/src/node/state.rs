@@ -51,7 +51,6 @@ pub struct State {
     pub(super) damped: bool,
     /// The tick in which the reaction began.
     pub(super) reacting_since: u32,
-    pub(super) stop_energy: StopEnergy,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
     /// Whether the joints were read since the commit of the model.
@@ -77,6 +76,7 @@ pub struct State {
     pub(super) records: u32,
     /// Whether a task was enabled since the commit of the model, so that its telemetry exists.
     pub(super) has_task: bool,
+    pub(super) stop_energy: StopEnergy,
     pub(super) task: TaskState,
 }
 
@@ -91,7 +91,6 @@ impl State {
             halting: false,
             damped: false,
             reacting_since: 0,
-            stop_energy: StopEnergy::NONE,
             tick: 0,
             sensed: false,
             supply: 0,
@@ -107,6 +106,7 @@ impl State {
             rates: [0; Stream::ALL.len()],
             records: 0,
             has_task: false,
+            stop_energy: StopEnergy::NONE,
             task: TaskState::NONE,
         }
     }

@@ -30,12 +30,6 @@ impl Node {
         if !begins && let Some(fault) = self.check_control() {
             self.fail(fault);
         }
-        if !begins
-            && self.is_stopping()
-            && let Some(fault) = self.check_stop_energy()
-        {
-            self.fail(fault);
-        }
         if let Some(fault) = self.tick_task() {
             self.fail(fault);
         }
