@@ -16,7 +16,7 @@ use crate::math::abs;
 use crate::robot::Motion;
 
 /// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are late.
-const TOLERATED_SPEED: f32 = 0.1;
+const TOLERATED_SPEED: f32 = 0.12;
 /// Fraction by which the model's weight may be wrong.
 const WEIGHT_ERROR: f32 = 0.1;
 /// Time in which the torques at the beginning go on unchanged [s].

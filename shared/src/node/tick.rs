@@ -11,6 +11,10 @@ use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
+/// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed [m/s]. Below
+/// it the robot may be coming to rest in a contact.
+const DRIVEN_SPEED: f32 = 0.2;
+
 /// Time in which the servos learn the disturbance of a stop [ticks].
 const SETTLING_TICKS: u32 = 30;
 
@@ -129,8 +133,14 @@ impl Node {
         let drove =
             self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
         let mut all = joints(robot, &mut self.state);
-        let power: f32 = all.each().map(|joint| joint.target.feedforward * *joint.velocity).sum();
-        let driving = if begins { drove } else { power > 0.0 };
+        let [mut power, mut energy] = [0.0; 2];
+        for joint in all.each() {
+            let velocity = *joint.velocity;
+            power += joint.target.feedforward * velocity;
+            energy += 0.5 * joint.config.inertia * velocity * velocity;
+        }
+        let moves = energy > 0.5 * robot.mass() * DRIVEN_SPEED * DRIVEN_SPEED;
+        let driving = if begins { drove } else { power > 0.0 && moves };
         let weight = weight(&all);
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }

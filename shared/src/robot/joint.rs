@@ -80,7 +80,7 @@ impl JointConfig {
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             stiction: 5.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
-            breakaway: joint.friction.coulomb + 0.1 * joint.limits.torque,
+            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }
