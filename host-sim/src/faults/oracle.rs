@@ -383,13 +383,13 @@ impl Oracle {
             for (index, (((moved, torque), weight), (fading, joint))) in
                 moved.zip(torques).zip(&sample.weight).zip(fading).enumerate()
             {
-                // What a weak drive does not bear of the weight is no work of the drive.
-                let unborne = if acting.weak_drives.contains(&index) {
+                // The part of the weight that a weak drive does not bear is no work of the drive.
+                let borne = if acting.weak_drives.contains(&index) {
                     torque.clamp(weight.min(0.0), weight.max(0.0))
                 } else {
                     *weight
                 };
-                stop.work += (torque - unborne) * moved;
+                stop.work += (torque - borne) * moved;
                 let friction =
                     f64::from(joint.friction.coulomb) + f64::from(joint.friction.viscous) * moved.abs() / T;
                 stop.allowance += WEIGHT_ERROR * (weight * moved).abs()

@@ -31,14 +31,12 @@ impl Node {
             Mode::Enabled(_) => strongest,
             Mode::Fault => {
                 if fault.cause == FaultCause::LateTick && self.is_stopping() {
-                    self.begin_stop_energy();
-                }
-                if fault.cause == FaultCause::LateTick && self.is_holding() {
                     // The motion went on without control: the stop begins anew.
-                    if self.state.halting {
-                        self.halt(&fault);
-                    } else {
-                        self.hold_joints(&fault);
+                    self.begin_stop_energy();
+                    match (self.state.reaction, self.state.halting) {
+                        (Reaction::Hold, true) => _ = self.halt(&fault),
+                        (Reaction::Hold, false) => self.hold_joints(&fault),
+                        _ => {}
                     }
                     return;
                 }

@@ -202,18 +202,19 @@ fn draw_link(frame: &mut Frame, link: &LinkView, area: Rect) {
     let bad = |bad: bool, text: String| {
         if bad { Span::styled(format!("{text} !"), Style::new().fg(Color::Yellow)) } else { Span::raw(text) }
     };
-    let slow = link.rate.is_nan() || link.rate < 0.9 * link.expected_rate;
     let mut parts = vec![
         if link.open {
             Span::raw(" link open")
         } else {
             Span::styled(" link closed !", Style::new().fg(Color::Red).add_modifier(Modifier::BOLD))
         },
-        // Another program may have asked for more.
-        if link.rate > 1.1 * link.expected_rate {
-            Span::raw(format!("{:.0} frames/s", link.rate))
-        } else {
-            bad(slow, format!("{:.0} of {:.0} frames/s", link.rate, link.expected_rate))
+        match (link.rate, link.expected_rate) {
+            (None, expected) => Span::raw(format!("{expected:.0} frames/s expected")),
+            // Another program may have asked for more.
+            (Some(rate), expected) if rate > 1.1 * expected => Span::raw(format!("{rate:.0} frames/s")),
+            (Some(rate), expected) => {
+                bad(rate < 0.9 * expected, format!("{rate:.0} of {expected:.0} frames/s"))
+            }
         },
         bad(link.lost > 0, format!("lost {}", link.lost)),
         bad(link.damaged > 0, format!("damaged {}", link.damaged)),

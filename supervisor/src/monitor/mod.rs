@@ -97,8 +97,8 @@ impl JointView {
 pub struct LinkView {
     /// Whether the port is open.
     pub open: bool,
-    /// Received telemetry frames per second.
-    pub rate: f32,
+    /// Received telemetry frames per second, after the first second.
+    pub rate: Option<f32>,
     /// Telemetry frames per second that the board sends.
     pub expected_rate: f32,
     /// Lost frames.

@@ -32,7 +32,7 @@ fn view(joints: Vec<JointView>) -> View {
         faults: Vec::new(),
         link: LinkView {
             open: true,
-            rate: 99.0,
+            rate: Some(99.0),
             expected_rate: 100.0,
             lost: 0,
             damaged: 0,
@@ -233,7 +233,7 @@ fn no_size_and_no_number_panics() {
         (joints[6].history, joints[6].name) = (VecDeque::from([value]), "名前 ключ".repeat(9));
         let mut view = view(joints);
         (view.time, view.supply) = (f64::from(value), Some(value));
-        (view.link.rate, view.link.last_seconds, view.link.round_trip_ms) = (value, next, Some(value));
+        (view.link.rate, view.link.last_seconds, view.link.round_trip_ms) = (Some(value), next, Some(value));
         for (width, height) in [(60, 12), (80, 24), (101, 31), (150, 40), (400, 100)] {
             for selected in [None, Some(0), Some(5), Some(6), Some(99)] {
                 text(width, height, &view, selected);

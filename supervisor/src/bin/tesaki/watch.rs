@@ -139,7 +139,7 @@ impl Watch {
         if now - self.second >= Duration::from_secs(1) {
             #[expect(clippy::cast_precision_loss, reason = "at most a hundred")]
             let frames = self.frames as f32;
-            link.rate = frames / (now - self.second).as_secs_f32();
+            link.rate = Some(frames / (now - self.second).as_secs_f32());
             (self.frames, self.second) = (0, now);
         }
         if silence > SILENCE {
