@@ -12,7 +12,7 @@ use crate::model::MAX_CHAIN_JOINTS;
 const SECONDARY: f32 = 1e-5;
 /// Weight of the middle of the ranges where a direction is the secondary objective, over that of the
 /// direction.
-pub(super) const TERTIARY: f32 = 1e-3;
+pub(super) const TERTIARY: f32 = 1e-4;
 /// Damping of joints that neither position nor direction decides, over the weight of the direction.
 const DIRECTION_DAMPING: f32 = 0.05;
 /// Damping of the last iterations over `μ`.
