@@ -56,7 +56,7 @@ const WITHOUT_BOARD: [&str; 2] = ["hand5-calibrate", "knob-find"];
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
     // The others by their recordings, which is as strict and much faster.
-    for scenario in ["hand3-reach", "arm7-elbow"].map(|name| Scenario::find(name).unwrap()) {
+    for scenario in ["hand3-reach", "arm7-elbow", "hand5-teleop"].map(|name| Scenario::find(name).unwrap()) {
         let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
         let mut watched = Watched::new(&mut qemu, true);
         let outcome = run(scenario, &mut watched, 1);

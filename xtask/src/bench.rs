@@ -36,9 +36,10 @@ const LIMITS: &[(&str, f64)] = &[
     ("least_grip_3_slice_worst", 25_000.0),
     ("least_grip_6_slice_worst", 25_000.0),
     ("retarget", 100_000.0),
-    ("retarget_longest", 150_000.0),
-    // In a tick of 10 ms the microcontroller executes about a million.
-    ("retarget_unreachable_longest", 500_000.0),
+    ("retarget_longest", 100_000.0),
+    ("retarget_unreachable_longest", 100_000.0),
+    ("retarget_directions_longest", 200_000.0),
+    ("retarget_directions_unreachable_longest", 250_000.0),
     ("node_tick_9_pid", 6000.0),
     ("node_tick_9_observer", 6000.0),
 ];

@@ -228,8 +228,10 @@ fn main() -> ! {
 
     grasp(&mut watch);
     slices();
-    retargeting("retarget", 1.0);
-    retargeting("retarget_unreachable", 1.1);
+    retargeting("retarget", 1.0, false);
+    retargeting("retarget_unreachable", 1.1, false);
+    retargeting("retarget_directions", 1.0, true);
+    retargeting("retarget_directions_unreachable", 1.1, true);
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
@@ -385,13 +387,13 @@ fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
-/// Frames of the five-finger hand that follows an operator whose hand is `size` times as large and moves: all
-/// on average, and the longest.
+/// Frames of the five-finger hand that follows an operator whose hand is `size` times as large and moves, with or
+/// without the directions of the fingertips: all on average, and the longest.
 #[inline(never)]
-fn retargeting(name: &str, size: f32) {
+fn retargeting(name: &str, size: f32, directions: bool) {
     const FRAMES: u16 = 500;
     let hand = hand5();
-    let settings = RetargetSettings { speeds: [1e3; 16], ..RetargetSettings::DEFAULT };
+    let settings = RetargetSettings { speeds: [1e3; 16], directions, ..RetargetSettings::DEFAULT };
     let retargeting = Retargeting { hand: &hand, settings: &settings };
     let operator = |frame: u16| {
         let mut angles = hand.center();
@@ -399,8 +401,11 @@ fn retargeting(name: &str, size: f32) {
             let phase = (3.0 + 0.1 * f32::from(joint)) * 0.01 * f32::from(frame) + 1.7 * f32::from(joint);
             *angle += 0.35 * (upper - lower) * math::sin_cos(phase).0;
         }
-        let position = |finger| Some(hand.tip(finger, &angles)?.0 * size);
-        OperatorFingertips { positions: core::array::from_fn(position), directions: [None; 5] }
+        let tips: [_; 5] = core::array::from_fn(|finger| hand.tip(finger, &angles));
+        OperatorFingertips {
+            positions: tips.map(|tip| Some(tip?.0 * size)),
+            directions: tips.map(|tip| Some(tip?.1)),
+        }
     };
     let mut state = retargeting.begin_nearby(&hand.center(), &Vector3::zeros());
     let (mut longest, mut sum) = (0, 0);

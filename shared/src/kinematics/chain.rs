@@ -117,11 +117,11 @@ impl Chain {
         Posture { joints, reach, tip }
     }
 
-    /// [`Chain::posture`] in place: writes over a posture of this chain and does not move 230 bytes.
+    /// [`Chain::posture`] in place: writes over any posture and does not move 230 bytes.
     pub fn update_posture(&self, q: &[f32], posture: &mut Posture) {
-        let mut joints = posture.joints.iter_mut();
-        let write = |value| joints.next().map(|joint| *joint = value).is_some();
-        (posture.reach, posture.tip) = self.forward(q, write);
+        let Posture { joints, reach, tip } = posture;
+        joints.clear();
+        (*reach, *tip) = self.forward(q, |joint| joints.push(joint).is_ok());
     }
 
     /// Gives axis and origin of each joint to `write`, base to tip, and returns position relative to the first joint and

@@ -303,14 +303,20 @@ impl Hand {
 }
 
 impl HandFinger {
-    pub(super) fn posture(&self, angles: &Angles) -> Posture {
+    fn posture(&self, angles: &Angles) -> Posture {
+        let mut posture = Posture::default();
+        self.update_posture(angles, &mut posture);
+        posture
+    }
+
+    pub(super) fn update_posture(&self, angles: &Angles, posture: &mut Posture) {
         let mut own = [0.0; MAX_CHAIN_JOINTS];
         for (angle, joint) in own.iter_mut().zip(&self.joints) {
             let variable = self.variables.get(usize::from(joint.actuated));
             let actuated = variable.and_then(|&variable| angles.get(usize::from(variable)));
             *angle = joint.multiplier * actuated.copied().unwrap_or(0.0) + joint.offset;
         }
-        self.chain.posture(&own)
+        self.chain.update_posture(&own, posture);
     }
 }
 

@@ -26,23 +26,21 @@ const EMPHASIS: f32 = 1e3;
 /// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its
 /// square.
 const CONVERGED: f32 = 1e-2;
+/// Damping below this is none, over the squared length of the finger.
+const LEAST_DAMPING: f32 = 1e-3;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
 /// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
 const FIRST_FINAL_DAMPING: f32 = 1e-5;
+/// Iterations end after one that changes less of the cost.
+const STALLED: f32 = 1e-3;
 /// Errors above this are not worked on by the last iterations [m]: the tip is out of reach.
 const FINAL_RANGE: f32 = 2e-3;
 /// Maximum number of last iterations.
 const FINAL_ITERATIONS: usize = 10;
-/// The same where a search found no start from which a tip is reached.
-const MAX_FINAL_ITERATIONS: usize = 60;
 /// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian
 /// serves.
-const IRREDUCIBLE: f32 = 0.03;
-/// Values of the shared joint from which a search starts.
-const GRID: u8 = 7;
-/// Starts for each finger at each of these values.
-const FINGER_STARTS: u8 = 3;
+const IRREDUCIBLE: f32 = 0.1;
 /// A search ends when the direction is that near [rad²/2].
 const DIRECTION_TOLERANCE: f32 = 6e-6;
 
@@ -71,11 +69,13 @@ pub struct HandOptions {
     pub iterations: u8,
     /// Maximum number of random starts of a search, after those on the grid of the shared joint.
     pub restarts: u8,
+    /// Evaluations of a finger's kinematics after which the iterations end; at least one for each finger.
+    pub evaluations: u16,
 }
 
 impl Default for HandOptions {
     fn default() -> Self {
-        Self { tolerance: 1e-5, iterations: 12, restarts: 30 }
+        Self { tolerance: 1e-5, iterations: 12, restarts: 30, evaluations: u16::MAX }
     }
 }
 
@@ -86,7 +86,7 @@ pub struct HandReport {
     pub errors: [Vector3<f32>; MAX_FINGERS],
     /// `Σ wᵢ ‖eᵢ‖²` [m²].
     pub weighted: f32,
-    /// Number of evaluations of the cost.
+    /// Number of evaluations of a finger's kinematics.
     pub evaluations: u16,
 }
 
@@ -98,10 +98,10 @@ impl HandReport {
 }
 
 /// Angles and what follows from them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Point {
     pub(super) angles: Angles,
-    /// Of the fingers with a target.
+    /// Of the fingers with a target, in their order; what follows is not used.
     pub(super) postures: Vec<Posture, MAX_FINGERS>,
     pub(super) errors: [Vector3<f32>; MAX_FINGERS],
     /// `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)`.
@@ -113,8 +113,28 @@ pub(super) struct Point {
     pub(super) directed: bool,
 }
 
+/// The point that is improved, and room for the next: points are too large to be copied in each iteration.
+pub(super) struct Points<'a> {
+    pub(super) here: &'a mut Point,
+    there: &'a mut Point,
+}
+
 impl Point {
-    fn is_better_than(&self, other: &Self) -> bool {
+    /// Does not copy the places of the postures, as a derived `Default` does.
+    #[inline(always)]
+    fn new() -> Self {
+        Self {
+            angles: Angles::zeros(),
+            postures: Vec::new(),
+            errors: [Vector3::zeros(); MAX_FINGERS],
+            cost: 0.0,
+            primary: 0.0,
+            reached: false,
+            directed: false,
+        }
+    }
+
+    pub(super) fn is_better_than(&self, other: &Self) -> bool {
         match (self.reached, other.reached) {
             (true, true) => self.cost < other.cost,
             (false, false) => self.primary < other.primary,
@@ -191,19 +211,30 @@ impl Hand {
             return report;
         }
         self.limit(angles);
+        let (mut here, mut there) = (Point::new(), Point::new());
+        let mut points = Points { here: &mut here, there: &mut there };
+        // What one finger does not use of its share is left to the next.
+        #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
+        let count = |targets: &FingertipTargets| targets.iter().flatten().count() as u16;
+        let (share, mut begun) = (options.evaluations / count(targets).max(1), 0);
+        let mut run = |group: &FingertipTargets, report: &mut HandReport| {
+            begun += count(group);
+            let options = HandOptions { evaluations: share.saturating_mul(begun), ..*options };
+            self.run_group(group, &options, angles, global, &mut points, report);
+        };
         // Fingers that share no joint are independent of each other.
         for (index, _) in self.fingers.iter().enumerate().filter(|(_, finger)| !finger.shares) {
             let mut own = [None; MAX_FINGERS];
             if let (Some(place), Some(target)) = (own.get_mut(index), targets.get(index)) {
                 *place = *target;
             }
-            self.run_group(&own, options, angles, global, &mut report);
+            run(&own, &mut report);
         }
         let mut together = *targets;
         for (target, _) in together.iter_mut().zip(&self.fingers).filter(|(_, finger)| !finger.shares) {
             *target = None;
         }
-        self.run_group(&together, options, angles, global, &mut report);
+        run(&together, &mut report);
         report
     }
 
@@ -214,6 +245,7 @@ impl Hand {
         options: &HandOptions,
         angles: &mut Angles,
         global: bool,
+        points: &mut Points<'_>,
         report: &mut HandReport,
     ) {
         let problem = Problem {
@@ -227,10 +259,11 @@ impl Hand {
         if problem.fingers().next().is_none() {
             return;
         }
-        let mut best = problem.descend(angles, &mut report.evaluations);
-        if global && !(best.reached && best.directed) {
-            problem.search(&mut best, &mut report.evaluations);
+        problem.descend(angles, points, &mut report.evaluations);
+        if global && !(points.here.reached && points.here.directed) {
+            problem.search(points, &mut report.evaluations);
         }
+        let best = &*points.here;
         *angles = best.angles;
         report.weighted += 2.0 * best.primary;
         for (index, ..) in problem.fingers() {
@@ -238,18 +271,6 @@ impl Hand {
                 *place = *error;
             }
         }
-    }
-}
-
-/// Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a start.
-struct Starts(u32);
-
-impl Starts {
-    fn between(&mut self, (lower, upper): (f32, f32)) -> f32 {
-        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        #[expect(clippy::cast_precision_loss, reason = "24 bits")]
-        let fraction = (self.0 >> 8) as f32 / 16_777_216.0;
-        lower + fraction * (upper - lower)
     }
 }
 
@@ -264,170 +285,97 @@ impl Problem<'_> {
         self.hand.limits.get(usize::from(joint)).copied().unwrap_or((0.0, 0.0))
     }
 
-    /// Searches beyond the local minimum `best`. For a given angle of the shared joint the fingers are
-    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together
-    /// from its two best values; then random starts.
-    fn search(&self, best: &mut Point, evaluations: &mut u16) {
-        let exact = Problem { irreducible: f32::INFINITY, ..*self };
-        let mut starts = Starts(1);
-        exact.finish(best, MAX_FINAL_ITERATIONS, evaluations);
-        if best.reached && best.directed {
-            return;
-        }
-        let mut try_from = |angles: &Angles, best: &mut Point| {
-            let point = exact.descend(angles, evaluations);
-            if point.is_better_than(best) {
-                *best = point;
-            }
-            best.reached && best.directed
-        };
-        let shared = self.hand.shared.filter(|_| self.fingers().any(|(_, finger, _)| finger.shares));
-        if let Some(shared) = shared {
-            let mut two = [(f32::INFINITY, best.angles); 2];
-            let (lower, upper) = self.limits(shared);
-            for number in 0..GRID {
-                let fraction = (f32::from(number) + 0.5) / f32::from(GRID);
-                let mut angles = best.angles;
-                angles[usize::from(shared)] = lower + fraction * (upper - lower);
-                let cost = self.fingers_alone(&mut angles, &mut starts);
-                if cost < two[0].0 {
-                    two = [(cost, angles), two[0]];
-                } else if cost < two[1].0 {
-                    two[1] = (cost, angles);
-                }
-            }
-            if two.iter().any(|(_, angles)| try_from(angles, best)) {
-                return;
-            }
-        }
-        for _ in 0..self.options.restarts {
-            let mut angles = best.angles;
-            for (_, finger, _) in self.fingers() {
-                for &joint in &finger.variables {
-                    angles[usize::from(joint)] = starts.between(self.limits(joint));
-                }
-            }
-            if try_from(&angles, best) {
-                return;
-            }
-        }
-        exact.finish(best, MAX_FINAL_ITERATIONS, evaluations);
-    }
-
-    /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
-    /// the sum of the costs of positions.
-    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts) -> f32 {
-        let mut sum = 0.0;
-        let center = self.hand.center();
-        for (index, finger, target) in self.fingers() {
-            let mut targets = [None; MAX_FINGERS];
-            if let Some(place) = targets.get_mut(index) {
-                *place = Some(*target);
-            }
-            let alone = Problem { targets: &targets, moves_shared: false, ..*self };
-            let own = finger.variables.len() - usize::from(finger.shares);
-            let mut best: Option<Point> = None;
-            for start in 0..FINGER_STARTS {
-                let mut from = *angles;
-                for &joint in finger.variables.iter().take(own) {
-                    match start {
-                        0 => {}
-                        1 => from[usize::from(joint)] = center[usize::from(joint)],
-                        _ => from[usize::from(joint)] = starts.between(self.limits(joint)),
-                    }
-                }
-                let point = alone.descend(&from, &mut 0);
-                if best.as_ref().is_none_or(|best| point.is_better_than(best)) {
-                    best = Some(point);
-                }
-            }
-            if let Some(best) = best {
-                sum += best.primary;
-                *angles = best.angles;
-            }
-        }
-        sum
-    }
-
     /// Newton's method from `angles`, which are within their limits; then without the secondary objective.
-    fn descend(&self, angles: &Angles, evaluations: &mut u16) -> Point {
-        let mut here = Point::default();
-        self.evaluate(angles, Terms::All, &mut here);
-        let mut count = 1;
+    pub(super) fn descend(&self, angles: &Angles, points: &mut Points<'_>, evaluations: &mut u16) {
+        points.here.angles = *angles;
+        self.evaluate(Terms::All, points.here, evaluations);
         let iterations = self.options.iterations.into();
         if self.targets.iter().flatten().any(|target| target.direction.is_some()) {
             // First with almost equal weights: where both can be reached, this is the solution, and the way
             // to it is short. A small weight alone would let the joints creep along the positions.
             let equal = Problem { emphasis: EMPHASIS, ..*self };
-            equal.evaluate(angles, Terms::All, &mut here);
-            equal.iterate(&mut here, Terms::All, iterations, &mut count);
-            let angles = here.angles;
-            self.evaluate(&angles, Terms::All, &mut here);
-            count += 1;
+            equal.evaluate(Terms::All, points.here, evaluations);
+            equal.iterate(points, Terms::All, iterations, evaluations);
+            self.evaluate(Terms::All, points.here, evaluations);
         }
-        self.iterate(&mut here, Terms::All, iterations, &mut count);
-        self.finish(&mut here, FINAL_ITERATIONS, &mut count);
-        *evaluations = evaluations.saturating_add(count);
-        here
+        self.iterate(points, Terms::All, iterations, evaluations);
+        self.finish(points, FINAL_ITERATIONS, evaluations);
     }
 
     /// Removes the errors that the secondary objective left.
-    fn finish(&self, here: &mut Point, iterations: usize, count: &mut u16) {
+    pub(super) fn finish(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
+        let here = &mut *points.here;
         let tolerance = self.options.tolerance;
         let mut squares = here.errors.iter().map(Vector3::norm_squared);
         if squares.any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
             let secondary = here.cost - here.primary;
             here.cost = here.primary;
-            self.iterate(here, Terms::Positions, iterations, count);
+            self.iterate(points, Terms::Positions, iterations, evaluations);
             // The last steps are too small to matter to the secondary objective.
-            here.cost += secondary;
+            points.here.cost += secondary;
         }
     }
 
-    fn iterate(&self, result: &mut Point, terms: Terms, iterations: usize, count: &mut u16) {
-        // Two points that change places: a point is too large to be copied in each iteration.
-        let mut other = Point::default();
-        let (mut here, mut there) = (&mut *result, &mut other);
-        let mut swapped = false;
+    fn iterate(&self, points: &mut Points<'_>, terms: Terms, iterations: usize, evaluations: &mut u16) {
+        let Points { here, there } = points;
         let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
         for _ in 0..iterations {
-            if terms == Terms::Positions && here.reached {
+            if terms == Terms::Positions && here.reached || *evaluations >= self.options.evaluations {
                 break;
             }
-            let step = self.step(here, terms, damping);
-            let mut angles = here.angles + step;
-            self.hand.limit(&mut angles);
-            let moved = (angles - here.angles).amax();
-            self.evaluate(&angles, terms, there);
-            *count += 1;
+            let moved = self.advance(here, &self.step(here, terms, damping), &mut there.angles);
+            self.evaluate(terms, there, evaluations);
             let falls = there.cost <= here.cost;
+            let stalls = abs(there.cost - here.cost) < STALLED * here.cost && (falls || damping == 0.0);
             if falls {
-                core::mem::swap(&mut here, &mut there);
-                swapped = !swapped;
+                core::mem::swap(here, there);
+            }
+            if stalls {
+                break;
             }
             if moved < CONVERGED && (damping == 0.0 || moved < 0.003 * CONVERGED) && terms == Terms::All {
                 break;
             }
             damping = match (falls, damping) {
-                (true, damping) if damping <= first => 0.0,
+                (true, damping) if damping <= LEAST_DAMPING => 0.0,
                 (true, damping) => 0.1 * damping,
                 (false, damping) => (10.0 * damping).max(first),
             };
         }
-        if swapped {
-            *result = other;
-        }
     }
 
-    /// Writes the cost at `angles` to `point`.
-    fn evaluate(&self, angles: &Angles, terms: Terms, point: &mut Point) {
-        point.angles = *angles;
-        point.postures.clear();
+    /// Adds `step` to the angles of `here` within their limits. Returns the largest change of one.
+    fn advance(&self, here: &Point, step: &Angles, angles: &mut Angles) -> f32 {
+        *angles = here.angles;
+        let mut largest = 0.0_f32;
+        for (_, finger, _) in self.fingers() {
+            for &joint in &finger.variables {
+                let (lower, upper) = self.limits(joint);
+                let index = usize::from(joint);
+                // Not added twice where fingers share the joint.
+                let moved = math::clamp(here.angles[index] + step[index], lower, upper);
+                let change = abs(moved - here.angles[index]);
+                largest = if change > largest { change } else { largest };
+                angles[index] = moved;
+            }
+        }
+        largest
+    }
+
+    /// Writes the cost at the angles of `point` to it.
+    fn evaluate(&self, terms: Terms, point: &mut Point, evaluations: &mut u16) {
+        point.errors = [Vector3::zeros(); MAX_FINGERS];
         (point.cost, point.primary, point.reached, point.directed) = (0.0, 0.0, true, true);
         let tolerance = self.options.tolerance;
-        for (index, finger, target) in self.fingers() {
-            let posture = finger.posture(angles);
+        for (place, (index, finger, target)) in self.fingers().enumerate() {
+            if place == point.postures.len() {
+                let _ = point.postures.push(Posture::default());
+            }
+            // There are as many places as fingers.
+            let Some(posture) = point.postures.get_mut(place) else { break };
+            finger.update_posture(&point.angles, posture);
+            *evaluations = evaluations.saturating_add(1);
             let error = target.position - posture.tip.translation.vector;
             let square = error.norm_squared();
             point.primary += 0.5 * target.weight * square;
@@ -444,7 +392,7 @@ impl Problem<'_> {
                 let own = finger.variables.len() - usize::from(finger.shares);
                 for &joint in finger.variables.iter().take(own) {
                     let (lower, upper) = self.limits(joint);
-                    let away = angles[usize::from(joint)] - 0.5 * (lower + upper);
+                    let away = point.angles[usize::from(joint)] - 0.5 * (lower + upper);
                     secondary += 0.5 * center * away * away;
                 }
                 point.cost += target.weight * self.emphasis * finger.secondary_weight() * secondary;
@@ -452,8 +400,6 @@ impl Problem<'_> {
             if let Some(place) = point.errors.get_mut(index) {
                 *place = error;
             }
-            // There are as many places as fingers.
-            let _ = point.postures.push(posture);
         }
         point.cost += point.primary;
     }

@@ -1,9 +1,8 @@
 //! One step of Newton's method for a [`Hand`](super::Hand): see [`super::hand_inverse`].
 
-use heapless::Vec;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::Vector3;
 
-use super::hand::{Angles, HandFinger, MAX_FINGERS};
+use super::hand::{Angles, Coupling, HandFinger};
 use super::hand_inverse::{FingertipTarget, Point, Problem, Terms};
 use super::posture::Posture;
 use crate::model::MAX_CHAIN_JOINTS;
@@ -13,7 +12,7 @@ use crate::model::MAX_CHAIN_JOINTS;
 const SECONDARY: f32 = 1e-5;
 /// Weight of the middle of the ranges where a direction is the secondary objective, over that of the
 /// direction.
-pub(super) const TERTIARY: f32 = 1e-3;
+pub(super) const TERTIARY: f32 = 1e-4;
 /// Damping of joints that neither position nor direction decides, over the weight of the direction.
 const DIRECTION_DAMPING: f32 = 0.05;
 /// Damping of the last iterations over `μ`.
@@ -22,9 +21,17 @@ const FINAL_DAMPING: f32 = 0.1;
 const MAX_STEP: f32 = 0.5;
 
 /// Negative gradient and Hessian of one finger's cost over its variables; lower triangle only.
+#[derive(Default)]
 struct Block {
-    gradient: SVector<f32, MAX_CHAIN_JOINTS>,
-    hessian: SMatrix<f32, MAX_CHAIN_JOINTS, MAX_CHAIN_JOINTS>,
+    gradient: [f32; MAX_CHAIN_JOINTS],
+    hessian: [[f32; MAX_CHAIN_JOINTS]; MAX_CHAIN_JOINTS],
+}
+
+/// How a finger's own joints move: `step` − `follow` · step of the shared joint.
+#[derive(Default)]
+struct Move {
+    step: [f32; MAX_CHAIN_JOINTS],
+    follow: [f32; MAX_CHAIN_JOINTS],
 }
 
 impl Problem<'_> {
@@ -40,65 +47,80 @@ impl Problem<'_> {
         let shared = self.hand.shared.filter(|_| self.moves_shared);
         // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
         let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
-        let mut moves: Vec<Move, MAX_FINGERS> = Vec::new();
-        for ((index, finger, target), posture) in self.fingers().zip(&here.postures) {
-            let error = here.errors.get(index).copied().unwrap_or_default();
-            let mut block = finger.block(posture, &error, irreducible);
-            let weight = self.emphasis * finger.secondary_weight();
-            let mut floor = weight * FINAL_DAMPING;
-            if terms == Terms::All {
-                let center = weight * finger.add_secondary(&mut block, posture, target, weight);
-                floor = center.max(DIRECTION_DAMPING * weight);
-                for (slot, &joint) in finger.variables.iter().enumerate() {
-                    let (lower, upper) = self.limits(joint);
-                    let away = here.angles[usize::from(joint)] - 0.5 * (lower + upper);
-                    let is_own = slot + usize::from(finger.shares) < finger.variables.len();
-                    block.gradient[slot] -= if is_own { center * away } else { 0.0 };
-                }
-            }
-            let diagonal = floor + damping * finger.length * finger.length;
-            for slot in 0..finger.variables.len() {
-                block.hessian[(slot, slot)] += diagonal;
-            }
+        let (mut step, mut follow) = (Angles::zeros(), Angles::zeros());
+        let (mut block, mut solution) = (Block::default(), Move::default());
+        for (place, posture) in self.fingers().zip(&here.postures) {
+            let (_, finger, target) = place;
             let own = finger.variables.len() - usize::from(finger.shares);
-            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
-                if self.is_held(joint, here.angles[usize::from(joint)], block.gradient[slot]) {
-                    block.fix(slot, finger.variables.len());
-                }
+            self.build(place, posture, here, (terms, damping, irreducible), &mut block);
+            if block.solve(own, &mut solution).is_none() {
+                self.build(place, posture, here, (terms, damping, 0.0), &mut block);
+                block.solve(own, &mut solution)?;
             }
-            let solution = block.solve(own)?;
+            let values = solution.step.iter().zip(&solution.follow);
+            for (&joint, values) in finger.variables.iter().zip(values).take(own) {
+                (step[usize::from(joint)], follow[usize::from(joint)]) = (*values.0, *values.1);
+            }
             if finger.shares && shared.is_some() {
-                let (mut pull, mut stiffness) = (block.gradient[own], block.hessian[(own, own)]);
+                let row = block.hessian.get(own)?;
+                let (mut pull, mut stiffness) = (*block.gradient.get(own)?, *row.get(own)?);
                 gradient += target.weight * pull;
-                for slot in 0..own {
-                    pull -= block.hessian[(own, slot)] * solution.step[slot];
-                    stiffness -= block.hessian[(own, slot)] * solution.follow[slot];
+                for (coupling, (step, follow)) in
+                    row.iter().zip(solution.step.iter().zip(&solution.follow)).take(own)
+                {
+                    pull -= coupling * step;
+                    stiffness -= coupling * follow;
                 }
                 reduced += target.weight * pull;
                 curvature += target.weight * stiffness;
             }
-            let _ = moves.push(solution);
         }
-        let mut step = Angles::zeros();
-        let mut shared_step = 0.0;
         if let Some(shared) = shared.filter(|_| curvature != 0.0) {
             // Also when it is not a number.
             if curvature.is_nan() || curvature <= 0.0 {
                 return None;
             }
             if !self.is_held(shared, here.angles[usize::from(shared)], gradient) {
-                shared_step = reduced / curvature;
-            }
-            step[usize::from(shared)] = shared_step;
-        }
-        for ((_, finger, _), solution) in self.fingers().zip(&moves) {
-            let own = finger.variables.len() - usize::from(finger.shares);
-            for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
-                step[usize::from(joint)] = solution.step[slot] - solution.follow[slot] * shared_step;
+                let shared_step = reduced / curvature;
+                step -= follow * shared_step;
+                step[usize::from(shared)] = shared_step;
             }
         }
         let largest = step.amax();
         Some(if largest > MAX_STEP { step * (MAX_STEP / largest) } else { step })
+    }
+
+    /// Gradient and Hessian of one finger's cost, with damping, without the joints that are held at a limit.
+    fn build(
+        &self,
+        (index, finger, target): (usize, &HandFinger, &FingertipTarget),
+        posture: &Posture,
+        here: &Point,
+        (terms, damping, irreducible): (Terms, f32, f32),
+        block: &mut Block,
+    ) {
+        let error = here.errors.get(index).copied().unwrap_or_default();
+        finger.block(posture, &error, irreducible, block);
+        let weight = self.emphasis * finger.secondary_weight();
+        let mut floor = weight * FINAL_DAMPING;
+        let own = finger.variables.len() - usize::from(finger.shares);
+        if terms == Terms::All {
+            let center = weight * finger.add_secondary(block, posture, target, weight);
+            floor = center.max(DIRECTION_DAMPING * weight);
+            for (gradient, &joint) in block.gradient.iter_mut().zip(&finger.variables).take(own) {
+                let (lower, upper) = self.limits(joint);
+                *gradient -= center * (here.angles[usize::from(joint)] - 0.5 * (lower + upper));
+            }
+        }
+        let diagonal = floor + damping * finger.length * finger.length;
+        for (slot, row) in block.hessian.iter_mut().enumerate().take(finger.variables.len()) {
+            row[slot] += diagonal;
+        }
+        for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
+            if self.is_held(joint, here.angles[usize::from(joint)], block.gradient[slot]) {
+                block.fix(slot, finger.variables.len());
+            }
+        }
     }
 
     /// Whether a joint stands at a limit beyond which the cost falls.
@@ -106,12 +128,6 @@ impl Problem<'_> {
         let (lower, upper) = self.limits(joint);
         angle <= lower && gradient < 0.0 || angle >= upper && gradient > 0.0
     }
-}
-
-/// How a finger's own joints move: `step` − `follow` · step of the shared joint.
-struct Move {
-    step: SVector<f32, MAX_CHAIN_JOINTS>,
-    follow: SVector<f32, MAX_CHAIN_JOINTS>,
 }
 
 impl HandFinger {
@@ -124,37 +140,48 @@ impl HandFinger {
     /// position (Gauss and Newton) unless the square of the cosine between the error and what the joints can
     /// reduce is below `irreducible`.
     #[inline]
-    fn block(&self, posture: &Posture, error: &Vector3<f32>, irreducible: f32) -> Block {
-        let mut block = Block { gradient: SVector::zeros(), hessian: SMatrix::zeros() };
-        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
+    fn block(&self, posture: &Posture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
+        let of_joint = |joint: &Coupling, (axis, origin): &(Vector3<f32>, Vector3<f32>)| {
+            axis.cross(&(posture.reach - origin)) * joint.multiplier
+        };
+        let mut columns = [Vector3::zeros(); MAX_CHAIN_JOINTS];
         let mut size = 0.0;
-        for (joint, (axis, origin)) in self.joints.iter().zip(&posture.joints) {
-            let column = axis.cross(&(posture.reach - origin)) * joint.multiplier;
-            let slot = usize::from(joint.actuated);
-            block.gradient[slot] += column.dot(error);
+        for (joint, place) in self.joints.iter().zip(&posture.joints) {
+            let column = of_joint(joint, place);
+            if let Some(sum) = columns.get_mut(usize::from(joint.actuated)) {
+                *sum += column;
+            }
             size += column.norm_squared();
-            let _ = columns.push((slot, column));
         }
-        let pull = block.gradient.norm_squared();
-        let exact = pull < irreducible * size * error.norm_squared();
-        for (index, (slot, column)) in columns.iter().enumerate() {
-            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
-            let factor = match (self.joints.get(index), posture.joints.get(index)) {
-                (Some(joint), Some((axis, _))) if exact => column - error.cross(axis) * joint.multiplier,
-                _ => *column,
-            };
-            block.hessian[(*slot, *slot)] += factor.dot(column);
-            for (other, later) in columns.iter().skip(index + 1) {
-                let value = factor.dot(later);
-                if other == slot {
-                    // A pair of joints that move as one counts twice.
-                    block.hessian[(*slot, *slot)] += 2.0 * value;
-                } else {
-                    block.add(*slot, *other, value);
-                }
+        let variables = self.variables.len();
+        let mut pull = 0.0;
+        for (gradient, column) in block.gradient.iter_mut().zip(&columns).take(variables) {
+            *gradient = column.dot(error);
+            pull += *gradient * *gradient;
+        }
+        for (length, (row, column)) in (1..).zip(block.hessian.iter_mut().zip(&columns)).take(variables) {
+            for (value, other) in row.iter_mut().zip(&columns).take(length) {
+                *value = column.dot(other);
             }
         }
-        block
+        if pull >= irreducible * size * error.norm_squared() {
+            return;
+        }
+        let mut of_joints = [(0, Vector3::zeros()); MAX_CHAIN_JOINTS];
+        for (value, (joint, place)) in of_joints.iter_mut().zip(self.joints.iter().zip(&posture.joints)) {
+            *value = (joint.actuated, of_joint(joint, place));
+        }
+        for (index, (joint, (axis, _))) in self.joints.iter().zip(&posture.joints).enumerate() {
+            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
+            let factor = error.cross(axis) * joint.multiplier;
+            for (offset, (other, column)) in of_joints.iter().take(self.joints.len()).skip(index).enumerate()
+            {
+                // A pair of joints that move as one counts twice.
+                let twice = offset > 0 && *other == joint.actuated;
+                let value = factor.dot(column);
+                block.add(joint.actuated, *other, if twice { -2.0 * value } else { -value });
+            }
+        }
     }
 
     /// Adds the secondary objective of direction, times `weight`. Returns the weight of the middle of the
@@ -168,19 +195,18 @@ impl HandFinger {
     ) -> f32 {
         let Some(direction) = target.direction else { return 1.0 };
         let pointing = posture.tip.rotation * self.pointing;
-        let mut columns: Vec<(usize, Vector3<f32>), MAX_CHAIN_JOINTS> = Vec::new();
+        let mut sums = [Vector3::zeros(); MAX_CHAIN_JOINTS];
         for (joint, (axis, _)) in self.joints.iter().zip(&posture.joints) {
-            let slot = usize::from(joint.actuated);
-            let column = axis.cross(&pointing) * joint.multiplier;
-            block.gradient[slot] += weight * column.dot(&direction);
-            // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
-            let _ = columns.push((slot, column));
-            for (other, before) in &columns {
-                block.add(slot, *other, weight * before.dot(&column));
+            if let Some(sum) = sums.get_mut(usize::from(joint.actuated)) {
+                *sum += axis.cross(&pointing) * joint.multiplier;
             }
-            let before = columns.len() - 1;
-            for (_, factor) in columns.iter().take(before).filter(|(other, _)| *other == slot) {
-                block.hessian[(slot, slot)] += weight * factor.dot(&column);
+        }
+        // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
+        let rows = block.gradient.iter_mut().zip(&mut block.hessian).zip(&sums);
+        for (length, ((gradient, row), sum)) in (1..).zip(rows).take(self.variables.len()) {
+            *gradient += weight * sum.dot(&direction);
+            for (value, other) in row.iter_mut().zip(&sums).take(length) {
+                *value += weight * sum.dot(other);
             }
         }
         TERTIARY
@@ -190,65 +216,76 @@ impl HandFinger {
 impl Block {
     /// Adds to the lower triangle.
     #[inline]
-    fn add(&mut self, one: usize, other: usize, value: f32) {
-        let place = if one > other { (one, other) } else { (other, one) };
-        self.hessian[place] += value;
+    fn add(&mut self, one: u8, other: u8, value: f32) {
+        let row = self.hessian.get_mut(usize::from(one.max(other)));
+        let place = row.and_then(|row| row.get_mut(usize::from(one.min(other))));
+        if let Some(place) = place {
+            *place += value;
+        }
     }
 
     /// Takes a variable out.
     fn fix(&mut self, slot: usize, variables: usize) {
-        for other in 0..variables {
-            let place = if slot > other { (slot, other) } else { (other, slot) };
-            self.hessian[place] = 0.0;
+        for (index, row) in self.hessian.iter_mut().enumerate().take(variables) {
+            if index == slot {
+                row.iter_mut().take(slot).for_each(|value| *value = 0.0);
+                row[slot] = 1.0;
+            } else if index > slot {
+                row[slot] = 0.0;
+            }
         }
-        self.hessian[(slot, slot)] = 1.0;
         self.gradient[slot] = 0.0;
     }
 
-    /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right.
+    /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right; `None`
+    /// if the Hessian is not positive definite.
     #[inline]
-    fn solve(&mut self, n: usize) -> Option<Move> {
-        // In place: row `n` is not touched.
-        let lower = &mut self.hessian;
-        let mut inverse = SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
-        let (mut step, mut follow) = (SVector::zeros(), SVector::zeros());
-        let has_row = n < MAX_CHAIN_JOINTS;
-        for column in 0..n {
-            let full = lower[(column, column)];
-            let mut pivot = full;
-            for k in 0..column {
-                pivot -= lower[(column, k)] * lower[(column, k)] * inverse[k];
+    fn solve(&mut self, n: usize, solution: &mut Move) -> Option<()> {
+        let mut inverse = [0.0; MAX_CHAIN_JOINTS];
+        let coupling = self.hessian.get(n).copied().unwrap_or_default();
+        for row in 0..n {
+            // The rows before hold L, this one L·D at first.
+            let (before, rest) = self.hessian.split_at_mut_checked(row)?;
+            let current = rest.first_mut()?;
+            for (column, above) in before.iter().enumerate() {
+                let (known, value) = current.split_at_mut_checked(column)?;
+                let value = value.first_mut()?;
+                for (one, other) in known.iter().zip(above) {
+                    *value -= one * other;
+                }
+            }
+            let full = *current.get(row)?;
+            let (mut pivot, mut values) = (full, (*self.gradient.get(row)?, *coupling.get(row)?));
+            let done = solution.step.iter().zip(&solution.follow);
+            for ((value, inverse), (step, follow)) in current.iter_mut().zip(&inverse).zip(done).take(row) {
+                let scaled = *value * inverse;
+                pivot -= *value * scaled;
+                *value = scaled;
+                values.0 -= scaled * step;
+                values.1 -= scaled * follow;
             }
             // Below the rounding of its terms, or not a number.
             if pivot.is_nan() || pivot <= 3e-7 * full {
                 return None;
             }
-            inverse[column] = 1.0 / pivot;
-            for row in column + 1..n {
-                for k in 0..column {
-                    let product = lower[(row, k)] * lower[(column, k)] * inverse[k];
-                    lower[(row, column)] -= product;
-                }
+            *inverse.get_mut(row)? = 1.0 / pivot;
+            (*solution.step.get_mut(row)?, *solution.follow.get_mut(row)?) = values;
+        }
+        let unknown = solution.step.iter_mut().zip(&mut solution.follow).zip(&inverse);
+        for ((step, follow), inverse) in unknown.take(n) {
+            *step *= inverse;
+            *follow *= inverse;
+        }
+        for row in (1..n).rev() {
+            let factors = self.hessian.get(row)?;
+            let ((step, last_step), (follow, last_follow)) =
+                (solution.step.split_at_mut_checked(row)?, solution.follow.split_at_mut_checked(row)?);
+            let (last_step, last_follow) = (*last_step.first()?, *last_follow.first()?);
+            for ((step, follow), factor) in step.iter_mut().zip(follow).zip(factors) {
+                *step -= factor * last_step;
+                *follow -= factor * last_follow;
             }
         }
-        for row in 0..n {
-            let mut values = (self.gradient[row], if has_row { lower[(n, row)] } else { 0.0 });
-            for k in 0..row {
-                let factor = lower[(row, k)] * inverse[k];
-                values.0 -= factor * step[k];
-                values.1 -= factor * follow[k];
-            }
-            (step[row], follow[row]) = values;
-        }
-        for row in (0..n).rev() {
-            let mut values = (step[row] * inverse[row], follow[row] * inverse[row]);
-            for k in row + 1..n {
-                let factor = lower[(k, row)] * inverse[row];
-                values.0 -= factor * step[k];
-                values.1 -= factor * follow[k];
-            }
-            (step[row], follow[row]) = values;
-        }
-        Some(Move { step, follow })
+        Some(())
     }
 }

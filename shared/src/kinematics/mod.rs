@@ -12,6 +12,7 @@ mod chain;
 mod finger;
 mod hand;
 mod hand_inverse;
+mod hand_search;
 mod hand_step;
 mod inverse;
 mod posture;

@@ -23,8 +23,8 @@ pub struct TipPoint {
     pub acceleration: [f32; 3],
 }
 
-/// A chain at certain joint angles.
-#[derive(Clone, Debug)]
+/// A chain at certain joint angles. The default is one without joints.
+#[derive(Clone, Debug, Default)]
 pub struct Posture {
     /// Axis (unit vector) of each joint and its origin relative to that of the first [m]: a distant base
     /// costs no significant digits.

@@ -31,7 +31,9 @@ const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
 const YIELD_ITERATIONS: u8 = 3;
 /// [`RetargetState::budget`] of a state that shall fit into a control period.
-const NEARBY_BUDGET: u16 = 32;
+const NEARBY_BUDGET: u16 = 30;
+/// Evaluations without which the thumb does not yield again.
+const YIELD_EVALUATIONS: u16 = 10;
 /// The thumb yields to a pinching finger that misses it by more [m].
 const YIELD_ERROR: f32 = 5e-5;
 /// Maximum coordinate of an operator's fingertip [m].
@@ -148,7 +150,7 @@ pub struct RetargetReport {
     pub limited: u16,
     /// How far the thumb yielded to a finger that pinches [m].
     pub yielded: f32,
-    /// Number of evaluations of the hand's kinematics.
+    /// Number of evaluations of a finger's kinematics.
     pub evaluations: u16,
 }
 
@@ -172,7 +174,7 @@ pub struct RetargetState {
     thumb: Option<[f32; 3]>,
     /// Whether a frame has passed, or none shall search from more than one start as the first one does.
     begun: bool,
-    /// The thumb yields no more in a frame after this number of evaluations of the hand's kinematics.
+    /// Evaluations of a finger's kinematics after which the search ends in a frame: the next one continues.
     budget: u16,
 }
 
@@ -265,11 +267,11 @@ impl Retargeting<'_> {
         }
     }
 
-    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution, which takes
-    /// millions of instructions when the fingertips are out of reach, and the thumb yields to a pinch that it does not
-    /// reach only as far as there is time.
+    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution, and each ends
+    /// after a number of evaluations, from where the next one continues. Directions take twice as many.
     pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
-        RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
+        let budget = if self.settings.directions { 2 * NEARBY_BUDGET } else { NEARBY_BUDGET };
+        RetargetState { begun: true, budget, ..self.begin(angles, offset) }
     }
 
     /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose
@@ -291,32 +293,45 @@ impl Retargeting<'_> {
         let vectors = self.vectors(state.thumb.map(Vector3::from), operator);
         let wish = operator.positions[0].map(|thumb| thumb * *scale + Vector3::from(state.offset));
         let mut thumb_target = wish;
+        let before = state.output;
         for round in 0..=MAX_YIELDS {
             let mut options = HandOptions::default();
             if round > 0 {
                 options.iterations = YIELD_ITERATIONS;
             }
-            self.solve_thumb(state, thumb_target, operator, &options, &mut report);
-            let thumb = self.tip(0, &state.solution);
+            let left = state.budget.saturating_sub(report.evaluations);
+            // The fingers need more: there are four of them. (3/8 of `left`, which may be `u16::MAX`.)
+            options.evaluations = left / 8 * 3 + left % 8 * 3 / 8;
+            let yielded = self.solve_thumb(state, thumb_target, operator, &options, &mut report);
+            report.yielded = wish.map_or(0.0, |wish| math::sqrt((wish - yielded).norm_squared()));
+            // The vectors begin where the thumb will be.
+            state.output = before;
+            report.limited = 0;
+            self.limit_speed(state, 0..1, period, &mut report);
+            let thumb = if report.limited == 0 { yielded } else { self.tip(0, &state.output) };
+            report.errors[0] = wish.map_or_else(Vector3::zeros, |wish| wish - thumb);
+            options.evaluations = state.budget.saturating_sub(report.evaluations);
             let missed = self.solve_fingers(state, &thumb, &vectors, &options, &mut report);
             state.begun |= given;
-            // The thumb yields to where the pinching fingers need it.
-            let enough = round == MAX_YIELDS || report.evaluations > state.budget;
+            // The thumb yields to where the pinching fingers need it, as far as there is time.
+            let enough = round == MAX_YIELDS
+                || report.limited != 0
+                || report.evaluations.saturating_add(YIELD_EVALUATIONS) > state.budget;
             if enough || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
                 break;
             }
             // Added up, so that a thumb at the limit of its reach slides along it.
             thumb_target = thumb_target.map(|target| target - missed);
         }
-        self.limit_speed(state, 0..1, period, &mut report);
-        if report.limited != 0 {
-            // The vectors begin where the thumb is.
-            let thumb = self.tip(0, &state.output);
-            let options = HandOptions { iterations: YIELD_ITERATIONS, ..HandOptions::default() };
-            self.solve_fingers(state, &thumb, &vectors, &options, &mut report);
-        }
         self.limit_speed(state, 1..self.hand.len(), period, &mut report);
-        self.measure(state, wish, &vectors, &mut report);
+        if report.limited != 0 {
+            self.measure(state, &vectors, &mut report);
+        }
+        for finger in 0..MAX_FINGERS {
+            if report.distance(finger) > self.settings.tolerance {
+                report.missed |= 1 << finger;
+            }
+        }
         Ok(report)
     }
 
@@ -359,6 +374,7 @@ impl Retargeting<'_> {
         )
     }
 
+    /// Solves the thumb for its target. Returns where its tip is [m].
     fn solve_thumb(
         &self,
         state: &mut RetargetState,
@@ -366,15 +382,15 @@ impl Retargeting<'_> {
         operator: &OperatorFingertips,
         options: &HandOptions,
         report: &mut RetargetReport,
-    ) {
-        let Some(position) = target else { return };
+    ) -> Vector3<f32> {
+        let Some(position) = target else { return self.tip(0, &state.solution) };
         let direction = operator.directions[0].filter(|_| self.settings.directions);
         let mut targets = FingertipTargets::default();
         targets[0] = Some(FingertipTarget { position, weight: 1.0, direction });
-        self.solve(state, &targets, options, report);
+        position - self.solve(state, &targets, options, report)[0]
     }
 
-    /// Solves the fingers for their vectors from `thumb`. Returns how far the pinching ones miss it, as
+    /// Solves the fingers for their vectors from `thumb` and reports their errors. Returns how far the pinching ones miss it, as
     /// weighted mean [m].
     fn solve_fingers(
         &self,
@@ -390,8 +406,9 @@ impl Retargeting<'_> {
         });
         let errors = self.solve(state, &targets, options, report);
         let (mut sum, mut total, mut most) = (Vector3::zeros(), 0.0, 0.0_f32);
-        for (vector, error) in vectors.iter().zip(&errors) {
+        for ((vector, error), place) in vectors.iter().zip(&errors).zip(&mut report.errors) {
             let Some(vector) = vector else { continue };
+            *place = *error;
             sum += error * (vector.weight * vector.pinch);
             total += vector.weight * vector.pinch;
             most = most.max(vector.pinch);
@@ -448,26 +465,17 @@ impl Retargeting<'_> {
         }
     }
 
-    /// The errors at the angles that are put out.
+    /// The errors of the fingers at angles that are not the solution because limits of speed hold them back.
     fn measure(
         &self,
         state: &RetargetState,
-        wish: Option<Vector3<f32>>,
         vectors: &[Option<Vector>; MAX_FINGERS],
         report: &mut RetargetReport,
     ) {
         let thumb = self.tip(0, &state.output);
-        report.errors[0] = wish.map_or_else(Vector3::zeros, |wish| wish - thumb);
         for (finger, (error, vector)) in report.errors.iter_mut().zip(vectors).enumerate().skip(1) {
             if let Some(vector) = vector {
                 *error = vector.vector - (self.tip(finger, &state.output) - thumb);
-            }
-        }
-        let yielded = self.tip(0, &state.solution);
-        report.yielded = wish.map_or(0.0, |wish| math::sqrt((wish - yielded).norm_squared()));
-        for finger in 0..MAX_FINGERS {
-            if report.distance(finger) > self.settings.tolerance {
-                report.missed |= 1 << finger;
             }
         }
     }

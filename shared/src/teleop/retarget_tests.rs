@@ -97,6 +97,41 @@ fn the_initial_offset_shifts_the_thumb_and_leaves_the_vectors() {
     );
 }
 
+/// From one random posture to the next within half a second each, 100 frames a second.
+fn path(rng: &mut Rng, frames: u16) -> Vec<Angles> {
+    let (mut from, mut to) = (random_angles(rng), random_angles(rng));
+    let at = |frame: u16| {
+        if frame > 0 && frame.is_multiple_of(50) {
+            (from, to) = (to, random_angles(rng));
+        }
+        let s = f32::from(frame % 50) / 50.0;
+        from + (to - from) * (s * s * (3.0 - 2.0 * s))
+    };
+    (0..frames).map(at).collect()
+}
+
+#[test]
+fn frames_of_a_control_period_end_in_time_and_lose_no_accuracy() {
+    for (directions, most) in [(false, 36), (true, 73)] {
+        let retargeting = retargeting(RetargetSettings { directions, ..FREE });
+        let mut rng = Rng::new(37, 0);
+        // Within reach, out of reach, and bent beyond what the joints allow.
+        for (size, allowed) in [(1.0, 2), (1.1, 4000), (0.9, 4000)] {
+            let path = path(&mut rng, 4000);
+            let mut state = retargeting.begin_nearby(&path[0], &Vector3::zeros());
+            let mut missed = 0;
+            for angles in &path {
+                let report = retargeting.update(&mut state, &operator(angles, size), PERIOD).unwrap();
+                // The first evaluation of each finger takes place in any case.
+                assert!(report.evaluations <= most, "{report:?}");
+                missed += u32::from(report.missed != 0);
+            }
+            // A finger that passes its stretched posture may need another frame.
+            assert!(missed <= allowed, "{missed} of 4000");
+        }
+    }
+}
+
 /// A posture in which the tip of `finger` touches the thumb's.
 fn pinching(rng: &mut Rng, finger: usize) -> Angles {
     let hand = hand5();

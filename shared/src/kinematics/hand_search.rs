@@ -1,0 +1,117 @@
+//! Search of a [`Hand`](super::Hand) beyond the nearest minimum: see [`super::hand_inverse`].
+
+use super::hand::{Angles, MAX_FINGERS};
+use super::hand_inverse::{Point, Points, Problem};
+
+/// Maximum number of last iterations where a search found no start from which a tip is reached.
+const MAX_FINAL_ITERATIONS: usize = 60;
+/// Values of the shared joint from which a search starts.
+const GRID: u8 = 7;
+/// Starts for each finger at each of these values.
+const FINGER_STARTS: u8 = 3;
+
+/// Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a start.
+struct Starts(u32);
+
+impl Starts {
+    fn between(&mut self, (lower, upper): (f32, f32)) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        #[expect(clippy::cast_precision_loss, reason = "24 bits")]
+        let fraction = (self.0 >> 8) as f32 / 16_777_216.0;
+        lower + fraction * (upper - lower)
+    }
+}
+
+impl Problem<'_> {
+    /// Searches beyond the local minimum `best`. For a given angle of the shared joint the fingers are
+    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together
+    /// from its two best values; then random starts.
+    pub(super) fn search(&self, points: &mut Points<'_>, evaluations: &mut u16) {
+        let exact = Problem { irreducible: f32::INFINITY, ..*self };
+        exact.finish(points, MAX_FINAL_ITERATIONS, evaluations);
+        if points.here.reached && points.here.directed {
+            return;
+        }
+        let mut best = points.here.clone();
+        exact.search_elsewhere(&mut best, points, evaluations);
+        *points.here = best;
+        exact.finish(points, MAX_FINAL_ITERATIONS, evaluations);
+    }
+
+    /// Descends from other starts until the targets are reached.
+    fn search_elsewhere(&self, best: &mut Point, points: &mut Points<'_>, evaluations: &mut u16) {
+        let mut starts = Starts(1);
+        let mut try_from = |angles: &Angles, best: &mut Point, points: &mut Points<'_>| {
+            self.descend(angles, points, evaluations);
+            if points.here.is_better_than(best) {
+                best.clone_from(points.here);
+            }
+            best.reached && best.directed
+        };
+        let shared = self.hand.shared.filter(|_| self.fingers().any(|(_, finger, _)| finger.shares));
+        if let Some(shared) = shared {
+            let mut two = [(f32::INFINITY, best.angles); 2];
+            let (lower, upper) = self.limits(shared);
+            for number in 0..GRID {
+                let fraction = (f32::from(number) + 0.5) / f32::from(GRID);
+                let mut angles = best.angles;
+                angles[usize::from(shared)] = lower + fraction * (upper - lower);
+                let cost = self.fingers_alone(&mut angles, &mut starts, points);
+                if cost < two[0].0 {
+                    two = [(cost, angles), two[0]];
+                } else if cost < two[1].0 {
+                    two[1] = (cost, angles);
+                }
+            }
+            if two.iter().any(|(_, angles)| try_from(angles, best, points)) {
+                return;
+            }
+        }
+        for _ in 0..self.options.restarts {
+            let mut angles = best.angles;
+            for (_, finger, _) in self.fingers() {
+                for &joint in &finger.variables {
+                    angles[usize::from(joint)] = starts.between(self.limits(joint));
+                }
+            }
+            if try_from(&angles, best, points) {
+                return;
+            }
+        }
+    }
+
+    /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
+    /// the sum of the costs of positions.
+    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts, points: &mut Points<'_>) -> f32 {
+        let mut sum = 0.0;
+        let center = self.hand.center();
+        for (index, finger, target) in self.fingers() {
+            let mut targets = [None; MAX_FINGERS];
+            if let Some(place) = targets.get_mut(index) {
+                *place = Some(*target);
+            }
+            let alone = Problem { targets: &targets, moves_shared: false, ..*self };
+            let own = finger.variables.len() - usize::from(finger.shares);
+            let mut best: Option<Point> = None;
+            for start in 0..FINGER_STARTS {
+                let mut from = *angles;
+                for &joint in finger.variables.iter().take(own) {
+                    match start {
+                        0 => {}
+                        1 => from[usize::from(joint)] = center[usize::from(joint)],
+                        _ => from[usize::from(joint)] = starts.between(self.limits(joint)),
+                    }
+                }
+                alone.descend(&from, points, &mut 0);
+                if best.as_ref().is_none_or(|best| points.here.is_better_than(best)) {
+                    best = Some(points.here.clone());
+                }
+            }
+            if let Some(best) = best {
+                sum += best.primary;
+                *angles = best.angles;
+            }
+        }
+        sum
+    }
+}
