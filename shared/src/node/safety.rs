@@ -14,6 +14,9 @@ use crate::protocol::{Mode, SensorFrame};
 use crate::robot::{Actuation, Measured, Postures, Robot, count};
 use crate::task::Halt;
 
+/// A stop begins anew after missed ticks so many times; then the robot is damped.
+const MAX_RESTARTS: u8 = 10;
+
 /// A fault of the sensors: joint, cause, value, limit.
 type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
 
@@ -30,15 +33,16 @@ impl Node {
             Mode::Enabled(_) if strongest == Reaction::Hold => self.halt(&fault),
             Mode::Enabled(_) => strongest,
             Mode::Fault => {
-                if fault.cause == FaultCause::LateTick && self.is_stopping() {
-                    // The motion went on without control: the stop begins anew.
-                    self.begin_stop_energy();
-                    match (self.state.reaction, self.state.halting) {
-                        (Reaction::Hold, true) => _ = self.halt(&fault),
-                        (Reaction::Hold, false) => self.hold_joints(&fault),
-                        _ => {}
+                if fault.cause == FaultCause::LateTick
+                    && self.is_stopping()
+                    && self.state.restarts < MAX_RESTARTS
+                {
+                    self.state.restarts += 1;
+                    // A tick that came twice missed nothing.
+                    let missed = fault.value > 1.0;
+                    if !missed || self.restart_stop(&fault) == self.state.reaction {
+                        return;
                     }
-                    return;
                 }
                 let failed = self.shows_that_holding_fails(fault.cause);
                 let damps = self.state.reaction == Reaction::Damp;
@@ -58,9 +62,23 @@ impl Node {
         self.state.mode = Mode::Fault;
         self.state.reaction = reaction;
         self.state.damped = false;
+        self.state.restarts = 0;
         self.state.reacting_since = self.state.tick;
         if reaction != Reaction::Off {
             self.begin_stop_energy();
+        }
+    }
+
+    /// Begins a stop anew after missed ticks, in which the motion went on without control. Returns the reaction.
+    fn restart_stop(&mut self, fault: &Fault) -> Reaction {
+        self.begin_stop_energy();
+        match (self.state.reaction, self.state.halting) {
+            (Reaction::Hold, true) => self.halt(fault),
+            (Reaction::Hold, false) => {
+                self.hold_joints(fault);
+                Reaction::Hold
+            }
+            (reaction, _) => reaction,
         }
     }
 
@@ -68,6 +86,7 @@ impl Node {
     fn shows_that_holding_fails(&self, cause: FaultCause) -> bool {
         match cause {
             FaultCause::FollowingError
+            | FaultCause::LateTick
             | FaultCause::EnergyGained
             | FaultCause::ObjectLost
             | FaultCause::ObjectMoved

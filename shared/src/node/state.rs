@@ -77,6 +77,8 @@ pub struct State {
     /// Whether a task was enabled since the commit of the model, so that its telemetry exists.
     pub(super) has_task: bool,
     pub(super) stop_energy: StopEnergy,
+    /// How often the stop began anew after missed ticks.
+    pub(super) restarts: u8,
     pub(super) task: TaskState,
 }
 
@@ -107,6 +109,7 @@ impl State {
             records: 0,
             has_task: false,
             stop_energy: StopEnergy::NONE,
+            restarts: 0,
             task: TaskState::NONE,
         }
     }

@@ -13,6 +13,7 @@ use super::tick::weight;
 use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
+use crate::model::Reaction;
 use crate::robot::Motion;
 
 /// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are late.
@@ -21,6 +22,11 @@ const TOLERATED_SPEED: f32 = 0.12;
 const WEIGHT_ERROR: f32 = 0.1;
 /// Time in which the torques at the beginning go on unchanged [s].
 const REACTION_TIME: f32 = 2.0 * TICK;
+/// Torques that fade more slowly are not waited for [s].
+const MAX_FADING: f32 = 0.1;
+/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten within 2.5 s, or
+/// the noise of an encoder would let a robot that is held for hours gain any energy.
+const MEMORY: f32 = 0.996;
 
 /// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -34,11 +40,17 @@ impl StopEnergy {
 }
 
 impl Node {
+    /// Energy that is tolerated at any time [J].
+    fn tolerated_energy(&self) -> f32 {
+        0.5 * self.robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED
+    }
+
     /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until they
     /// have faded.
     #[cold]
     #[inline(never)]
     pub(super) fn begin_stop_energy(&mut self) {
+        let mut allowed = self.tolerated_energy();
         let robot = &self.robot;
         let mut all = joints(robot, &mut self.state);
         let weight = weight(&all);
@@ -47,12 +59,13 @@ impl Node {
             *motion = [*joint.position, 0.0, *joint.velocity];
         }
         let with_momentum = robot.coupled_dynamics(&motion);
-        let mut allowed = 0.5 * robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED;
         for ((joint, weight), torque) in all.each().zip(weight).zip(with_momentum) {
+            joint.state.rise = 0.0;
             let velocity = *joint.velocity;
             let momentum = torque - weight + joint.config.servo.rotor_torque(velocity);
             let excess = joint.state.torque - weight;
-            let fading = 0.5 * abs(excess) / joint.config.limits.torque_rate + REACTION_TIME;
+            let fading =
+                (0.5 * abs(excess) / joint.config.limits.torque_rate).min(MAX_FADING) + REACTION_TIME;
             let gained = excess / joint.config.inertia * fading;
             let faded = excess * (velocity + 0.5 * gained) * fading;
             allowed += 0.5 * (momentum * velocity).max(0.0) + faded.max(0.0);
@@ -64,23 +77,29 @@ impl Node {
     #[cold]
     #[inline(never)]
     pub(super) fn check_stop_energy(&mut self) -> Option<Fault> {
+        let tolerated = self.tolerated_energy();
+        let damps = self.state.reaction == Reaction::Damp;
         let mut all = joints(&self.robot, &mut self.state);
         let weight = weight(&all);
         let [mut work, mut allowed] = [0.0; 2];
         let (mut hardest, mut largest) = (0, 0.0);
         for (index, (joint, weight)) in (0..).zip(all.each().zip(weight)) {
             let moved = joint.state.change;
+            joint.state.rise += if weight > 0.0 { moved } else { -moved };
+            let unborne = if damps { 1.0 - joint.state.borne_weight() } else { 0.0 };
             let own = (joint.state.torque - weight) * moved;
             work += own;
+            // What damping does not bear lets the robot sink.
             allowed += WEIGHT_ERROR * abs(weight * moved)
+                + unborne * (-weight * moved).max(0.0)
                 + abs(joint.config.servo.friction(&joint.state.servo, *joint.velocity) * moved);
             if own > largest {
                 (hardest, largest) = (index, own);
             }
         }
         let energy = &mut self.state.stop_energy;
-        energy.work += work;
-        energy.allowed += allowed;
+        energy.work = MEMORY * energy.work + work;
+        energy.allowed = tolerated + MEMORY * (energy.allowed - tolerated) + allowed;
         let (value, limit) = (energy.work, energy.allowed);
         let fault = Fault {
             cause: FaultCause::EnergyGained,

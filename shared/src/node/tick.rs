@@ -4,7 +4,7 @@ use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
-use crate::control::STALL_SPEED;
+use crate::control::{JointPoint, STALL_SPEED};
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
@@ -88,7 +88,12 @@ impl Node {
     fn stays(&self) -> bool {
         self.state.mode == Mode::Fault
             && self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
-            && self.state.references.iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
+            && self.references().iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
+    }
+
+    /// The references of the robot's joints.
+    fn references(&self) -> &[JointPoint] {
+        self.state.references.get(..self.robot.joints().len()).unwrap_or_default()
     }
 
     /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`]; the servos go on learning the disturbance if

@@ -146,8 +146,70 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
         rig.tick();
     }
     let torque = rig.node.telemetry().joints[0].torque;
-    // All links turn with the first joint: cos 0.6.
-    assert!((torque - (3.0 * 3.924e-3 * 0.825_3 - 0.3 * inertia / 0.01)).abs() < 1e-4, "{torque}");
+    // All links turn with the first joint: cos 0.6. As they have risen, 60 % of the weight is borne.
+    assert!((torque - (0.6 * 3.0 * 3.924e-3 * 0.825_3 - 0.3 * inertia / 0.01)).abs() < 1e-4, "{torque}");
+}
+
+#[test]
+fn a_damped_robot_that_is_lighter_than_its_model_does_not_rise() {
+    let mut model = lying();
+    model.safety.reaction = Reaction::Damp;
+    let mut rig = Rig::enabled(&model);
+    rig.ask(Request::Stop);
+    let inertia = model.joints[0].servo.observer.inertia;
+    let [mut positions, mut velocities] = [[0.0_f32; 3]; 2];
+    for _ in 0..2000 {
+        let torques = rig.tick().torques;
+        // 70 % of the weight of the test above, without friction.
+        for (joint, links) in [(0, 3.0), (1, 2.0), (2, 1.0)] {
+            let weight = 0.7 * links * 3.924e-3;
+            velocities[joint] += (torques[joint] - weight) / inertia * 0.01;
+            positions[joint] += 0.01 * velocities[joint];
+            rig.sensors.encoders[joint] = libm::roundf(positions[joint] * COUNTS_PER_RADIAN) as i32;
+        }
+    }
+    assert!(velocities.iter().all(|velocity| velocity.abs() < 0.01), "{velocities:?} rad/s");
+    assert!(positions.iter().all(|position| position.abs() < 0.3), "{positions:?} rad");
+    assert_eq!(rig.node.state.reaction, Reaction::Damp, "{:?}", rig.node.faults());
+}
+
+#[test]
+fn a_stop_whose_ticks_are_missed_again_and_again_is_damped() {
+    let mut rig = Rig::enabled(&model());
+    rig.ask(Request::Stop);
+    let mut damped_after = None;
+    for number in 0..40 {
+        rig.tick();
+        rig.sensors.sequence += 2;
+        rig.tick();
+        if rig.node.state.reaction == Reaction::Damp {
+            damped_after = damped_after.or(Some(number));
+        }
+    }
+    assert_eq!(damped_after, Some(10), "{:?}", rig.node.faults());
+}
+
+#[test]
+fn a_relative_encoder_that_jumps_has_lost_its_zero() {
+    for relative in [true, false] {
+        let mut model = model();
+        model.joints[1].encoder.relative = relative;
+        let mut rig = Rig::ready(&model);
+        if relative {
+            let positions = Vec::from_slice(&[0.0; 3]).unwrap();
+            assert_eq!(rig.ask(Request::Home { positions }), Reply::Done);
+        }
+        assert_eq!(rig.enable(), Reply::Done);
+        rig.tick();
+        rig.sensors.encoders[1] += 10_000;
+        rig.tick();
+        assert_eq!(rig.node.faults().faults[0].cause, FaultCause::EncoderJump);
+        (0..50).for_each(|_| _ = rig.tick());
+        let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
+        assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+        let refused = matches!(rig.enable(), Reply::Refused(Refusal::NotHomed { .. }));
+        assert_eq!(refused, relative);
+    }
 }
 
 #[test]
