@@ -14,11 +14,13 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     let faults = server.json(&["faults"]);
     assert_eq!(faults["faults"][0]["number"], 4);
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
-    server.fails(&["doctor"], 5, &["the encoder jumped"]);
+    // The encoder counts from where it was switched on: after the jump its zero is lost.
+    server.fails(&["doctor"], 1, &["the encoder jumped", "not homed: finger2_curl"]);
     assert!(server.succeeds(&["faults"]).contains("the board is stopped until they are cleared"));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
+    server.succeeds(&["home", "finger2_curl=0", "--others", "0"]);
     assert!(server.succeeds(&["faults"]).contains("past faults; none stops the board now"));
     server.fails(&["enable"], 7, &["emergency stop", "#fault-9-emergencystop"]);
     server.fails(&["doctor"], 1, &["the emergency stop is pressed"]);

@@ -73,7 +73,7 @@ fn feel(
         // The sensors read what acts on the tip.
         let force: [f32; 3] = posture.tip().rotation.inverse_transform_vector(&push.into()).into();
         for (count, force) in counts.iter_mut().zip(force) {
-            *count = (force * -1000.0) as i32 + random.below(21) as i32 - 10;
+            *count = ((force * -1000.0) as i32).saturating_add(random.below(21) as i32 - 10);
         }
         if random.one_in(500) {
             counts[random.below(6)] = random.next() as i32;
