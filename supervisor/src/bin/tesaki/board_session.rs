@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
-    Telemetry, Tips,
+    FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
+    TaskReport, Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::{Key, Reopening};
@@ -176,13 +176,43 @@ impl BoardSession {
     /// The current telemetry, which goes on.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
         self.board.set_rate(Stream::Telemetry, 2)?;
+        // What came before the answer may be old.
+        while self.board.next_event(Instant::now())?.is_some() {}
         self.telemetry(Duration::from_secs(1))
+    }
+
+    /// Whether the outputs are on; `None` when the control loop does not run.
+    pub fn outputs(&mut self) -> Result<Option<bool>, Failure> {
+        find_in_log(&mut self.board, |record| match record {
+            LogRecord::Actuators(frame) => Some(frame.enabled),
+            _ => None,
+        })
     }
 
     /// The board does not answer: it is not asked for anything more.
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
+}
+
+/// What `find` finds first in the entries of the board's log; `None` when its control loop does not run.
+pub fn find_in_log<T>(
+    board: &mut LinkBoard<BoardLink>,
+    mut find: impl FnMut(&LogRecord) -> Option<T>,
+) -> Result<Option<T>, Failure> {
+    board.set_rate(Stream::Log, 1)?;
+    let deadline = Instant::now() + Duration::from_millis(500);
+    let mut found = None;
+    while found.is_none()
+        && Instant::now() < deadline
+        && let Some(event) = board.next_event(deadline)?
+    {
+        if let FromBoard::Log(LogEntry { record, .. }) = event {
+            found = find(&record);
+        }
+    }
+    board.set_rate(Stream::Log, 0)?;
+    Ok(found)
 }
 
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.

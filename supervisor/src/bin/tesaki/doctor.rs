@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{
-    BoardStatus, ClockSource, FromBoard, Identity, LinkStatistics, LogEntry, LogRecord, Mode, NodeStatus,
-    ResetCause, SensorFlags, Status, Stream,
+    BoardStatus, ClockSource, FromBoard, Identity, LinkStatistics, LogRecord, Mode, NodeStatus, ResetCause,
+    SensorFlags, Status, Stream,
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
 use tesaki_supervisor::{Board, BoardError, LinkBoard, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardLink, dial, port_address, version};
+use crate::board_session::{BoardLink, dial, find_in_log, port_address, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
@@ -252,19 +252,10 @@ fn check_board(
 
 /// Whether the emergency stop is pressed; `None` without sensor readings. Only the log shows it.
 fn emergency_stop(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
-    board.set_rate(Stream::Log, 1)?;
-    let deadline = Instant::now() + Duration::from_millis(500);
-    let mut pressed = None;
-    while pressed.is_none()
-        && Instant::now() < deadline
-        && let Some(event) = board.next_event(deadline)?
-    {
-        if let FromBoard::Log(LogEntry { record: LogRecord::Sensors(sensors), .. }) = event {
-            pressed = Some(sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0);
-        }
-    }
-    board.set_rate(Stream::Log, 0)?;
-    Ok(pressed)
+    find_in_log(board, |record| match record {
+        LogRecord::Sensors(sensors) => Some(sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0),
+        _ => None,
+    })
 }
 
 fn check_round_trip(round_trip: Option<Duration>, doctor: &mut Doctor) {

@@ -33,11 +33,12 @@ const ARRIVED: u32 = 10;
 
 pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let goal = motion.positions()?;
     output::confirm(
         options,
         &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
     )?;
+    // The joints may have moved during the question.
+    let goal = motion.positions()?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     output::notice(options, "enabled: the joints hold");
     motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
@@ -75,10 +76,11 @@ impl Progress {
 
 pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let mut goal = motion.positions()?;
-    set_goals(&mut goal, &motion.model, args)?;
+    motion.goal(args)?;
     let count = output::counted(args.joints.len(), "joint");
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
+    // The joints may have moved during the question.
+    let goal = motion.goal(args)?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     let load = Load::at(&motion.model, &goal);
     motion.announce_ctrl_c(load.as_ref());
@@ -233,6 +235,13 @@ impl<'a> Motion<'a> {
         let telemetry = self.session.telemetry_now()?;
         self.remember(&telemetry);
         Ok(self.angles_within_limits())
+    }
+
+    /// The present angles, with those of `args` in their place [rad].
+    fn goal(&mut self, args: &Move) -> Result<Vec<f32>, Failure> {
+        let mut goal = self.positions()?;
+        set_goals(&mut goal, &self.model, args)?;
+        Ok(goal)
     }
 
     fn remember(&mut self, telemetry: &Telemetry) {
