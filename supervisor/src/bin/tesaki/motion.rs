@@ -28,6 +28,8 @@ const REPORT: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that may be gone is told to disable.
 const LAST_WORD: Duration = Duration::from_millis(500);
+/// How long a board that has not answered that is told again.
+const FAREWELL: Duration = Duration::from_secs(2);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
@@ -369,20 +371,45 @@ impl<'a> Motion<'a> {
                      (try `tesaki doctor`)"
                 )));
             }
-            // It cannot be told to disable.
-            self.enabled = false;
-            self.session.give_up();
-            return Err(Failure::Late(format!(
-                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
-                 itself {} s after the last command",
-                self.model.safety.command_timeout
-            )));
+            return Err(self.gone(seconds));
         }
         if silence > SILENCE && now - telemetry.requested > SILENCE {
             telemetry.requested = now;
             self.session.board.post(Request::SetRate { stream: Stream::Telemetry, every: 2 })?;
         }
         Ok(())
+    }
+
+    /// The board cannot be told to disable.
+    fn gone(&mut self, seconds: f64) -> Failure {
+        self.enabled = false;
+        self.session.give_up();
+        Failure::Late(format!(
+            "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
+             itself {} s after the last command",
+            self.model.safety.command_timeout
+        ))
+    }
+
+    /// Disables the board. One that is silent gets some time, but not all that a patient user allows for an
+    /// answer.
+    fn switch_off(&mut self) -> Result<(), Failure> {
+        let begun = Instant::now();
+        self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
+        let mut answer = self.session.board.disable();
+        if matches!(answer, Err(BoardError::Timeout { .. })) && self.options.timeout > LAST_WORD {
+            output::notice(self.options, "\nno answer from the board yet: it is told again to disable");
+            self.session.board.set_timeout(self.options.timeout.min(FAREWELL));
+            answer = self.session.board.disable();
+        }
+        match answer {
+            Ok(()) => {
+                self.enabled = false;
+                Ok(())
+            }
+            Err(BoardError::Timeout { .. }) => Err(self.gone(begun.elapsed().as_secs_f64())),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Receives until `deadline`.
@@ -431,8 +458,7 @@ impl<'a> Motion<'a> {
 
     /// Disables the board and releases command.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
-        self.session.board.disable()?;
-        self.enabled = false;
+        self.switch_off()?;
         let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
         let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
         output::notice(self.options, &format!("{what}{load}"));

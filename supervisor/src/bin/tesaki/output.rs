@@ -26,7 +26,9 @@ pub fn result<T: Serialize>(
 
 /// Refuses to write over what is read; `outcome` and `source` name the arguments.
 pub fn keep_input(output: &Path, outcome: &str, input: &Path, source: &str) -> Result<(), Failure> {
-    let file = |path: &Path| path.canonicalize().ok().filter(|path| path.is_file());
+    // `-` is standard input or output, not a file of that name.
+    let is_stream = |path: &Path| path == Path::new("-");
+    let file = |path: &Path| path.canonicalize().ok().filter(|file| file.is_file() && !is_stream(path));
     match (file(input), file(output)) {
         (Some(one), Some(other)) if one == other => Err(Failure::Usage(format!(
             "{source} and {outcome} are both {}, which would be lost: choose another {outcome}",
