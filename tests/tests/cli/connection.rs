@@ -34,6 +34,18 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
         server.fails(&["move", "finger1_swing=0", "--tolerance", tolerance], 2, &[&words]);
         server.fails(&["reach", "finger1_tip=0,0,0", "--tolerance", tolerance], 2, &[&words]);
     }
+    // A key is for TCP alone.
+    server.succeeds(&["--key", "/nowhere/lab.key", "info"]);
+    server.fails(
+        &["--key", "/nowhere/lab.key", "--port", "tcp://localhost:1", "info"],
+        1,
+        &["no such key file"],
+    );
+    server.fails(
+        &["replay", "/nowhere/run.mcap"],
+        2,
+        &["run.mcap is the file for viewers: replay /nowhere/run.log"],
+    );
     server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
     server.fails(&["dance"], 2, &["dance"]);
     server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);

@@ -11,7 +11,7 @@ use tesaki::protocol::{
     TaskReport, Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
-use tesaki_supervisor::port::{Key, Reopening};
+use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
@@ -232,7 +232,10 @@ pub fn read_key(options: &Options) -> Result<Option<Key>, Failure> {
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
-    let link = FaultyLink::new(Reopening::open(options.port.clone(), read_key(options)?)?, faults);
+    // Only these may be encrypted.
+    let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
+    let key = if may_be_tcp { read_key(options)? } else { None };
+    let link = FaultyLink::new(Reopening::open(options.port.clone(), key)?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
 
@@ -255,9 +258,16 @@ pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
     model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
+/// See [`interrupted`].
+static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// Whether Ctrl-C or a request to terminate has come; without [`interrupted`] they end the process at once.
+pub fn was_interrupted() -> bool {
+    FLAG.get().is_some_and(|flag| flag.load(Ordering::Relaxed))
+}
+
 /// Set by Ctrl-C and by a request to terminate.
 pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
-    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     if let Some(flag) = FLAG.get() {
         return Ok(Arc::clone(flag));
     }

@@ -36,12 +36,19 @@ use failure::Failure;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    match run(&cli) {
-        Ok(code) => code,
-        Err(failure) => {
+    let result = run(&cli);
+    if let Err(failure) = &result {
+        output::failure(&cli.options, failure);
+    }
+    let written = output::flush(matches!(result, Err(Failure::Stalled)));
+    match (result, written) {
+        (Ok(_), Err(failure)) => {
             output::failure(&cli.options, &failure);
+            let _ = output::flush(false);
             failure.exit_code()
         }
+        (Err(failure), _) => failure.exit_code(),
+        (Ok(code), Ok(())) => code,
     }
 }
 

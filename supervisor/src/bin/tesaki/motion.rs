@@ -211,6 +211,7 @@ impl Drop for Motion<'_> {
             self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
             let _ = self.session.board.disable();
         }
+        output::set_controls(false);
     }
 }
 
@@ -290,6 +291,7 @@ impl<'a> Motion<'a> {
         // From here on Ctrl-C must not end the process before the outputs are off.
         interrupted()?;
         // The joint servo has no telemetry beyond that of the joints.
+        output::set_controls(true);
         self.asks = !matches!(task, TaskConfig::JointServo(_));
         self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
         self.enabled = true;
@@ -405,6 +407,7 @@ impl<'a> Motion<'a> {
         match answer {
             Ok(()) => {
                 self.enabled = false;
+                output::set_controls(false);
                 Ok(())
             }
             Err(BoardError::Timeout { .. }) => Err(self.gone(begun.elapsed().as_secs_f64())),

@@ -197,8 +197,9 @@ impl<'a> Recorder<'a> {
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
         let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": ticks, "gaps": gaps, "lost": lost });
         output::result(self.options, &value, || {
+            let gaps = output::counted(usize::try_from(gaps).unwrap_or(usize::MAX), "gap");
             format!(
-                "{ticks} ticks recorded, {gaps} gaps, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
+                "{ticks} ticks recorded, {gaps}, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
                  Foxglove, PlotJuggler or Rerun",
                 log_path.display(),
                 mcap_path.display()
@@ -236,7 +237,11 @@ fn with_extension(name: &Path, extension: &str) -> PathBuf {
 }
 
 fn mcap_failure(path: &Path) -> impl FnOnce(McapError) -> Failure + '_ {
-    move |error| Failure::Other(format!("{}: {error}", path.display()))
+    move |error| match error {
+        // It names the path.
+        McapError::Create { .. } => Failure::Other(error.to_string()),
+        _ => Failure::Other(format!("{}: {error}", path.display())),
+    }
 }
 
 /// Distinguishes errors of the file from errors of the board.
