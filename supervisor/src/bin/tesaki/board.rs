@@ -212,6 +212,18 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         for fault in &log.faults {
             let _ = writeln!(text, "  {}", describe(fault, named(fault)));
         }
+        // The board does not tell when its model came; the last fault of a board in fault is younger.
+        let certain = usize::from(before == Mode::Fault);
+        let older = log.faults.iter().rev().skip(certain);
+        if let Some(model) = &model
+            && older.filter(|fault| named(fault).is_some()).any(|fault| fault.joint.is_some())
+        {
+            let _ = writeln!(
+                text,
+                "joints are named as in {}, the model on the board; a fault before its push may be of another robot",
+                model.name
+            );
+        }
         let dropped = log.total as usize - log.faults.len().min(log.total as usize);
         if dropped > 0 {
             let _ = writeln!(text, "and {dropped} older faults, no longer stored");

@@ -169,3 +169,17 @@ impl Failure {
         move |source| Self::File { path, source }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_that_still_moves_is_to_be_waited_for() {
+        let fault =
+            Fault { cause: FaultCause::VelocityLimit, joint: Some(1), value: 3.0, limit: 1.0, tick: 7 };
+        let refused = BoardError::Refused { action: "enable its outputs", refusal: Refusal::Unsafe(fault) };
+        let text = Failure::from(refused).to_string();
+        assert!(text.contains("The joint still moves: wait until it rests"), "{text}");
+    }
+}
