@@ -8,7 +8,7 @@ use serde::Deserialize;
 use tesaki::model::RobotModel;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
-use crate::file::{self, FileError};
+use crate::file::{self, FileError, read_text};
 
 /// Values of one machine, which override those of `robot.urdf` and `controller.toml`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -109,8 +109,7 @@ impl CalibrationFile {
         }
         Calibration::load(path)?;
         let file = |message: String| FileError::Toml { path: path.to_owned(), message };
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+        let text = read_text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
         Ok(Self(text.parse().map_err(|error: toml_edit::TomlError| file(error.to_string()))?))
     }
 

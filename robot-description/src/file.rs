@@ -1,5 +1,7 @@
-//! Reading of TOML files, with errors by path, line and column.
+//! Reading of text files, and of TOML with errors by path, line and column.
 
+use std::fs::File;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -11,6 +13,9 @@ pub(crate) const MAX_URDF: usize = 1 << 20;
 /// Longest TOML file [bytes]. A board's sixteen joints, each with settings of its own, take a third.
 pub(crate) const MAX_TOML: usize = 1 << 16;
 
+/// Longest file that is read at all, whatever is said about it [bytes].
+const MAX_TEXT: u64 = 1 << 24;
+
 /// Why a TOML file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
@@ -20,7 +25,7 @@ pub enum FileError {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// Its content is invalid.
     #[error("{}: {message}", path.display())]
@@ -61,10 +66,30 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str, advice: &str, report: &mut 
     toml::from_str(text).map_err(problem).ok()
 }
 
+/// The text of the file `path`, which may be linked.
+///
+/// # Errors
+/// It cannot be read, is no regular file, such as a device or a pipe that may never end, or is too large.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let found = std::fs::metadata(path)?;
+    // The error for a folder is that of the operating system.
+    if !found.is_file() && !found.is_dir() {
+        let message = "not a regular file: save the text in a file first";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+    }
+    let mut text = String::new();
+    File::open(path)?.take(MAX_TEXT + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MAX_TEXT {
+        let message = format!("larger than {} MiB: is it the right file?", MAX_TEXT >> 20);
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, message));
+    }
+    Ok(text)
+}
+
 /// Reads a TOML file.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
     let toml = |message| FileError::Toml { path: path.to_owned(), message };
-    let read = std::fs::read_to_string(path);
+    let read = read_text(path);
     let text = read.map_err(|source| FileError::Read { path: path.to_owned(), source })?;
     match too_long(&text, MAX_TOML) {
         Some(message) => Err(toml(message)),

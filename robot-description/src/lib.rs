@@ -21,4 +21,4 @@ pub mod retargeting;
 pub mod robot;
 pub mod urdf;
 
-pub use file::FileError;
+pub use file::{FileError, read_text};

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use crate::file;
+use crate::file::{self, read_text};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::urdf;
@@ -155,7 +155,7 @@ impl PlantValues {
     /// It cannot be read, or what is wrong in it.
     pub fn load(robot: &Path) -> Result<Self, PlantFileError> {
         let path = robot.join("plant.toml");
-        let text = std::fs::read_to_string(&path)
+        let text = read_text(&path)
             .map_err(|error| PlantFileError::Read { path: path.clone(), reason: error.to_string() })?;
         Self::parse(&path, &text)
     }

@@ -36,7 +36,7 @@ use tesaki::robot::Robot;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceSettings};
 use tesaki::teleop::{Finger, InvalidRetargetSettings, RetargetField, RetargetSettings};
 
-use crate::file;
+use crate::file::{self, read_text};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::urdf;
@@ -156,7 +156,7 @@ impl RetargetingSettings {
     /// The file cannot be read, or what is wrong in it, by line; or the robot is no hand.
     pub fn load(robot: &Path, model: &RobotModel) -> Result<Self, RetargetingFileError> {
         let path = robot.join(FILE);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Self::check(&path, "", model)
                     .0

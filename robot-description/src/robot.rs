@@ -14,6 +14,7 @@ use tesaki::model::RobotModel;
 pub use chain::chain_model;
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
+use crate::file::read_text;
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::plant::PlantValues;
@@ -63,7 +64,7 @@ impl RobotFolder {
     pub fn read(path: &Path) -> Result<(String, String), RobotError> {
         let read = |name: &str| {
             let path = path.join(name);
-            std::fs::read_to_string(&path).map_err(|source| RobotError::Read { path, source })
+            read_text(&path).map_err(|source| RobotError::Read { path, source })
         };
         Ok((read("robot.urdf")?, read("controller.toml")?))
     }

@@ -18,6 +18,7 @@ mod unread;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::file::read_text;
 use crate::finding::{Finding, Matter, Report};
 use crate::robot::settings::accepted_inertias;
 use source::Source;
@@ -46,7 +47,7 @@ impl Urdf {
     /// # Errors
     /// The file cannot be read, or what is wrong in the `matters` given.
     pub fn load(path: &Path, matters: &[Matter]) -> Result<(Self, Vec<Finding>), UrdfError> {
-        let accepted = match std::fs::read_to_string(path.join("controller.toml")) {
+        let accepted = match read_text(&path.join("controller.toml")) {
             Ok(settings) => accepted_inertias(&settings),
             Err(_) => Vec::new(),
         };
@@ -81,7 +82,7 @@ impl Urdf {
     /// # Errors
     /// It cannot be read; what may have been meant.
     pub fn read_text(path: &Path) -> Result<String, UrdfError> {
-        let read = std::fs::read_to_string(path);
+        let read = read_text(path);
         read.map_err(|source| UrdfError::Read { path: path.to_owned(), hint: hint(path, &source), source })
     }
 
@@ -182,6 +183,9 @@ fn hint(path: &Path, error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::InvalidData => return "save it as UTF-8".to_owned(),
         std::io::ErrorKind::PermissionDenied => return "allow reading it".to_owned(),
+        std::io::ErrorKind::InvalidInput | std::io::ErrorKind::FileTooLarge => {
+            return "name a URDF file, or a folder with robot.urdf".to_owned();
+        }
         _ => {}
     }
     let folder = path.parent().unwrap_or(path);

@@ -64,7 +64,8 @@ fn a_table_of_poses_becomes_a_calibration_file() {
     HumanHand::try_new(file.links()).unwrap();
     assert!(file.thumb.poses > 40 && file.thumb.tip_deviation < 2e-3);
     // The same from standard input, as JSON.
-    let (code, out, _) = run(path, &["-", "--json"], &text(&table(&CalibrationPlan::FULL)));
+    let (code, out, _) =
+        run(path, &["-", "--json", "--out", "aiko.toml"], &text(&table(&CalibrationPlan::FULL)));
     let value: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((code, &value["poses"], &value["fingers"]["index"]["rank"]), (0, &json!(61), &json!(10)));
 }
@@ -156,14 +157,21 @@ fn a_stream_is_led_through_the_poses() {
     assert!(error.contains("Pose 1: hold the hand flat"), "{error}");
     assert!(error.contains("Pose 2: spread the fingers"), "{error}");
     assert!(folder.path().join("operator.toml").exists());
-    let (code, out, _) = run(folder.path(), &["--live", "--json"], &lines);
+    // Nobody's calibration is lost by the default.
+    let (code, _, error) = run(folder.path(), &["--live"], &lines);
+    assert!(code == 2 && error.contains("operator.toml exists"), "{error}");
+    let (code, out, _) = run(folder.path(), &["--live", "--json", "--out", "operator.toml"], &lines);
     assert_eq!(code, 0);
     let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
     // A stream that stops, and one that is none.
-    let (code, _, error) =
-        run(folder.path(), &["--live"], lines[..lines.len() / 50].rsplit_once('\n').unwrap().0);
+    let (code, _, error) = run(
+        folder.path(),
+        &["--live", "--out", "other.toml"],
+        lines[..lines.len() / 50].rsplit_once('\n').unwrap().0,
+    );
     assert!(code == 1 && error.contains("not calibrated"), "{error}");
-    let (code, _, error) = run(folder.path(), &["--live"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
+    let (code, _, error) =
+        run(folder.path(), &["--live", "--out", "other.toml"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
     assert!(code == 1 && error.contains("standard input:1: \"back\" must be a quaternion"), "{error}");
 }

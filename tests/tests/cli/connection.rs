@@ -1,10 +1,12 @@
 //! The link to the board: absent, bad, or interrupted.
 
-use std::io::{BufRead, BufReader};
-use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-use super::server::{Server, finish, hand3, said, unread};
+use super::server::{Server, finish, hand3, said, signal, unread};
 
 #[test]
 fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
@@ -13,12 +15,43 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     server.fails(&["--port", "tcp://localhost:1", "info"], 3, &["nobody answers"]);
     server.fails(&["--port", "quantum://x", "info"], 2, &["quantum://x"]);
     server.fails(&["--timeout", "0", "info"], 2, &["--timeout"]);
+    server.fails(
+        &["--timeout", "1e300", "info"],
+        2,
+        &["1e300 s: expected a time above 0 s, at most 1000000 s"],
+    );
+    server.fails(&["--timeout", "nan", "info"], 2, &["nan s: expected a time above 0 s"]);
+    for command in [
+        &["move", "finger1_swing=0", "--within", "-1"][..],
+        &["enable", "--duration", "-1"],
+        &["record", "--duration", "-1"],
+        &["--timeout", "-1", "info"],
+    ] {
+        server.fails(command, 2, &["-1 s: expected a time above 0 s"]);
+    }
+    for tolerance in ["nan", "0", "-1", "inf"] {
+        let words = format!("{tolerance}: expected a number above 0");
+        server.fails(&["move", "finger1_swing=0", "--tolerance", tolerance], 2, &[&words]);
+        server.fails(&["reach", "finger1_tip=0,0,0", "--tolerance", tolerance], 2, &[&words]);
+    }
+    // A key is for TCP alone.
+    server.succeeds(&["--key", "/nowhere/lab.key", "info"]);
+    server.fails(
+        &["--key", "/nowhere/lab.key", "--port", "tcp://localhost:1", "info"],
+        1,
+        &["no such key file"],
+    );
+    server.fails(
+        &["replay", "/nowhere/run.mcap"],
+        2,
+        &["run.mcap is the file for viewers: replay /nowhere/run.log"],
+    );
     server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
     server.fails(&["dance"], 2, &["dance"]);
     server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);
     // A socket where nothing answers.
     let silent = server.folder.path().join("silent");
-    let _listener = std::os::unix::net::UnixListener::bind(&silent).unwrap();
+    let _listener = UnixListener::bind(&silent).unwrap();
     let port = format!("unix://{}", silent.display());
     server.fails(&["--timeout", "0.3", "--port", &port, "info"], 6, &["no answer"]);
     server.fails(&["--timeout", "0.3", "--port", &port, "doctor"], 6, &["no answer", "RX and TX"]);
@@ -100,4 +133,56 @@ fn a_monitor_resumes_when_the_board_comes_back() {
     monitor.kill().unwrap();
     monitor.wait().unwrap();
     drop(again);
+}
+
+#[test]
+fn ctrl_c_with_a_silent_board_does_not_wait_for_all_of_the_timeout() {
+    let server = Server::ready();
+    let link = Muted::start(&server);
+    let enabled = server.start_command(&["--port", &link.address, "--timeout", "60", "enable"]);
+    let enabled = server.wait_with(enabled, "enabled");
+    link.mute.store(true, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(200));
+    let begun = Instant::now();
+    signal(&enabled, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(enabled));
+    assert_eq!(code, 6, "{text}");
+    for word in ["no answer from the board yet", "it stops by itself 1 s after the last command"] {
+        assert!(text.contains(word), "no {word:?} in: {text}");
+    }
+    assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+}
+
+/// A link to the board of a server for one client, which can be muted.
+struct Muted {
+    address: String,
+    mute: Arc<AtomicBool>,
+}
+
+impl Muted {
+    fn start(server: &Server) -> Self {
+        let path = server.folder.path().join("muted");
+        let listener = UnixListener::bind(&path).unwrap();
+        let board = server.folder.path().join("board");
+        let mute = Arc::new(AtomicBool::new(false));
+        let muted = Arc::clone(&mute);
+        std::thread::spawn(move || {
+            let client = listener.accept().unwrap().0;
+            let board = UnixStream::connect(board).unwrap();
+            for (from, to) in [(&client, &board), (&board, &client)] {
+                let (mut from, mut to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
+                let muted = Arc::clone(&muted);
+                std::thread::spawn(move || {
+                    let mut buffer = [0; 4096];
+                    while let Ok(length @ 1..) = from.read(&mut buffer) {
+                        if !muted.load(Ordering::Relaxed) && to.write_all(&buffer[..length]).is_err() {
+                            break;
+                        }
+                    }
+                    let _ = to.shutdown(std::net::Shutdown::Both);
+                });
+            }
+        });
+        Self { address: format!("unix://{}", path.display()), mute }
+    }
 }

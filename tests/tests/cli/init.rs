@@ -105,3 +105,88 @@ fn wrong_names_and_folders_that_exist_are_refused() {
     let (code, text) = run(&[&again[..], &["--force"]].concat());
     assert_eq!(code, 0, "{text}");
 }
+
+/// The URDF of the hand, with another name.
+fn named(folder: &Path, name: &str) -> PathBuf {
+    let text = std::fs::read_to_string(hand3().join("robot.urdf")).unwrap();
+    let urdf = folder.join("other.urdf");
+    std::fs::write(&urdf, text.replacen("name=\"hand3\"", &format!("name=\"{name}\""), 1)).unwrap();
+    urdf
+}
+
+#[test]
+fn the_name_of_a_robot_is_no_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = folder.path().join("inner");
+    std::fs::create_dir(&inner).unwrap();
+    let run_inside = |urdf: &Path, options: &[&str]| {
+        let mut command = tesaki_tests::tesaki();
+        command.current_dir(&inner).args(["model", "init", urdf.to_str().unwrap()]).args(options);
+        let output = command.output().unwrap();
+        (output.status.code().unwrap(), String::from_utf8([output.stdout, output.stderr].concat()).unwrap())
+    };
+    let absolute = folder.path().join("absolute");
+    for name in ["../escape", absolute.to_str().unwrap(), "..", ".", "-rf", "two&#10;lines", "a/b"] {
+        let urdf = named(folder.path(), name);
+        let (code, text) = run_inside(&urdf, &[]);
+        assert!(
+            code == 2 && text.contains("no plain name") && text.contains("--out"),
+            "{name}: {code} {text}"
+        );
+        assert_eq!(std::fs::read_dir(&inner).unwrap().count(), 0, "{name}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    let urdf = named(folder.path(), "../escape");
+    assert_eq!(run_inside(&urdf, &["--out", "robot"]).0, 0);
+    let urdf = named(folder.path(), "my hand");
+    assert_eq!(run_inside(&urdf, &[]).0, 0);
+    assert!(inner.join("my hand/controller.toml").is_file());
+}
+
+#[test]
+fn a_urdf_without_masses_is_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("robot");
+    let urdf = Path::new(env!("CARGO_MANIFEST_DIR")).join("robots/abb_irb140.urdf");
+    let (code, text) = run(&["model", "init", urdf.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(code, 1, "{text}");
+    for words in ["abb_irb140.urdf:7: link link_1", "without mass", "--accept-inertia"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    assert!(!text.contains("wrote") && !text.contains("next:"), "{text}");
+    assert!(!out.exists(), "nothing is written");
+}
+
+#[test]
+fn what_is_no_regular_file_is_not_read() {
+    let (code, text) = run(&["model", "check", "/dev/zero"]);
+    assert!(code == 1 && text.contains("/dev/zero: ") && text.contains("not a regular file"), "{text}");
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(hand3().join("robot.urdf"), folder.path().join("robot.urdf")).unwrap();
+    nix::unistd::mkfifo(&folder.path().join("controller.toml"), nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let (code, text) = run(&["model", "check", folder.path().to_str().unwrap()]);
+    assert!(code == 1 && text.contains("controller.toml: not a regular file"), "{text}");
+    let huge = folder.path().join("huge.urdf");
+    std::fs::File::create(&huge).unwrap().set_len(1 << 30).unwrap();
+    let (code, text) = run(&["model", "check", huge.to_str().unwrap()]);
+    assert!(code == 1 && text.contains("larger than 16 MiB"), "{text}");
+}
+
+#[test]
+fn eval_does_not_write_over_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("table.csv");
+    for (text, command) in [
+        ("finger1_swing\n0\n", &["eval", "fk", "--robot", hand3().to_str().unwrap()][..]),
+        ("x1,y1,z1\n0,0,0\n", &["eval", "grip"]),
+    ] {
+        std::fs::write(&table, text).unwrap();
+        let file = table.to_str().unwrap();
+        let (code, said) = run(&[command, &["--in", file, "--out", file]].concat());
+        assert!(
+            code == 2 && said.contains("--in and --out are both") && said.contains("lost"),
+            "{code} {said}"
+        );
+        assert_eq!(std::fs::read_to_string(&table).unwrap(), text);
+    }
+}

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod arm;
+mod asking;
 mod calibrate;
 mod commanding;
 mod configuring;

@@ -80,8 +80,12 @@ fn a_board_is_shared_with_other_machines_by_a_key_only() {
     server.fails(&["--port", port, "--key", &key, "info"], 1, &[&key, "chmod 600"]);
     std::fs::write(&wrong, "secret").unwrap();
     server.fails(&["--port", port, "--key", &wrong, "info"], 1, &[&wrong, "is too short", "64"]);
-    server.fails(&["--key", "/nowhere", "info"], 1, &["/nowhere", "no such key file"]);
-    server.fails(&["--key", "/tmp", "info"], 1, &["/tmp", "is not a file"]);
+    server.fails(
+        &["--key", "/nowhere", "--port", "tcp://localhost:1", "info"],
+        1,
+        &["/nowhere", "no such key file"],
+    );
+    server.fails(&["--key", "/tmp", "--port", "tcp://localhost:1", "info"], 1, &["/tmp", "is not a file"]);
 
     let heard = share.stop();
     assert!(heard.contains("127.0.0.1:") || heard.contains("[::1]:"), "{heard}");

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mcap::{MessageStream, Summary};
 use tesaki::protocol::LogRecord;
 
-use super::server::{Server, hand3, signal};
+use super::server::{Server, finish, hand3, signal};
 
 #[test]
 fn a_recording_that_was_cut_at_any_byte_is_told() {
@@ -163,4 +163,22 @@ pub fn encode(records: &[LogRecord]) -> Vec<u8> {
         bytes.extend_from_slice(&frame[..length]);
     }
     bytes
+}
+
+#[test]
+fn a_recording_that_is_being_written_is_not_replaced() {
+    let server = Server::ready();
+    let name = server.folder.path().join("run");
+    let name = name.to_str().unwrap();
+    let first = server.start_command(&["record", name]);
+    let log = format!("{name}.log");
+    while !std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let again = ["record", name, "--force", "--duration", "0.2"];
+    server.fails(&again, 2, &["run.log is being written by another `tesaki record`"]);
+    signal(&first, nix::sys::signal::Signal::SIGINT);
+    assert!(finish(first).status.success());
+    server.succeeds(&["replay", &log]);
+    server.succeeds(&again);
 }

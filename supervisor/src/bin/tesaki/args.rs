@@ -65,7 +65,7 @@ pub struct Options {
     #[arg(long, global = true, env = "TESAKI_KEY", value_name = "FILE")]
     pub key: Option<PathBuf>,
     /// Time to wait for an answer [s]
-    #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds)]
+    #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Print JSON: a single object, or one per line while a command runs
     #[arg(long, global = true, env = "TESAKI_JSON")]
@@ -228,7 +228,7 @@ pub struct Enable {
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
     /// Disable the outputs after this time [s]; without it, hold until Ctrl-C
-    #[arg(long, value_parser = seconds)]
+    #[arg(long, value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,
 }
 
@@ -247,10 +247,10 @@ pub struct Move {
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
     /// Position tolerance [rad]
-    #[arg(long, default_value_t = 0.005)]
+    #[arg(long, default_value_t = 0.005, value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: f32,
     /// Fail if the targets are not reached within this time [s]
-    #[arg(long, default_value = "20", value_parser = seconds)]
+    #[arg(long, default_value = "20", value_parser = seconds, allow_negative_numbers = true)]
     pub within: Duration,
     /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction
@@ -276,7 +276,7 @@ pub struct Reach {
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
     pub servo: Servo,
     /// Position tolerance [m]
-    #[arg(long, default_value_t = 0.002)]
+    #[arg(long, default_value_t = 0.002, value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: f32,
     /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction
@@ -309,7 +309,7 @@ pub struct Record {
     #[arg(long)]
     pub force: bool,
     /// Stop after this time [s]; without it, at Ctrl-C
-    #[arg(long, value_parser = seconds)]
+    #[arg(long, value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,
     /// Robot folder; viewers need its URDF to draw the robot
     #[arg(long, env = "TESAKI_ROBOT")]
@@ -334,11 +334,21 @@ impl From<Servo> for ServoMode {
     }
 }
 
+/// The longest time that can be given: some days [s].
+const MAX_SECONDS: f64 = 1e6;
+
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of seconds"))?;
-    match Duration::try_from_secs_f64(seconds) {
-        Ok(duration) if !duration.is_zero() => Ok(duration),
-        _ => Err(format!("{text} s: expected a time above 0 s")),
+    if !(seconds > 0.0 && seconds <= MAX_SECONDS) {
+        return Err(format!("{text} s: expected a time above 0 s, at most {MAX_SECONDS} s"));
+    }
+    Ok(Duration::from_secs_f64(seconds).max(Duration::from_nanos(1)))
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err(format!("{text}: expected a number above 0")),
     }
 }
 

@@ -7,6 +7,7 @@ use serde_json::json;
 use tesaki::fault::Fault;
 use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
+use tesaki::task::grasping::Phase;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
@@ -14,7 +15,11 @@ use tesaki_supervisor::troubleshooting;
 use crate::args::Options;
 use crate::board_session::{BoardSession, describe, hex, version};
 use crate::failure::Failure;
+use crate::gravity::Load;
 use crate::output;
+
+/// How often a request to stop or disable is sent while another program enables the board.
+const ATTEMPTS: u32 = 5;
 
 pub fn list(options: &Options) -> Result<(), Failure> {
     let found = port::list();
@@ -99,21 +104,69 @@ pub fn info(options: &Options) -> Result<(), Failure> {
 
 pub fn disable(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
-    session.board.disable()?;
-    let mode = session.board.status()?.node.mode;
-    output::result(options, &json!({ "mode": mode }), || format!("outputs off; the board is {mode}"))
+    let mode = insist(&mut session.board, "disable its outputs", &Request::Disable)?;
+    output::result(options, &json!({ "mode": mode }), || {
+        let falls = falls(&mut session).map_or_else(String::new, |falls| format!("; {falls}"));
+        format!("outputs off; the board is {mode}{falls}")
+    })
 }
 
 pub fn stop(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
-    session.board.ask("stop", Request::Stop)?;
-    let mode = session.board.status()?.node.mode;
-    output::result(options, &json!({ "mode": mode }), || {
-        match mode {
-        Mode::Fault => "stopped; the board is in fault. `tesaki disable` switches the outputs off, `tesaki faults --clear` clears the fault".to_owned(),
-        mode => format!("nothing to stop: the board is {mode}"),
-    }
+    let mode = insist(&mut session.board, "stop", &Request::Stop)?;
+    let outputs = if mode == Mode::Fault { session.outputs()? } else { Some(false) };
+    output::result(options, &json!({ "mode": mode, "outputs": outputs }), || match (mode, outputs) {
+        (Mode::Fault, Some(false)) => {
+            "the board is in fault, and its outputs are off. `tesaki faults --clear` clears the fault"
+                .to_owned()
+        }
+        (Mode::Fault, _) => "stopped; the board is in fault. `tesaki disable` switches the outputs off, \
+                             `tesaki faults --clear` switches them off and clears the fault"
+            .to_owned(),
+        (mode, _) => format!("nothing to stop: the board is {mode}"),
     })
+}
+
+/// Sends `request`, after which the board is not enabled, and returns the mode. If another program has enabled
+/// the board by then, it is sent again.
+fn insist(board: &mut impl Board, action: &'static str, request: &Request) -> Result<Mode, Failure> {
+    for _ in 0..ATTEMPTS {
+        board.ask(action, request.clone())?;
+        match board.status()?.node.mode {
+            Mode::Enabled(_) => {}
+            mode => return Ok(mode),
+        }
+    }
+    Err(Failure::Other(format!(
+        "THE BOARD IS ENABLED: another program enabled it again after each of {ATTEMPTS} requests to {action}. End \
+         that program, or press the emergency stop"
+    )))
+}
+
+/// What falls without power: the robot, or what its hand held. What the board does not tell is left out.
+fn falls(session: &mut BoardSession) -> Option<String> {
+    let holds = session.board.read_grasp().is_ok_and(|grasp| {
+        use Phase::{Hold, Lower, Move, ProbeFriction, Squeeze};
+        matches!(grasp.phase, Squeeze | ProbeFriction | Hold | Move | Lower)
+    });
+    if holds {
+        return Some("an object that the hand held falls".to_owned());
+    }
+    let model = session.model().ok()?;
+    let telemetry = session.telemetry_now().ok()?;
+    let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+    Load::at(&model, &angles).map(|load| load.to_string())
+}
+
+/// Asks before what a board in fault holds loses its power.
+fn confirm_fall(options: &Options, session: &mut BoardSession) -> Result<(), Failure> {
+    if session.outputs()? == Some(true)
+        && let Some(falls) = falls(session)
+    {
+        output::notice(options, &format!("clearing the faults switches the outputs off; {falls}"));
+        output::confirm(options, "The outputs will be switched off. Continue?")?;
+    }
+    Ok(())
 }
 
 pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
@@ -121,7 +174,11 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();
+    let before = session.board.status()?.node.mode;
     if clear {
+        if before == Mode::Fault {
+            confirm_fall(options, &mut session)?;
+        }
         session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
     }
     let node = session.board.status()?.node;
@@ -145,12 +202,27 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         let mut text = String::new();
         match (log.faults.is_empty(), clear, mode) {
             (true, ..) => {}
-            (_, true, _) => text.push_str("faults until now, cleared:\n"),
+            (_, true, _) if before == Mode::Fault => {
+                text.push_str("the faults are cleared. All faults since power-on, the last one last:\n");
+            }
+            (_, true, _) => text.push_str("no fault to clear. Past faults:\n"),
             (_, _, Mode::Fault) => text.push_str("faults; the board is stopped until they are cleared:\n"),
             _ => text.push_str("past faults; none stops the board now:\n"),
         }
         for fault in &log.faults {
             let _ = writeln!(text, "  {}", describe(fault, named(fault)));
+        }
+        // The board does not tell when its model came; the last fault of a board in fault is younger.
+        let certain = usize::from(before == Mode::Fault);
+        let older = log.faults.iter().rev().skip(certain);
+        if let Some(model) = &model
+            && older.filter(|fault| named(fault).is_some()).any(|fault| fault.joint.is_some())
+        {
+            let _ = writeln!(
+                text,
+                "joints are named as in {}, the model on the board; a fault before its push may be of another robot",
+                model.name
+            );
         }
         let dropped = log.total as usize - log.faults.len().min(log.total as usize);
         if dropped > 0 {
@@ -165,4 +237,52 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         }
         text
     })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use tesaki::protocol::{BoardStatus, NodeStatus, Reply};
+    use tesaki_supervisor::BoardError;
+
+    use super::*;
+
+    /// A board that another program enables again after each of the first requests.
+    struct Contested {
+        enabled_again: u32,
+        requests: u32,
+    }
+
+    impl Board for Contested {
+        fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+            if request != Request::ReadStatus {
+                self.requests += 1;
+                return Ok(Reply::Done);
+            }
+            let enabled = self.requests <= self.enabled_again;
+            let node = NodeStatus {
+                mode: if enabled { Mode::Enabled(TaskKind::JointServo) } else { Mode::Disabled },
+                model: heapless::String::new(),
+                model_checksum: 0,
+                homed: 0,
+                faults: 0,
+                faults_read: true,
+                commander: None,
+                tick: 0,
+                supply: 0.0,
+            };
+            Ok(Reply::Status(Status { node, board: BoardStatus::default() }))
+        }
+    }
+
+    #[test]
+    fn a_stop_is_repeated_until_the_board_is_not_enabled_or_fails_loudly() {
+        let mut board = Contested { enabled_again: 2, requests: 0 };
+        assert_eq!(insist(&mut board, "stop", &Request::Stop).unwrap(), Mode::Disabled);
+        assert_eq!(board.requests, 3);
+        let mut board = Contested { enabled_again: u32::MAX, requests: 0 };
+        let failure = insist(&mut board, "stop", &Request::Stop).unwrap_err();
+        assert_ne!(failure.number(), 0);
+        assert!(failure.to_string().contains("THE BOARD IS ENABLED"), "{failure}");
+    }
 }

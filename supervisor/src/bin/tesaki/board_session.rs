@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
-    Telemetry, Tips,
+    FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
+    TaskReport, Telemetry, Tips,
 };
 use tesaki_supervisor::fault_injector::FaultyLink;
-use tesaki_supervisor::port::{Key, Reopening};
+use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
@@ -176,13 +176,43 @@ impl BoardSession {
     /// The current telemetry, which goes on.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
         self.board.set_rate(Stream::Telemetry, 2)?;
+        // What came before the answer may be old.
+        while self.board.next_event(Instant::now())?.is_some() {}
         self.telemetry(Duration::from_secs(1))
+    }
+
+    /// Whether the outputs are on; `None` when the control loop does not run.
+    pub fn outputs(&mut self) -> Result<Option<bool>, Failure> {
+        find_in_log(&mut self.board, |record| match record {
+            LogRecord::Actuators(frame) => Some(frame.enabled),
+            _ => None,
+        })
     }
 
     /// The board does not answer: it is not asked for anything more.
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
+}
+
+/// What `find` finds first in the entries of the board's log; `None` when its control loop does not run.
+pub fn find_in_log<T>(
+    board: &mut LinkBoard<BoardLink>,
+    mut find: impl FnMut(&LogRecord) -> Option<T>,
+) -> Result<Option<T>, Failure> {
+    board.set_rate(Stream::Log, 1)?;
+    let deadline = Instant::now() + Duration::from_millis(500);
+    let mut found = None;
+    while found.is_none()
+        && Instant::now() < deadline
+        && let Some(event) = board.next_event(deadline)?
+    {
+        if let FromBoard::Log(LogEntry { record, .. }) = event {
+            found = find(&record);
+        }
+    }
+    board.set_rate(Stream::Log, 0)?;
+    Ok(found)
 }
 
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
@@ -202,7 +232,10 @@ pub fn read_key(options: &Options) -> Result<Option<Key>, Failure> {
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
-    let link = FaultyLink::new(Reopening::open(options.port.clone(), read_key(options)?)?, faults);
+    // Only these may be encrypted.
+    let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
+    let key = if may_be_tcp { read_key(options)? } else { None };
+    let link = FaultyLink::new(Reopening::open(options.port.clone(), key)?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
 
@@ -225,9 +258,16 @@ pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
     model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
+/// See [`interrupted`].
+static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// Whether Ctrl-C or a request to terminate has come; without [`interrupted`] they end the process at once.
+pub fn was_interrupted() -> bool {
+    FLAG.get().is_some_and(|flag| flag.load(Ordering::Relaxed))
+}
+
 /// Set by Ctrl-C and by a request to terminate.
 pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
-    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     if let Some(flag) = FLAG.get() {
         return Ok(Arc::clone(flag));
     }

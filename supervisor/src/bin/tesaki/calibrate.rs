@@ -16,6 +16,9 @@ use crate::failure::Failure;
 use crate::glove::{self, GloveColumns, PositionColumns};
 use crate::output;
 
+/// The calibration file, unless another one is named.
+const DEFAULT_FILE: &str = "operator.toml";
+
 pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     let settings = CalibrationSettings {
         orientation_noise: args.orientation_noise.to_radians(),
@@ -24,16 +27,25 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     };
     let mut guide =
         CalibrationGuide::try_new(&settings).map_err(|error| Failure::Usage(error.to_string()))?;
+    let out = args.out.as_deref().unwrap_or(Path::new(DEFAULT_FILE));
+    if args.out.is_none() && out.symlink_metadata().is_ok() {
+        return Err(Failure::Usage(format!(
+            "{DEFAULT_FILE} exists, and would be lost: name the file with --out, this one to replace it"
+        )));
+    }
+    if let Some(poses) = &args.poses {
+        output::keep_input(out, "--out", poses, "POSES")?;
+    }
     match &args.poses {
         Some(path) => read_poses(path, &mut guide)?,
         None => lead(options, &mut guide)?,
     }
     let solved = guide.finish(args.proportions).map_err(|error| refused(&error, args.proportions))?;
     let file = OperatorFile::new(&args.operator, &solved);
-    std::fs::write(&args.out, file.to_toml()).map_err(Failure::file(&args.out))?;
+    std::fs::write(out, file.to_toml()).map_err(Failure::file(out))?;
     let value = json!({
         "operator": args.operator,
-        "file": args.out,
+        "file": out,
         "poses": guide.poses(),
         "fingers": Value::Object(named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)))),
     });
@@ -49,7 +61,7 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
                 finger.name()
             );
         }
-        let _ = write!(text, "written to {}", args.out.display());
+        let _ = write!(text, "written to {}", out.display());
         text
     })
 }

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
 use tesaki_description::finding::{Finding, Weight};
+use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
@@ -22,7 +23,7 @@ struct Checked {
 }
 
 pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
-    let checked = if robot.join("controller.toml").is_file() { folder(robot)? } else { urdf(robot)? };
+    let checked = if is_there(&robot.join("controller.toml")) { folder(robot)? } else { urdf(robot)? };
     let wrong = checked.findings.iter().any(Finding::is_error);
     let good = checked.good.iter().map(|text| json!({ "weight": "good", "finding": text }));
     let list: Vec<Value> = good.chain(checked.findings.iter().map(object)).collect();
@@ -30,16 +31,21 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(wrong)))
 }
 
+/// Whether there is something of this name: what cannot be read is told, not passed over.
+fn is_there(path: &Path) -> bool {
+    path.symlink_metadata().is_ok()
+}
+
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Result<Checked, Failure> {
     let (urdf, settings) = RobotFolder::read(path)?;
     let file = path.join("plant.toml");
-    let plant = file.is_file().then(|| std::fs::read_to_string(&file).map_err(Failure::file(&file)));
+    let plant = is_there(&file).then(|| read_text(&file).map_err(Failure::file(&file)));
     let plant = plant.transpose()?;
     let (folder, mut findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
     let file = path.join(retargeting::FILE);
-    if let Some(folder) = folder.as_ref().filter(|_| file.is_file()) {
-        let text = std::fs::read_to_string(&file).map_err(Failure::file(&file))?;
+    if let Some(folder) = folder.as_ref().filter(|_| is_there(&file)) {
+        let text = read_text(&file).map_err(Failure::file(&file))?;
         findings.extend(RetargetingSettings::check(&file, &text, &folder.model).1);
     }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })

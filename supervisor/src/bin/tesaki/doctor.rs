@@ -7,15 +7,15 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{
-    BoardStatus, ClockSource, FromBoard, Identity, LinkStatistics, LogEntry, LogRecord, Mode, NodeStatus,
-    ResetCause, SensorFlags, Status, Stream,
+    BoardStatus, ClockSource, FromBoard, Identity, LinkStatistics, LogRecord, Mode, NodeStatus, ResetCause,
+    SensorFlags, Status, Stream,
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
 use tesaki_supervisor::{Board, BoardError, LinkBoard, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardLink, dial, port_address, version};
+use crate::board_session::{BoardLink, dial, find_in_log, port_address, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
@@ -240,31 +240,45 @@ fn check_board(
     } else {
         doctor.good(format!("the board is {}", node.mode));
     }
-    if emergency_stop(&mut board)? == Some(true) {
+    check_sensors(&mut board, &model, doctor)
+}
+
+/// Checks what only the log of the board shows: a frame of its sensors.
+fn check_sensors(
+    board: &mut LinkBoard<BoardLink>,
+    model: &RobotModel,
+    doctor: &mut Doctor,
+) -> Result<(), Failure> {
+    let frame = find_in_log(board, |record| match record {
+        LogRecord::Sensors(sensors) => Some(sensors.clone()),
+        _ => None,
+    })?;
+    let Some(sensors) = frame else { return Ok(()) };
+    if sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0 {
         doctor.bad(
             1,
             "the emergency stop is pressed",
             "release it; while it is pressed the board cannot be enabled, and in fault it stays off",
         );
     }
-    Ok(())
-}
-
-/// Whether the emergency stop is pressed; `None` without sensor readings. Only the log shows it.
-fn emergency_stop(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
-    board.set_rate(Stream::Log, 1)?;
-    let deadline = Instant::now() + Duration::from_millis(500);
-    let mut pressed = None;
-    while pressed.is_none()
-        && Instant::now() < deadline
-        && let Some(event) = board.next_event(deadline)?
-    {
-        if let FromBoard::Log(LogEntry { record: LogRecord::Sensors(sensors), .. }) = event {
-            pressed = Some(sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0);
-        }
+    let force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+    let (has, needs) = ((sensors.encoders.len(), sensors.forces.len()), (model.joints.len(), force_sensors));
+    if has != needs {
+        let described = |(joints, forces)| {
+            format!("{} and {}", output::counted(joints, "joint"), output::counted(forces, "force sensor"))
+        };
+        doctor.bad(
+            1,
+            format!(
+                "the machine has {}, its model {} has {} (fault 8)",
+                described(has),
+                model.name,
+                described(needs)
+            ),
+            "push the model of this machine: tesaki model push robots/NAME",
+        );
     }
-    board.set_rate(Stream::Log, 0)?;
-    Ok(pressed)
+    Ok(())
 }
 
 fn check_round_trip(round_trip: Option<Duration>, doctor: &mut Doctor) {

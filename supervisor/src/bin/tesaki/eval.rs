@@ -59,6 +59,7 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
         Quantity::Fk | Quantity::Jacobian | Quantity::Bias | Quantity::Ik => &[],
         Quantity::Rnea | Quantity::Mass => &[Matter::Dynamics],
     };
+    output::keep_input(&asked.output, "--out", &asked.input, "--in")?;
     let (urdf, others) = Urdf::load(&asked.robot, matters)?;
     let table = Table::read(&asked.input)?;
     let tips = tips(&urdf, asked, what, &table)?;

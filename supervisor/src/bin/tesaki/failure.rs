@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use tesaki::fault::{Fault, FaultCause};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
 use tesaki::robot::Concerns;
@@ -80,6 +81,9 @@ pub enum Failure {
     /// Anything else.
     #[error("{0}")]
     Other(String),
+    /// The reader of the output has paused for too long.
+    #[error("nobody read the output for too long; the board is disabled. Does what reads it hang?")]
+    Stalled,
     /// The reader of the output has closed it, which is no error.
     #[error("the output was closed")]
     Pipe,
@@ -95,6 +99,9 @@ fn hint(error: &BoardError) -> String {
             TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
             | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
         ) => " (`tesaki tare`)",
+        Refusal::Unsafe(Fault { cause: FaultCause::VelocityLimit, .. }) => {
+            ". The joint still moves: wait until it rests, then try again"
+        }
         Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault) => {
             " (`tesaki faults --clear` does both)"
         }
@@ -115,6 +122,7 @@ impl Failure {
             | Self::Calibration(_)
             | Self::File { .. }
             | Self::Board(BoardError::Reset)
+            | Self::Stalled
             | Self::Other(_) => 1,
             Self::Usage(_)
             | Self::Board(BoardError::TooManyJoints(_))
@@ -159,5 +167,19 @@ impl Failure {
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_that_still_moves_is_to_be_waited_for() {
+        let fault =
+            Fault { cause: FaultCause::VelocityLimit, joint: Some(1), value: 3.0, limit: 1.0, tick: 7 };
+        let refused = BoardError::Refused { action: "enable its outputs", refusal: Refusal::Unsafe(fault) };
+        let text = Failure::from(refused).to_string();
+        assert!(text.contains("The joint still moves: wait until it rests"), "{text}");
     }
 }

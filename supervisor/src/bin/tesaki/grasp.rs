@@ -211,7 +211,10 @@ impl Course<'_> {
             !matches!(
                 failure,
                 // Also when nobody reads the output any more, the object is put down.
-                Failure::Grasp(_) | Failure::Pipe | Failure::Board(BoardError::Refused { .. })
+                Failure::Grasp(_)
+                    | Failure::Pipe
+                    | Failure::Stalled
+                    | Failure::Board(BoardError::Refused { .. })
             )
         };
         let was_interrupted = match result {

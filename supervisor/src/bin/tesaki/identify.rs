@@ -56,6 +56,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
             args.file.display()
         ),
     )?;
+    output::set_controls(true);
     let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
     rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
@@ -72,6 +73,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     if found.is_err() {
         let _ = session.board.disable();
     }
+    output::set_controls(false);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = identified(&model, &fits);
     let board = hex(&session.identity.board, "without a number");

@@ -1,8 +1,7 @@
 //! `model init`: a robot folder for a URDF.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::path::{Component, Path, PathBuf};
 
 use serde_json::json;
 use tesaki_description::finding::Finding;
@@ -15,7 +14,7 @@ use crate::check;
 use crate::failure::Failure;
 use crate::output;
 
-pub fn run(options: &Options, args: &Init) -> Result<ExitCode, Failure> {
+pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
     let path = Urdf::locate(&args.urdf);
     let text = Urdf::read_text(&path)?;
     let choices = InitOptions { motors: args.motors.clone(), accept_inertia: args.accept_inertia.clone() };
@@ -23,10 +22,19 @@ pub fn run(options: &Options, args: &Init) -> Result<ExitCode, Failure> {
         InitError::Wrong(findings) => Failure::Robot(RobotError::Wrong(findings)),
         other => Failure::Usage(other.to_string()),
     })?;
-    let folder = folder(args, &path, &texts.name);
+    let folder = folder(args, &path, &texts.name)?;
+    let (_, mut findings) = RobotFolder::check_all(&folder, &text, &texts.controller, Some(&texts.plant));
+    if findings.iter().any(Finding::is_error) {
+        findings.retain(Finding::is_error);
+        // The copy of the URDF is not written.
+        let own = folder.join("robot.urdf");
+        findings
+            .iter_mut()
+            .filter(|finding| finding.path == own)
+            .for_each(|finding| finding.path.clone_from(&path));
+        return Err(Failure::Robot(RobotError::Wrong(findings)));
+    }
     let written = write(&folder, &path, &texts, args.force)?;
-    let (_, findings) = RobotFolder::check_all(&folder, &text, &texts.controller, Some(&texts.plant));
-    let wrong = findings.iter().any(Finding::is_error);
     let joints: Vec<_> = texts
         .joints
         .iter()
@@ -46,19 +54,31 @@ pub fn run(options: &Options, args: &Init) -> Result<ExitCode, Failure> {
         "notes": texts.notes,
         "findings": findings.iter().map(check::object).collect::<Vec<_>>(),
     });
-    output::result(options, &value, || report(&folder, &texts, &written, &findings))?;
-    Ok(ExitCode::from(u8::from(wrong)))
+    output::result(options, &value, || report(&folder, &texts, &written, &findings))
 }
 
 /// Where to write.
-fn folder(args: &Init, urdf: &Path, name: &str) -> PathBuf {
+fn folder(args: &Init, urdf: &Path, name: &str) -> Result<PathBuf, Failure> {
     let beside = urdf.parent().filter(|_| urdf.file_name().is_some_and(|name| name == "robot.urdf"));
-    match (&args.out, beside) {
+    Ok(match (&args.out, beside) {
         (Some(out), _) => out.clone(),
         (None, Some(folder)) if folder.as_os_str().is_empty() => PathBuf::from("."),
         (None, Some(folder)) => folder.to_owned(),
-        (None, None) => PathBuf::from(name),
-    }
+        (None, None) if is_plain(name) => PathBuf::from(name),
+        (None, None) => {
+            return Err(Failure::Usage(format!(
+                "the URDF calls the robot {name:?}, which is no plain name of a folder: name the folder with --out"
+            )));
+        }
+    })
+}
+
+/// Whether `name` is that of a folder beside, which no command takes for an option.
+fn is_plain(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    let is_one =
+        matches!(parts.next(), Some(Component::Normal(part)) if part == name) && parts.next().is_none();
+    is_one && !name.starts_with('-') && !name.contains(char::is_control)
 }
 
 /// Writes the files; returns their paths.

@@ -36,12 +36,19 @@ use failure::Failure;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    match run(&cli) {
-        Ok(code) => code,
-        Err(failure) => {
+    let result = run(&cli);
+    if let Err(failure) = &result {
+        output::failure(&cli.options, failure);
+    }
+    let written = output::flush(matches!(result, Err(Failure::Stalled)));
+    match (result, written) {
+        (Ok(_), Err(failure)) => {
             output::failure(&cli.options, &failure);
+            let _ = output::flush(false);
             failure.exit_code()
         }
+        (Err(failure), _) => failure.exit_code(),
+        (Ok(code), Ok(())) => code,
     }
 }
 
@@ -70,7 +77,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
             ModelCommand::Push { robot, chain, calibration } => {
                 model::push(options, robot, chain.as_deref(), calibration.as_deref())
             }
-            ModelCommand::Init(args) => return init::run(options, args),
+            ModelCommand::Init(args) => init::run(options, args),
             ModelCommand::Show => model::show(options),
             ModelCommand::Check { robot } => return check::run(options, robot),
         },

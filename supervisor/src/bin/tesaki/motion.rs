@@ -28,16 +28,19 @@ const REPORT: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that may be gone is told to disable.
 const LAST_WORD: Duration = Duration::from_millis(500);
+/// How long a board that has not answered that is told again.
+const FAREWELL: Duration = Duration::from_secs(2);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 
 pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let goal = motion.positions()?;
     output::confirm(
         options,
         &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
     )?;
+    // The joints may have moved during the question.
+    let goal = motion.positions()?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     output::notice(options, "enabled: the joints hold");
     motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
@@ -75,10 +78,11 @@ impl Progress {
 
 pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
-    let mut goal = motion.positions()?;
-    set_goals(&mut goal, &motion.model, args)?;
+    motion.goal(args)?;
     let count = output::counted(args.joints.len(), "joint");
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
+    // The joints may have moved during the question.
+    let goal = motion.goal(args)?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     let load = Load::at(&motion.model, &goal);
     motion.announce_ctrl_c(load.as_ref());
@@ -207,6 +211,7 @@ impl Drop for Motion<'_> {
             self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
             let _ = self.session.board.disable();
         }
+        output::set_controls(false);
     }
 }
 
@@ -233,6 +238,13 @@ impl<'a> Motion<'a> {
         let telemetry = self.session.telemetry_now()?;
         self.remember(&telemetry);
         Ok(self.angles_within_limits())
+    }
+
+    /// The present angles, with those of `args` in their place [rad].
+    fn goal(&mut self, args: &Move) -> Result<Vec<f32>, Failure> {
+        let mut goal = self.positions()?;
+        set_goals(&mut goal, &self.model, args)?;
+        Ok(goal)
     }
 
     fn remember(&mut self, telemetry: &Telemetry) {
@@ -279,6 +291,7 @@ impl<'a> Motion<'a> {
         // From here on Ctrl-C must not end the process before the outputs are off.
         interrupted()?;
         // The joint servo has no telemetry beyond that of the joints.
+        output::set_controls(true);
         self.asks = !matches!(task, TaskConfig::JointServo(_));
         self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
         self.enabled = true;
@@ -360,20 +373,46 @@ impl<'a> Motion<'a> {
                      (try `tesaki doctor`)"
                 )));
             }
-            // It cannot be told to disable.
-            self.enabled = false;
-            self.session.give_up();
-            return Err(Failure::Late(format!(
-                "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
-                 itself {} s after the last command",
-                self.model.safety.command_timeout
-            )));
+            return Err(self.gone(seconds));
         }
         if silence > SILENCE && now - telemetry.requested > SILENCE {
             telemetry.requested = now;
             self.session.board.post(Request::SetRate { stream: Stream::Telemetry, every: 2 })?;
         }
         Ok(())
+    }
+
+    /// The board cannot be told to disable.
+    fn gone(&mut self, seconds: f64) -> Failure {
+        self.enabled = false;
+        self.session.give_up();
+        Failure::Late(format!(
+            "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
+             itself {} s after the last command",
+            self.model.safety.command_timeout
+        ))
+    }
+
+    /// Disables the board. One that is silent gets some time, but not all that a patient user allows for an
+    /// answer.
+    fn switch_off(&mut self) -> Result<(), Failure> {
+        let begun = Instant::now();
+        self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
+        let mut answer = self.session.board.disable();
+        if matches!(answer, Err(BoardError::Timeout { .. })) && self.options.timeout > LAST_WORD {
+            output::notice(self.options, "\nno answer from the board yet: it is told again to disable");
+            self.session.board.set_timeout(self.options.timeout.min(FAREWELL));
+            answer = self.session.board.disable();
+        }
+        match answer {
+            Ok(()) => {
+                self.enabled = false;
+                output::set_controls(false);
+                Ok(())
+            }
+            Err(BoardError::Timeout { .. }) => Err(self.gone(begun.elapsed().as_secs_f64())),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Receives until `deadline`.
@@ -422,8 +461,7 @@ impl<'a> Motion<'a> {
 
     /// Disables the board and releases command.
     pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
-        self.session.board.disable()?;
-        self.enabled = false;
+        self.switch_off()?;
         let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
         let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
         output::notice(self.options, &format!("{what}{load}"));

@@ -1,6 +1,8 @@
 //! Output as text and as JSON.
 
-use std::io::{self, IsTerminal, Write};
+mod queue;
+
+use std::io::{self, IsTerminal, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -26,7 +28,9 @@ pub fn result<T: Serialize>(
 
 /// Refuses to write over what is read; `outcome` and `source` name the arguments.
 pub fn keep_input(output: &Path, outcome: &str, input: &Path, source: &str) -> Result<(), Failure> {
-    let file = |path: &Path| path.canonicalize().ok().filter(|path| path.is_file());
+    // `-` is standard input or output, not a file of that name.
+    let is_stream = |path: &Path| path == Path::new("-");
+    let file = |path: &Path| path.canonicalize().ok().filter(|file| file.is_file() && !is_stream(path));
     match (file(input), file(output)) {
         (Some(one), Some(other)) if one == other => Err(Failure::Usage(format!(
             "{source} and {outcome} are both {}, which would be lost: choose another {outcome}",
@@ -73,12 +77,25 @@ pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
     serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
 }
 
+pub use queue::set_controls;
+
 /// Prints a line.
 pub fn line(text: &str) -> Result<(), Failure> {
-    match writeln!(io::stdout(), "{text}") {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Failure::Pipe),
-        other => other.map_err(Failure::file("standard output")),
-    }
+    written(queue::send(queue::Stream::Output, format!("{text}\n")))
+}
+
+/// The failure to write to standard output.
+fn written(result: io::Result<()>) -> Result<(), Failure> {
+    result.map_err(|error| match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::Pipe,
+        io::ErrorKind::WouldBlock => Failure::Stalled,
+        _ => Failure::file("standard output")(error),
+    })
+}
+
+/// Waits until everything is written; not for long after Ctrl-C, or for a reader that has paused too long.
+pub fn flush(has_stalled: bool) -> Result<(), Failure> {
+    written(queue::flush(has_stalled))
 }
 
 /// Prints progress; silent with `--json`.
@@ -90,7 +107,7 @@ pub fn notice(options: &Options, text: &str) {
 
 /// Prints to standard error. That nobody reads it is no reason to end.
 fn complain(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = queue::send(queue::Stream::Error, format!("{text}\n"));
 }
 
 /// A status line, overwritten in place on a terminal and printed once a second elsewhere; silent with
@@ -117,7 +134,7 @@ impl Live {
         self.shown = Some(Instant::now());
         if self.overwrites {
             // Return to the start, and erase the rest of a longer line.
-            let _ = write!(io::stderr(), "\r{text}\x1b[K");
+            let _ = queue::send(queue::Stream::Error, format!("\r{text}\x1b[K"));
         } else {
             complain(text);
         }
@@ -136,7 +153,11 @@ pub fn failure(options: &Options, failure: &Failure) {
     if matches!(failure, Failure::Pipe) {
         return;
     }
-    if options.json {
+    if matches!(failure, Failure::Stalled) {
+        // Not behind what waits for standard output.
+        let text = format!("tesaki: {failure}\n");
+        std::thread::spawn(move || io::stderr().write_all(text.as_bytes()));
+    } else if options.json {
         let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
         let _ = line(&value.to_string());
     } else {
@@ -149,7 +170,8 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     if options.non_interactive || options.json || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         return Ok(());
     }
-    let _ = write!(io::stderr(), "{question} [y/N] ");
+    let _ = queue::send(queue::Stream::Error, format!("{question} [y/N] "));
+    flush(false)?;
     let mut answer = String::new();
     io::stdin().read_line(&mut answer).map_err(Failure::file("standard input"))?;
     if matches!(answer.trim(), "y" | "Y" | "yes") {

@@ -79,10 +79,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("--speed {}: the speed must be above 0 m/s", args.speed)));
     }
     let mut motion = Motion::begin(options)?;
-    let start = motion.positions()?;
-    let paths = paths(&motion.model, &start, args)?;
-    let duration = duration(&paths, args.speed)?;
-    check(&motion.model, &paths, &start, duration)?;
+    let (_, duration) = plan(&mut motion, args)?;
     output::confirm(
         options,
         &format!(
@@ -91,6 +88,8 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
             motion.model.name
         ),
     )?;
+    // The joints may have moved during the question.
+    let (paths, duration) = plan(&mut motion, args)?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     let clock = Cell::new(PathClock::start(Instant::now()));
     let set_point = |now: Instant| {
@@ -135,6 +134,15 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     let load = motion.load();
     motion.stay(args.hold, args.no_hold, load.as_ref(), PERIOD, set_point)?;
     motion.end(false)
+}
+
+/// The paths from where the joints are, and their duration [s].
+fn plan(motion: &mut Motion, args: &Reach) -> Result<(Vec<TipPath>, f32), Failure> {
+    let start = motion.positions()?;
+    let paths = paths(&motion.model, &start, args)?;
+    let duration = duration(&paths, args.speed)?;
+    check(&motion.model, &paths, &start, duration)?;
+    Ok((paths, duration))
 }
 
 /// Duration of the longest path at the maximum speed [s].

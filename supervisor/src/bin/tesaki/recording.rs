@@ -1,7 +1,7 @@
 //! `record`.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -14,6 +14,7 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
+use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{LogLevel, McapError, Recording};
 use tesaki_supervisor::{Board, BoardError};
@@ -78,7 +79,7 @@ impl<'a> Recorder<'a> {
     fn create(options: &'a Options, args: &Record, session: &mut BoardSession) -> Result<Self, Failure> {
         let model = session.model()?;
         let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
-        let urdf = robot.as_ref().map(|robot| std::fs::read_to_string(robot.path.join("robot.urdf")));
+        let urdf = robot.as_ref().map(|robot| read_text(&robot.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
         let [log_path, mcap_path] = ["log", "mcap"].map(|extension| with_extension(&args.name, extension));
         if !args.force
@@ -89,6 +90,7 @@ impl<'a> Recorder<'a> {
                 path.display()
             )));
         }
+        let log_file = lock(&log_path)?;
 
         let metadata = BTreeMap::from([
             ("robot".to_owned(), model.name.to_string()),
@@ -102,7 +104,7 @@ impl<'a> Recorder<'a> {
         let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
         // Before the log starts: what comes meanwhile is dropped.
         session.board.set_rate(Stream::Telemetry, 1)?;
-        let mut log = ReplayLog::new(File::create(&log_path).map_err(Failure::file(&log_path))?);
+        let mut log = ReplayLog::new(log_file);
         log.begin(session).map_err(log_failure(&log_path))?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
         let notice = format!("recording {} to {log_file} and {mcap_file}; Ctrl-C stops", model.name);
@@ -195,14 +197,34 @@ impl<'a> Recorder<'a> {
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
         let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": ticks, "gaps": gaps, "lost": lost });
         output::result(self.options, &value, || {
+            let gaps = output::counted(usize::try_from(gaps).unwrap_or(usize::MAX), "gap");
             format!(
-                "{ticks} ticks recorded, {gaps} gaps, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
+                "{ticks} ticks recorded, {gaps}, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
                  Foxglove, PlotJuggler or Rerun",
                 log_path.display(),
                 mcap_path.display()
             )
         })
     }
+}
+
+/// Opens the file, empty, for this recorder alone, as long as it is open.
+fn lock(path: &Path) -> Result<File, Failure> {
+    let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
+    let file = file.map_err(Failure::file(path))?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            return Err(Failure::Usage(format!(
+                "{} is being written by another `tesaki record`: end that one, or name another recording",
+                path.display()
+            )));
+        }
+        // A file system without locks.
+        Err(TryLockError::Error(_)) => {}
+    }
+    file.set_len(0).map_err(Failure::file(path))?;
+    Ok(file)
 }
 
 /// `name` with `.log` or `.mcap`; the point of `run.2` belongs to the name.
@@ -215,7 +237,11 @@ fn with_extension(name: &Path, extension: &str) -> PathBuf {
 }
 
 fn mcap_failure(path: &Path) -> impl FnOnce(McapError) -> Failure + '_ {
-    move |error| Failure::Other(format!("{}: {error}", path.display()))
+    move |error| match error {
+        // It names the path.
+        McapError::Create { .. } => Failure::Other(error.to_string()),
+        _ => Failure::Other(format!("{}: {error}", path.display())),
+    }
 }
 
 /// Distinguishes errors of the file from errors of the board.

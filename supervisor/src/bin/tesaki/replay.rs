@@ -92,13 +92,21 @@ impl Found {
         let gaps = if self.gaps == 0 {
             String::new()
         } else {
-            format!("; {} gaps, {} ticks behind them could not be compared", self.gaps, self.skipped)
+            let gaps = output::counted(usize::try_from(self.gaps).unwrap_or(usize::MAX), "gap");
+            format!("; {gaps}, {} ticks behind could not be compared", self.skipped)
         };
         format!("{} ticks identical to the last bit{origin}{gaps}", self.identical)
     }
 }
 
 pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
+    if path.extension().is_some_and(|extension| extension == "mcap") {
+        return Err(Failure::Usage(format!(
+            "{} is the file for viewers: replay {}",
+            path.display(),
+            path.with_extension("log").display()
+        )));
+    }
     let mut file = File::open(path).map_err(Failure::file(path))?;
     let mut node = Box::new(Node::new());
     let mut replay = Replay::new(&mut node);

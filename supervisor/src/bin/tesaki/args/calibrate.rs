@@ -30,9 +30,9 @@ pub struct Calibrate {
     /// Read a stream of samples from standard input and guide through the poses
     #[arg(long)]
     pub live: bool,
-    /// Calibration file to write
-    #[arg(long, value_name = "FILE", default_value = "operator.toml")]
-    pub out: PathBuf,
+    /// Calibration file to write, replaced if it exists; default: operator.toml, which is not replaced
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Name of the operator
     #[arg(long, default_value = "operator")]
     pub operator: String,

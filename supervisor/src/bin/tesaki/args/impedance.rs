@@ -21,6 +21,6 @@ pub struct Hold {
     /// Impedance file, for example robots/arm7/impedances/soft.toml
     pub file: PathBuf,
     /// Disable the outputs after this time [s]; without it, hold until Ctrl-C
-    #[arg(long, value_parser = super::seconds)]
+    #[arg(long, value_parser = super::seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,
 }

@@ -49,7 +49,7 @@ pub struct Retarget {
     #[arg(long, value_name = "HZ", default_value = "5", value_parser = bandwidth)]
     pub bandwidth: f32,
     /// End if the source is silent for this time [s]
-    #[arg(long, value_name = "S", default_value = "5", requires = "live", value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value = "5", requires = "live", value_parser = seconds, allow_negative_numbers = true)]
     pub silence: Duration,
     /// At the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction

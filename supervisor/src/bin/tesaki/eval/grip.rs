@@ -21,6 +21,7 @@ enum Answer {
 }
 
 pub fn run(options: &Options, asked: &args::Grip) -> Result<(), Failure> {
+    output::keep_input(&asked.output, "--out", &asked.input, "--in")?;
     let grip =
         LeastGrip::try_new(asked.margin, asked.min).map_err(|error| Failure::Usage(error.to_string()))?;
     let table = Table::read(&asked.input)?;

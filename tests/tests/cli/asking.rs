@@ -1,0 +1,98 @@
+//! Questions that are asked on a terminal before a robot gets or loses power.
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::process::{Child, Stdio};
+
+use super::server::{Server, finish, said, signal};
+
+/// A command at a terminal that has asked its question.
+struct Asked {
+    child: Child,
+    terminal: File,
+    /// What it has said until then.
+    said: String,
+}
+
+impl Asked {
+    fn start(server: &Server, arguments: &[&str]) -> Self {
+        let nix::pty::OpenptyResult { master, slave } = nix::pty::openpty(None, None).unwrap();
+        let mut terminal = File::from(master);
+        let end = || Stdio::from(slave.try_clone().unwrap());
+        let child =
+            server.command(arguments).stdin(end()).stderr(end()).stdout(Stdio::piped()).spawn().unwrap();
+        // The child alone keeps the terminal open.
+        drop(slave);
+        let (mut said, mut buffer) = (String::new(), [0; 4096]);
+        while !said.contains("[y/N]") {
+            let length = terminal.read(&mut buffer).unwrap_or_else(|error| panic!("{error} after {said:?}"));
+            said += &String::from_utf8_lossy(&buffer[..length]);
+        }
+        Self { child, terminal, said }
+    }
+
+    fn answer(mut self, answer: &str) -> Child {
+        writeln!(self.terminal, "{answer}").unwrap();
+        // It must not wait for a reader.
+        std::thread::spawn(move || std::io::copy(&mut self.terminal, &mut std::io::sink()));
+        self.child
+    }
+}
+
+/// Angle and reference of the first joint [rad].
+fn first_joint(server: &Server) -> (f64, f64) {
+    let joint = &server.json(&["read"])["joints"][0];
+    (joint["position"].as_f64().unwrap(), joint["reference"].as_f64().unwrap())
+}
+
+#[test]
+fn what_moves_during_a_question_stays_where_it_is_then() {
+    let server = Server::ready();
+    server.succeeds(&["move", "finger1_curl=1.3", "finger2_curl=1.3", "finger3_curl=1.3"]);
+    for command in [
+        &["enable"][..],
+        &["move", "--hold", "finger2_bend=0.05"],
+        &["reach", "--hold", "--relative", "finger2_tip=0,0,0.002"],
+    ] {
+        let (before, _) = first_joint(&server);
+        let asked = Asked::start(&server, command);
+        server.make_trouble("encoder finger1_swing 2000");
+        let (moved, _) = first_joint(&server);
+        assert!((moved - before).abs() > 0.05, "{before} {moved}");
+        let child = server.wait_with(asked.answer("y"), "enabled");
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        let (angle, reference) = first_joint(&server);
+        signal(&child, nix::sys::signal::Signal::SIGINT);
+        let (code, text) = said(&finish(child));
+        assert_eq!(code, 0, "{text}");
+        assert!((angle - moved).abs() < 0.02, "{command:?}: from {moved} to {angle}");
+        assert!((reference - moved).abs() < 0.02, "{command:?}: {moved}, held at {reference}");
+    }
+}
+
+#[test]
+fn an_arm_that_is_held_is_not_dropped_without_a_word() {
+    let server = Server::ready_arm();
+    let held = server.start_command(&["enable"]);
+    server.wait_for("enabled");
+    let stopped = server.succeeds(&["stop"]);
+    assert!(stopped.contains("`tesaki disable` switches the outputs off"), "{stopped}");
+    assert_eq!(finish(held).status.code(), Some(5));
+
+    let asked = Asked::start(&server, &["faults", "--clear"]);
+    for word in ["clearing the faults switches the outputs off", "without power arm7 falls"] {
+        assert!(asked.said.contains(word), "no {word:?} in: {}", asked.said);
+    }
+    let (code, text) = said(&finish(asked.answer("n")));
+    assert_eq!(code, 2, "{text}");
+    assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Fault");
+
+    let disabled = server.succeeds(&["disable"]);
+    assert!(disabled.contains("outputs off") && disabled.contains("without power arm7 falls"), "{disabled}");
+    let stopped = server.succeeds(&["stop"]);
+    assert!(stopped.contains("its outputs are off") && !stopped.contains("stopped"), "{stopped}");
+    let cleared = server.succeeds(&["faults", "--clear"]);
+    assert!(cleared.contains("the faults are cleared") && !cleared.contains("falls"), "{cleared}");
+    let again = server.succeeds(&["faults", "--clear"]);
+    assert!(again.contains("no fault to clear. Past faults"), "{again}");
+}
