@@ -8,7 +8,7 @@
 //!     └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`](crate::model::Reaction); `Disable` switches them
+//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them
 //! off, but the fault remains until it was read and cleared.
 //!
 //! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
