@@ -32,7 +32,7 @@ const MAX_YIELDS: u8 = 8;
 const YIELD_ITERATIONS: u8 = 3;
 /// [`RetargetState::budget`] of a state that shall fit into a control period.
 const NEARBY_BUDGET: u16 = 30;
-/// Evaluations without which the thumb does not yield again.
+/// The thumb yields again only if so many evaluations are left.
 const YIELD_EVALUATIONS: u16 = 10;
 /// The thumb yields to a pinching finger that misses it by more [m].
 const YIELD_ERROR: f32 = 5e-5;

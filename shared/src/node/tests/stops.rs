@@ -79,7 +79,7 @@ fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_mos
     }
 }
 
-/// Whoever leans on a held joint meets its spring, not one that grows stiffer the longer he leans.
+/// A held joint opposes a lasting displacement with a constant torque.
 #[test]
 fn a_held_joint_does_not_press_harder_with_time() {
     for mode in [ServoMode::Pid, ServoMode::Observer] {
@@ -483,19 +483,24 @@ fn a_low_supply_hides_no_missed_ticks() {
     assert_eq!(alarm.cause, FaultCause::SupplyLow);
 }
 
-#[test]
-fn a_damped_joint_forgets_a_torque_that_drives_it() {
-    // As in the test below, but the obstacle is gone, and the joint goes where it is driven.
-    let mut model = model();
-    model.safety.reaction = Reaction::Damp;
-    model.joints[2].servo.observer.inertia = 0.02;
-    model.joints[2].limits.following_error = 1.0;
-    let mut rig = Rig::enabled(&model);
+/// The last joint presses on an obstacle with its integral action. Its encoder changes by a count: it is not dead.
+fn press(rig: &mut Rig) {
     for _ in 0..60 {
         rig.goal([0.0, 0.0, 0.15]);
         rig.tick();
         rig.sensors.encoders[2] ^= 1;
     }
+}
+
+#[test]
+fn a_damped_joint_forgets_a_torque_that_drives_it() {
+    // The obstacle is gone, and the joint goes where it is driven.
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    model.joints[2].servo.observer.inertia = 0.02;
+    model.joints[2].limits.following_error = 1.0;
+    let mut rig = Rig::enabled(&model);
+    press(&mut rig);
     rig.ask(Request::Stop);
     let pressed = rig.tick().torques[2];
     for tick in 1..=10 {
@@ -508,16 +513,11 @@ fn a_damped_joint_forgets_a_torque_that_drives_it() {
 
 #[test]
 fn what_a_damped_joint_has_pressed_with_fades() {
-    // The tip presses with its integral action, and is moved away with the obstacle.
+    // The tip is moved away with the obstacle.
     let mut model = model();
     model.safety.reaction = Reaction::Damp;
     let mut rig = Rig::enabled(&model);
-    for _ in 0..60 {
-        rig.goal([0.0, 0.0, 0.15]);
-        rig.tick();
-        // Alive, by a count.
-        rig.sensors.encoders[2] ^= 1;
-    }
+    press(&mut rig);
     let pressed = rig.node.telemetry().joints[2].torque;
     assert!(pressed > 0.05, "{pressed} N·m");
     rig.ask(Request::Stop);
@@ -532,11 +532,7 @@ fn a_robot_that_is_enabled_out_of_a_stop_keeps_the_torque_rate() {
     let mut model = model();
     model.joints[2].limits.torque_rate = 1.0;
     let mut rig = Rig::enabled(&model);
-    for _ in 0..60 {
-        rig.goal([0.0, 0.0, 0.15]);
-        rig.tick();
-        rig.sensors.encoders[2] ^= 1;
-    }
+    press(&mut rig);
     rig.ask(Request::Stop);
     let held = rig.tick().torques[2];
     assert!(held > 0.05, "{held} N·m");

@@ -114,7 +114,8 @@ pub fn disable(options: &Options) -> Result<(), Failure> {
 pub fn stop(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let mode = insist(&mut session.board, "stop", &Request::Stop)?;
-    let outputs = if mode == Mode::Fault { session.outputs()? } else { Some(false) };
+    // The stop has succeeded, whether the board tells its outputs or not.
+    let outputs = if mode == Mode::Fault { session.outputs().unwrap_or(None) } else { Some(false) };
     output::result(options, &json!({ "mode": mode, "outputs": outputs }), || match (mode, outputs) {
         (Mode::Fault, Some(false)) => {
             "the board is in fault, and its outputs are off. `tesaki faults --clear` clears the fault"
