@@ -20,6 +20,8 @@
 //! [`Circle::center`] is the ellipse's centre, [`Circle::radius`] the root of the product of its semi-axes. The
 //! centre of the pixel in the corner is at (0, 0).
 //!
+//! [`HandEyeTable`] turns a circle into the place of the rose before the hand.
+//!
 //! All buffers are lent by the caller: [`Buffers`], whose sizes follow from the size of the image
 //! ([`accumulator_len`], [`row_len`]).
 #![allow(
@@ -34,6 +36,7 @@ mod edges;
 mod ellipse;
 mod error;
 mod find;
+mod hand_eye;
 mod hough;
 mod image;
 mod knob;
@@ -45,5 +48,6 @@ mod tests;
 pub use edges::{EdgePoint, MAX_EDGES, row_len};
 pub use error::VisionError;
 pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle};
+pub use hand_eye::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 pub use hough::accumulator_len;
 pub use image::{Image, MAX_SIDE, MIN_SIDE};

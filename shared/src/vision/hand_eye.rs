@@ -1,0 +1,257 @@
+use core::fmt;
+
+use heapless::Vec;
+
+use super::Circle;
+use crate::math;
+
+/// Most rows of a [`HandEyeTable`].
+pub const MAX_HAND_EYE_ROWS: usize = 16;
+
+/// How a rose straight before the hand looks at one distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HandEyeRow {
+    /// Radius of its front rim in the image [px], as [`Circle::radius`].
+    pub radius: f32,
+    /// Its centre there [px], as [`Circle::center`].
+    pub center: [f32; 2],
+    /// Distance of the rim's plane from the origin of the hand frame, along the approach [m].
+    pub distance: f32,
+}
+
+/// What the hand-eye camera sees of a rose that is straight before the hand: a table from the radius in the image to the
+/// place of its centre (Knob §4.5), and to its distance.
+///
+/// The approach is the hand frame's z, the image's right nearly its y, the image's up nearly its x. Between rows the
+/// centre is linear in the radius and the distance in its inverse, which is exact for a pinhole camera; so two rows
+/// suffice for one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandEyeTable {
+    rose: f32,
+    tilt: f32,
+    turn: f32,
+    rows: Vec<HandEyeRow, MAX_HAND_EYE_ROWS>,
+}
+
+/// Why a [`HandEyeTable`] is refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum HandEyeError {
+    /// Number of rows.
+    Rows {
+        /// How many there are.
+        got: usize,
+    },
+    /// A value that is out of its range.
+    Value {
+        /// Which.
+        name: &'static str,
+        /// The value.
+        value: f32,
+        /// Least and largest.
+        range: [f32; 2],
+    },
+    /// The radius does not grow from row to row, or the distance does not shrink.
+    Order {
+        /// Index of the row.
+        row: usize,
+    },
+}
+
+impl fmt::Display for HandEyeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Rows { got } => {
+                write!(f, "the hand-eye table has {got} rows: it must have 2 to {MAX_HAND_EYE_ROWS}")
+            }
+            Self::Value { name, value, range: [least, most] } => {
+                write!(f, "hand-eye table: {name} is {value}; it must be {least} to {most}")
+            }
+            Self::Order { row } => write!(
+                f,
+                "row {row} of the hand-eye table: from row to row the radius must grow and the distance shrink"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for HandEyeError {}
+
+impl HandEyeTable {
+    /// The table for a rose of radius `rose` [m]. `tilt`: rotation of the optical axis from the approach, about the hand's
+    /// y towards the hand's axis [rad]. `turn`: direction in the image in which the rose moves when it moves along the
+    /// hand's y, from the image's x towards its y [rad].
+    ///
+    /// # Errors
+    /// The first value that is out of its range.
+    pub fn try_new(rose: f32, tilt: f32, turn: f32, rows: &[HandEyeRow]) -> Result<Self, HandEyeError> {
+        let check = |name, value: f32, range: [f32; 2]| {
+            if (range[0]..=range[1]).contains(&value) {
+                Ok(())
+            } else {
+                Err(HandEyeError::Value { name, value, range })
+            }
+        };
+        check("the radius of the rose [m]", rose, [0.005, 0.5])?;
+        check("the tilt [rad]", tilt, [-1.2, 1.2])?;
+        check("the turn [rad]", turn, [-3.2, 3.2])?;
+        if rows.len() < 2 {
+            return Err(HandEyeError::Rows { got: rows.len() });
+        }
+        for row in rows {
+            check("a radius [px]", row.radius, [1.0, 4096.0])?;
+            check("a distance [m]", row.distance, [-1.0, 10.0])?;
+            row.center.into_iter().try_for_each(|place| check("a centre [px]", place, [-4096.0, 8192.0]))?;
+        }
+        let grows = |pair: &[HandEyeRow]| matches!(pair, [one, next] if next.radius > one.radius && next.distance < one.distance);
+        if let Some(row) = rows.windows(2).position(|pair| !grows(pair)) {
+            return Err(HandEyeError::Order { row: row + 1 });
+        }
+        let rows = Vec::from_slice(rows).map_err(|_| HandEyeError::Rows { got: rows.len() })?;
+        Ok(Self { rose, tilt, turn, rows })
+    }
+
+    /// Place of the centre of a rose in the hand frame [m] that is seen as `circle`; `rose` is its radius [m].
+    ///
+    /// The lateral part is the displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5, with the image error turned into
+    /// the axes of the hand; the tilt is taken into account.
+    pub fn locate(&self, circle: &Circle, rose: f32) -> [f32; 3] {
+        let (center, distance) = self.at_radius(circle.radius * self.rose / rose);
+        let scale = rose / circle.radius;
+        let [right, down] = [0, 1].map(|axis| (circle.center[axis] - center[axis]) * scale);
+        let (sin, cos) = math::sin_cos(self.turn);
+        let (y, below) = (right * cos + down * sin, down * cos - right * sin);
+        let (sin, cos) = math::sin_cos(self.tilt);
+        // A rose higher by x is farther from the camera, which looks downwards, by x sin(tilt), at the same distance.
+        let x = -below * cos;
+        [x, y, distance + x * sin / cos]
+    }
+
+    /// Where a rose of radius `rose` [m], whose centre is at `place` in the hand frame [m], is seen: centre and radius
+    /// [px]. The inverse of [`locate`](Self::locate).
+    pub fn appearance(&self, place: &[f32; 3], rose: f32) -> ([f32; 2], f32) {
+        let [x, y, z] = *place;
+        let (sin, cos) = math::sin_cos(self.tilt);
+        let (center, radius) = self.at_distance(z - x * sin / cos);
+        let radius = radius * rose / self.rose;
+        let scale = radius / rose;
+        let below = -x / cos;
+        let (sin, cos) = math::sin_cos(self.turn);
+        ([center[0] + (y * cos - below * sin) * scale, center[1] + (below * cos + y * sin) * scale], radius)
+    }
+
+    /// Centre [px] and distance [m] of a rose of the table's radius that is seen with `radius` [px].
+    fn at_radius(&self, radius: f32) -> ([f32; 2], f32) {
+        let [one, next] = self.segment(|row| row.radius < radius);
+        let part = (radius - one.radius) / (next.radius - one.radius);
+        // In the inverse radius.
+        let share = part * next.radius / radius;
+        (between(one.center, next.center, part), one.distance + share * (next.distance - one.distance))
+    }
+
+    /// Centre and radius [px] of a rose of the table's radius at `distance` [m].
+    fn at_distance(&self, distance: f32) -> ([f32; 2], f32) {
+        let [one, next] = self.segment(|row| row.distance > distance);
+        let share = (distance - one.distance) / (next.distance - one.distance);
+        let inverse = 1.0 / one.radius + share * (1.0 / next.radius - 1.0 / one.radius);
+        // From behind the camera on, nothing is seen.
+        let radius = 1.0 / inverse.max(1e-4);
+        let part = (radius - one.radius) / (next.radius - one.radius);
+        (between(one.center, next.center, part), radius)
+    }
+
+    /// The two rows about the first that is not `before`; at the ends, the outermost two.
+    fn segment(&self, before: impl Fn(&HandEyeRow) -> bool) -> [HandEyeRow; 2] {
+        let first = self.rows.iter().position(|row| !before(row)).unwrap_or(self.rows.len());
+        let first = first.clamp(1, self.rows.len().max(2) - 1);
+        let row = |index: usize| self.rows.get(index).copied().unwrap_or(NO_ROW);
+        [row(first - 1), row(first)]
+    }
+}
+
+/// Stands for a row that does not exist: a table has two rows at least.
+const NO_ROW: HandEyeRow = HandEyeRow { radius: 1.0, center: [0.0; 2], distance: 0.0 };
+
+fn between(one: [f32; 2], next: [f32; 2], part: f32) -> [f32; 2] {
+    [0, 1].map(|axis| one[axis] + part * (next[axis] - one[axis]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The camera of robots/knob-arm: f = 140 px, 50 mm above the axis, 120 mm behind the fingertips, tilted by 10°.
+    const TILT: f32 = 0.174_532_93;
+
+    /// A small circle's image by that pinhole camera, worked out point by point: its centre and radius.
+    fn seen(place: [f32; 3], rose: f32) -> Circle {
+        let (sin, cos) = (0.173_648_18, 0.984_807_75);
+        let [x, y, z] = place;
+        let (down, ahead) = (0.05 - x, z + 0.12);
+        let depth = ahead * cos + down * sin;
+        let below = down * cos - ahead * sin;
+        let center = [127.5 + 140.0 * y / depth, 119.5 + 140.0 * below / depth];
+        let radius = 140.0 * rose / depth;
+        Circle { center, radius, semi_axes: [radius; 2], angle: 0.0, confidence: 1.0 }
+    }
+
+    fn table(rows: usize) -> HandEyeTable {
+        let distance = |row: usize| 0.3 - 0.26 * row as f32 / (rows - 1) as f32;
+        let rows: Vec<HandEyeRow, MAX_HAND_EYE_ROWS> = (0..rows)
+            .map(|row| {
+                let circle = seen([0.0, 0.0, distance(row)], 0.04);
+                HandEyeRow { radius: circle.radius, center: circle.center, distance: distance(row) }
+            })
+            .collect();
+        HandEyeTable::try_new(0.04, TILT, 0.0, &rows).expect("a valid table")
+    }
+
+    #[test]
+    fn a_rose_anywhere_is_located_and_predicted() {
+        for rows in [2, 9] {
+            let table = table(rows);
+            for rose in [0.035, 0.045] {
+                for place in [[0.0, 0.0, 0.2], [0.05, -0.04, 0.22], [-0.03, 0.02, 0.1], [0.01, 0.0, 0.02]] {
+                    let circle = seen(place, rose);
+                    let located = table.locate(&circle, rose);
+                    for axis in 0..3 {
+                        assert!((located[axis] - place[axis]).abs() < 1e-5, "{rose} {place:?} {located:?}");
+                    }
+                    let (center, radius) = table.appearance(&place, rose);
+                    let error = [center[0] - circle.center[0], center[1] - circle.center[1]];
+                    assert!(error.iter().all(|error| error.abs() < 0.01), "{place:?}: {error:?} px");
+                    assert!((radius - circle.radius).abs() < 0.01);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_turned_camera_is_taken_into_account() {
+        let mut table = table(2);
+        table.tilt = 0.0;
+        let straight = table.locate(&seen([0.01, 0.02, 0.2], 0.04), 0.04);
+        // The image turned by a right angle about the place of a rose straight ahead.
+        table.turn = core::f32::consts::FRAC_PI_2;
+        let mut circle = seen([0.01, 0.02, 0.2], 0.04);
+        let (center, _) = table.at_radius(circle.radius);
+        let [dx, dy] = [0, 1].map(|axis| circle.center[axis] - center[axis]);
+        circle.center = [center[0] - dy, center[1] + dx];
+        let turned = table.locate(&circle, 0.04);
+        assert!((0..3).all(|axis| (turned[axis] - straight[axis]).abs() < 1e-5), "{turned:?} {straight:?}");
+        let (center, _) = table.appearance(&turned, 0.04);
+        assert!((0..2).all(|axis| (center[axis] - circle.center[axis]).abs() < 0.01));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let row = |radius, distance| HandEyeRow { radius, center: [0.0; 2], distance };
+        let rows = [row(10.0, 0.3), row(20.0, 0.2), row(15.0, 0.1)];
+        assert_eq!(HandEyeTable::try_new(0.04, 0.0, 0.0, &rows), Err(HandEyeError::Order { row: 2 }));
+        let error = HandEyeTable::try_new(0.04, 0.0, 0.0, &rows[..1]);
+        assert_eq!(error, Err(HandEyeError::Rows { got: 1 }));
+        let error = HandEyeTable::try_new(f32::NAN, 0.0, 0.0, &rows);
+        assert!(matches!(error, Err(HandEyeError::Value { name: "the radius of the rose [m]", .. })));
+    }
+}
