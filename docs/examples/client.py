@@ -104,7 +104,7 @@ class Reader:
 HELLO, DISABLE, TAKE_COMMAND, RELEASE_COMMAND, ENABLE, TASK = 0, 1, 3, 4, 10, 11
 READ_STATUS, READ_FAULTS, CLEAR_FAULTS, SET_RATE = 14, 15, 16, 17
 JOINT_SERVO, OBSERVER, GOAL, TELEMETRY = 0, 1, 0, 0
-TASKS = ["joint servo", "grasping", "impedance", "telexistence"]
+TASKS = ["joint servo", "grasping", "impedance", "telexistence", "visual approach"]
 
 CAUSES = """command timeout; position limit; velocity limit; following error; encoder jump; encoder stuck;
 torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog

@@ -21,6 +21,7 @@ mod hand5_calibrate;
 mod hand5_reach;
 mod hand5_teleop;
 mod knob_find;
+mod knob_grasp;
 
 pub use grasping::scene;
 
@@ -75,6 +76,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand5_reach::SCENARIO,
     hand5_teleop::SCENARIO,
     knob_find::SCENARIO,
+    knob_grasp::SCENARIO,
 ];
 
 /// What a run is given.

@@ -8,6 +8,7 @@ use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, TelexistenceTelemetry};
+use tesaki::task::visual_approach::{VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskTelemetry};
 
 /// Why a request to a board failed.
@@ -337,6 +338,27 @@ pub trait Board {
         match self.read_task()?.telemetry {
             TaskTelemetry::Telexistence(hand) => Ok(hand),
             other => Err(BoardError::OtherTask { expected: TaskKind::Telexistence, reported: other.kind() }),
+        }
+    }
+
+    /// A command to the visual approach.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn approach(&mut self, command: VisualApproachCommand) -> Result<(), BoardError> {
+        self.ask("move its hand", Request::Task(TaskCommand::VisualApproach(command)))
+    }
+
+    /// Telemetry of the visual approach.
+    ///
+    /// # Errors
+    /// When the board's task is not the visual approach.
+    fn read_visual_approach(&mut self) -> Result<VisualApproachTelemetry, BoardError> {
+        match self.read_task()?.telemetry {
+            TaskTelemetry::VisualApproach(hand) => Ok(hand),
+            other => {
+                Err(BoardError::OtherTask { expected: TaskKind::VisualApproach, reported: other.kind() })
+            }
         }
     }
 

@@ -36,6 +36,7 @@ fn task_refusal(refusal: &TaskRefusal) -> String {
         TaskRefusal::Grasping(refusal) => grasp_refusal(refusal),
         TaskRefusal::Impedance(refusal) => impedance_refusal(refusal),
         TaskRefusal::Telexistence(refusal) => entry("TelexistenceRefusal", refusal),
+        TaskRefusal::VisualApproach(refusal) => entry("VisualApproachRefusal", refusal),
     }
 }
 

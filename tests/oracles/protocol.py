@@ -13,8 +13,8 @@ from protocol_parts import (
     JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT,
     NO_GRASP, NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK,
     RELEASE_COMMAND, SCHEMA, SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, TELEXISTENCE,
-    TELEXISTENCE_REFUSALS, YIELDING, actuators, board_status, by_wrench, differential, enabled, fault,
-    fingertips, frame_counts, goal, grasp, impedance, joints, model, node_status, observer, plan, reply,
+    TELEXISTENCE_REFUSALS, VISUAL_APPROACH, VISUAL_APPROACH_REFUSALS, YIELDING, actuators, approach, board_status, by_wrench, differential, enabled, fault,
+    fingertips, frame_counts, goal, grasp, hand, impedance, joints, model, node_status, observer, plan, reply,
     reproduced, request, retargeting, sensors, settings, target, telemetry,
 )
 
@@ -100,7 +100,8 @@ def requests():
         "export-state": EXPORT + uint(1),
         "read-export": READ_EXPORT + uint(192),
     }
-    for name, what in {**each, **joint_servo(), **grasping(), **impedance_control(), **telexistence()}.items():
+    for name, what in {**each, **joint_servo(), **grasping(), **impedance_control(), **telexistence(),
+                       **visual_approach()}.items():
         golden("request-" + name, request(9, what))
     golden("request-first-number", request(0, READ_STATUS, client=1))
     golden("request-last-number", request(65535, READ_STATUS, client=0xFFFFFFFF))
@@ -184,6 +185,23 @@ def telexistence():
     }
 
 
+def visual_approach():
+    knob = approach(0, 6, [-0.75, 0.25, 2.0, 0.5], 0, [0.125, 0.5, 20.0, 0.5])
+    longest = approach(255, 255, [LOWEST] * 4, 1, [LOWEST] * 4)
+    command = TASK + VISUAL_APPROACH
+    return {
+        "enable-visual-approach": ENABLE + VISUAL_APPROACH + knob,
+        "enable-visual-approach-longest": ENABLE + VISUAL_APPROACH + longest,
+        "visual-approach-latch": command + uint(0) + uint(300),
+        "visual-approach-latch-longest": command + uint(0) + uint(65535),
+        "visual-approach-move": command + uint(1) + reals([0.75, -0.0625, 0.125, 0.0625]),
+        "visual-approach-move-longest": command + uint(1) + reals([LOWEST] * 4),
+        "visual-approach-stand": command + uint(2),
+        "visual-approach-open": command + uint(3),
+        "visual-approach-close": command + uint(4),
+    }
+
+
 FIELDS = """joints chains gravity name origin-translation origin-rotation axis mass center-of-mass inertia
 rotor-inertia torque-constant current-limit current-resolution motor-bandwidth motor-delay coulomb viscous
 counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque-rate limit-following-error
@@ -239,6 +257,8 @@ def refusals():
         each["impedance-" + name] = uint(19) + IMPEDANCE + refusal
     for name, refusal in TELEXISTENCE_REFUSALS.items():
         each["telexistence-" + name] = uint(19) + TELEXISTENCE + refusal
+    for name, refusal in VISUAL_APPROACH_REFUSALS.items():
+        each["visual-approach-" + name] = uint(19) + VISUAL_APPROACH + refusal
     for name, what in each.items():
         golden("board-refused-" + name, reply(9, 1234, uint(2) + what))
     for number, name in enumerate(FIELDS):
@@ -325,6 +345,17 @@ def streams():
     longest = reproduced(4294967295, 4294967295, 255, [LOWEST] * 5, 255, 255, 65535)
     golden("board-task-telexistence-longest", uint(5) + task(4294967295, longest))
     golden("board-read-task-telexistence", reply(9, 1234, uint(7) + task(1234, telexist)))
+
+    place, level = [0.75, 0.0, 0.125], [0.0, 0.5, 0.0, 0.5]
+    for number, name in enumerate(["standing", "moving", "blocked", "limited"]):
+        moves = hand(place + level, None, number, 0.0625, [1.0, 0.0, -2.0], 2, -0.75)
+        golden("board-task-visual-approach-" + name, uint(5) + task(1234, moves))
+    for number, name in enumerate(["still", "opening", "open", "closing", "holding", "empty"]):
+        grips = hand(place + level, (300, place + level), 0, 0.0, [0.0] * 3, number, 0.25)
+        golden("board-task-visual-approach-" + name, uint(5) + task(1234, grips))
+    longest = hand([LOWEST] * 7, (65535, [LOWEST] * 7), 3, LOWEST, [LOWEST] * 3, 5, LOWEST)
+    golden("board-task-visual-approach-longest", uint(5) + task(4294967295, longest))
+    golden("board-read-task-visual-approach", reply(9, 1234, uint(7) + task(1234, grips)))
 
 
 FULL_SENSORS = sensors(4294967295, 255, 65535, [-2147483648] * 16, [-32768] * 16, [[-2147483648] * 6] * 6)

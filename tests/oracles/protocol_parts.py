@@ -15,9 +15,9 @@ FIRMWARE = byte(0) + byte(1) + byte(0)
 IDENTITY = FIRMWARE + key(IMAGE) + key(BOARD) + uint(29)
 
 # Tasks, and modes.
-JOINT_SERVO, GRASPING, IMPEDANCE, TELEXISTENCE = map(uint, range(4))
+JOINT_SERVO, GRASPING, IMPEDANCE, TELEXISTENCE, VISUAL_APPROACH = map(uint, range(5))
 TASKS = {"joint-servo": JOINT_SERVO, "grasping": GRASPING, "impedance": IMPEDANCE,
-         "telexistence": TELEXISTENCE}
+         "telexistence": TELEXISTENCE, "visual-approach": VISUAL_APPROACH}
 DISABLED, FAULT = uint(0), uint(2)
 
 
@@ -188,6 +188,19 @@ def reproduced(samples, ignored, age, errors, missed, unknown, limited):
             + byte(unknown) + uint(limited))
 
 
+def approach(chain, joint, gripper, servo, hand):
+    """Settings of the visual approach. `gripper`: open, closed, speed, torque; `hand`: speed, acceleration, contact
+    force, reach."""
+    return byte(chain) + byte(joint) + reals(gripper) + uint(servo) + reals(hand)
+
+
+def hand(pose, latched, motion, remaining, force, gripper, opening):
+    """What the supervisor sees of the visual approach. Poses: position and quaternion; latched: number and pose."""
+    kept = None if latched is None else uint(latched[0]) + reals(latched[1])
+    return (VISUAL_APPROACH + reals(pose) + option(kept) + uint(motion) + real(remaining) + reals(force)
+            + uint(gripper) + real(opening))
+
+
 LEAST_MOTION, ARM_ANGLE = uint(0), uint(2)
 YIELDING = [[1.5] * 3 + [0.0625] * 3, [7.5] * 3 + [0.5] * 3, [300.0] * 3 + [8.0] * 3]
 SETPOINT_ERRORS = {
@@ -263,3 +276,14 @@ TELEXISTENCE_REFUSALS["fingertip"] = uint(2) + byte(4)
 TELEXISTENCE_REFUSALS["age"] = uint(3) + real(1.5)
 
 NO_GRASP = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], [0.0] * 6, [[0.0] * 3] * 3, 0.0, 0, False]
+
+# Fields of the visual approach's settings, in the order of their numbers.
+APPROACH_FIELDS = ["speed", "acceleration", "contact-force", "reach", "gripper-range", "gripper-speed",
+                   "gripper-torque"]
+VISUAL_APPROACH_REFUSALS = {"no-chain": uint(0) + byte(3), "no-gripper": uint(1) + byte(2)}
+for name, limit in LIMITS.items():
+    VISUAL_APPROACH_REFUSALS["limit-" + name] = uint(2) + limit
+for number, name in enumerate(APPROACH_FIELDS):
+    VISUAL_APPROACH_REFUSALS[name] = uint(3) + uint(number) + reals([2.0, 0.25, 1.0])
+VISUAL_APPROACH_REFUSALS["target"] = uint(4) + reals([0.75, 0.5])
+VISUAL_APPROACH_REFUSALS["too-fast"] = uint(5) + reals([0.25, 0.125])

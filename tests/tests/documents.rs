@@ -119,6 +119,7 @@ const EXPLAINED: &[&str] = &[
     "SetpointError",
     "InvalidSettings",
     "TelexistenceRefusal",
+    "VisualApproachRefusal",
     "Problem",
     "BoardError",
 ];

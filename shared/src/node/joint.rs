@@ -5,7 +5,8 @@ use crate::TICK;
 use crate::control::{JointPoint, JointServoState, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
-use crate::robot::{Actuation, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+use crate::model::MAX_JOINTS;
+use crate::robot::{Actuation, Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
@@ -67,6 +68,12 @@ pub(super) struct Joints<'a> {
     pub measured: &'a mut Measured,
     pub references: &'a mut [JointPoint],
     pub targets: &'a mut Targets,
+}
+
+impl Efforts for [JointState; MAX_JOINTS] {
+    fn effort(&self, joint: usize) -> f32 {
+        self.get(joint).map_or(0.0, |state| state.effort)
+    }
 }
 
 impl Joints<'_> {

@@ -212,8 +212,8 @@ impl Node {
     /// The task with its inputs and outputs.
     fn task_and_io(&mut self) -> (&mut TaskState, Io<'_>) {
         let Self { robot, postures, state, .. } = self;
-        let State { measured, references, targets, task, .. } = state;
-        (task, Io { robot, measured, postures, references, targets })
+        let State { measured, references, targets, task, joints, .. } = state;
+        (task, Io { robot, measured, postures, efforts: joints, references, targets })
     }
 
     /// One value for each joint of the robot.

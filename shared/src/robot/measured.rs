@@ -1,3 +1,4 @@
+use core::fmt;
 use core::ops::Range;
 
 use nalgebra::Vector3;
@@ -58,6 +59,13 @@ impl Measured {
             chains.find(|(chain, model)| model.force_sensor.is_some() && !self.is_tared(usize::from(*chain)));
         found.map(|(chain, _)| chain)
     }
+}
+
+/// What the drives of the joints do beyond the model.
+pub trait Efforts: fmt::Debug {
+    /// The part of a joint's last torque that its feed-forward does not explain [N·m]: friction and weight that the model does
+    /// not have, and forces from outside.
+    fn effort(&self, joint: usize) -> f32;
 }
 
 /// Postures at the measured angles of the chains with a force sensor, which need them in every tick.

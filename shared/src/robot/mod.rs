@@ -8,7 +8,7 @@ mod targets;
 
 pub use joint::JointConfig;
 pub use limit::{Concerns, LimitRefusal};
-pub use measured::{Measured, Postures};
+pub use measured::{Efforts, Measured, Postures};
 pub use mimic::Mimic;
 pub(crate) use mimic::Motion;
 pub use targets::{Actuation, JointSetpoint, JointTarget, Targets};

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::control::JointPoint;
 use crate::fault::{Fault, FaultCause};
 use crate::model::MAX_JOINTS;
-use crate::robot::{Concerns, Measured, Postures, Robot, Targets};
+use crate::robot::{Concerns, Efforts, Measured, Postures, Robot, Targets};
 
 /// Inputs and outputs of a task. A further input is a further field and changes no task.
 #[derive(Debug)]
@@ -16,6 +16,8 @@ pub struct Io<'a> {
     pub measured: &'a Measured,
     /// Postures of its chains at the measured angles.
     pub postures: &'a Postures,
+    /// What the drives did in the last tick beyond the model.
+    pub efforts: &'a dyn Efforts,
     /// Reference of each joint in the last tick. Entries beyond the robot's joints are meaningless.
     pub references: &'a [JointPoint; MAX_JOINTS],
     /// Targets of the joints.

@@ -11,6 +11,7 @@ use super::grasping::Grasping;
 use super::impedance::ImpedanceControl;
 use super::joint_servo::JointServoTask;
 use super::telexistence::Telexistence;
+use super::visual_approach::VisualApproach;
 use crate::fault::Fault;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Measured, Postures, Robot};
@@ -201,4 +202,6 @@ tasks! {
     Impedance(ImpedanceControl) = 2: "impedance control",
     /// 3: the operator's fingertips on a hand ([`super::telexistence`]).
     Telexistence(Telexistence) = 3: "telexistence",
+    /// 4: the hand goes where a camera on it says ([`super::visual_approach`]).
+    VisualApproach(VisualApproach) = 4: "visual approach",
 }

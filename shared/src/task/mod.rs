@@ -10,6 +10,7 @@
 //! | grasping | [`grasping`] | three fingers approach, grasp, hold, move and release an object |
 //! | impedance | [`impedance`] | Cartesian impedance control of an arm |
 //! | telexistence | [`telexistence`] | a hand reproduces the fingertips of an operator |
+//! | visual approach | [`visual_approach`] | a hand goes where a camera on it says, and grips |
 //!
 //! A new task is a module that implements [`Task`], and a line in the list (`list.rs`).
 
@@ -19,6 +20,7 @@ pub mod impedance;
 pub mod joint_servo;
 mod list;
 pub mod telexistence;
+pub mod visual_approach;
 
 pub use api::{Halt, Io, Task, TaskFault};
 pub use list::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskState, TaskTelemetry};

@@ -141,6 +141,20 @@ impl HandEyeTable {
         ([center[0] + (y * cos - below * sin) * scale, center[1] + (below * cos + y * sin) * scale], radius)
     }
 
+    /// Where the approach vanishes in the image [px]: a rose straight before the hand is seen there from far away.
+    pub fn vanishing_point(&self) -> [f32; 2] {
+        let [one, next] = self.segment(|_| false);
+        between(one.center, next.center, -one.radius / (next.radius - one.radius))
+    }
+
+    /// Focal length [px], from the outermost rows.
+    pub fn focal_length(&self) -> f32 {
+        let [one, ..] = self.segment(|_| false);
+        let [_, last] = self.segment(|_| true);
+        let (_, cos) = math::sin_cos(self.tilt);
+        (one.distance - last.distance) * cos / (self.rose * (1.0 / one.radius - 1.0 / last.radius))
+    }
+
     /// Centre [px] and distance [m] of a rose of the table's radius that is seen with `radius` [px].
     fn at_radius(&self, radius: f32) -> ([f32; 2], f32) {
         let [one, next] = self.segment(|row| row.radius < radius);
@@ -224,6 +238,17 @@ mod tests {
                     assert!((radius - circle.radius).abs() < 0.01);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn focal_length_and_vanishing_point_are_those_of_the_camera() {
+        for rows in [2, 9] {
+            let table = table(rows);
+            assert!((table.focal_length() - 140.0).abs() < 0.01, "{}", table.focal_length());
+            // 140 tan 10° = 24.686 above the middle.
+            let [x, y] = table.vanishing_point();
+            assert!((x - 127.5).abs() < 1e-3 && (y - (119.5 - 24.686)).abs() < 0.01, "{x} {y}");
         }
     }
 

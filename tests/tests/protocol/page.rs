@@ -18,6 +18,9 @@ use tesaki::task::impedance::{
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
+use tesaki::task::visual_approach::{
+    ApproachField, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
+};
 use tesaki::teleop::RetargetField;
 
 use super::golden::{golden, hex, parse};
@@ -171,6 +174,11 @@ fn the_page_is_about_this_version_of_the_messages() {
         TelexistenceRefusal::VARIANTS,
         InvalidTelexistenceSettings::VARIANTS,
         RetargetField::VARIANTS,
+        VisualApproachCommand::VARIANTS,
+        HandMotion::VARIANTS,
+        GripperState::VARIANTS,
+        VisualApproachRefusal::VARIANTS,
+        ApproachField::VARIANTS,
     ] {
         let variants = variants.iter().map(|variant| variant.rsplit(':').next().unwrap());
         let rows: Vec<_> = variants.enumerate().collect();

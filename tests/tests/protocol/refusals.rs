@@ -10,11 +10,13 @@ use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki::task::joint_servo::JointServoRefusal;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceRefusal};
 
+use tesaki::task::visual_approach::VisualApproachRefusal;
 use tesaki::teleop::InvalidRetargetSettings;
 
 use super::messages::Messages;
 use super::values::{
-    FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, RETARGET_FIELDS, SCHEMA, SETPOINT_ERRORS, TASKS,
+    APPROACH_FIELDS, FIELDS, INVALID_SETTINGS, LIMITS, PHASES, PLAN_FIELDS, RETARGET_FIELDS, SCHEMA,
+    SETPOINT_ERRORS, TASKS,
 };
 
 impl Messages {
@@ -55,6 +57,7 @@ impl Messages {
         self.grasping_refusals();
         self.impedance_refusals();
         self.telexistence_refusals();
+        self.visual_approach_refusals();
     }
 
     fn model_refusals(&mut self) {
@@ -130,6 +133,24 @@ impl Messages {
         refused("settings-max-sample-age", TelexistenceRefusal::Settings(max_sample_age));
         refused("fingertip", TelexistenceRefusal::Fingertip { finger: 4 });
         refused("age", TelexistenceRefusal::Age { value: 1.5 });
+    }
+
+    fn visual_approach_refusals(&mut self) {
+        let mut refused = |name: &str, refusal| {
+            let refusal = Refusal::Task(TaskRefusal::VisualApproach(refusal));
+            self.refused(&format!("visual-approach-{name}"), refusal);
+        };
+        refused("no-chain", VisualApproachRefusal::NoChain { chain: 3 });
+        refused("no-gripper", VisualApproachRefusal::NoGripper { joint: 2 });
+        for (limit, name) in LIMITS {
+            refused(&format!("limit-{name}"), VisualApproachRefusal::Limit(limit));
+        }
+        for (field, name) in APPROACH_FIELDS {
+            let (value, lower, upper) = (2.0, 0.25, 1.0);
+            refused(name, VisualApproachRefusal::Value { field, value, lower, upper });
+        }
+        refused("target", VisualApproachRefusal::Target { distance: 0.75, reach: 0.5 });
+        refused("too-fast", VisualApproachRefusal::Speed { value: 0.25, limit: 0.125 });
     }
 
     fn impedance_refusals(&mut self) {

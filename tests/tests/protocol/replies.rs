@@ -1,19 +1,21 @@
 //! One of each reply, but for the refusals, and of each stream.
 
 use tesaki::fault::{Fault, FaultLog};
+use tesaki::model::Pose;
 use tesaki::protocol::{
     FromBoard, JointTelemetry, LogEntry, LogRecord, Mode, Reply, TaskReport, Telemetry, TipTelemetry, Tips,
 };
 use tesaki::task::grasping::{Failure, GraspTelemetry, Phase};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::telexistence::TelexistenceTelemetry;
+use tesaki::task::visual_approach::{GripperState, HandMotion, VisualApproachTelemetry};
 use tesaki::task::{TaskKind, TaskTelemetry};
 
 use super::message::Message;
 use super::messages::Messages;
 use super::values::{
-    CAUSES, FAILURES, HOLDING, IDENTITY, NO_GRASP, PHASES, PUSHED, REPRODUCED, SCHEMA, STATE, full_sensors,
-    list, records, statuses,
+    APPROACHING, CAUSES, FAILURES, GRIPPER_STATES, GRIPPING, HOLDING, IDENTITY, MOTIONS, NO_GRASP, PHASES,
+    PUSHED, REPRODUCED, SCHEMA, STATE, full_sensors, list, records, statuses,
 };
 
 impl Messages {
@@ -84,6 +86,7 @@ impl Messages {
         self.grasping_telemetry();
         self.impedance_telemetry();
         self.telexistence_telemetry();
+        self.visual_approach_telemetry();
     }
 
     fn task(&mut self, name: &str, tick: u32, telemetry: TaskTelemetry) {
@@ -148,6 +151,29 @@ impl Messages {
         };
         self.task("telexistence-longest", u32::MAX, TaskTelemetry::Telexistence(longest));
         self.read_task("telexistence", 1234, TaskTelemetry::Telexistence(REPRODUCED));
+    }
+
+    fn visual_approach_telemetry(&mut self) {
+        for (motion, name) in MOTIONS {
+            let moves = VisualApproachTelemetry { motion, ..APPROACHING };
+            self.task(&format!("visual-approach-{name}"), 1234, TaskTelemetry::VisualApproach(moves));
+        }
+        for (gripper, name) in GRIPPER_STATES {
+            let grips = VisualApproachTelemetry { gripper, ..GRIPPING };
+            self.task(&format!("visual-approach-{name}"), 1234, TaskTelemetry::VisualApproach(grips));
+        }
+        let pose = Pose { translation: [f32::MIN; 3], rotation: [f32::MIN; 4] };
+        let longest = VisualApproachTelemetry {
+            hand: pose,
+            latched: Some((u16::MAX, pose)),
+            motion: HandMotion::Limited,
+            remaining: f32::MIN,
+            force: [f32::MIN; 3],
+            gripper: GripperState::Empty,
+            opening: f32::MIN,
+        };
+        self.task("visual-approach-longest", u32::MAX, TaskTelemetry::VisualApproach(longest));
+        self.read_task("visual-approach", 1234, TaskTelemetry::VisualApproach(GRIPPING));
     }
 
     pub fn records(&mut self) {

@@ -10,12 +10,13 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceSettings,
 };
+use tesaki::task::visual_approach::{GripperSettings, VisualApproachCommand, VisualApproachSettings};
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki::teleop::RetargetSettings;
 
 use super::messages::Messages;
 use super::values::{
-    BOX, FIVE_FINGERS, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, THUMB_AND_INDEX, YIELDING, list,
+    BOX, FIVE_FINGERS, KNOB, LONGEST, OBSERVER, PID, PUSHED, SCHEMA, THUMB_AND_INDEX, YIELDING, list,
 };
 
 impl Messages {
@@ -38,6 +39,7 @@ impl Messages {
         self.request("tare", Request::Tare);
         self.joint_servo();
         self.grasping();
+        self.visual_approach();
         self.impedance();
         self.telexistence();
         self.request("keep", Request::Keep);
@@ -154,6 +156,42 @@ impl Messages {
         let longest = FingertipSample { number: u16::MAX, age: f32::MIN, tips: [Some(tip); 5] };
         command("follow-longest", TelexistenceCommand::Follow(longest));
         command("release", TelexistenceCommand::Release);
+    }
+
+    fn visual_approach(&mut self) {
+        let gripper = GripperSettings {
+            joint: u8::MAX,
+            open: f32::MIN,
+            closed: f32::MIN,
+            speed: f32::MIN,
+            torque: f32::MIN,
+        };
+        let longest = VisualApproachSettings {
+            chain: u8::MAX,
+            gripper,
+            servo_mode: ServoMode::Observer,
+            speed: f32::MIN,
+            acceleration: f32::MIN,
+            contact_force: f32::MIN,
+            reach: f32::MIN,
+        };
+        for (name, settings) in [("", KNOB), ("-longest", longest)] {
+            let name = format!("enable-visual-approach{name}");
+            self.request(&name, Request::Enable(TaskConfig::VisualApproach(settings)));
+        }
+        let (position, longest) = ([0.75, -0.0625, 0.125], [f32::MIN; 3]);
+        for (name, command) in [
+            ("latch", VisualApproachCommand::Latch { number: 300 }),
+            ("latch-longest", VisualApproachCommand::Latch { number: u16::MAX }),
+            ("move", VisualApproachCommand::Move { position, speed: 0.0625 }),
+            ("move-longest", VisualApproachCommand::Move { position: longest, speed: f32::MIN }),
+            ("stand", VisualApproachCommand::Stand),
+            ("open", VisualApproachCommand::Open),
+            ("close", VisualApproachCommand::Close),
+        ] {
+            let request = Request::Task(TaskCommand::VisualApproach(command));
+            self.request(&format!("visual-approach-{name}"), request);
+        }
     }
 
     fn impedance(&mut self) {

@@ -25,6 +25,9 @@ use tesaki::task::impedance::{
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
 };
+use tesaki::task::visual_approach::{
+    ApproachField, GripperSettings, GripperState, HandMotion, VisualApproachSettings, VisualApproachTelemetry,
+};
 use tesaki::teleop::{RetargetField, RetargetSettings};
 
 use super::variants::Variants;
@@ -52,6 +55,7 @@ pub const TASKS: [(TaskKind, &str); TaskKind::VARIANTS.len()] = [
     (TaskKind::Grasping, "grasping"),
     (TaskKind::Impedance, "impedance"),
     (TaskKind::Telexistence, "telexistence"),
+    (TaskKind::VisualApproach, "visual-approach"),
 ];
 
 /// Collects into the lists of messages, which have a capacity.
@@ -279,6 +283,64 @@ pub const RETARGET_FIELDS: [(RetargetField, &str); RetargetField::VARIANTS.len()
     (RetargetField::RobotContact, "robot-contact"),
     (RetargetField::Speeds, "speeds"),
     (RetargetField::Tolerance, "tolerance"),
+];
+
+pub const KNOB: VisualApproachSettings = VisualApproachSettings {
+    chain: 0,
+    gripper: GripperSettings { joint: 6, open: -0.75, closed: 0.25, speed: 2.0, torque: 0.5 },
+    servo_mode: ServoMode::Pid,
+    speed: 0.125,
+    acceleration: 0.5,
+    contact_force: 20.0,
+    reach: 0.5,
+};
+
+const LEVEL: Pose = Pose { translation: [0.75, 0.0, 0.125], rotation: [0.0, 0.5, 0.0, 0.5] };
+
+pub const APPROACHING: VisualApproachTelemetry = VisualApproachTelemetry {
+    hand: LEVEL,
+    latched: None,
+    motion: HandMotion::Moving,
+    remaining: 0.0625,
+    force: [1.0, 0.0, -2.0],
+    gripper: GripperState::Open,
+    opening: -0.75,
+};
+
+pub const GRIPPING: VisualApproachTelemetry = VisualApproachTelemetry {
+    hand: LEVEL,
+    latched: Some((300, LEVEL)),
+    motion: HandMotion::Standing,
+    remaining: 0.0,
+    force: [0.0; 3],
+    gripper: GripperState::Empty,
+    opening: 0.25,
+};
+
+pub const MOTIONS: [(HandMotion, &str); HandMotion::VARIANTS.len()] = [
+    (HandMotion::Standing, "standing"),
+    (HandMotion::Moving, "moving"),
+    (HandMotion::Blocked, "blocked"),
+    (HandMotion::Limited, "limited"),
+];
+
+pub const GRIPPER_STATES: [(GripperState, &str); GripperState::VARIANTS.len()] = [
+    (GripperState::Still, "still"),
+    (GripperState::Opening, "opening"),
+    (GripperState::Open, "open"),
+    (GripperState::Closing, "closing"),
+    (GripperState::Holding, "holding"),
+    (GripperState::Empty, "empty"),
+];
+
+pub const APPROACH_FIELDS: [(ApproachField, &str); ApproachField::VARIANTS.len()] = [
+    (ApproachField::Speed, "speed"),
+    (ApproachField::Acceleration, "acceleration"),
+    (ApproachField::ContactForce, "contact-force"),
+    (ApproachField::Reach, "reach"),
+    (ApproachField::GripperRange, "gripper-range"),
+    (ApproachField::GripperSpeed, "gripper-speed"),
+    (ApproachField::GripperTorque, "gripper-torque"),
 ];
 
 pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [

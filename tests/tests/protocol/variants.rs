@@ -20,6 +20,9 @@ use tesaki::task::impedance::{
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
+use tesaki::task::visual_approach::{
+    ApproachField, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
+};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 use tesaki::teleop::{InvalidRetargetSettings, RetargetField};
 
@@ -56,11 +59,11 @@ variants! {
     }
     Stream { Telemetry, Status, Log, Tips, Task }
     Item { Model, State }
-    TaskKind { JointServo, Grasping, Impedance, Telexistence }
-    TaskConfig { JointServo, Grasping, Impedance, Telexistence }
-    TaskCommand { JointServo, Grasping, Impedance, Telexistence }
-    TaskTelemetry { JointServo, Grasping, Impedance, Telexistence }
-    TaskRefusal { JointServo, Grasping, Impedance, Telexistence }
+    TaskKind { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
+    TaskConfig { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
+    TaskCommand { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
+    TaskTelemetry { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
+    TaskRefusal { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
     ServoMode { Pid, Observer }
     JointCommand { Goal, Stream, StreamTips, StreamTorques }
     JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
@@ -89,6 +92,11 @@ variants! {
     RetargetField {
         Fingers, Follows, Weights, Scale, Near, Far, OperatorContact, RobotContact, Speeds, Tolerance,
     }
+    VisualApproachCommand { Latch, Move, Stand, Open, Close }
+    HandMotion { Standing, Moving, Blocked, Limited }
+    GripperState { Still, Opening, Open, Closing, Holding, Empty }
+    VisualApproachRefusal { NoChain, NoGripper, Limit, Value, Target, Speed }
+    ApproachField { Speed, Acceleration, ContactForce, Reach, GripperRange, GripperSpeed, GripperTorque }
     FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }
     Refusal {
@@ -158,6 +166,7 @@ impl Seen {
             TaskConfig::Grasping(()) => {}
             TaskConfig::Impedance(settings) => self.settings(settings),
             TaskConfig::Telexistence(settings) => self.variant(&settings.servo_mode),
+            TaskConfig::VisualApproach(settings) => self.variant(&settings.servo_mode),
         }
     }
 
@@ -179,6 +188,7 @@ impl Seen {
                 }
             }
             TaskCommand::Telexistence(command) => self.variant(command),
+            TaskCommand::VisualApproach(command) => self.variant(command),
         }
     }
 
@@ -195,6 +205,10 @@ impl Seen {
             if let Some(failure) = &grasp.failure {
                 self.variant(failure);
             }
+        }
+        if let TaskTelemetry::VisualApproach(hand) = telemetry {
+            self.variant(&hand.motion);
+            self.variant(&hand.gripper);
         }
     }
 
@@ -226,6 +240,7 @@ impl Seen {
             TaskRefusal::Grasping(refusal) => self.grasp_refusal(refusal),
             TaskRefusal::Impedance(refusal) => self.impedance_refusal(refusal),
             TaskRefusal::Telexistence(refusal) => self.telexistence_refusal(refusal),
+            TaskRefusal::VisualApproach(refusal) => self.visual_approach_refusal(refusal),
         }
     }
 
@@ -264,6 +279,15 @@ impl Seen {
             if let InvalidTelexistenceSettings::Retargeting(InvalidRetargetSettings { field, .. }) = invalid {
                 self.variant(field);
             }
+        }
+    }
+
+    pub fn visual_approach_refusal(&mut self, refusal: &VisualApproachRefusal) {
+        self.variant(refusal);
+        match refusal {
+            VisualApproachRefusal::Limit(limit) => self.variant(limit),
+            VisualApproachRefusal::Value { field, .. } => self.variant(field),
+            _ => {}
         }
     }
 

@@ -1,0 +1,121 @@
+//! The gripper: opening, closing until something is between the fingers, holding it with a torque.
+
+use nalgebra::Vector1;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::GripperSettings;
+use crate::TICK;
+use crate::control::JointPoint;
+use crate::math::{abs, clamp};
+use crate::robot::{JointSetpoint, JointTarget};
+use crate::teleop::{MotionLimits, MotionTarget};
+
+/// Effort at which the gripper has closed on something, over the torque with which it holds it.
+const TOUCH: f32 = 0.25;
+/// Time in which the torque of the grip builds up [s].
+const BUILD_UP: f32 = 0.2;
+/// Time in which opening and closing reach their speed [s].
+const START: f32 = 0.1;
+/// Distance from an end of the gripper's range that counts as there [rad], as a share of the range.
+const AT_END: f32 = 0.02;
+
+/// What the gripper does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum GripperState {
+    /// 0: it stands where it was when the task began.
+    Still,
+    /// 1: it opens.
+    Opening,
+    /// 2: it is open.
+    Open,
+    /// 3: it closes.
+    Closing,
+    /// 4: something is between the fingers, and is pressed with the torque of the settings.
+    Holding,
+    /// 5: it has closed, or has lost what it held.
+    Empty,
+}
+
+/// The gripper's part of the task.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Gripper {
+    pub state: GripperState,
+}
+
+/// The gripper's joint in a tick.
+pub struct GripperJoint<'a> {
+    /// Measured angle [rad] and velocity [rad/s].
+    pub position: f32,
+    pub velocity: f32,
+    /// Torque beyond what the model explains [N·m].
+    pub effort: f32,
+    pub reference: JointPoint,
+    pub target: &'a mut JointTarget,
+}
+
+impl Gripper {
+    pub const STILL: Self = Self { state: GripperState::Still };
+
+    pub const fn open(&mut self) {
+        if !matches!(self.state, GripperState::Open) {
+            self.state = GripperState::Opening;
+        }
+    }
+
+    pub const fn close(&mut self) {
+        if !matches!(self.state, GripperState::Holding) {
+            self.state = GripperState::Closing;
+        }
+    }
+
+    /// Sets the joint's target for a period.
+    pub fn tick(&mut self, settings: &GripperSettings, joint: GripperJoint<'_>) {
+        let GripperSettings { open, closed, speed, torque, .. } = *settings;
+        let direction = if closed > open { 1.0 } else { -1.0 };
+        let at = |end: f32| abs(joint.position - end) < AT_END * abs(closed - open);
+        match self.state {
+            GripperState::Opening if at(open) => self.state = GripperState::Open,
+            GripperState::Closing if at(closed) => self.state = GripperState::Empty,
+            GripperState::Closing if joint.effort * direction > TOUCH * torque => {
+                self.state = GripperState::Holding;
+            }
+            // What gives way, or slips out, is not held.
+            GripperState::Holding if at(closed) || joint.velocity * direction > speed => {
+                self.state = GripperState::Empty;
+                *joint.target = JointTarget::at(joint.position);
+            }
+            _ => {}
+        }
+        let end = match self.state {
+            GripperState::Still | GripperState::Empty => return,
+            GripperState::Opening | GripperState::Open => open,
+            GripperState::Closing => closed,
+            GripperState::Holding => {
+                let step = torque * (TICK / BUILD_UP);
+                let wanted = torque * direction;
+                let feedforward =
+                    joint.target.feedforward + clamp(wanted - joint.target.feedforward, -step, step);
+                // The servo follows, so that it does not work against the torque.
+                let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
+                *joint.target =
+                    JointTarget { setpoint: JointSetpoint::Point(point), feedforward, restart: false };
+                return;
+            }
+        };
+        let JointPoint { position, velocity, acceleration } = joint.reference;
+        let now = velocity + acceleration * TICK;
+        let position = position + 0.5 * (velocity + now) * TICK;
+        let limits = MotionLimits { speed, acceleration: speed / START };
+        let target = MotionTarget {
+            offset: Vector1::new(end - position),
+            velocity: Vector1::zeros(),
+            acceleration: Vector1::zeros(),
+        };
+        let acceleration = limits.acceleration(&Vector1::new(now), &target).x;
+        let point = JointPoint { position, velocity: now, acceleration };
+        *joint.target =
+            JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+    }
+}

@@ -1,0 +1,228 @@
+//! The reference of the arm: a straight motion of the hand at a constant orientation.
+
+use core::array::from_fn;
+use core::ops::Range;
+
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3, Vector6};
+
+use super::ChainConfig;
+use crate::TICK;
+use crate::control::JointPoint;
+use crate::kinematics::{Jacobian, Posture};
+use crate::math::{self, Ldlt, abs};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
+use crate::robot::{JointConfig, Robot};
+use crate::teleop::{MotionLimits, MotionTarget};
+
+/// Damping of the inverse Jacobian [m, rad].
+const DAMPING: f32 = 0.01;
+/// Rate at which errors of the orientation vanish [1/s].
+const TURNING: f32 = 5.0;
+/// Of a joint's velocity limit; the rest is a margin for tracking.
+const SHARE: f32 = 0.8;
+/// Largest acceleration of a joint's reference, over its velocity limit [1/s].
+const JOINT_ACCELERATION: f32 = 8.0;
+/// How far references stay inside the limits of angle [rad].
+const STOP_MARGIN: f32 = 5e-3;
+
+/// The arm of a robot, whose gripper is taken as if it stood at 0.
+pub struct Arm<'a> {
+    pub config: &'a ChainConfig,
+    joints: &'a [JointConfig],
+    range: Range<usize>,
+    gripper: usize,
+}
+
+/// How the hand moves in a period.
+pub struct Step {
+    /// Its velocity [m/s].
+    pub velocity: Vector3<f32>,
+    /// Way to its target [m].
+    pub remaining: f32,
+    /// Whether limits of angle hold joints back.
+    pub limited: bool,
+}
+
+/// Velocities of the arm's own joints [rad/s].
+type Velocities = [f32; MAX_CHAIN_JOINTS];
+
+impl<'a> Arm<'a> {
+    /// `None` without such a chain.
+    pub fn new(robot: &'a Robot, chain: u8, gripper: u8) -> Option<Self> {
+        let config = robot.chains().get(usize::from(chain))?;
+        let range = config.joints();
+        let joints = robot.joints().get(range.clone())?;
+        Some(Self { config, joints, range, gripper: gripper.into() })
+    }
+
+    /// The posture at these angles of the robot's joints [rad].
+    pub fn posture(&self, angles: &[f32; MAX_JOINTS]) -> Posture {
+        let mut angles = *angles;
+        if let Some(gripper) = angles.get_mut(self.gripper) {
+            *gripper = 0.0;
+        }
+        self.config.posture(&angles)
+    }
+
+    /// The Jacobian over the arm's own joints without the gripper.
+    pub fn jacobian(&self, posture: &Posture) -> Jacobian {
+        let mut jacobian = posture.jacobian();
+        if self.range.contains(&self.gripper)
+            && let Some(mut column) = jacobian.column_iter_mut().nth(self.gripper - self.range.start)
+        {
+            column.fill(0.0);
+        }
+        jacobian
+    }
+
+    /// Indices of its joints without the gripper, in the robot and in the chain.
+    pub fn indices(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let gripper = self.gripper;
+        self.range
+            .clone()
+            .enumerate()
+            .map(|(own, index)| (index, own))
+            .filter(move |(index, _)| *index != gripper)
+    }
+
+    /// Moves the joints' references for one period towards `target`.
+    pub fn advance(
+        &self,
+        references: &[JointPoint; MAX_JOINTS],
+        points: &mut [JointPoint; MAX_JOINTS],
+        target: &Isometry3<f32>,
+        limits: &MotionLimits,
+    ) -> Step {
+        let mut angles = [0.0; MAX_JOINTS];
+        let mut now: Velocities = [0.0; MAX_CHAIN_JOINTS];
+        for (index, own) in self.indices() {
+            let (Some(reference), Some(point)) = (references.get(index), points.get_mut(index)) else {
+                continue;
+            };
+            let velocity = reference.velocity + reference.acceleration * TICK;
+            point.position = reference.position + 0.5 * (reference.velocity + velocity) * TICK;
+            point.velocity = velocity;
+            (angles[index], now[own]) = (point.position, velocity);
+        }
+        let posture = self.posture(&angles);
+        let jacobian = self.jacobian(&posture);
+        let twist = jacobian * nalgebra::SVector::<f32, MAX_CHAIN_JOINTS>::from(now);
+        let wanted = wanted(&posture, &twist, target, limits);
+        let (next, limited) = self.joint_velocities(&jacobian, &wanted, points);
+        for (index, own) in self.indices() {
+            let Some(point) = points.get_mut(index) else { continue };
+            point.acceleration = (next[own] - now[own]) / TICK;
+        }
+        let way = target.translation.vector - posture.tip().translation.vector;
+        Step {
+            velocity: twist.fixed_rows::<3>(0).into_owned(),
+            remaining: math::sqrt(way.norm_squared()),
+            limited,
+        }
+    }
+
+    /// Joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the limits of speed,
+    /// acceleration and angle. A joint that a limit of angle holds back leaves its part to the others.
+    fn joint_velocities(
+        &self,
+        jacobian: &Jacobian,
+        twist: &Vector6<f32>,
+        points: &[JointPoint; MAX_JOINTS],
+    ) -> (Velocities, bool) {
+        let mut free = *jacobian;
+        let mut rest = *twist;
+        let mut result: Velocities = [0.0; MAX_CHAIN_JOINTS];
+        let mut held = [false; MAX_CHAIN_JOINTS];
+        let mut limited = false;
+        // One joint more may be held each time.
+        for _ in 0..3 {
+            let damped = free * free.transpose() + Matrix6::from_diagonal_element(DAMPING * DAMPING);
+            let desired = free.transpose() * Ldlt::new(&damped, 1e-9).solve(&rest);
+            // All are slower when one is too fast, so that the hand moves straight.
+            let mut share = 1.0_f32;
+            for (_, own) in self.indices() {
+                if let Some(joint) = self.joints.get(own) {
+                    let limit = SHARE * joint.limits.velocity;
+                    if abs(desired[own]) > limit {
+                        share = share.min(limit / abs(desired[own]));
+                    }
+                }
+            }
+            let mut holds = false;
+            for (index, own) in self.indices() {
+                let (Some(joint), Some(point)) = (self.joints.get(own), points.get(index)) else { continue };
+                if held[own] {
+                    continue;
+                }
+                let wanted = desired[own] * share;
+                let [least, most] = reachable(joint, point);
+                result[own] = math::clamp(wanted, least, most);
+                if abs(result[own] - wanted) > 1e-4 && is_near_stop(joint, point, wanted) {
+                    (held[own], holds, limited) = (true, true, true);
+                    let column = jacobian.column(own) * result[own];
+                    rest -= column;
+                    free.column_mut(own).fill(0.0);
+                }
+            }
+            if !holds {
+                break;
+            }
+        }
+        (result, limited)
+    }
+}
+
+/// The twist of the hand at the end of the period.
+fn wanted(
+    posture: &Posture,
+    twist: &Vector6<f32>,
+    target: &Isometry3<f32>,
+    limits: &MotionLimits,
+) -> Vector6<f32> {
+    let tip = posture.tip();
+    let velocity: Vector3<f32> = twist.fixed_rows::<3>(0).into_owned();
+    let motion = MotionTarget {
+        offset: target.translation.vector - tip.translation.vector,
+        velocity: Vector3::zeros(),
+        acceleration: Vector3::zeros(),
+    };
+    let linear = velocity + limits.acceleration(&velocity, &motion) * TICK;
+    let error = target.rotation.to_rotation_matrix().matrix() * tip.rotation.matrix().transpose();
+    let angular = math::rotation_vector(&error) * TURNING;
+    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
+
+/// Velocities that a joint may have at the end of the period: least and largest [rad/s].
+fn reachable(joint: &JointConfig, point: &JointPoint) -> [f32; 2] {
+    let acceleration = JOINT_ACCELERATION * joint.limits.velocity;
+    let change = acceleration * TICK;
+    let [down, up] = room(joint, point, acceleration);
+    [(point.velocity - change).max(-down), (point.velocity + change).min(up)]
+}
+
+/// Speeds downwards and upwards from which half of the acceleration `a` brakes before the limit of the angle:
+/// `(now + v) T/2 + v²/a = space`.
+fn room(joint: &JointConfig, point: &JointPoint, acceleration: f32) -> [f32; 2] {
+    let lag = 0.25 * acceleration * TICK;
+    let room = |space: f32| math::sqrt(lag * lag + acceleration * space.max(0.0)) - lag;
+    let half = 0.5 * point.velocity * TICK;
+    let (lower, upper) = (joint.limits.lower + STOP_MARGIN, joint.limits.upper - STOP_MARGIN);
+    [room(point.position - lower + half), room(upper - point.position - half)]
+}
+
+/// Whether the limit of the angle is what holds a joint back that shall have `velocity` [rad/s].
+fn is_near_stop(joint: &JointConfig, point: &JointPoint, velocity: f32) -> bool {
+    let [down, up] = room(joint, point, JOINT_ACCELERATION * joint.limits.velocity);
+    velocity < -down || velocity > up
+}
+
+/// The pose of a posture's tip.
+pub fn pose(posture: &Posture) -> Isometry3<f32> {
+    let tip = posture.tip();
+    Isometry3::from_parts(tip.translation, UnitQuaternion::from_rotation_matrix(&tip.rotation))
+}
+
+/// Angles of the references [rad].
+pub fn angles(references: &[JointPoint; MAX_JOINTS]) -> [f32; MAX_JOINTS] {
+    from_fn(|joint| references[joint].position)
+}

@@ -1,0 +1,211 @@
+use core::fmt;
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::control::ServoMode;
+use crate::math::abs;
+use crate::robot::{Concerns, LimitRefusal, Robot};
+
+/// Settings of the gripper, which one joint opens and closes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct GripperSettings {
+    /// Its joint. If it belongs to the arm's chain, it is the last one and turns the tip about the approach.
+    pub joint: u8,
+    /// Angle of the open gripper [rad].
+    pub open: f32,
+    /// Angle of the closed gripper with nothing in it [rad].
+    pub closed: f32,
+    /// Speed of opening and closing [rad/s]: above 0, below the joint's velocity limit.
+    pub speed: f32,
+    /// Torque with which an object is held [N·m]: above 0, at most the joint's.
+    pub torque: f32,
+}
+
+/// Settings of the visual approach.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct VisualApproachSettings {
+    /// The arm's chain. Its tip is the hand frame: the approach is its z.
+    pub chain: u8,
+    /// The gripper.
+    pub gripper: GripperSettings,
+    /// Feedback law of the joint servos.
+    pub servo_mode: ServoMode,
+    /// Largest speed of the hand [m/s]: 0.001 to 1.
+    pub speed: f32,
+    /// Largest acceleration of the hand [m/s²]: 0.01 to 10.
+    pub acceleration: f32,
+    /// Largest force against the motion of the hand, estimated from the torques of the joints [N]: 1 to 500.
+    pub contact_force: f32,
+    /// How far the hand may go from where the task begins [m]: 0.01 to 2.
+    pub reach: f32,
+}
+
+impl VisualApproachSettings {
+    /// A slow arm with its gripper at joint 0.
+    pub const DEFAULT: Self = Self {
+        chain: 0,
+        gripper: GripperSettings { joint: 0, open: 0.0, closed: 0.0, speed: 1.0, torque: 1.0 },
+        servo_mode: ServoMode::Pid,
+        speed: 0.1,
+        acceleration: 0.5,
+        contact_force: 20.0,
+        reach: 0.5,
+    };
+
+    /// Checks the settings for `robot`.
+    ///
+    /// # Errors
+    /// The first one that is out of range.
+    pub fn validate(&self, robot: &Robot) -> Result<(), VisualApproachRefusal> {
+        let chain = robot.chains().get(usize::from(self.chain)).filter(|chain| chain.mimic.is_none());
+        let Some(joints) = chain.map(super::ChainConfig::joints) else {
+            return Err(VisualApproachRefusal::NoChain { chain: self.chain });
+        };
+        let GripperSettings { joint, open, closed, speed, torque } = self.gripper;
+        let Some(gripper) = robot.joints().get(usize::from(joint)) else {
+            return Err(VisualApproachRefusal::NoGripper { joint });
+        };
+        if joints.contains(&usize::from(joint)) && usize::from(joint) + 1 != joints.end {
+            return Err(VisualApproachRefusal::NoGripper { joint });
+        }
+        gripper.check_position(joint, open)?;
+        gripper.check_position(joint, closed)?;
+        let most = gripper.limits.velocity;
+        for (field, value, [lower, upper]) in [
+            (ApproachField::Speed, self.speed, [1e-3, 1.0]),
+            (ApproachField::Acceleration, self.acceleration, [0.01, 10.0]),
+            (ApproachField::ContactForce, self.contact_force, [1.0, 500.0]),
+            (ApproachField::Reach, self.reach, [0.01, 2.0]),
+            (ApproachField::GripperRange, abs(closed - open), [0.01, 100.0]),
+            (ApproachField::GripperSpeed, speed, [1e-3 * most, 0.9 * most]),
+            (ApproachField::GripperTorque, torque, [1e-3, gripper.servo.torque_limit()]),
+        ] {
+            if !(lower..=upper).contains(&value) {
+                return Err(VisualApproachRefusal::Value { field, value, lower, upper });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A setting that is a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ApproachField {
+    /// 0: speed of the hand [m/s].
+    Speed,
+    /// 1: its acceleration [m/s²].
+    Acceleration,
+    /// 2: contact force [N].
+    ContactForce,
+    /// 3: reach [m].
+    Reach,
+    /// 4: between the open and the closed gripper [rad].
+    GripperRange,
+    /// 5: speed of the gripper [rad/s].
+    GripperSpeed,
+    /// 6: torque of the gripper [N·m].
+    GripperTorque,
+}
+
+impl fmt::Display for ApproachField {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Speed => "the speed of the hand [m/s]",
+            Self::Acceleration => "the acceleration of the hand [m/s²]",
+            Self::ContactForce => "the contact force [N]",
+            Self::Reach => "the reach [m]",
+            Self::GripperRange => "the angle between the open and the closed gripper [rad]",
+            Self::GripperSpeed => "the speed of the gripper [rad/s]",
+            Self::GripperTorque => "the torque of the gripper [N·m]",
+        })
+    }
+}
+
+/// Why the visual approach refuses its settings or a command.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum VisualApproachRefusal {
+    /// 0: the robot has no such chain, or it begins with a mimic joint.
+    NoChain {
+        /// The chain.
+        chain: u8,
+    },
+    /// 1: the robot has no such joint, or it moves the arm.
+    NoGripper {
+        /// The joint.
+        joint: u8,
+    },
+    /// 2: a limit of the gripper's joint.
+    Limit(LimitRefusal),
+    /// 3: a setting is out of its range.
+    Value {
+        /// Which.
+        field: ApproachField,
+        /// The value.
+        value: f32,
+        /// The least.
+        lower: f32,
+        /// The largest.
+        upper: f32,
+    },
+    /// 4: the target is not finite, or farther than the reach from where the task began.
+    Target {
+        /// Its distance [m].
+        distance: f32,
+        /// The reach [m].
+        reach: f32,
+    },
+    /// 5: the speed of a motion is not above 0, or beyond that of the settings.
+    Speed {
+        /// The speed [m/s].
+        value: f32,
+        /// The largest [m/s].
+        limit: f32,
+    },
+}
+
+impl From<LimitRefusal> for VisualApproachRefusal {
+    fn from(refusal: LimitRefusal) -> Self {
+        Self::Limit(refusal)
+    }
+}
+
+impl Concerns for VisualApproachRefusal {
+    fn joint(&self) -> Option<u8> {
+        match self {
+            Self::NoGripper { joint } => Some(*joint),
+            Self::Limit(refusal) => refusal.joint(),
+            _ => None,
+        }
+    }
+
+    fn chain(&self) -> Option<u8> {
+        if let Self::NoChain { chain } = self { Some(*chain) } else { None }
+    }
+}
+
+impl fmt::Display for VisualApproachRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoChain { chain } => write!(f, "the robot has no chain {chain} without mimic joint"),
+            Self::NoGripper { joint } => write!(
+                f,
+                "joint {joint} is no gripper: it must be a joint of the robot, the last one of the arm's chain or none \
+                 of it"
+            ),
+            Self::Limit(refusal) => refusal.fmt(f),
+            Self::Value { field, value, lower, upper } => {
+                write!(f, "{field} is {value}; it must be {lower} to {upper}")
+            }
+            Self::Target { distance, reach } => write!(
+                f,
+                "the target is {distance} m from where the hand was when the task began; the reach is {reach} m"
+            ),
+            Self::Speed { value, limit } => {
+                write!(f, "the speed of the motion is {value} m/s; it must be above 0, at most {limit} m/s")
+            }
+        }
+    }
+}
