@@ -149,6 +149,6 @@ pub fn contact(pair: &ContactPair, object: ColliderHandle, step: f64) -> Contact
 }
 
 /// The component of a vector normal to a direction.
-fn across(vector: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
+pub fn across(vector: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     vector - direction * direction.dot(vector)
 }

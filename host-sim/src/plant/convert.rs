@@ -1,8 +1,8 @@
 //! Between the plant's double precision and rapier's types, which are in single precision.
 
-use rapier3d::dynamics::MassProperties;
+use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::math::{Pose, Rotation, Vector};
-use rapier3d::na::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
 pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
@@ -22,6 +22,17 @@ pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) 
 
 pub fn pose(pose: &Isometry3<f64>) -> Pose {
     Pose::from_parts(vector(&pose.translation.vector), rotation(&pose.rotation))
+}
+
+/// From a position [m] and a quaternion `[x, y, z, w]`.
+pub fn isometry([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    Isometry3::from_parts(Translation3::new(x, y, z), turn)
+}
+
+/// Pose of a body in the physics engine.
+pub fn pose_of(body: &RigidBody) -> Isometry3<f64> {
+    isometry(body.translation().to_array().map(f64::from), body.rotation().to_array().map(f64::from))
 }
 
 pub fn vector(vector: &Vector3<f64>) -> Vector {

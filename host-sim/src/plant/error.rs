@@ -92,6 +92,12 @@ pub enum PlantError {
     /// A tip that must touch an object but has no sphere.
     #[error("link {0:?} must touch an object but has no <sphere>: give it one, or remove the object")]
     NoSphere(String),
+    /// Fixed bodies that nothing can touch.
+    #[error(
+        "there are fixtures, but no moving link has a <collision> with a box, cylinder or sphere: \
+         give the hand one, or remove the fixtures"
+    )]
+    NoCollision,
     /// A tip that the robot does not have.
     #[error("there is no tip number {tip}: the robot has {tips}, counted from 0")]
     NoTip {

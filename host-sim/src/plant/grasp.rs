@@ -1,21 +1,20 @@
 //! The grasped object in the physics engine: its colliders and contacts.
 
-use rapier3d::dynamics::{CoefficientCombineRule, IntegrationParameters, RigidBodyBuilder, RigidBodyHandle};
 use rapier3d::dynamics::{FrictionModel, SpringCoefficients};
-use rapier3d::geometry::{
-    Collider, ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode,
-};
+use rapier3d::dynamics::{IntegrationParameters, RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
 use rapier3d::math::Vector;
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
+use rapier3d::na::{Isometry3, Translation3, Vector3};
+use rapier3d::pipeline::PhysicsWorld;
 
 use super::contact::{Contact, TipContact, contact};
-use super::convert::{narrow, pose, wide};
+use super::convert::{isometry, narrow, pose, pose_of, wide};
 use super::end_effector::Tip;
 use super::motion::Motion;
 use super::object::{ObjectValues, Shape};
 use super::push::Disturbances;
-use super::stiction::Creep;
+use super::shapes::{cuboid, cylinder, with_friction};
+use super::stiction::{Creep, Crept};
 
 /// Solver iterations over the constraints in a sub-step. A grasp needs many more than a free hand, because
 /// the object couples the fingers. With 16, joints that should stick creep, and joint friction of 0.08 N·m
@@ -76,8 +75,7 @@ impl Grasp {
         let collider = physics.insert_collider(with_friction(body, friction), Some(object));
         let support = values.support.map(|support| {
             let place = isometry(support.position, support.orientation);
-            let [x, y, z] = support.size.map(|extent| narrow(extent / 2.0));
-            let block = ColliderBuilder::cuboid(x, y, z).position(pose(&place));
+            let block = cuboid(support.size).position(pose(&place));
             physics.insert_collider(with_friction(block.collision_groups(groups(false)), friction), None)
         });
         let mut tip_contacts = Vec::new();
@@ -139,17 +137,17 @@ impl Grasp {
     pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
         let pose = self.pose(physics);
         let tip = |touch: &TipContact| (touch.collider, pose.rotation * touch.correction(step));
+        let crept = |fixed| Crept { fixed, moving: self.collider, motion: pose * self.stuck_at.inverse() };
         Creep {
             tips: self.tip_contacts.iter().map(tip).collect(),
-            support: self.support.map(|support| (support, pose * self.stuck_at.inverse())),
+            fixed: self.support.into_iter().map(crept).collect(),
             step,
         }
     }
 
     /// Pose of the object, in the base frame.
     pub fn pose(&self, physics: &PhysicsWorld) -> Isometry3<f64> {
-        let Some(body) = physics.bodies.get(self.object) else { return Isometry3::identity() };
-        isometry(body.translation().to_array().map(f64::from), body.rotation().to_array().map(f64::from))
+        physics.bodies.get(self.object).map_or_else(Isometry3::identity, pose_of)
     }
 
     /// Motion of the object at a point, both in the base frame.
@@ -186,21 +184,15 @@ impl Grasp {
 fn solid(values: &ObjectValues) -> ColliderBuilder {
     let [x, y, z] = values.size.map(|extent| narrow(extent / 2.0));
     match values.shape {
-        Shape::Box => ColliderBuilder::cuboid(x, y, z),
-        Shape::Cylinder => ColliderBuilder::cylinder(z, x).rotation(Vector::X * core::f32::consts::FRAC_PI_2),
+        Shape::Box => cuboid(values.size),
+        Shape::Cylinder => cylinder(values.size[0] / 2.0, values.size[2]),
         Shape::Wedge { top } => {
             let narrower = x * narrow(top);
             let corners = [(x, -z), (-x, -z), (narrower, z), (-narrower, z)];
             let corners = corners.map(|(x, z)| [Vector::new(x, y, z), Vector::new(x, -y, z)]);
-            ColliderBuilder::convex_hull(corners.as_flattened()).unwrap_or(ColliderBuilder::cuboid(x, y, z))
+            ColliderBuilder::convex_hull(corners.as_flattened()).unwrap_or(cuboid(values.size))
         }
     }
-}
-
-/// All colliders have the same coefficient of friction.
-fn with_friction(collider: ColliderBuilder, friction: f64) -> Collider {
-    let collider = collider.friction(narrow(friction)).friction_combine_rule(CoefficientCombineRule::Max);
-    collider.active_hooks(ActiveHooks::MODIFY_SOLVER_CONTACTS).build()
 }
 
 /// The object touches all other colliders; these touch only the object.
@@ -208,10 +200,4 @@ const fn groups(object: bool) -> InteractionGroups {
     let (own, other) =
         if object { (Group::GROUP_1, Group::GROUP_2) } else { (Group::GROUP_2, Group::GROUP_1) };
     InteractionGroups::new(own, other, InteractionTestMode::And)
-}
-
-/// From a position [m] and a quaternion `[x, y, z, w]`.
-fn isometry([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> Isometry3<f64> {
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    Isometry3::from_parts(Translation3::new(x, y, z), turn)
 }

@@ -12,6 +12,7 @@ use super::end_effector::{Tip, tips};
 use super::environment::{Hold, Wall};
 use super::error::PlantError;
 use super::factors::{self, JointFactors};
+use super::fixture;
 use super::force::ForceSensors;
 use super::intervention::SharedIntervention;
 use super::linkage;
@@ -96,6 +97,16 @@ impl Plant {
             check_spheres(&tips)?;
         }
         world.insert_object(tips, object);
+        if !options.fixtures.is_empty() {
+            for (index, fixture) in options.fixtures.iter().enumerate() {
+                fixture.validate(index)?;
+            }
+            let elements = fixture::elements(&urdf.robot, &bodies);
+            if elements.is_empty() {
+                return Err(PlantError::NoCollision);
+            }
+            world.insert_fixtures(&options.fixtures, elements);
+        }
         let forces = ForceSensors::new(values.force_sensor, &world, options.seed, options.ideal_sensors);
         let drives = drive::states(drives, &bodies, &drive_of, &factors, values, options);
         Ok(Self {

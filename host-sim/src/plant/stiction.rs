@@ -14,24 +14,36 @@ use super::convert::{vector, wide};
 /// Fraction of the creep that is corrected in a sub-step.
 pub const CREEP_GAIN: f64 = 0.2;
 
-/// How far the contacts of an object have crept.
+/// How far contacts have crept.
+#[derive(Default)]
 pub struct Creep {
     /// Collider of each fingertip, and the velocity along the object that takes back its creep, in the frame
     /// of the base [m/s].
     pub tips: Vec<(ColliderHandle, Vector3<f64>)>,
-    /// Collider of the support, and the motion by which the object has crept on it.
-    pub support: Option<(ColliderHandle, Isometry3<f64>)>,
+    /// What has crept on fixed bodies.
+    pub fixed: Vec<Crept>,
     /// Sub-step [s].
     pub step: f64,
 }
 
+/// A creep on a fixed body.
+pub struct Crept {
+    /// Collider of the fixed body.
+    pub fixed: ColliderHandle,
+    /// Collider of what creeps on it.
+    pub moving: ColliderHandle,
+    /// The motion by which that has crept.
+    pub motion: Isometry3<f64>,
+}
+
 impl Creep {
-    /// Velocity along the object that takes back the creep of what has a collider, at a point.
-    fn back(&self, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
-        if let Some((_, velocity)) = self.tips.iter().find(|(tip, _)| *tip == other) {
+    /// Velocity of a surface at a point that takes back what the other one has crept on it.
+    fn back(&self, surface: ColliderHandle, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
+        if let Some((_, velocity)) = self.tips.iter().find(|(tip, _)| *tip == surface) {
             return Some(*velocity);
         }
-        let (_, motion) = self.support.as_ref().filter(|(support, _)| *support == other)?;
+        let same = |crept: &&Crept| crept.fixed == surface && crept.moving == other;
+        let motion = self.fixed.iter().find(same)?.motion;
         let point = Point3::from(wide(point));
         Some((motion.inverse() * point - point) * (CREEP_GAIN / self.step))
     }
@@ -43,8 +55,8 @@ impl PhysicsHooks for Creep {
         let (one, two) = (context.collider1, context.collider2);
         let Some(manifold) = context.rigid_mut() else { return };
         for contact in manifold.solver_contacts.iter_mut() {
-            let back = self.back(one, contact.anchor1);
-            let back = back.or_else(|| self.back(two, contact.anchor2).map(|velocity| -velocity));
+            let back = self.back(one, two, contact.anchor1);
+            let back = back.or_else(|| self.back(two, one, contact.anchor2).map(|velocity| -velocity));
             contact.tangent_velocity = vector(&back.unwrap_or_default());
         }
     }

@@ -4,6 +4,7 @@ use rapier3d::na::Vector3;
 
 use super::contact::TipContact;
 use super::end_effector::Tip;
+use super::fixture::{FixtureContact, Fixtures};
 use super::machine::{Plant, in_drive_order};
 
 /// The machine's own state. Joints are in the order of the drives.
@@ -141,6 +142,11 @@ impl Plant {
             slip_path: touch.slip_path,
         };
         self.world.tips().iter().zip(tip_contacts).map(truth).collect()
+    }
+
+    /// What the links did to the fixed bodies in the last control period: the pairs that touched.
+    pub fn fixture_contacts(&self) -> Vec<FixtureContact> {
+        self.world.fixtures().map(Fixtures::contacts).unwrap_or_default()
     }
 
     /// The tips, in the order of the URDF.

@@ -4,6 +4,7 @@ pub use tesaki_description::plant::{
     PlantValues, Supply,
 };
 
+use super::fixture::Fixture;
 use super::object::ObjectValues;
 
 /// Sub-steps in a control period.
@@ -47,6 +48,8 @@ pub struct PlantOptions {
     pub held_at_start: bool,
     /// Something for the hand to grasp.
     pub object: Option<ObjectValues>,
+    /// Fixed bodies that the links touch with their collision elements.
+    pub fixtures: Vec<Fixture>,
 }
 
 impl PlantOptions {
@@ -60,6 +63,7 @@ impl PlantOptions {
             posture: None,
             held_at_start: true,
             object: None,
+            fixtures: Vec::new(),
         }
     }
 

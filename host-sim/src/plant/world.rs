@@ -5,19 +5,21 @@ use rapier3d::dynamics::{
     RigidBodyHandle,
 };
 use rapier3d::math::Vector;
-use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 
-use super::convert::{mass_properties, narrow, pose, vector, wide};
+use super::convert::{mass_properties, narrow, pose, pose_of, vector, wide};
 use super::end_effector::Tip;
 use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
+use super::fixture::{Element, Fixture, Fixtures};
 use super::grasp::{self, Grasp};
 use super::linkage::Linkage;
 use super::motion::Motion;
 use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
+use super::stiction::Creep;
 use super::tree::Body;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
@@ -41,6 +43,7 @@ pub struct World {
     linkages: Vec<Linkage>,
     tips: Vec<Tip>,
     grasp: Option<Grasp>,
+    fixtures: Option<Fixtures>,
     environment: Environment,
     /// Pushes on the origins of bodies: which, when they began, and how they go.
     link_pushes: Vec<(usize, f64, Push)>,
@@ -114,6 +117,7 @@ impl World {
             linkages: Vec::new(),
             tips,
             grasp,
+            fixtures: None,
             environment,
             link_pushes,
             gravity,
@@ -155,6 +159,14 @@ impl World {
         let links: Vec<_> =
             self.tips.iter().filter_map(|tip| self.joints.get(tip.body)).map(|joint| joint.body).collect();
         self.grasp = Some(Grasp::new(&mut self.physics, values, friction, &self.tips, &links));
+    }
+
+    /// Puts fixed bodies around the robot, which the collision elements of its links touch.
+    pub fn insert_fixtures(&mut self, fixtures: &[Fixture], elements: Vec<Element>) {
+        grasp::set_parameters(&mut self.physics.integration_parameters);
+        let with_body = |element: Element| Some((self.joints.get(element.body)?.body, element));
+        let elements = elements.into_iter().filter_map(with_body).collect();
+        self.fixtures = Some(Fixtures::new(&mut self.physics, fixtures, elements));
     }
 
     /// Puts the joints, which stand at 0, where `posture` says.
@@ -220,11 +232,20 @@ impl World {
         self.act_on_tips(time, fraction);
         self.act_on_links(time, fraction);
         self.steps += 1;
-        match self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step)) {
+        match self.creep() {
             Some(creep) => self.physics.step_with_events(&creep, &()),
             None => self.physics.step(),
         }
         self.read_contacts();
+    }
+
+    /// Creep of all contacts; `None` where nothing can touch.
+    fn creep(&self) -> Option<Creep> {
+        let of_grasp = self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step));
+        let Some(fixtures) = &self.fixtures else { return of_grasp };
+        let mut creep = of_grasp.unwrap_or_else(|| Creep { step: self.step, ..Creep::default() });
+        fixtures.creep(&self.physics, &mut creep);
+        Some(creep)
     }
 
     fn act_on_tips(&mut self, time: f64, fraction: f64) {
@@ -287,6 +308,9 @@ impl World {
     }
 
     fn read_contacts(&mut self) {
+        if let Some(fixtures) = &mut self.fixtures {
+            fixtures.read(&self.physics, self.step);
+        }
         let Some(mut grasp) = self.grasp.take() else { return };
         let tips: Vec<_> = (0..self.tips.len()).filter_map(|tip| self.tip_motion(tip)).collect();
         grasp.read(&self.physics, &tips, self.step);
@@ -331,6 +355,11 @@ impl World {
         self.grasp.as_ref()
     }
 
+    /// The fixed bodies and their contacts.
+    pub const fn fixtures(&self) -> Option<&Fixtures> {
+        self.fixtures.as_ref()
+    }
+
     /// The physics, for those who read it.
     pub const fn physics(&self) -> &PhysicsWorld {
         &self.physics
@@ -356,6 +385,9 @@ impl World {
         self.environment.begin_means();
         if let Some(grasp) = &mut self.grasp {
             grasp.begin_means();
+        }
+        if let Some(fixtures) = &mut self.fixtures {
+            fixtures.begin_means();
         }
     }
 
@@ -400,9 +432,7 @@ impl World {
 
     /// Where the body behind a joint is, in the frame of the base.
     pub(super) fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
-        let ([x, y, z], [i, j, k, w]) = self.body_pose(joint)?;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-        Some(Isometry3::from_parts(Translation3::new(x, y, z), turn))
+        Some(pose_of(self.physics.bodies.get(self.joints.get(joint)?.body)?))
     }
 
     /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z,

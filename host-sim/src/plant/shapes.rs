@@ -1,0 +1,33 @@
+//! Solids in the physics engine.
+
+use rapier3d::dynamics::CoefficientCombineRule;
+use rapier3d::geometry::{Collider, ColliderBuilder};
+use rapier3d::math::Vector;
+use rapier3d::na::Isometry3;
+use rapier3d::pipeline::ActiveHooks;
+
+use super::convert::{narrow, pose};
+
+/// A cuboid of the given extents [m].
+pub fn cuboid(size: [f64; 3]) -> ColliderBuilder {
+    let [x, y, z] = size.map(|extent| narrow(extent / 2.0));
+    ColliderBuilder::cuboid(x, y, z)
+}
+
+/// A cylinder along z. (Rapier's is along y.)
+pub fn cylinder(radius: f64, length: f64) -> ColliderBuilder {
+    ColliderBuilder::cylinder(narrow(length / 2.0), narrow(radius))
+        .rotation(Vector::X * core::f32::consts::FRAC_PI_2)
+}
+
+/// The solid at a place.
+pub fn placed(solid: ColliderBuilder, place: &Isometry3<f64>) -> ColliderBuilder {
+    let own = solid.position;
+    solid.position(pose(place) * own)
+}
+
+/// With a coefficient of friction; in a contact the larger one of both counts.
+pub fn with_friction(solid: ColliderBuilder, friction: f64) -> Collider {
+    let solid = solid.friction(narrow(friction)).friction_combine_rule(CoefficientCombineRule::Max);
+    solid.active_hooks(ActiveHooks::MODIFY_SOLVER_CONTACTS).build()
+}
