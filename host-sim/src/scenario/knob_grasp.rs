@@ -16,7 +16,7 @@ use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{Camera, CameraValues, Optics, Scene, View};
 use crate::controller::Controller;
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Drive, Fixture, FixtureShape, Plant, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
 use crate::report::{Figure, Metric, Summary};
 
@@ -111,13 +111,15 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let options = PlantOptions::mismatched(setting.seed);
+        let mut options = PlantOptions::mismatched(setting.seed);
         let plant = Plant::new(&robot.urdf, &drives, values, &options)?;
         let hand = plant.tips().iter().position(|tip| tip.link == "hand").unwrap_or(0);
         let gripper = robot.model.joints.iter().position(|joint| joint.name == "gripper").unwrap_or(0);
         let scene = Scene::draw(own);
         let start = hand_pose(&plant, hand, gripper);
         let door = base_in_door(&start, own).inverse();
+        options.fixtures = fixtures(&scene, &door);
+        let plant = Plant::new(&robot.urdf, &drives, values, &options)?;
         let plant = plant.under(setting.intervention.clone());
         motion.note("trial");
         let approach = Approach::new(approach_settings(camera));
@@ -327,6 +329,25 @@ fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     let screw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -plant.truth().positions[gripper]);
     Isometry3::from_parts(Translation3::from(tip.position), turn * screw)
+}
+
+/// Coefficient of friction of rubber on metal, and on the door.
+const FRICTION: f64 = 0.8;
+
+/// Door, rose and knob in the base frame.
+fn fixtures(scene: &Scene, door: &Isometry3<f64>) -> Vec<Fixture> {
+    let at = |x: f64, y: f64, z: f64| door * Isometry3::translation(x, y, z);
+    let (rose, knob) = (&scene.rose, &scene.knob);
+    let [height, width, thickness] = [2.0, 0.9, 0.05];
+    let middle = scene.door.side * (scene.door.edge - 0.5 * width);
+    let cylinder = |radius: f64, length: f64| FixtureShape::Cylinder { radius, length };
+    [
+        ("door", FixtureShape::Box { size: [height, width, thickness] }, at(0.0, middle, 0.5 * thickness)),
+        ("rose", cylinder(rose.radius, rose.thickness), at(0.0, 0.0, -0.5 * rose.thickness)),
+        ("knob", cylinder(knob.radius, knob.length), at(0.0, 0.0, -0.5 * knob.length)),
+    ]
+    .map(|(name, shape, pose)| Fixture { name: name.to_owned(), shape, pose, friction: FRICTION })
+    .into()
 }
 
 /// A base that is wrong by centimetres and degrees: its pose in the door frame.

@@ -22,7 +22,7 @@ const AT_GRIP: f32 = 2e-3;
 /// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it grips.
 const NEAR_GRIP: f32 = 0.015;
 /// The hand closes only when it knows the distance so well [m].
-const DEPTH_ERROR: f32 = 0.01;
+const DEPTH_ERROR: f32 = 0.015;
 /// Time that a grip is given to settle before it is tried [s].
 const SETTLING: f32 = 0.4;
 

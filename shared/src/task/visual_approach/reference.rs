@@ -186,6 +186,9 @@ fn wanted(
         velocity: Vector3::zeros(),
         acceleration: Vector3::zeros(),
     };
+    // A lower speed than the present one is reached by braking.
+    let speed = math::sqrt(velocity.norm_squared()) - limits.acceleration * TICK;
+    let limits = MotionLimits { speed: limits.speed.max(speed), ..*limits };
     let linear = velocity + limits.acceleration(&velocity, &motion) * TICK;
     let error = target.rotation.to_rotation_matrix().matrix() * tip.rotation.matrix().transpose();
     let angular = math::rotation_vector(&error) * TURNING;

@@ -1,1 +1,278 @@
+//! The behaviour before an imagined door: a hand that goes where it is sent, and a camera whose circles are worked
+//! out point by point.
 
+use nalgebra::Vector3;
+
+use super::*;
+use crate::vision::{Circle, HandEyeRow, HandEyeTable};
+
+const STEP: f32 = 0.02;
+/// Focal length [px], height of the camera above the axis and its distance behind the fingertips [m].
+const FOCAL: f32 = 140.0;
+const CAMERA: [f32; 2] = [0.05, 0.12];
+
+/// A rose seen by a camera without tilt from a hand at `hand`, whose axes are those of the door.
+fn seen(rose: &Vector3<f32>, radius: f32, hand: &Vector3<f32>) -> Circle {
+    let place = rose - hand;
+    let scale = FOCAL / (place.z + CAMERA[1]);
+    Circle {
+        center: [127.5 + scale * place.y, 119.5 + scale * (CAMERA[0] - place.x)],
+        radius: scale * radius,
+        semi_axes: [scale * radius; 2],
+        angle: 0.0,
+        confidence: 1.0,
+    }
+}
+
+fn settings() -> ApproachSettings {
+    let row = |distance: f32| {
+        let circle = seen(&Vector3::new(0.0, 0.0, distance), 0.04, &Vector3::zeros());
+        HandEyeRow { radius: circle.radius, center: circle.center, distance }
+    };
+    ApproachSettings {
+        table: HandEyeTable::try_new(0.04, 0.0, 0.0, &[row(0.3), row(0.1), row(0.02)]).expect("valid"),
+        expectation: RoseExpectation { radius: [0.035, 0.045], distance: [0.13, 0.28], aside: 0.06 },
+        grip_distance: 0.022,
+        guard_distance: 0.075,
+        tolerance: 0.004,
+        speed: 0.12,
+        near_speed: 0.05,
+        pull: 0.02,
+        retries: 2,
+        patience: 8.0,
+    }
+}
+
+/// A hand before a door with a knob of 25 mm radius that stands 56 mm off the rim of its rose.
+struct World {
+    approach: Approach,
+    rose: Vector3<f32>,
+    radius: f32,
+    has_knob: bool,
+    hand: Vector3<f32>,
+    target: Vector3<f32>,
+    speed: f32,
+    motion: HandMotion,
+    gripper: GripperState,
+    /// Time until the gripper has done what it does [s].
+    working: f32,
+    time: f32,
+    /// Of the noise.
+    random: u32,
+}
+
+impl World {
+    fn new() -> Self {
+        Self {
+            approach: Approach::new(settings()),
+            rose: Vector3::new(0.03, -0.04, 0.22),
+            radius: 0.043,
+            has_knob: true,
+            hand: Vector3::zeros(),
+            target: Vector3::zeros(),
+            speed: 0.1,
+            motion: HandMotion::Standing,
+            gripper: GripperState::Still,
+            working: 0.0,
+            time: 0.0,
+            random: 1,
+        }
+    }
+
+    /// From −1 to 1.
+    fn noise(&mut self) -> f32 {
+        self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f32::from((self.random >> 16) as u16) / 32_768.0 - 1.0
+    }
+
+    fn report(&self) -> VisualApproachTelemetry {
+        VisualApproachTelemetry {
+            hand: Pose { translation: self.hand.into(), rotation: [0.0, 0.0, 0.0, 1.0] },
+            latched: None,
+            motion: self.motion,
+            remaining: (self.target - self.hand).norm(),
+            force: [0.0; 3],
+            gripper: self.gripper,
+            opening: 0.0,
+        }
+    }
+
+    /// The rose, with errors of half a pixel.
+    fn rose_seen(&mut self) -> Circle {
+        let mut circle = seen(&self.rose, self.radius, &self.hand);
+        let noise = [self.noise(), self.noise(), self.noise()];
+        circle.center = [circle.center[0] + 0.5 * noise[0], circle.center[1] + 0.5 * noise[1]];
+        circle.radius += 0.5 * noise[2];
+        circle
+    }
+
+    /// Where the hand is before the knob: distance of the fingertips from the rim of the rose, and from the axis.
+    fn place(&self) -> [f32; 2] {
+        let place = self.rose - self.hand;
+        [place.z, (place.x * place.x + place.y * place.y).sqrt()]
+    }
+
+    /// Lets the behaviour run until it ends, with what the camera finds.
+    fn run(&mut self, mut camera: impl FnMut(&mut Self) -> Option<Circle>) -> Phase {
+        for step in 0..5000 {
+            let report = self.report();
+            let order = self.approach.update(&report, STEP);
+            if order.look && step % 5 == 0 {
+                let circle = camera(self);
+                self.approach.look(&report.hand, circle.as_ref());
+            }
+            if let Some(command) = order.command {
+                self.take(&command);
+            }
+            if matches!(self.approach.phase(), Phase::Done | Phase::Failed(_)) {
+                return self.approach.phase();
+            }
+            self.step();
+        }
+        panic!("the behaviour never ends: {:?}", self.approach.phase());
+    }
+
+    fn take(&mut self, command: &VisualApproachCommand) {
+        match *command {
+            VisualApproachCommand::Move { position, speed } => {
+                let target = Vector3::from(position);
+                if self.motion != HandMotion::Blocked || target != self.target {
+                    (self.target, self.speed, self.motion) = (target, speed, HandMotion::Moving);
+                }
+            }
+            VisualApproachCommand::Open
+                if !matches!(self.gripper, GripperState::Open | GripperState::Opening) =>
+            {
+                (self.gripper, self.working) = (GripperState::Opening, 0.3);
+            }
+            VisualApproachCommand::Close
+                if matches!(
+                    self.gripper,
+                    GripperState::Open | GripperState::Still | GripperState::Opening
+                ) =>
+            {
+                (self.gripper, self.working) = (GripperState::Closing, 0.5);
+            }
+            VisualApproachCommand::Stand => self.target = self.hand,
+            _ => {}
+        }
+    }
+
+    fn step(&mut self) {
+        self.time += STEP;
+        self.working -= STEP;
+        let [distance, aside] = self.place();
+        if self.working < 0.0 {
+            self.gripper = match self.gripper {
+                GripperState::Opening => GripperState::Open,
+                GripperState::Closing if self.has_knob && distance < 0.045 && aside < 0.02 => {
+                    GripperState::Holding
+                }
+                GripperState::Closing => GripperState::Empty,
+                other => other,
+            };
+        }
+        if self.motion != HandMotion::Moving {
+            return;
+        }
+        let way = self.target - self.hand;
+        if self.gripper == GripperState::Holding && way.norm() > 1e-3 {
+            self.motion = HandMotion::Blocked;
+            return;
+        }
+        let step = self.speed * STEP;
+        if way.norm() <= step {
+            (self.hand, self.motion) = (self.target, HandMotion::Standing);
+        } else {
+            self.hand += way * (step / way.norm());
+        }
+        // The open fingers go past a knob that is within 20 mm of their middle, and the palm not into the door.
+        let [distance, aside] = self.place();
+        assert!(distance > 0.0, "the fingers are in the door");
+        assert!(
+            !self.has_knob || distance > 0.056 || aside < 0.02,
+            "the fingers are in the knob: {aside} m aside"
+        );
+    }
+}
+
+#[test]
+fn the_knob_is_held_within_ten_seconds() {
+    let mut world = World::new();
+    let phase = world.run(|world| Some(world.rose_seen()));
+    assert_eq!(phase, Phase::Done);
+    assert!(world.time < 10.0, "{} s", world.time);
+    let [distance, aside] = world.place();
+    assert!((0.01..0.035).contains(&distance) && aside < 3e-3, "{distance} m, {aside} m aside");
+    let rose = world.approach.rose().expect("known");
+    assert!((rose.radius() - 0.043).abs() < 1.5e-3, "{} m", rose.radius());
+}
+
+#[test]
+fn circles_of_the_knob_in_place_of_the_rose_do_not_mislead() {
+    let mut world = World::new();
+    let phase = world.run(|world| {
+        if world.noise() < -0.6 {
+            let end = world.rose - Vector3::new(0.0, 0.0, 0.056);
+            Some(seen(&end, 0.025, &world.hand))
+        } else {
+            Some(world.rose_seen())
+        }
+    });
+    assert_eq!((phase, world.approach.tries()), (Phase::Done, 0));
+}
+
+#[test]
+fn where_there_is_no_rose_the_hand_stays() {
+    let mut world = World::new();
+    assert_eq!(world.run(|_| None), Phase::Failed(Reason::NotFound));
+    assert!(world.hand.norm() < 1e-6);
+}
+
+#[test]
+fn circles_that_jump_about_lead_nowhere() {
+    let mut world = World::new();
+    let phase = world.run(|world| {
+        let center = [127.5 + 100.0 * world.noise(), 119.5 + 100.0 * world.noise()];
+        let radius = 19.0 + 5.0 * world.noise();
+        Some(Circle { center, radius, ..seen(&world.rose, world.radius, &world.hand) })
+    });
+    assert!(matches!(phase, Phase::Failed(Reason::NotFound | Reason::Lost)), "{phase:?}");
+}
+
+#[test]
+fn a_rose_that_is_lost_is_looked_for_from_where_the_hand_began() {
+    let mut world = World::new();
+    let mut hidden_at = None;
+    let phase = world.run(|world| {
+        // Someone stands before it for four seconds.
+        if world.place()[0] < 0.15 && hidden_at.is_none() {
+            hidden_at = Some(world.time);
+        }
+        let hidden = hidden_at.is_some_and(|begin| world.time < begin + 4.0);
+        if hidden { None } else { Some(world.rose_seen()) }
+    });
+    assert_eq!((phase, world.approach.tries()), (Phase::Done, 1));
+}
+
+#[test]
+fn a_knob_that_is_not_there_is_not_held() {
+    let mut world = World { has_knob: false, ..World::new() };
+    let phase = world.run(|world| Some(world.rose_seen()));
+    assert_eq!(phase, Phase::Failed(Reason::NotHeld));
+    assert_eq!(world.approach.tries(), 3);
+    // Back where it began.
+    assert!(world.hand.norm() < 0.011, "{:?}", world.hand);
+}
+
+#[test]
+fn what_the_hand_runs_into_ends_the_try() {
+    let mut world = World::new();
+    let phase = world.run(|world| {
+        if world.place()[0] < 0.15 && world.motion == HandMotion::Moving && world.target.z > world.hand.z {
+            world.motion = HandMotion::Blocked;
+        }
+        Some(world.rose_seen())
+    });
+    assert_eq!(phase, Phase::Failed(Reason::Blocked));
+}
