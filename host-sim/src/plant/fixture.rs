@@ -133,7 +133,7 @@ struct Touch {
     body: RigidBodyHandle,
     fixed: ColliderHandle,
     moving: ColliderHandle,
-    /// Pose of the moving body when they last slid or parted; `None` while they do not touch.
+    /// Pose of the moving body when they met, or when it last slid; `None` while they do not touch.
     stuck_at: Option<Isometry3<f64>>,
     /// Sum of the forces on the fixed body since the last [`Fixtures::begin_means`] [N], and number of
     /// sub-steps.

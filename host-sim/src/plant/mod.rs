@@ -28,8 +28,15 @@
 //!
 //! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
-//! again as a constraint. Only the object touches anything: links and tips pass through each other and
-//! through the support.
+//! again as a constraint.
+//!
+//! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
+//! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes and
+//! capsules touch nothing. [`Plant::fixture_contacts`] has the forces. The direction of sliding friction can
+//! be off by 0.1 rad, its size is Coulomb's.
+//!
+//! Nothing else touches: links and tips pass through each other and through the object's support, and the
+//! object through fixed bodies.
 //!
 //! # Walls, holds, pushes
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a

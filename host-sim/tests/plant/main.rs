@@ -15,6 +15,7 @@ mod contact;
 mod contact_motion;
 mod environment;
 mod errors;
+mod fixtures;
 mod force;
 mod friction;
 mod grip;
