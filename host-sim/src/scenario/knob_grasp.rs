@@ -4,7 +4,7 @@ use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3}
 use tesaki::control::ServoMode;
 use tesaki::task::TaskConfig;
 use tesaki::task::visual_approach::{
-    Approach, ApproachSettings, GripperSettings, HandMotion, Phase, RoseExpectation, VisualApproachCommand,
+    Approach, ApproachSettings, GripperSettings, HandMotion, KnobExpectation, Phase, VisualApproachCommand,
     VisualApproachSettings, VisualApproachTelemetry,
 };
 use tesaki::vision::{CameraBuffers, Circle, HandEyeRow, HandEyeTable, Image, find_circle};
@@ -56,6 +56,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut summary = summary;
     for trial in 0..TRIALS {
+        if std::env::var("KNOBT").is_ok_and(|one| one != trial.to_string()) {
+            continue;
+        }
         let own = setting.seed.wrapping_add((trial as u64 + 1) << 32);
         let mut run = Trial::begin(setting, &robot, &values, &camera, own, &mut motion)?;
         let log = run.go()?;
@@ -304,9 +307,13 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         if std::env::var("KNOB2").is_ok() {
             let truth = self.scene.truth(&self.camera, &(hand * self.mount), &fingers).rose;
             eprintln!(
-                "  z {:.0} truth {:?} found {:?}",
+                "  z {:.0} truth {:.1?} knob {:.1?} found {:.1?}",
                 hand.translation.z * 1e3,
                 truth.map(|t| (t.center, t.radius, t.visible)),
+                self.scene
+                    .truth(&self.camera, &(hand * self.mount), &fingers)
+                    .knob
+                    .map(|t| (t.center, t.radius)),
                 found.map(|f| (f.center, f.radius))
             );
         }
@@ -370,7 +377,7 @@ fn board_settings(gripper: u8) -> VisualApproachSettings {
         servo_mode: ServoMode::Pid,
         speed: 0.15,
         acceleration: 0.5,
-        contact_force: 20.0,
+        contact_force: 18.0,
         reach: 0.5,
     }
 }
@@ -389,7 +396,13 @@ fn approach_settings(camera: &CameraValues) -> ApproachSettings {
     let rows: Vec<HandEyeRow> = (0..8).map(|i| row(0.30 - 0.04 * f64::from(i))).collect();
     ApproachSettings {
         table: HandEyeTable::try_new(0.04, camera.tilt as f32, 0.0, &rows).unwrap(),
-        expectation: RoseExpectation { radius: [0.035, 0.045], distance: [0.13, 0.28], aside: 0.06 },
+        expectation: KnobExpectation {
+            rose: [0.035, 0.045],
+            radius: 0.025,
+            length: 0.056,
+            distance: [0.13, 0.28],
+            aside: 0.06,
+        },
         grip_distance: 0.022,
         guard_distance: 0.075,
         tolerance: 0.004,

@@ -13,6 +13,8 @@ const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that overcomes stiction, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u16 = 3;
+/// Of the effort that overcomes stiction, by which the effort has changed since the angle did when the encoder is dead.
+const GROWN: f32 = 0.25;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -308,7 +310,10 @@ impl Joint<'_> {
             }
             _ => (state.effort, config.breakaway),
         };
-        state.unchanged = if abs(effort) > breakaway { state.unchanged.saturating_add(1) } else { 0 };
+        // An error of the model may hold the joint where it stands: the effort has grown since.
+        let is_driven =
+            abs(effort) > breakaway && abs(state.effort - state.moving_effort) > GROWN * breakaway;
+        state.unchanged = if is_driven { state.unchanged.saturating_add(1) } else { 0 };
         if state.unchanged >= STUCK_TICKS {
             return Some((FaultCause::EncoderStuck, effort, breakaway));
         }

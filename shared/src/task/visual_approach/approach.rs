@@ -3,11 +3,11 @@
 use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::rose::{RoseEstimate, RoseExpectation};
+use super::rose::{KnobExpectation, Rim, RoseEstimate};
 use super::{GripperState, HandMotion, VisualApproachCommand, VisualApproachTelemetry};
 use crate::math::{abs, sqrt};
 use crate::model::Pose;
-use crate::vision::{Circle, CircleSearch, HandEyeTable};
+use crate::vision::{Circle, CircleSearch, HandEyeTable, Window};
 
 /// Circles that are compared at the begin, and of these, as many must agree.
 const FIRST_LOOKS: usize = 7;
@@ -15,12 +15,19 @@ const AGREEING: usize = 4;
 /// They agree when their centres are this near, and their radii by this share [px; 1].
 const SAME_CENTER: f32 = 4.0;
 const SAME_RADIUS: f32 = 0.12;
+/// One explanation of the circles is right when the other one costs so much more.
+const DECIDED: f32 = 15.0;
+/// Standing before what may be the knob, the likelier explanation is taken for right after this time [s].
+const DECISION_TIME: f32 = 0.7;
 /// Pictures in a row without the circle, after which it is lost.
 const LOST: u8 = 15;
 /// Arrived at the place to grip: way left [m].
 const AT_GRIP: f32 = 2e-3;
 /// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it grips.
 const NEAR_GRIP: f32 = 0.015;
+/// From where the rose is looked for in further tries, in the frame of the hand at the begin [m]: reflections and shadows
+/// are others there.
+const VIEWS: [[f32; 3]; 4] = [[0.03, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [-0.02, 0.0, 0.0]];
 /// The hand closes only when it knows the distance so well [m].
 const DEPTH_ERROR: f32 = 0.015;
 /// Time that a grip is given to settle before it is tried [s].
@@ -31,8 +38,8 @@ const SETTLING: f32 = 0.4;
 pub struct ApproachSettings {
     /// What the camera sees of a rose straight before the hand.
     pub table: HandEyeTable,
-    /// What is known of the rose at the begin.
-    pub expectation: RoseExpectation,
+    /// What is known of the knob at the begin.
+    pub expectation: KnobExpectation,
     /// Distance of the hand frame from the rim of the rose at which the gripper closes [m].
     pub grip_distance: f32,
     /// The hand comes no nearer to the rim until it is centred [m]: the length of the knob, and a margin.
@@ -123,9 +130,12 @@ pub struct Approach {
     home: Option<Isometry3<f32>>,
     /// The first circles of a try.
     first: Vec<(Isometry3<f32>, Circle), FIRST_LOOKS>,
-    rose: Option<RoseEstimate>,
+    /// What the circles may be: the likelier one first.
+    rose: Vec<RoseEstimate, 2>,
     /// Pictures in a row without the circle.
     missed: u8,
+    /// For how long the hand has been standing [s].
+    standing: f32,
     /// Tries so far.
     tries: u8,
     /// Why the last try ended.
@@ -143,8 +153,9 @@ impl Approach {
             time: 0.0,
             home: None,
             first: Vec::new(),
-            rose: None,
+            rose: Vec::new(),
             missed: 0,
+            standing: 0.0,
             tries: 0,
             reason: Reason::NotFound,
             goal: Vector3::new(0.0, 0.0, 0.0),
@@ -157,8 +168,8 @@ impl Approach {
     }
 
     /// Where the rose is, once it was found.
-    pub const fn rose(&self) -> Option<&RoseEstimate> {
-        self.rose.as_ref()
+    pub fn rose(&self) -> Option<&RoseEstimate> {
+        self.rose.first()
     }
 
     /// Tries that have ended without success.
@@ -170,33 +181,51 @@ impl Approach {
     pub fn search(&self, hand: &Pose) -> CircleSearch {
         let (table, expectation) = (&self.settings.table, &self.settings.expectation);
         let hand = isometry(hand);
-        if let Some(rose) = &self.rose {
-            return rose.search(table, expectation, &hand);
+        // Undecided, each explanation may be the right one.
+        let searches = self.rose.iter().map(|rose| rose.search(table, expectation, &hand));
+        if let Some(search) = searches.reduce(|one, other| union(&one, &other)) {
+            return search;
         }
         let expected = RoseEstimate::expected(expectation, &hand).search(table, expectation, &hand);
         let radius = |distance: f32, radius: f32| table.appearance(&[0.0, 0.0, distance], radius).1;
-        let ([near, far], [small, large]) = (expectation.distance, expectation.radius);
+        let ([near, far], [small, large]) = (expectation.distance, expectation.rose);
         CircleSearch { radius: [radius(far, small), radius(near, large)], window: None, ..expected }
     }
 
     /// Takes what was found in a picture from `hand`.
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
         let hand = isometry(hand);
-        if let Some(rose) = &mut self.rose {
-            let fits = circle.is_some_and(|circle| rose.update(&self.settings.table, &hand, circle));
-            self.missed = if fits { 0 } else { self.missed.saturating_add(1) };
+        if self.rose.is_empty() {
+            let Some(circle) = circle.filter(|_| self.phase == Phase::Look) else { return };
+            if self.first.is_full() {
+                self.first.remove(0);
+            }
+            let _ = self.first.push((hand, *circle));
+            self.begin_estimates();
             return;
         }
-        let Some(circle) = circle.filter(|_| self.phase == Phase::Look) else { return };
-        if self.first.is_full() {
-            self.first.remove(0);
+        let ApproachSettings { table, expectation, .. } = &self.settings;
+        let mut fits = false;
+        if let Some(circle) = circle {
+            for (index, rose) in self.rose.iter_mut().enumerate() {
+                fits |= rose.update(table, expectation, &hand, circle).is_some() && index == 0;
+            }
         }
-        let _ = self.first.push((hand, *circle));
-        self.begin_estimate();
+        self.missed = if fits { 0 } else { self.missed.saturating_add(1) };
+        if let [one, other] = &*self.rose {
+            let ahead = other.cost() - one.cost();
+            if ahead < 0.0 {
+                self.rose.swap(0, 1);
+            }
+            if abs(ahead) > DECIDED {
+                self.rose.truncate(1);
+            }
+        }
     }
 
-    /// Begins with the largest group of first circles that agree, once there are enough.
-    fn begin_estimate(&mut self) {
+    /// Begins with the largest group of first circles that agree, once there are enough: they are the rose, or all the
+    /// end of the knob.
+    fn begin_estimates(&mut self) {
         let agree = |one: &Circle, other: &Circle| {
             (0..2).all(|axis| abs(one.center[axis] - other.center[axis]) < SAME_CENTER)
                 && abs(one.radius - other.radius) < SAME_RADIUS * one.radius
@@ -206,19 +235,21 @@ impl Approach {
         if group(middle) < AGREEING {
             return;
         }
-        let mut rose = RoseEstimate::expected(&self.settings.expectation, hand);
-        let mut taken = 0;
-        for (hand, circle) in self.first.iter().filter(|(_, circle)| agree(middle, circle)) {
-            taken += usize::from(rose.update(&self.settings.table, hand, circle));
+        let ApproachSettings { table, expectation, .. } = &self.settings;
+        for rim in [Rim::Rose, Rim::Knob] {
+            let mut rose = RoseEstimate::expected(expectation, hand);
+            for (hand, circle) in self.first.iter().filter(|(_, circle)| agree(middle, circle)) {
+                rose.assume(table, expectation, hand, circle, rim);
+            }
+            let _ = self.rose.push(rose);
         }
-        if taken >= AGREEING {
-            (self.rose, self.missed) = (Some(rose), 0);
-        }
+        self.missed = 0;
     }
 
     /// Advances by `elapsed` [s] since the last call, with the board's newest report.
     pub fn update(&mut self, report: &VisualApproachTelemetry, elapsed: f32) -> Order {
         self.time += elapsed;
+        self.standing += elapsed;
         let hand = isometry(&report.hand);
         let home = *self.home.get_or_insert(hand);
         if self.time > self.settings.patience && !matches!(self.phase, Phase::Done | Phase::Failed(_)) {
@@ -231,7 +262,8 @@ impl Approach {
             Phase::Grip => self.grip(report, &hand, &home),
             Phase::Verify => self.verify(report, &home),
             Phase::Retreat => self.retreat(report, &hand),
-            Phase::Done | Phase::Failed(_) => Order { command: None, look: false },
+            Phase::Done => Order { command: None, look: false },
+            Phase::Failed(_) => Order { command: Some(VisualApproachCommand::Stand), look: false },
         }
     }
 
@@ -243,7 +275,8 @@ impl Approach {
     fn retry(&mut self, reason: Reason, home: &Isometry3<f32>) {
         self.tries = self.tries.saturating_add(1);
         self.reason = reason;
-        self.goal = home.translation.vector;
+        let [x, y, z] = VIEWS[usize::from(self.tries - 1) % VIEWS.len()];
+        self.goal = (home * Point3::new(x, y, z)).coords;
         if self.phase == Phase::Retreat {
             self.enter(Phase::Failed(reason));
         } else {
@@ -252,7 +285,7 @@ impl Approach {
     }
 
     fn begin_motion(&mut self, report: &VisualApproachTelemetry) -> Order {
-        if self.rose.is_some() && report.gripper == GripperState::Open {
+        if !self.rose.is_empty() && report.gripper == GripperState::Open {
             self.enter(Phase::Center);
         }
         Order { command: Some(VisualApproachCommand::Open), look: true }
@@ -265,18 +298,29 @@ impl Approach {
         home: &Isometry3<f32>,
     ) -> Order {
         let wait = Order { command: None, look: true };
+        if report.motion != HandMotion::Standing {
+            self.standing = 0.0;
+        } else if self.standing > DECISION_TIME {
+            self.rose.truncate(1);
+        }
         let ApproachSettings { grip_distance, guard_distance, tolerance, .. } = self.settings;
-        let Some(rose) = &self.rose else { return wait };
+        let Some(rose) = self.rose.first() else { return wait };
         let seen = hand.inverse_transform_point(&rose.place());
         let distance = seen.z;
         let aside = sqrt(seen.x * seen.x + seen.y * seen.y);
         let ahead = home.rotation * Vector3::z();
         let is_known = rose.deviation(&ahead) < DEPTH_ERROR;
-        let may_advance = aside < tolerance && is_known;
+        let may_advance = aside < tolerance && is_known && self.rose.len() == 1;
         // Once beside the knob, the hand stays there.
         let is_beside = distance < guard_distance - tolerance;
         let stop = if may_advance || is_beside { grip_distance } else { guard_distance };
-        let place = rose.place();
+        // Until it is decided what the circles are, the hand does not come too near to either.
+        let nearest = self
+            .rose
+            .iter()
+            .map(|rose| hand.inverse_transform_point(&rose.place()).z)
+            .fold(distance, f32::min);
+        let place = rose.place() - ahead * (distance - nearest);
         if self.missed >= LOST && !is_beside {
             self.retry(Reason::Lost, home);
             return wait;
@@ -366,13 +410,18 @@ impl Approach {
         if !matches!(report.gripper, GripperState::Open) {
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
+        // What it has hit ends a motion for good; another one may go on.
+        if report.motion == HandMotion::Blocked {
+            return Order { command: Some(VisualApproachCommand::Stand), look: false };
+        }
         let left = sqrt((hand.translation.vector - self.goal).norm_squared());
         if left < 0.01 {
             if self.tries > self.settings.retries {
                 self.enter(Phase::Failed(self.reason));
                 return Order { command: Some(VisualApproachCommand::Stand), look: false };
             }
-            (self.rose, self.missed) = (None, 0);
+            self.rose.clear();
+            self.missed = 0;
             self.first.clear();
             self.enter(Phase::Look);
             return Order { command: None, look: true };
@@ -383,6 +432,16 @@ impl Approach {
             look: false,
         }
     }
+}
+
+/// A search that finds what either finds.
+fn union(one: &CircleSearch, other: &CircleSearch) -> CircleSearch {
+    let radius = [one.radius[0].min(other.radius[0]), one.radius[1].max(other.radius[1])];
+    let window = one.window.zip(other.window).map(|(one, other)| {
+        let distance = |axis: usize| abs(one.center[axis] - other.center[axis]);
+        Window { center: one.center, reach: one.reach.max(other.reach + distance(0).max(distance(1))) }
+    });
+    CircleSearch { radius, window, ..*one }
 }
 
 /// A pose of the wire.

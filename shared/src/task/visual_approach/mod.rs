@@ -41,7 +41,7 @@ use contact::ContactEstimate;
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
 use reference::{Arm, Step, angles, pose};
-pub use rose::{RoseEstimate, RoseExpectation};
+pub use rose::{KnobExpectation, Rim, RoseEstimate};
 pub use settings::{ApproachField, GripperSettings, VisualApproachRefusal, VisualApproachSettings};
 
 /// The hand has arrived within this distance [m].
@@ -194,7 +194,7 @@ impl Task for VisualApproach {
             }
             VisualApproachCommand::Stand => {
                 self.target = self.reference(&io).translation.vector.into();
-                self.commanded = self.target;
+                (self.commanded, self.motion) = (self.target, HandMotion::Moving);
             }
             VisualApproachCommand::Open => self.gripper.open(),
             VisualApproachCommand::Close => self.gripper.close(),
@@ -207,7 +207,8 @@ impl Task for VisualApproach {
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return Ok(()) };
         let measured = arm.posture(&io.measured.positions);
-        let force = self.contact.update(&arm, &measured, io.efforts, self.settings.contact_force);
+        let stands = self.motion == HandMotion::Standing;
+        let force = self.contact.update(&arm, &measured, io.efforts, stands, self.settings.contact_force);
         self.force = force.into();
         let target = Isometry3::from_parts(Translation3::from(self.target), rotation(&self.begin.rotation));
         let limits = MotionLimits { speed: self.speed, acceleration: self.settings.acceleration };

