@@ -28,6 +28,9 @@ const NEAR_GRIP: f32 = 0.015;
 /// From where the rose is looked for in further tries, in the frame of the hand at the begin [m]: reflections and shadows
 /// are others there.
 const VIEWS: [[f32; 3]; 4] = [[0.03, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [-0.02, 0.0, 0.0]];
+/// When nothing was between the fingers, the hand goes on by as much, so often [m].
+const DEEPER: f32 = 0.02;
+const DEEPER_TRIES: u8 = 2;
 /// The hand closes only when it knows the distance so well [m].
 const DEPTH_ERROR: f32 = 0.015;
 /// Time that a grip is given to settle before it is tried [s].
@@ -138,6 +141,8 @@ pub struct Approach {
     standing: f32,
     /// Tries so far.
     tries: u8,
+    /// How often the hand has gone on in this try, because nothing was between the fingers.
+    deeper: u8,
     /// Why the last try ended.
     reason: Reason,
     /// Where the hand pulls to, or goes back to.
@@ -157,6 +162,7 @@ impl Approach {
             missed: 0,
             standing: 0.0,
             tries: 0,
+            deeper: 0,
             reason: Reason::NotFound,
             goal: Vector3::new(0.0, 0.0, 0.0),
         }
@@ -284,6 +290,16 @@ impl Approach {
         }
     }
 
+    /// The knob was not held: it may be farther than it seems.
+    fn miss(&mut self, home: &Isometry3<f32>) {
+        if self.deeper < DEEPER_TRIES && self.rose.len() == 1 {
+            self.deeper += 1;
+            self.enter(Phase::Advance);
+        } else {
+            self.retry(Reason::NotHeld, home);
+        }
+    }
+
     fn begin_motion(&mut self, report: &VisualApproachTelemetry) -> Order {
         if !self.rose.is_empty() && report.gripper == GripperState::Open {
             self.enter(Phase::Center);
@@ -303,8 +319,12 @@ impl Approach {
         } else if self.standing > DECISION_TIME {
             self.rose.truncate(1);
         }
-        let ApproachSettings { grip_distance, guard_distance, tolerance, .. } = self.settings;
+        let ApproachSettings { guard_distance, tolerance, .. } = self.settings;
+        let grip_distance = self.settings.grip_distance - f32::from(self.deeper) * DEEPER;
         let Some(rose) = self.rose.first() else { return wait };
+        if report.gripper != GripperState::Open {
+            return Order { command: Some(VisualApproachCommand::Open), look: true };
+        }
         let seen = hand.inverse_transform_point(&rose.place());
         let distance = seen.z;
         let aside = sqrt(seen.x * seen.x + seen.y * seen.y);
@@ -326,7 +346,7 @@ impl Approach {
             return wait;
         }
         match report.motion {
-            HandMotion::Blocked if distance < grip_distance + NEAR_GRIP => {
+            HandMotion::Blocked if distance < self.settings.grip_distance + NEAR_GRIP => {
                 self.enter(Phase::Grip);
                 return Order { command: Some(VisualApproachCommand::Close), look: false };
             }
@@ -369,7 +389,7 @@ impl Approach {
         home: &Isometry3<f32>,
     ) -> Order {
         match report.gripper {
-            GripperState::Empty => self.retry(Reason::NotHeld, home),
+            GripperState::Empty => self.miss(home),
             GripperState::Holding if self.time > SETTLING => {
                 self.goal = hand.translation.vector - home.rotation * Vector3::z() * self.settings.pull;
                 self.enter(Phase::Verify);
@@ -388,7 +408,7 @@ impl Approach {
             look: false,
         };
         if report.gripper != GripperState::Holding {
-            self.retry(Reason::NotHeld, home);
+            self.miss(home);
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
         let went = sqrt((Vector3::from(report.hand.translation) - self.goal).norm_squared());
@@ -398,7 +418,7 @@ impl Approach {
                 Order { command: None, look: false }
             }
             HandMotion::Standing if went < 0.3 * self.settings.pull => {
-                self.retry(Reason::NotHeld, home);
+                self.miss(home);
                 Order { command: Some(VisualApproachCommand::Open), look: false }
             }
             _ => pull,
@@ -421,7 +441,7 @@ impl Approach {
                 return Order { command: Some(VisualApproachCommand::Stand), look: false };
             }
             self.rose.clear();
-            self.missed = 0;
+            (self.missed, self.deeper) = (0, 0);
             self.first.clear();
             self.enter(Phase::Look);
             return Order { command: None, look: true };
