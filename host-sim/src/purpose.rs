@@ -30,6 +30,7 @@ pub(crate) enum Purpose {
     HandView = 21,
     ImageNoise = 22,
     CircleSearch = 23,
+    CalibrationViews = 24,
 }
 
 impl Purpose {
