@@ -117,6 +117,9 @@ struct RenderKnob {
     /// knob-SEED.csv with the pose of the hand in the frame of the door
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     views: Option<u32>,
+    /// In place of knob and rose a black disc on white paper, 40 mm in radius
+    #[arg(long)]
+    disc: bool,
     /// Without blur, noise and vignetting
     #[arg(long)]
     ideal: bool,
@@ -317,7 +320,7 @@ fn render_knob(options: &RenderKnob) -> Result<(), Box<dyn Error>> {
     for seed in options.seed.clone() {
         let door = Door {
             seed,
-            scene: Scene::draw(seed),
+            scene: if options.disc { Scene::draw(seed).with_disc() } else { Scene::draw(seed) },
             optics: if options.ideal { Optics::ideal(0.3) } else { Optics::draw(seed) },
             values,
             out: &options.out,

@@ -22,9 +22,9 @@ const POSE: [&str; 7] = ["x", "y", "z", "qx", "qy", "qz", "qw"];
 const CIRCLE: [&str; 3] = ["u", "v", "radius"];
 /// What the first search leaves open about a radius, over the radius that the distance gives.
 const FIRST_REACH: f32 = 0.3;
-/// What the second search leaves open about radius and centre, over the radius.
-const SECOND_REACH: f32 = 0.15;
-/// What it leaves open about the direction of the axis [rad].
+/// What the later searches leave open about radius and centre, over the radius.
+const REACHES: [f32; 2] = [0.15, 0.07];
+/// What they leave open about the direction of the axis [rad].
 const AXIS_REACH: f32 = 0.03;
 /// The finder takes no smaller radius, and no larger one over the longer side [px].
 const RADII: [f32; 2] = [5.0, 0.75];
@@ -158,7 +158,7 @@ fn calibrate(
     Ok(found)
 }
 
-/// Finds the circles in the pictures, twice: the second time where the camera of the first one expects them. Also
+/// Finds the circles in the pictures, first anywhere, then where the camera of the search before expects them. Also
 /// returns the rows without a circle.
 fn of_pictures(
     options: &Options,
@@ -183,31 +183,35 @@ fn of_pictures(
         Some(Known { radius, ..Known::default() })
     };
     let (circles, _) = search(table, &views, first)?;
-    let guess = calibrate(table, poses, &circles, &settings).map_err(|error| match error {
+    let mut found = calibrate(table, poses, &circles, &settings).map_err(|error| match error {
         Failure::Other(message) if args.focal.is_none() || table.column("distance").is_none() => {
             let hint = "a column distance and --focal help to find the plate in the pictures";
             Failure::Other(format!("{message}\n{hint}"))
         }
         error => error,
     })?;
-    let second = |view: &View| {
-        let (position, orientation) = poses[view.row];
-        let seen = guess.appearance(position, orientation)?;
-        let radius = single(seen.radius);
-        let [[u, v], axis] = [seen.center, seen.axis].map(|place| place.map(single));
-        let is_inside = u >= 0.0 && v >= 0.0 && u < narrow(size[0] - 1) && v < narrow(size[1] - 1);
-        let reach = (SECOND_REACH * radius).max(3.0);
-        Some(Known {
-            radius: Some(around(radius, SECOND_REACH)?),
-            window: is_inside.then_some([u, v, reach]),
-            axis: Some([axis[0], axis[1], AXIS_REACH * single(guess.camera.focal)]),
-        })
-    };
-    let (circles, skipped) = search(table, &views, second)?;
+    let mut skipped = Vec::new();
+    for reach in REACHES {
+        let expected = |view: &View| {
+            let (position, orientation) = poses[view.row];
+            let seen = found.appearance(position, orientation)?;
+            let radius = single(seen.radius);
+            let [[u, v], axis] = [seen.center, seen.axis].map(|place| place.map(single));
+            let is_inside = u >= 0.0 && v >= 0.0 && u < narrow(size[0] - 1) && v < narrow(size[1] - 1);
+            Some(Known {
+                radius: Some(around(radius, reach)?),
+                window: is_inside.then_some([u, v, (reach * radius).max(2.0)]),
+                axis: Some([axis[0], axis[1], AXIS_REACH * single(found.camera.focal)]),
+            })
+        };
+        let (circles, without) = search(table, &views, expected)?;
+        found = calibrate(table, poses, &circles, &settings)?;
+        skipped = without;
+    }
     for row in &skipped {
         output::notice(options, &format!("{}: no circle found; skipped", place(table, *row)));
     }
-    Ok((calibrate(table, poses, &circles, &settings)?, skipped))
+    Ok((found, skipped))
 }
 
 /// Reads the pictures.
