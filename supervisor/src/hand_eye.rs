@@ -181,8 +181,9 @@ pub enum HandEyeFailure {
     },
     /// The rows contradict each other.
     #[error(
-        "the circles do not fit one rose that stands still: {rejected} of {of} do not, and the others are {noise:.1} px \
-         off; are positions in metres, quaternions x, y, z, w, the radius of the rose and the size of the picture right?"
+        "the circles do not fit one rose that stands still: {noise:.1} px off (root mean square), and {rejected} of {of} \
+         left out; are positions in metres, quaternions x, y, z, w, the radius of the rose and the size of the picture \
+         right?"
     )]
     NoFit {
         /// Rows that do not fit the others.
