@@ -418,11 +418,12 @@ impl HandEye {
         text
     }
 
-    /// The content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads.
-    pub fn to_toml(&self) -> String {
-        let mut text = String::from(
-            "# What the camera in the hand sees of a rose straight before the hand, by `tesaki calibrate camera`.\n",
-        );
+    /// The content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads. `source`: where the circles come
+    /// from, in a line.
+    pub fn to_toml(&self, source: &str) -> String {
+        let mut text =
+            String::from("# What the camera in the hand sees of a rose straight before the hand.\n");
+        let _ = writeln!(text, "# By `tesaki calibrate camera` from {}:", source.escape_debug());
         for line in self.summary().lines() {
             let _ = writeln!(text, "# {line}");
         }

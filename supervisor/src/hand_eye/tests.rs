@@ -169,7 +169,7 @@ fn the_table_tells_where_a_rose_before_the_hand_is() {
     }
     // The file is read as it was written.
     let (read, findings) =
-        tesaki_description::hand_eye::check(std::path::Path::new("hand_eye.toml"), &found.to_toml());
+        tesaki_description::hand_eye::check(std::path::Path::new("hand_eye.toml"), &found.to_toml("a\ntest"));
     let read = read.unwrap_or_else(|| panic!("{findings:?}"));
     let place = [0.01, -0.02, 0.15];
     let [(one, radius), (other, other_radius)] = [&table, &read].map(|table| table.appearance(&place, 0.04));

@@ -79,7 +79,7 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
         }
     };
     found.table().map_err(|error| Failure::Other(format!("not calibrated: {error}")))?;
-    std::fs::write(out, found.to_toml()).map_err(Failure::file(out))?;
+    std::fs::write(out, found.to_toml(&args.input.display().to_string())).map_err(Failure::file(out))?;
     report(options, &table, &found, &skipped, out)
 }
 
