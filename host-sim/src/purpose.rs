@@ -30,7 +30,8 @@ pub(crate) enum Purpose {
     HandView = 21,
     ImageNoise = 22,
     CircleSearch = 23,
-    BasePlace = 24,
+    CalibrationViews = 24,
+    BasePlace = 25,
 }
 
 impl Purpose {

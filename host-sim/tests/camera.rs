@@ -25,8 +25,12 @@ fn distance([x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
     (x - u).hypot(y - v)
 }
 
+fn folder() -> std::path::PathBuf {
+    std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
+}
+
 fn robot() -> CameraValues {
-    CameraValues::load(&std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")).unwrap()
+    CameraValues::load(&folder()).unwrap()
 }
 
 #[test]
@@ -169,4 +173,36 @@ fn a_wrong_camera_file_says_what_and_where() {
     assert!(load("size = 3").contains("line 1"), "{}", load("size = 3"));
     let missing = CameraValues::load(&folder.path().join("none")).unwrap_err().to_string();
     assert!(missing.contains("has a camera.toml in its folder"), "{missing}");
+}
+
+/// Knob section 4.5 needs the place of the rose in millimetres.
+#[test]
+fn the_calibrated_table_of_the_arm_is_that_of_its_camera() {
+    let table = tesaki_description::hand_eye::load(&folder()).unwrap();
+    let values = robot();
+    let (mut largest_center, mut largest_place) = (0.0_f64, 0.0_f64);
+    for step in 0..=28 {
+        let distance = 0.02 + 0.01 * f64::from(step);
+        for rose in [0.035, 0.04, 0.045] {
+            let circle = Circle::about_z(distance, rose).transformed(&values.mount().inverse());
+            let truth = circle.image(&values.camera()).unwrap();
+            let place = [0.0, 0.0, distance as f32];
+            let (center, radius) = table.appearance(&place, rose as f32);
+            largest_center = largest_center.max(self::distance(center.map(f64::from), truth.center));
+            largest_center = largest_center.max((f64::from(radius) - truth.radius()).abs());
+            let seen = tesaki::vision::Circle {
+                center: truth.center.map(|place| place as f32),
+                radius: truth.radius() as f32,
+                semi_axes: truth.semi_axes.map(|axis| axis as f32),
+                angle: 0.0,
+                confidence: 1.0,
+            };
+            let located = table.locate(&seen, rose as f32);
+            for (located, place) in located.into_iter().zip(place) {
+                largest_place = largest_place.max(f64::from((located - place).abs()));
+            }
+        }
+    }
+    assert!(largest_center < 1.0 && largest_place < 2e-3, "{largest_center} px, {largest_place} m");
+    println!("{largest_center} px, {largest_place} m");
 }

@@ -126,3 +126,28 @@ fn a_machine_that_the_servo_cannot_hold_fails_its_metrics() {
     let output = host_sim(&["run", "hand3-servo", "--robot", robot, "--out", out.to_str().unwrap()]);
     says(&output, 1, &["FAIL"]);
 }
+
+#[test]
+fn views_of_a_door_come_with_a_table_of_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut arguments =
+            vec!["render-knob", "--seed", "3", "--views", "3", "--out", out.to_str().unwrap()];
+        arguments.extend(more);
+        says(&host_sim(&arguments), 0, &["knob-3-01.png", "knob-3-03.png"]);
+        (
+            std::fs::read_to_string(out.join("knob-3.csv")).unwrap(),
+            std::fs::read(out.join("knob-3-02.png")).unwrap(),
+        )
+    };
+    let first = render("first", &[]);
+    assert!(
+        first.0.starts_with("image,x,y,z,qx,qy,qz,qw,distance,true_u,true_v,true_radius\nknob-3-01.png,")
+    );
+    assert_eq!(first.0.lines().count(), 4);
+    assert!(first == render("again", &[]) && first.1 != render("disc", &["--disc"]).1);
+    let arguments =
+        ["render-knob", "--views", "2", "--distance", "1.0", "--out", folder.path().to_str().unwrap()];
+    says(&host_sim(&[&arguments[..], &["--views", "0"]].concat()), 2, &["views"]);
+}

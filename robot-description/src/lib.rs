@@ -5,13 +5,15 @@
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
-//! - [`calibration`] holds the values of one machine, [`grasp`], [`impedance`] and [`retargeting`] what tasks
-//!   are given.
+//! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`], [`retargeting`] and [`approach`] what
+//!   tasks are given.
 
+pub mod approach;
 pub mod calibration;
 mod file;
 pub mod finding;
 pub mod grasp;
+pub mod hand_eye;
 pub mod impedance;
 pub mod init;
 mod line;

@@ -1,10 +1,11 @@
 //! The PC side of a tesaki board: [`Board`] and its requests, serial ports, a hub that shares a board between
 //! programs, a fault injector for the link, a hand of several boards, identification of joints, and calibration of an
-//! operator's hand.
+//! operator's hand and of a camera in the robot's hand.
 
 mod board;
 pub mod fault_injector;
 pub mod hand;
+pub mod hand_eye;
 #[cfg(unix)]
 pub mod hub;
 pub mod identify;

@@ -120,6 +120,19 @@ impl Scene {
         Circle::about_z(self.rose.chamfer - self.rose.thickness, self.rose.radius)
     }
 
+    /// In place of knob and rose a black disc on white paper, 40 mm in radius: a target that anybody can print.
+    #[must_use]
+    pub const fn with_disc(mut self) -> Self {
+        const THICKNESS: f64 = 1e-4;
+        self.rose.radius = 0.04;
+        self.rose.thickness = THICKNESS;
+        self.rose.chamfer = 0.0;
+        self.rose.finish = Finish { diffuse: 0.04, specular: 0.0, stains: 0.0, ..self.rose.finish };
+        self.knob = Knob { radius: 1e-6, length: THICKNESS + 1e-6, chamfer: 0.0, button: 0.0, ..self.knob };
+        self.door = Door { diffuse: 0.8, specular: 0.0, texture: Texture::Paint, edge: 0.2, ..self.door };
+        self
+    }
+
     /// The outer rim of the knob's tip, where its chamfer begins, in the door frame.
     pub fn knob_rim(&self) -> Circle {
         Circle::about_z(self.knob.chamfer - self.knob.length, self.knob.radius)

@@ -6,6 +6,7 @@
 mod arm;
 mod asking;
 mod calibrate;
+mod calibrate_camera;
 mod commanding;
 mod configuring;
 mod connection;

@@ -61,6 +61,60 @@ pub struct ApproachSettings {
     pub patience: f32,
 }
 
+/// A setting of the behaviour that is out of its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InvalidApproach {
+    /// Its name, as in [`ApproachSettings`] and [`KnobExpectation`].
+    pub name: &'static str,
+    /// The value.
+    pub value: f32,
+    /// The least.
+    pub lower: f32,
+    /// The largest.
+    pub upper: f32,
+}
+
+impl core::fmt::Display for InvalidApproach {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { name, value, lower, upper } = self;
+        write!(f, "{name} is {value}; it must be {lower} to {upper}")
+    }
+}
+
+impl core::error::Error for InvalidApproach {}
+
+impl ApproachSettings {
+    /// Checks the settings for a board whose hand is at most as fast as `speed` [m/s].
+    ///
+    /// # Errors
+    /// The first one that is out of its range.
+    pub fn validate(&self, speed: f32) -> Result<(), InvalidApproach> {
+        let KnobExpectation { rose: [small, large], radius, length, distance: [near, far], aside } =
+            self.expectation;
+        for (name, value, lower, upper) in [
+            ("rose", small, 0.005, 0.5),
+            ("rose", large, small + 1e-4, 0.5),
+            ("radius", radius, 0.002, large),
+            ("length", length, 0.0, 1.0),
+            ("distance", near, 0.01, 5.0),
+            ("distance", far, near + 0.001, 5.0),
+            ("aside", aside, 0.001, 1.0),
+            ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
+            ("guard_distance", self.guard_distance, 0.0, near),
+            ("tolerance", self.tolerance, 1e-4, 0.05),
+            ("speed", self.speed, 1e-3, speed),
+            ("near_speed", self.near_speed, 1e-3, self.speed),
+            ("pull", self.pull, 1e-3, 0.1),
+            ("patience", self.patience, 0.5, 600.0),
+        ] {
+            if !(lower..=upper).contains(&value) {
+                return Err(InvalidApproach { name, value, lower, upper });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Part of the behaviour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {

@@ -36,7 +36,7 @@ use crate::model::Pose;
 use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::teleop::MotionLimits;
 
-pub use approach::{Approach, ApproachSettings, Order, Phase, Reason};
+pub use approach::{Approach, ApproachSettings, InvalidApproach, Order, Phase, Reason};
 use contact::ContactEstimate;
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};

@@ -18,7 +18,7 @@ use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
 
-pub use calibrate::Calibrate;
+pub use calibrate::{Calibrate, CalibrateCamera, CalibrateCommand};
 pub use eval::{Eval, Grip, Kinematics};
 pub use find_circle::FindCircle;
 pub use grasp::{Grasp, Run, Step};
@@ -116,8 +116,8 @@ pub enum Command {
     Grasp(Grasp),
     /// Identify torque constants and friction of a hand's joints from free and loaded motion
     Identify(Identify),
-    /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips; needs
-    /// no board
+    /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips, or the
+    /// camera in a robot's hand; needs no board
     Calibrate(Calibrate),
     /// Joint angles of a hand for an operator's fingertips, from a file or live: glove, webcam landmarks or
     /// positions

@@ -1,4 +1,6 @@
-//! `calibrate`: the links of an operator's fingers.
+//! `calibrate`: the links of an operator's fingers, and the camera in a robot's hand.
+
+mod camera;
 
 use std::fmt::Write as _;
 use std::io::{self, BufRead};
@@ -10,7 +12,7 @@ use tesaki::teleop::{
 };
 use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
 
-use crate::args::{Calibrate, Options};
+use crate::args::{Calibrate, CalibrateCommand, Options};
 use crate::eval::table::Table;
 use crate::failure::Failure;
 use crate::glove::{self, GloveColumns, PositionColumns};
@@ -20,6 +22,9 @@ use crate::output;
 const DEFAULT_FILE: &str = "operator.toml";
 
 pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
+    if let Some(CalibrateCommand::Camera(args)) = &args.command {
+        return camera::run(options, args);
+    }
     let settings = CalibrationSettings {
         orientation_noise: args.orientation_noise.to_radians(),
         marker_noise: 1e-3 * args.marker_noise,

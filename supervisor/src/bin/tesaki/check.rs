@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
 use tesaki_description::finding::{Finding, Weight};
+use tesaki_description::hand_eye;
 use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
@@ -47,6 +48,11 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
     if let Some(folder) = folder.as_ref().filter(|_| is_there(&file)) {
         let text = read_text(&file).map_err(Failure::file(&file))?;
         findings.extend(RetargetingSettings::check(&file, &text, &folder.model).1);
+    }
+    let file = path.join(hand_eye::FILE);
+    if is_there(&file) {
+        let text = read_text(&file).map_err(Failure::file(&file))?;
+        findings.extend(hand_eye::check(&file, &text).1);
     }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
 }

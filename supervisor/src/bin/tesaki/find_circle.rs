@@ -13,12 +13,22 @@ use tesaki::vision::{
 use crate::args::{FindCircle, Options};
 use crate::failure::Failure;
 use crate::output::{self, keep_input};
-use picture::{Picture, write_png};
+pub use picture::Picture;
+use picture::write_png;
 
 /// Largest side of the picture that is searched [px]; larger pictures are reduced.
 const MAX_SIDE: usize = 1000;
 /// Largest radius in that picture [px].
 const MAX_RADIUS: f32 = 400.0;
+
+/// What is known about the circle in a picture [px]: radius from … to, and `X,Y,REACH` of its centre and of the point
+/// where its axis vanishes.
+#[derive(Clone, Copy, Default)]
+pub struct Known {
+    pub radius: Option<[f32; 2]>,
+    pub window: Option<[f32; 3]>,
+    pub axis: Option<[f32; 3]>,
+}
 
 pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
     if args.annotate.is_some() && args.images.len() > 1 {
@@ -46,7 +56,8 @@ pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
 /// The circle in a file, and the time that the search took [ms].
 fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure> {
     let picture = Picture::read(path)?;
-    let (circle, milliseconds) = search(path, &picture, args)?;
+    let known = Known { radius: args.radius, window: args.window, axis: args.axis };
+    let (circle, milliseconds) = search(path, &picture, &known)?;
     if let Some(annotated) = &args.annotate {
         annotate(annotated, &picture, circle.as_ref())?;
     }
@@ -55,7 +66,7 @@ fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure
 
 /// The circle in the picture, and the time that the search took [ms].
 #[expect(clippy::cast_precision_loss, reason = "a small number")]
-fn search(path: &Path, picture: &Picture, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure> {
+pub fn search(path: &Path, picture: &Picture, known: &Known) -> Result<(Option<Circle>, f64), Failure> {
     let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", path.display()));
     let factor = picture.width.max(picture.height).div_ceil(MAX_SIDE).max(1);
     let reduced = (factor > 1).then(|| picture.reduced(factor));
@@ -66,14 +77,14 @@ fn search(path: &Path, picture: &Picture, args: &FindCircle) -> Result<(Option<C
     // The reduced pixel lies in the middle of those that it is the mean of.
     let offset = 0.5 * (scale - 1.0);
     let half = 0.5 * searched.width.min(searched.height) as f32;
-    let radius = args
+    let radius = known
         .radius
         .map_or([10.0_f32.min(0.5 * half), half.min(MAX_RADIUS)], |radius| radius.map(|r| r / scale));
     let reduced = |[x, y, reach]: [f32; 3]| Window {
         center: [(x - offset) / scale, (y - offset) / scale],
         reach: reach / scale,
     };
-    let search = CircleSearch { radius, window: args.window.map(reduced), axis: args.axis.map(reduced) };
+    let search = CircleSearch { radius, window: known.window.map(reduced), axis: known.axis.map(reduced) };
     let mut accumulator = vec![0; accumulator_len(searched.width, searched.height)];
     let mut points = vec![EdgePoint::NONE; MAX_EDGES.max(searched.pixels.len() / 48)];
     let mut rows = vec![0; row_len(searched.width)];

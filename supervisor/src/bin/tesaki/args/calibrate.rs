@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
 const HELP: &str = "\
 A table of poses has one row a pose; the first one is the flat hand. Columns: back_qx, back_qy,
@@ -21,9 +21,28 @@ Examples:
   tesaki calibrate poses.csv --proportions      # markers on thumb, index and little finger only
   glove | tesaki calibrate --live --out aiko.toml";
 
+const CAMERA_HELP: &str = "\
+A table with one row a picture of a round plate that does not move, as the rose of a door knob.
+Columns:
+  x, y, z, qx, qy, qz, qw   pose of the hand [m] in a frame in which the plate does not move; or
+  JOINT                     angles of the robot's joints [rad]; a joint without column is at 0
+  u, v, radius              centre of the ellipse that the plate's rim is in the picture, and the
+                            root of the product of its semi-axes [px]; or
+  image                     picture (PNG or PGM, beside the table) in which the plate is found
+  distance                  about how far the camera is from the plate [m]: helps to find it; with
+                            --focal only
+
+Some 30 pictures are good: nearer and farther, moved sideways, and turned about all axes.
+
+Examples:
+  tesaki calibrate camera --robot robots/knob-arm --in views.csv --rose 0.04 --out camera.toml
+  tesaki calibrate camera --robot robots/knob-arm --in circles.csv --rose 0.04 --size 256x240";
+
 #[derive(Args)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Calibrate {
+    #[command(subcommand)]
+    pub command: Option<CalibrateCommand>,
     /// Table of poses (CSV); `-` for standard input
     #[arg(required_unless_present = "live", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
@@ -46,4 +65,61 @@ pub struct Calibrate {
     /// Standard deviation of a marker along each axis [mm]
     #[arg(long, value_name = "MM", default_value = "0.3")]
     pub marker_noise: f32,
+}
+
+#[derive(Subcommand)]
+pub enum CalibrateCommand {
+    /// Calibrate the camera in a robot's hand from pictures of a round plate, as the rose of a door knob; needs no
+    /// board
+    #[command(after_help = CAMERA_HELP)]
+    Camera(CalibrateCamera),
+}
+
+#[derive(Args)]
+pub struct CalibrateCamera {
+    /// Robot folder
+    #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
+    pub robot: PathBuf,
+    /// Table of poses and circles or pictures (CSV), see below; `-` for standard input
+    #[arg(long = "in", value_name = "CSV")]
+    pub input: PathBuf,
+    /// Radius of the plate's front rim [m]
+    #[arg(long, value_name = "METRES")]
+    pub rose: f64,
+    /// Size of the pictures [px]; needed for a table without pictures
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<[u32; 2]>,
+    /// Where the optical axis meets the picture [px]; default: its middle
+    #[arg(long, value_name = "U,V", value_parser = principal)]
+    pub principal: Option<[f64; 2]>,
+    /// About the focal length [px]; default: half to one and a half times the width
+    #[arg(long, value_name = "PX")]
+    pub focal: Option<f64>,
+    /// Distances of the table, from the origin of the hand frame along the approach [m]
+    #[arg(long, value_name = "NEAR..FAR", default_value = "0.02..0.3", value_parser = distances, allow_hyphen_values = true)]
+    pub distances: [f64; 2],
+    /// File to write, replaced if it exists; default: hand_eye.toml in the robot folder, which is not replaced
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Two numbers with `separator` between them.
+fn pair<T: std::str::FromStr>(text: &str, separator: &str) -> Option<[T; 2]> {
+    let (first, second) = text.split_once(separator)?;
+    Some([first.trim().parse().ok()?, second.trim().parse().ok()?])
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let found = pair(text, "x").filter(|size| size.iter().all(|side| (32..=16384).contains(side)));
+    found.ok_or_else(|| {
+        format!("{text:?}: expected WIDTHxHEIGHT, each 32 to 16384 pixels, for example 256x240")
+    })
+}
+
+fn principal(text: &str) -> Result<[f64; 2], String> {
+    pair(text, ",").ok_or_else(|| format!("{text:?}: expected U,V in pixels, for example 127.5,119.5"))
+}
+
+fn distances(text: &str) -> Result<[f64; 2], String> {
+    pair(text, "..").ok_or_else(|| format!("{text:?}: expected NEAR..FAR in metres, for example 0.02..0.3"))
 }

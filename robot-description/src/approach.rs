@@ -1,0 +1,255 @@
+//! `approach.toml` in a robot folder: how its hand approaches a door knob by the camera in the hand.
+//!
+//! ```toml
+//! [hand]
+//! speed = 0.15          # m/s, largest
+//! acceleration = 0.5    # m/s², largest
+//! contact_force = 18.0  # N: a larger force against the motion ends it
+//! reach = 0.5           # m from where the task begins
+//!
+//! [gripper]
+//! joint = "gripper"
+//! open = -0.98          # rad
+//! closed = 0.35         # rad, with nothing in it
+//! speed = 2.0           # rad/s
+//! torque = 0.8          # N·m
+//!
+//! [knob]
+//! rose = [0.035, 0.045]     # m, radius of the rose
+//! radius = 0.025            # m, of the knob
+//! length = 0.056            # m, from the rim of the rose to that of the knob's end
+//! distance = [0.13, 0.28]   # m, of the rose from the hand at the begin
+//! aside = 0.06              # m, at the begin
+//!
+//! [approach]
+//! grip_distance = 0.022 # m from the rose, where the gripper closes
+//! guard_distance = 0.075 # m from the rose, where the hand waits until it is centred
+//! tolerance = 0.004     # m aside
+//! speed = 0.12          # m/s, to the guard distance
+//! near_speed = 0.05     # m/s, from there on
+//! pull = 0.02           # m, by which what is held is tried
+//! retries = 3
+//! patience = 8.0        # s, for each part
+//! ```
+//!
+//! What the camera sees is in [`hand_eye.toml`](crate::hand_eye).
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::robot::{LimitRefusal, Robot};
+use tesaki::task::visual_approach::{
+    ApproachField, ApproachSettings, GripperSettings, KnobExpectation, VisualApproachRefusal, VisualApproachSettings,
+};
+use tesaki::vision::HandEyeTable;
+
+use crate::file::{self, read_text};
+use crate::finding::{Finding, Report};
+use crate::hand_eye::{self, HandEyeFileError};
+use crate::line::line_of;
+use crate::urdf;
+
+/// Name of the file in a robot folder.
+pub const FILE: &str = "approach.toml";
+/// What to do about a key that cannot be read.
+const ADVICE: &str = "correct it; robots/knob-arm/approach.toml is an example";
+
+/// Settings of the board's task, and of the behaviour that leads it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ApproachFile {
+    /// Of the task.
+    pub task: VisualApproachSettings,
+    /// Of the behaviour.
+    pub behavior: ApproachSettings,
+}
+
+/// Why an `approach.toml` cannot be used.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum ApproachFileError {
+    /// It cannot be read.
+    #[error("cannot read {}: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The table of the camera.
+    #[error(transparent)]
+    HandEye(#[from] HandEyeFileError),
+    /// What is wrong in it.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
+}
+
+/// The content of a file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    hand: Hand,
+    gripper: Gripper,
+    knob: Knob,
+    approach: Behavior,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Hand {
+    #[serde(default)]
+    chain: u8,
+    speed: f32,
+    acceleration: f32,
+    contact_force: f32,
+    reach: f32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Gripper {
+    joint: String,
+    open: f32,
+    closed: f32,
+    speed: f32,
+    torque: f32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Knob {
+    rose: [f32; 2],
+    radius: f32,
+    length: f32,
+    distance: [f32; 2],
+    aside: f32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Behavior {
+    grip_distance: f32,
+    guard_distance: f32,
+    tolerance: f32,
+    speed: f32,
+    near_speed: f32,
+    pull: f32,
+    retries: u8,
+    patience: f32,
+}
+
+/// The settings in the folder of a robot, and the table of its camera.
+///
+/// # Errors
+/// A file cannot be read, or what is wrong in it, by line and key.
+pub fn load(robot: &Path, model: &RobotModel) -> Result<ApproachFile, ApproachFileError> {
+    let path = robot.join(FILE);
+    let text = read_text(&path)
+        .map_err(|error| ApproachFileError::Read { path: path.clone(), reason: error.to_string() })?;
+    let table = hand_eye::load(robot)?;
+    let (settings, findings) = check(&path, &text, model, &table);
+    settings.ok_or(ApproachFileError::Wrong(findings))
+}
+
+/// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `table`; the settings
+/// when nothing is.
+pub fn check(
+    path: &Path,
+    text: &str,
+    model: &RobotModel,
+    table: &HandEyeTable,
+) -> (Option<ApproachFile>, Vec<Finding>) {
+    let mut report = Report::new(path);
+    let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
+        return (None, report.findings);
+    };
+    match file.settings(model, table) {
+        Ok(settings) => (Some(settings), report.findings),
+        Err((section, key, message)) => {
+            report.dynamics(line_in(text, section, key), message, ADVICE);
+            (None, report.findings)
+        }
+    }
+}
+
+/// The line of a key in a section.
+fn line_in(text: &str, section: &str, key: &str) -> Option<usize> {
+    let begin = text.find(&format!("[{section}]"))?;
+    let (before, after) = text.split_at_checked(begin)?;
+    Some(before.lines().count() + line_of(after, key)?)
+}
+
+/// Section, key and what is wrong there.
+type Wrong = (&'static str, &'static str, String);
+
+impl File {
+    fn settings(&self, model: &RobotModel, table: &HandEyeTable) -> Result<ApproachFile, Wrong> {
+        let Self { hand, gripper, knob, approach } = self;
+        let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == gripper.joint.as_str());
+        let Some((joint, _)) = found else {
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            let message =
+                format!("{} has no joint {:?}; its joints are {}", model.name, gripper.joint, names.join(", "));
+            return Err(("gripper", "joint", message));
+        };
+        let Gripper { open, closed, speed, torque, .. } = *gripper;
+        let task = VisualApproachSettings {
+            chain: hand.chain,
+            gripper: GripperSettings { joint, open, closed, speed, torque },
+            servo_mode: ServoMode::Pid,
+            speed: hand.speed,
+            acceleration: hand.acceleration,
+            contact_force: hand.contact_force,
+            reach: hand.reach,
+        };
+        let mut robot = Box::new(Robot::NONE);
+        robot.configure(model).map_err(|error| ("hand", "chain", error.to_string()))?;
+        task.validate(&robot).map_err(|refusal| {
+            let (section, key) = place(&refusal, &task);
+            (section, key, refusal.to_string())
+        })?;
+        let Knob { rose, radius, length, distance, aside } = *knob;
+        let behavior = ApproachSettings {
+            table: table.clone(),
+            expectation: KnobExpectation { rose, radius, length, distance, aside },
+            grip_distance: approach.grip_distance,
+            guard_distance: approach.guard_distance,
+            tolerance: approach.tolerance,
+            speed: approach.speed,
+            near_speed: approach.near_speed,
+            pull: approach.pull,
+            retries: approach.retries,
+            patience: approach.patience,
+        };
+        behavior.validate(task.speed).map_err(|invalid| {
+            let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.name);
+            (if of_knob { "knob" } else { "approach" }, invalid.name, invalid.to_string())
+        })?;
+        Ok(ApproachFile { task, behavior })
+    }
+}
+
+/// Section and key of what a board refuses.
+fn place(refusal: &VisualApproachRefusal, task: &VisualApproachSettings) -> (&'static str, &'static str) {
+    match refusal {
+        VisualApproachRefusal::NoGripper { .. } => ("gripper", "joint"),
+        VisualApproachRefusal::Limit(LimitRefusal::OutsideLimits { value, .. })
+            if value.to_bits() == task.gripper.closed.to_bits() =>
+        {
+            ("gripper", "closed")
+        }
+        VisualApproachRefusal::Limit(_) => ("gripper", "open"),
+        VisualApproachRefusal::Value { field, .. } => match field {
+            ApproachField::Speed => ("hand", "speed"),
+            ApproachField::Acceleration => ("hand", "acceleration"),
+            ApproachField::ContactForce => ("hand", "contact_force"),
+            ApproachField::Reach => ("hand", "reach"),
+            ApproachField::GripperRange => ("gripper", "closed"),
+            ApproachField::GripperSpeed => ("gripper", "speed"),
+            ApproachField::GripperTorque => ("gripper", "torque"),
+        },
+        VisualApproachRefusal::NoChain { .. }
+        | VisualApproachRefusal::Target { .. }
+        | VisualApproachRefusal::Speed { .. } => ("hand", "chain"),
+    }
+}

@@ -1,0 +1,112 @@
+//! `hand_eye.toml` in a robot folder: what the camera in the hand sees of a rose straight before the hand, as
+//! `tesaki calibrate camera` writes it.
+//!
+//! ```toml
+//! rose = 0.04       # m, radius of the rose
+//! tilt = 0.1745     # rad, of the optical axis from the approach, about the hand's y towards the hand's axis
+//! turn = 0.0        # rad, from the image's x to where the rose moves when it moves along the hand's y
+//! # Radius, u and v of the centre [px], distance from the hand [m]; 2 to 16 rows, the farthest first.
+//! rows = [
+//!   [13.2, 127.5, 103.9, 0.30],
+//!   [38.1, 127.5, 139.4, 0.02],
+//! ]
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tesaki::vision::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
+
+use crate::file::{self, read_text};
+use crate::finding::{Finding, Report};
+use crate::line::line_of;
+use crate::urdf;
+
+/// Name of the file in a robot folder.
+pub const FILE: &str = "hand_eye.toml";
+/// What to do about a key that cannot be read.
+const ADVICE: &str = "correct it, or make the file anew with `tesaki calibrate camera`";
+
+/// Why a `hand_eye.toml` cannot be used.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum HandEyeFileError {
+    /// It cannot be read.
+    #[error("cannot read {}: {reason}; `tesaki calibrate camera` makes it", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// What is wrong in it.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
+}
+
+/// The content of a file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    rose: f32,
+    tilt: f32,
+    turn: f32,
+    rows: Vec<[f32; 4]>,
+}
+
+/// The table in the folder of a robot.
+///
+/// # Errors
+/// The file cannot be read, or what is wrong in it, by line and key.
+pub fn load(robot: &Path) -> Result<HandEyeTable, HandEyeFileError> {
+    let path = robot.join(FILE);
+    let text = read_text(&path)
+        .map_err(|error| HandEyeFileError::Read { path: path.clone(), reason: error.to_string() })?;
+    let (table, findings) = check(&path, &text);
+    table.ok_or(HandEyeFileError::Wrong(findings))
+}
+
+/// What is wrong with `text`, the content of `path`; the table when nothing is.
+pub fn check(path: &Path, text: &str) -> (Option<HandEyeTable>, Vec<Finding>) {
+    let mut report = Report::new(path);
+    let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
+        return (None, report.findings);
+    };
+    let rows =
+        file.rows.iter().map(|&[radius, u, v, distance]| HandEyeRow { radius, center: [u, v], distance });
+    let rows: Vec<HandEyeRow> = rows.collect();
+    match HandEyeTable::try_new(file.rose, file.tilt, file.turn, &rows) {
+        Ok(table) => (Some(table), report.findings),
+        Err(error) => {
+            let (key, message) = file.problem(&error);
+            report.dynamics(line_of(text, key), message, ADVICE);
+            (None, report.findings)
+        }
+    }
+}
+
+impl File {
+    /// Key and message.
+    fn problem(&self, error: &HandEyeError) -> (&'static str, String) {
+        let (name, value, [least, most]) = match *error {
+            HandEyeError::Rows { got } => {
+                return ("rows", format!("rows has {got} entries; it must have 2 to {MAX_HAND_EYE_ROWS}"));
+            }
+            HandEyeError::Order { row } => {
+                let message = format!(
+                    "rows[{row}]: from row to row the radius must grow and the distance shrink, the farthest first"
+                );
+                return ("rows", message);
+            }
+            HandEyeError::Value { name, value, range } => (name, value, range),
+        };
+        match ["rose", "tilt", "turn"].into_iter().find(|key| name.contains(key)) {
+            Some(key) => (key, format!("{key}: {name} is {value}; it must be {least} to {most}")),
+            None => {
+                let row =
+                    self.rows.iter().position(|row| row.iter().any(|one| one.to_bits() == value.to_bits()));
+                let row = row.unwrap_or_default();
+                ("rows", format!("rows[{row}]: {name} is {value}; it must be {least} to {most}"))
+            }
+        }
+    }
+}
