@@ -8,6 +8,7 @@ mod arm7_release;
 mod arm7_straight;
 mod arm7_wall;
 pub(crate) mod common;
+mod film;
 mod grasping;
 mod hand;
 mod hand3_force;
@@ -122,6 +123,9 @@ pub enum ScenarioError {
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// `approach.toml`, or `hand_eye.toml`, cannot be used.
+    #[error(transparent)]
+    Approach(#[from] tesaki_description::approach::ApproachFileError),
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),

@@ -41,7 +41,8 @@ use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::robot::{LimitRefusal, Robot};
 use tesaki::task::visual_approach::{
-    ApproachField, ApproachSettings, GripperSettings, KnobExpectation, VisualApproachRefusal, VisualApproachSettings,
+    ApproachField, ApproachSettings, GripperSettings, KnobExpectation, VisualApproachRefusal,
+    VisualApproachSettings,
 };
 use tesaki::vision::HandEyeTable;
 
@@ -166,17 +167,10 @@ pub fn check(
     match file.settings(model, table) {
         Ok(settings) => (Some(settings), report.findings),
         Err((section, key, message)) => {
-            report.dynamics(line_in(text, section, key), message, ADVICE);
+            report.dynamics(line_of(text, &format!("{section}.{key}")), message, ADVICE);
             (None, report.findings)
         }
     }
-}
-
-/// The line of a key in a section.
-fn line_in(text: &str, section: &str, key: &str) -> Option<usize> {
-    let begin = text.find(&format!("[{section}]"))?;
-    let (before, after) = text.split_at_checked(begin)?;
-    Some(before.lines().count() + line_of(after, key)?)
 }
 
 /// Section, key and what is wrong there.
@@ -188,8 +182,12 @@ impl File {
         let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == gripper.joint.as_str());
         let Some((joint, _)) = found else {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-            let message =
-                format!("{} has no joint {:?}; its joints are {}", model.name, gripper.joint, names.join(", "));
+            let message = format!(
+                "{} has no joint {:?}; its joints are {}",
+                model.name,
+                gripper.joint,
+                names.join(", ")
+            );
             return Err(("gripper", "joint", message));
         };
         let Gripper { open, closed, speed, torque, .. } = *gripper;

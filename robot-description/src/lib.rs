@@ -5,8 +5,8 @@
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
-//! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`], [`retargeting`] and [`approach`] what
-//!   tasks are given.
+//! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`],
+//!   [`retargeting`] and [`approach`] what tasks are given.
 
 pub mod approach;
 pub mod calibration;

@@ -4,6 +4,7 @@ use rapier3d::na::Vector3;
 use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, Window, find_circle};
 
 use super::common::require_duration;
+use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth, Optics, Scene, View};
 use crate::motion::Motion;
@@ -214,31 +215,11 @@ fn film_strip(pictures: &[Picture], from: usize, title: &str) -> Result<Figure, 
         let Some(picture) = pictures.get(index * pictures.len().saturating_sub(1) / (SHOWN - 1)) else {
             break;
         };
-        let mut panel = Panel::new(format!("{:.0} mm", 1000.0 * picture.distance), "y", "px");
-        let [right, bottom] = [picture.image.width, picture.image.height].map(|size| size as f64 - 0.5);
-        panel = panel.picture(picture.image.png()?, [-0.5, right], [-0.5, bottom]);
-        if let Some(truth) = &picture.truth {
-            panel = panel.line(outline("true", 1, truth.center, truth.semi_axes, truth.angle));
-        }
-        if let Some(found) = &picture.found[0] {
-            let axes = found.semi_axes.map(f64::from);
-            panel = panel.line(outline("found", 0, found.center.map(f64::from), axes, found.angle.into()));
-        }
+        let title = format!("{:.0} mm", 1000.0 * picture.distance);
+        let panel = picture_panel(title, &picture.image, picture.truth.as_ref(), picture.found[0].as_ref())?;
         figure = figure.panel(panel);
     }
     Ok(figure)
-}
-
-/// The part of an ellipse that is in the picture.
-fn outline(name: &str, colour: usize, [u, v]: [f64; 2], [long, short]: [f64; 2], angle: f64) -> Line {
-    let (sin, cos) = angle.sin_cos();
-    let points = (0..=90).map(|step| {
-        let (y, x) = (f64::from(step) * core::f64::consts::TAU / 90.0).sin_cos();
-        let (x, y) = (u + long * x * cos - short * y * sin, v + long * x * sin + short * y * cos);
-        if (0.0..255.0).contains(&x) && (0.0..239.0).contains(&y) { (x, y) } else { (f64::NAN, f64::NAN) }
-    });
-    let (x, y) = points.unzip();
-    Line::solid(name, colour, x, y)
 }
 
 fn errors(pictures: &[Picture]) -> Figure {

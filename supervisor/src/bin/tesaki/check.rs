@@ -7,11 +7,11 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
 use tesaki_description::finding::{Finding, Weight};
-use tesaki_description::hand_eye;
 use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
+use tesaki_description::{approach, hand_eye};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -52,7 +52,13 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
     let file = path.join(hand_eye::FILE);
     if is_there(&file) {
         let text = read_text(&file).map_err(Failure::file(&file))?;
-        findings.extend(hand_eye::check(&file, &text).1);
+        let (table, wrong) = hand_eye::check(&file, &text);
+        findings.extend(wrong);
+        let file = path.join(approach::FILE);
+        if let (Some(folder), Some(table)) = (folder.as_ref(), table.as_ref().filter(|_| is_there(&file))) {
+            let text = read_text(&file).map_err(Failure::file(&file))?;
+            findings.extend(approach::check(&file, &text, &folder.model, table).1);
+        }
     }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
 }
