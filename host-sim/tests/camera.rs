@@ -204,5 +204,4 @@ fn the_calibrated_table_of_the_arm_is_that_of_its_camera() {
         }
     }
     assert!(largest_center < 1.0 && largest_place < 2e-3, "{largest_center} px, {largest_place} m");
-    println!("{largest_center} px, {largest_place} m");
 }

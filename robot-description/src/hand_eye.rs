@@ -50,7 +50,7 @@ struct File {
     rose: f32,
     tilt: f32,
     turn: f32,
-    rows: Vec<[f32; 4]>,
+    rows: Vec<Vec<f32>>,
 }
 
 /// The table in the folder of a robot.
@@ -71,9 +71,15 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeTable>, Vec<Finding>) {
     let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
-    let rows =
-        file.rows.iter().map(|&[radius, u, v, distance]| HandEyeRow { radius, center: [u, v], distance });
-    let rows: Vec<HandEyeRow> = rows.collect();
+    let mut rows = Vec::new();
+    for (index, row) in file.rows.iter().enumerate() {
+        let [radius, u, v, distance] = **row else {
+            let message = format!("rows[{index}] has {} numbers; it must have 4", row.len());
+            report.dynamics(line_of(text, "rows"), message, ADVICE);
+            return (None, report.findings);
+        };
+        rows.push(HandEyeRow { radius, center: [u, v], distance });
+    }
     match HandEyeTable::try_new(file.rose, file.tilt, file.turn, &rows) {
         Ok(table) => (Some(table), report.findings),
         Err(error) => {

@@ -45,7 +45,7 @@ fn what_is_wrong_is_said_by_line_and_key() {
         ("turn = 0.0", "turn = 0.0\nfocal = 140", ":4: unknown field `focal`"),
         ("[23.6, 127.5,", "[23.6, nan,", ":4: rows[1]: a centre [px] is NaN; it must be -4096 to 8192"),
         ("0.11]", "11.0]", ":4: rows[1]: a distance [m] is 11; it must be -1 to 10"),
-        ("0.11]", "0.11, 5.0]", ":6: "),
+        ("0.11]", "0.11, 5.0]", ":4: rows[1] has 5 numbers; it must have 4"),
         ("[37.4,", "[17.4,", ":4: rows[2]: from row to row the radius must grow and the distance shrink"),
         (
             "  [13.2, 127.5, 111.5, 0.3],\n  [23.6, 127.5, 124.4, 0.11],\n",

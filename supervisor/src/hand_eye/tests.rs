@@ -162,8 +162,8 @@ fn the_table_tells_where_a_rose_before_the_hand_is() {
     for distance in [0.02, 0.05, 0.11, 0.2, 0.3] {
         let truth = CAMERA.ahead(&settings(), distance).unwrap();
         let (center, radius) = table.appearance(&[0.0, 0.0, single(distance)], 0.04);
-        for axis in 0..2 {
-            assert!((f64::from(center[axis]) - truth.center[axis]).abs() < 0.05, "{distance} m");
+        for (center, truth) in center.into_iter().zip(truth.center) {
+            assert!((f64::from(center) - truth).abs() < 0.05, "{distance} m");
         }
         assert!((f64::from(radius) - truth.radius).abs() < 0.05, "{distance} m");
     }

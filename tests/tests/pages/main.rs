@@ -15,6 +15,7 @@ use reader::Reader;
 
 const README: &str = include_str!("../../../README.md");
 const FIND_CIRCLE: &str = include_str!("../../../docs/find-circle.md");
+const HAND_EYE: &str = include_str!("../../../docs/hand-eye.md");
 const SUPERVISOR: &str = include_str!("../../../docs/supervisor.md");
 const OPERATOR_HAND: &str = include_str!("../../../docs/operator-hand.md");
 const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
@@ -32,6 +33,7 @@ fn every_command_runs(kind: Kind) {
         ("docs/operator-hand.md", OPERATOR_HAND),
         ("docs/teleoperation.md", TELEOPERATION),
         ("docs/find-circle.md", FIND_CIRCLE),
+        ("docs/hand-eye.md", HAND_EYE),
     ] {
         for steps in reader::split(page::steps(text)) {
             readers.push(Reader::new(name, reader::folder(), steps));
@@ -71,7 +73,7 @@ fn every_command_of_the_pages_runs_on_the_image() {
 /// Or an entry about a command that no page has any more would go unseen.
 #[test]
 fn every_exception_is_about_a_command_of_a_page() {
-    let steps: Vec<_> = [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION, FIND_CIRCLE]
+    let steps: Vec<_> = [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION, FIND_CIRCLE, HAND_EYE]
         .into_iter()
         .flat_map(page::steps)
         .collect();
