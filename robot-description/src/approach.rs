@@ -27,6 +27,7 @@
 //! tolerance = 0.004     # m aside
 //! speed = 0.12          # m/s, to the guard distance
 //! near_speed = 0.05     # m/s, from there on
+//! opening = [-0.1, 0.16] # rad, of the gripper while it holds the knob
 //! pull = 0.02           # m, by which what is held is tried
 //! retries = 3
 //! patience = 8.0        # s, for each part
@@ -134,6 +135,7 @@ struct Behavior {
     tolerance: f32,
     speed: f32,
     near_speed: f32,
+    opening: [f32; 2],
     pull: f32,
     retries: u8,
     patience: f32,
@@ -215,6 +217,7 @@ impl File {
             tolerance: approach.tolerance,
             speed: approach.speed,
             near_speed: approach.near_speed,
+            opening: approach.opening,
             pull: approach.pull,
             retries: approach.retries,
             patience: approach.patience,

@@ -56,7 +56,7 @@ const TURN: f64 = 3.0 * core::f64::consts::PI / 180.0;
 /// Coefficient of friction of the fingers on everything.
 const FRICTION: f64 = 0.8;
 /// Circles of less confidence are not believed.
-const BELIEVED: f32 = 0.5;
+const BELIEVED: f32 = 0.35;
 /// Least force of each finger on a knob that is gripped [N].
 const GRIPPED: f64 = 5.0;
 /// Height, width and thickness of the door [m].
@@ -185,7 +185,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let door = base_in_door(&hand_pose(&plant, hand, gripper), seed).inverse();
         options.fixtures = fixtures(&scene, &door);
         let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
-        motion.note(&format!("door {}", number + 1));
+        motion.note(format!("door {}", number + 1));
         let log = Log {
             phase: Phase::Look,
             gripped: false,
@@ -299,9 +299,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     fn sample(&mut self, report: &VisualApproachTelemetry) {
         let hand = self.true_hand().translation.vector;
         let (distance, aside) = (self.scene.rose_rim().center.z - hand.z, hand.x.hypot(hand.y));
-        // Once the gripper closes, its forces hold the knob.
-        let is_free =
-            matches!(report.gripper, GripperState::Still | GripperState::Opening | GripperState::Open);
+        // While the gripper closes, holds and opens, its forces act on the knob.
+        let is_free = matches!(report.gripper, GripperState::Still | GripperState::Open);
         let contacts = self.plant.fixture_contacts();
         let sum: Vector3<f64> = contacts.iter().map(|contact| contact.force).sum();
         let contact = if is_free { sum.norm() } else { 0.0 };

@@ -200,7 +200,7 @@ mod tests {
 
     /// A small circle's image by that pinhole camera, worked out point by point: its centre and radius.
     fn seen(place: [f32; 3], rose: f32) -> Circle {
-        let (sin, cos) = (0.173_648_18, 0.984_807_75);
+        let (sin, cos) = (0.173_648_2, 0.984_807_8);
         let [x, y, z] = place;
         let (down, ahead) = (0.05 - x, z + 0.12);
         let depth = ahead * cos + down * sin;

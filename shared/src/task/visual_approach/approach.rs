@@ -53,6 +53,8 @@ pub struct ApproachSettings {
     pub speed: f32,
     /// See above.
     pub near_speed: f32,
+    /// Angle of the gripper while it holds the knob, from … to [rad].
+    pub opening: [f32; 2],
     /// Way by which the hand pulls at what it holds [m]: it must be stopped before.
     pub pull: f32,
     /// Tries after the first one.
@@ -102,6 +104,8 @@ impl ApproachSettings {
             ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
             ("guard_distance", self.guard_distance, 0.0, near),
             ("tolerance", self.tolerance, 1e-4, 0.05),
+            ("opening", self.opening[0], -100.0, 100.0),
+            ("opening", self.opening[1], self.opening[0], 100.0),
             ("speed", self.speed, 1e-3, speed),
             ("near_speed", self.near_speed, 1e-3, self.speed),
             ("pull", self.pull, 1e-3, 0.1),
@@ -387,7 +391,8 @@ impl Approach {
         let may_advance = aside < tolerance && is_known && self.rose.len() == 1;
         // Once beside the knob, the hand stays there.
         let is_beside = distance < guard_distance - tolerance;
-        let stop = if may_advance || is_beside { grip_distance } else { guard_distance };
+        let goes_on = may_advance || is_beside;
+        let stop = if goes_on { grip_distance } else { guard_distance };
         // Until it is decided what the circles are, the hand does not come too near to either.
         let nearest = self
             .rose
@@ -414,15 +419,11 @@ impl Approach {
             }
             HandMotion::Standing | HandMotion::Moving => {}
         }
-        if stop == grip_distance
-            && distance < grip_distance + AT_GRIP
-            && report.motion == HandMotion::Standing
-        {
+        if goes_on && distance < grip_distance + AT_GRIP && report.motion == HandMotion::Standing {
             self.enter(Phase::Grip);
             return Order { command: Some(VisualApproachCommand::Close), look: false };
         }
-        let phase =
-            if stop == grip_distance && distance < guard_distance { Phase::Advance } else { Phase::Center };
+        let phase = if goes_on && distance < guard_distance { Phase::Advance } else { Phase::Center };
         if phase != self.phase {
             self.enter(phase);
         }
@@ -445,6 +446,12 @@ impl Approach {
         match report.gripper {
             GripperState::Empty => self.miss(home),
             GripperState::Holding if self.time > SETTLING => {
+                let [least, most] = self.settings.opening;
+                if !(least..=most).contains(&report.opening) {
+                    // Something else is between the fingers, or the edge of the knob.
+                    self.miss(home);
+                    return Order { command: Some(VisualApproachCommand::Open), look: false };
+                }
                 self.goal = hand.translation.vector - home.rotation * Vector3::z() * self.settings.pull;
                 self.enter(Phase::Verify);
             }

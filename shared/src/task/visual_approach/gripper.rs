@@ -13,8 +13,12 @@ use crate::teleop::{MotionLimits, MotionTarget};
 
 /// Effort at which the gripper has closed on something, over the torque with which it holds it.
 const TOUCH: f32 = 0.25;
-/// Time in which the torque of the grip builds up [s].
+/// Times in which the torque of the grip builds up, and is let go [s].
 const BUILD_UP: f32 = 0.2;
+const LET_GO: f32 = 0.04;
+/// Damping of the joint under that torque, over its inertia and per period: fingers that spring back, or lose what they
+/// held, gain no speed.
+const DAMPING: f32 = 0.3;
 /// Time in which opening and closing reach their speed [s].
 const START: f32 = 0.1;
 /// Distance from an end of the gripper's range that counts as there [rad], as a share of the range.
@@ -42,6 +46,8 @@ pub enum GripperState {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Gripper {
     pub state: GripperState,
+    /// Torque with which it presses [N·m].
+    press: f32,
 }
 
 /// The gripper's joint in a tick.
@@ -51,12 +57,14 @@ pub struct GripperJoint<'a> {
     pub velocity: f32,
     /// Torque beyond what the model explains [N·m].
     pub effort: f32,
+    /// [kg·m²]
+    pub inertia: f32,
     pub reference: JointPoint,
     pub target: &'a mut JointTarget,
 }
 
 impl Gripper {
-    pub const STILL: Self = Self { state: GripperState::Still };
+    pub const STILL: Self = Self { state: GripperState::Still, press: 0.0 };
 
     pub const fn open(&mut self) {
         if !matches!(self.state, GripperState::Open) {
@@ -84,25 +92,30 @@ impl Gripper {
             // What gives way, or slips out, is not held.
             GripperState::Holding if at(closed) || joint.velocity * direction > speed => {
                 self.state = GripperState::Empty;
-                *joint.target = JointTarget::at(joint.position);
             }
             _ => {}
         }
+        let (wanted, time) = match self.state {
+            GripperState::Holding => (torque * direction, BUILD_UP),
+            _ => (0.0, LET_GO),
+        };
+        if wanted != 0.0 || self.press != 0.0 {
+            let step = torque * (TICK / time);
+            self.press += clamp(wanted - self.press, -step, step);
+            // The servo follows, so that it does not work against the torque.
+            let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
+            let feedforward = self.press - DAMPING / TICK * joint.inertia * joint.velocity;
+            *joint.target =
+                JointTarget { setpoint: JointSetpoint::Point(point), feedforward, restart: false };
+            if self.press == 0.0 {
+                *joint.target = JointTarget::at(joint.position);
+            }
+            return;
+        }
         let end = match self.state {
-            GripperState::Still | GripperState::Empty => return,
+            GripperState::Still | GripperState::Empty | GripperState::Holding => return,
             GripperState::Opening | GripperState::Open => open,
             GripperState::Closing => closed,
-            GripperState::Holding => {
-                let step = torque * (TICK / BUILD_UP);
-                let wanted = torque * direction;
-                let feedforward =
-                    joint.target.feedforward + clamp(wanted - joint.target.feedforward, -step, step);
-                // The servo follows, so that it does not work against the torque.
-                let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
-                *joint.target =
-                    JointTarget { setpoint: JointSetpoint::Point(point), feedforward, restart: false };
-                return;
-            }
         };
         let JointPoint { position, velocity, acceleration } = joint.reference;
         let now = velocity + acceleration * TICK;

@@ -177,8 +177,8 @@ impl Task for VisualApproach {
                 let distance =
                     (Vector3::from(position) - Vector3::from(self.begin.translation)).norm_squared();
                 let (distance, reach) = (sqrt(distance), self.settings.reach);
-                // Neither is a number then.
-                if !(distance <= reach) {
+                // Nor a place that is no number.
+                if distance.is_nan() || distance > reach {
                     return Err(VisualApproachRefusal::Target { distance, reach });
                 }
                 let limit = self.settings.speed;
@@ -187,7 +187,8 @@ impl Task for VisualApproach {
                 }
                 self.speed = speed;
                 // A repeated command does not go against a contact again.
-                if self.motion == HandMotion::Blocked && position == self.commanded {
+                let is_repeated = position.map(f32::to_bits) == self.commanded.map(f32::to_bits);
+                if self.motion == HandMotion::Blocked && is_repeated {
                     return Ok(());
                 }
                 (self.commanded, self.target, self.motion) = (position, position, HandMotion::Moving);
@@ -226,7 +227,8 @@ impl Task for VisualApproach {
         let commanded = io.targets.joints.get_mut(index).zip(io.references.get(index));
         if let (Some((&position, &velocity)), Some((target, &reference))) = (measured, commanded) {
             let effort = io.efforts.effort(index);
-            let joint = GripperJoint { position, velocity, effort, reference, target };
+            let inertia = io.robot.joints().get(index).map_or(0.0, |joint| joint.inertia);
+            let joint = GripperJoint { position, velocity, effort, inertia, reference, target };
             self.gripper.tick(&self.settings.gripper, joint);
         }
         Ok(())

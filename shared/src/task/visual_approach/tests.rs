@@ -43,6 +43,7 @@ fn settings() -> ApproachSettings {
         tolerance: 0.004,
         speed: 0.12,
         near_speed: 0.05,
+        opening: [-0.1, 0.1],
         pull: 0.02,
         retries: 2,
         patience: 8.0,
@@ -115,7 +116,7 @@ impl World {
     /// Where the hand is before the knob: distance of the fingertips from the rim of the rose, and from the axis.
     fn place(&self) -> [f32; 2] {
         let place = self.rose - self.hand;
-        [place.z, (place.x * place.x + place.y * place.y).sqrt()]
+        [place.z, sqrt(place.x * place.x + place.y * place.y)]
     }
 
     /// Lets the behaviour run until it ends, with what the camera finds.
@@ -159,7 +160,7 @@ impl World {
             {
                 (self.gripper, self.working) = (GripperState::Closing, 0.5);
             }
-            VisualApproachCommand::Stand => self.target = self.hand,
+            VisualApproachCommand::Stand => (self.target, self.motion) = (self.hand, HandMotion::Moving),
             _ => {}
         }
     }
