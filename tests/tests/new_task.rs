@@ -11,7 +11,9 @@ use std::fmt;
 use tesaki::control::JointPoint;
 use tesaki::fault::FaultCause;
 use tesaki::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
-use tesaki::robot::{Actuation, Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot, Targets};
+use tesaki::robot::{
+    Actuation, Concerns, Efforts, JointSetpoint, JointTarget, Measured, Postures, Robot, Targets,
+};
 use tesaki::task::{Io, Task, TaskFault};
 
 // The task, as it would stand in shared/src/task/hand_guiding.rs.
@@ -130,6 +132,16 @@ struct Rig {
     targets: Targets,
 }
 
+/// Drives that do what the model says.
+#[derive(Debug)]
+struct NoEfforts;
+
+impl Efforts for NoEfforts {
+    fn effort(&self, _: usize) -> f32 {
+        0.0
+    }
+}
+
 impl Rig {
     fn new(angles: [f32; 7]) -> Self {
         let mut robot = Box::new(Robot::NONE);
@@ -146,6 +158,7 @@ impl Rig {
             robot: &self.robot,
             measured: &self.measured,
             postures: &Postures::NONE,
+            efforts: &NoEfforts,
             references: &REST,
             targets: &mut self.targets,
         }

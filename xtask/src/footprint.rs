@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionIndex};
 
 /// Most bytes of flash that an image may take.
-const FLASH_LIMIT: u64 = 320 * 1024;
+const FLASH_LIMIT: u64 = 384 * 1024;
 /// Most bytes of initialised data, which take flash and RAM.
 const DATA_LIMIT: u64 = 1024;
 
