@@ -120,3 +120,28 @@ fn disable_switches_the_outputs_off_but_keeps_the_fault() {
     assert!(!rig.tick().enabled);
     assert_eq!(rig.node.mode(), Mode::Fault);
 }
+
+#[test]
+fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder() {
+    let mut rig = Rig::enabled(&model());
+    let breakaway = rig.node.robot().unwrap().joints()[2].breakaway;
+    // The servo learns a torque beyond that of the model, while the angle changes by a count.
+    let mut ticks = 0;
+    while rig.node.telemetry().joints[2].torque < 2.5 * breakaway {
+        rig.goal([0.0, 0.0, 0.15]);
+        rig.tick();
+        rig.sensors.encoders[2] ^= 1;
+        ticks += 1;
+        assert!(ticks < 400 && rig.node.mode() != Mode::Fault, "{:?}", rig.node.faults());
+    }
+    // The reference comes to where the joint is, which then stands still under what was learnt.
+    for tick in 0..130 {
+        rig.goal([0.0; 3]);
+        rig.tick();
+        assert_ne!(rig.node.mode(), Mode::Fault, "{tick}: {:?}", rig.node.faults());
+        if tick < 100 {
+            rig.sensors.encoders[2] ^= 1;
+        }
+    }
+    assert!(rig.node.telemetry().joints[2].torque > breakaway);
+}
