@@ -71,7 +71,9 @@ impl Parts {
     }
 
     fn plant(&self) -> Result<Plant, PlantError> {
-        let drives: Vec<Drive> = self.folder.model.joints.iter().map(Drive::from).collect();
+        let mut drives: Vec<Drive> = self.folder.model.joints.iter().map(Drive::from).collect();
+        // A light rotor is soon at rest.
+        drives[GRIPPER].motor.rotor_inertia = 1e-3;
         Plant::new(&self.folder.urdf, &drives, &self.values, &self.options)
     }
 
