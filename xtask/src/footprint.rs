@@ -227,7 +227,7 @@ mod tests {
         let excess = made_up(FLASH_LIMIT - 1024, 1025).excess();
         assert_eq!(
             excess,
-            ["327681 bytes of flash, limit 327680", "1025 bytes of initialised data, limit 1024"]
+            ["393217 bytes of flash, limit 393216", "1025 bytes of initialised data, limit 1024"]
         );
     }
 }
