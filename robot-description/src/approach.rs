@@ -4,7 +4,7 @@
 //! [hand]
 //! speed = 0.15          # m/s, largest
 //! acceleration = 0.5    # m/s², largest
-//! contact_force = 18.0  # N: a larger force against the motion ends it
+//! contact_force = 15.0  # N: a larger force against the motion ends it
 //! reach = 0.5           # m from where the task begins
 //!
 //! [gripper]
@@ -22,11 +22,11 @@
 //! aside = 0.06              # m, at the begin
 //!
 //! [approach]
-//! grip_distance = 0.022 # m from the rose, where the gripper closes
+//! grip_distance = 0.012 # m from the rose, where the gripper closes
 //! guard_distance = 0.075 # m from the rose, where the hand waits until it is centred
 //! tolerance = 0.004     # m aside
 //! speed = 0.12          # m/s, to the guard distance
-//! near_speed = 0.05     # m/s, from there on
+//! near_speed = 0.04     # m/s, from there on
 //! opening = [-0.1, 0.16] # rad, of the gripper while it holds the knob
 //! pull = 0.02           # m, by which what is held is tried
 //! retries = 3

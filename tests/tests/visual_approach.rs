@@ -14,6 +14,7 @@ use tesaki::control::ServoMode;
 use tesaki::math::rotation_vector;
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, Mode, Refusal, Reply, Request, RequestFrame, SensorFlags, SensorFrame};
+use tesaki::robot::Robot;
 use tesaki::task::visual_approach::{
     ApproachField, GripperSettings, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
     VisualApproachSettings, VisualApproachTelemetry,
@@ -407,7 +408,7 @@ fn a_bad_setting_or_command_is_refused_by_name_and_changes_nothing() {
     assert!(matches!(refusal, VisualApproachRefusal::Target { .. }));
     let refusal = board.refused(move_to([f32::INFINITY, 0.0, 0.0], 0.1));
     assert!(matches!(refusal, VisualApproachRefusal::Target { .. }));
-    for speed in [0.0, -0.1, 0.16, f32::NAN] {
+    for speed in [0.0, -0.1, 1e-3, 0.16, f32::NAN] {
         let refusal = board.refused(move_to(place([0.1, 0.0, 0.0]), speed));
         assert!(matches!(refusal, VisualApproachRefusal::Speed { limit: 0.15, .. }), "{refusal}");
     }
@@ -415,4 +416,17 @@ fn a_bad_setting_or_command_is_refused_by_name_and_changes_nothing() {
         board.step();
     }
     assert!((board.hand().0 - start).norm() < 1e-5);
+}
+
+#[test]
+fn a_finger_is_no_arm() {
+    let mut robot = Box::new(Robot::NONE);
+    robot.configure(&tesaki_tests::robot("hand3").model).unwrap();
+    let gripper = GripperSettings { joint: 2, open: 0.0, closed: 0.3, ..SETTINGS.gripper };
+    let refusal = VisualApproachSettings { gripper, ..SETTINGS }.validate(&robot);
+    assert_eq!(refusal, Err(VisualApproachRefusal::NoChain { chain: 0 }));
+    // Nor is a joint of another finger a gripper.
+    let gripper = GripperSettings { joint: 5, ..gripper };
+    let refusal = VisualApproachSettings { gripper, ..SETTINGS }.validate(&robot);
+    assert_eq!(refusal, Err(VisualApproachRefusal::NoGripper { joint: 5 }));
 }

@@ -4,7 +4,7 @@ use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::rose::{KnobExpectation, Rim, RoseEstimate};
-use super::{GripperState, HandMotion, VisualApproachCommand, VisualApproachTelemetry};
+use super::{GripperState, HandMotion, MIN_SPEED, VisualApproachCommand, VisualApproachTelemetry};
 use crate::math::{abs, sqrt};
 use crate::model::Pose;
 use crate::vision::{Circle, CircleSearch, HandEyeTable, Window};
@@ -33,7 +33,7 @@ const DEEPER: f32 = 0.02;
 const DEEPER_TRIES: u8 = 2;
 /// The hand closes only when it knows the distance so well [m].
 const DEPTH_ERROR: f32 = 0.015;
-/// Time that a grip is given to settle before it is tried [s].
+/// A grip is tried no sooner than this after the gripper begins to close [s].
 const SETTLING: f32 = 0.4;
 
 /// Settings of the behaviour.
@@ -102,13 +102,14 @@ impl ApproachSettings {
             ("distance", far, near + 0.001, 5.0),
             ("aside", aside, 0.001, 1.0),
             ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
-            ("guard_distance", self.guard_distance, 0.0, near),
+            ("guard_distance", self.guard_distance, length + self.tolerance, near),
             ("tolerance", self.tolerance, 1e-4, 0.05),
             ("opening", self.opening[0], -100.0, 100.0),
             ("opening", self.opening[1], self.opening[0], 100.0),
-            ("speed", self.speed, 1e-3, speed),
-            ("near_speed", self.near_speed, 1e-3, self.speed),
+            ("speed", self.speed, MIN_SPEED, speed),
+            ("near_speed", self.near_speed, MIN_SPEED, self.speed),
             ("pull", self.pull, 1e-3, 0.1),
+            ("retries", f32::from(self.retries), 0.0, 20.0),
             ("patience", self.patience, 0.5, 600.0),
         ] {
             if !(lower..=upper).contains(&value) {
@@ -455,9 +456,7 @@ impl Approach {
                 self.goal = hand.translation.vector - home.rotation * Vector3::z() * self.settings.pull;
                 self.enter(Phase::Verify);
             }
-            // The grip settles from when it holds.
-            GripperState::Holding => {}
-            _ => self.time = self.time.min(self.settings.patience),
+            _ => {}
         }
         Order { command: Some(VisualApproachCommand::Close), look: false }
     }

@@ -42,7 +42,9 @@ pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
 use reference::{Arm, Step, angles, pose};
 pub use rose::{KnobExpectation, Rim, RoseEstimate};
-pub use settings::{ApproachField, GripperSettings, VisualApproachRefusal, VisualApproachSettings};
+pub use settings::{
+    ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
+};
 
 /// The hand has arrived within this distance [m].
 const ARRIVED: f32 = 5e-4;
@@ -63,7 +65,7 @@ pub enum VisualApproachCommand {
     Move {
         /// Where it shall come to rest, in the base frame [m].
         position: [f32; 3],
-        /// Largest speed [m/s].
+        /// Largest speed [m/s]: at least [`MIN_SPEED`].
         speed: f32,
     },
     /// 2: brings the hand to rest.
@@ -182,7 +184,7 @@ impl Task for VisualApproach {
                     return Err(VisualApproachRefusal::Target { distance, reach });
                 }
                 let limit = self.settings.speed;
-                if !(speed > 0.0 && speed <= limit) {
+                if !(MIN_SPEED..=limit).contains(&speed) {
                     return Err(VisualApproachRefusal::Speed { value: speed, limit });
                 }
                 self.speed = speed;

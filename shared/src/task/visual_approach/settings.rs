@@ -7,10 +7,13 @@ use crate::control::ServoMode;
 use crate::math::abs;
 use crate::robot::{Concerns, LimitRefusal, Robot};
 
+/// Least speed of a motion [m/s]: a contact stops only a hand that moves.
+pub const MIN_SPEED: f32 = 5e-3;
+
 /// Settings of the gripper, which one joint opens and closes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripperSettings {
-    /// Its joint. If it belongs to the arm's chain, it is the last one and turns the tip about the approach.
+    /// Its joint: the last one of the arm's chain, which turns the tip about the approach, or the only one of another chain.
     pub joint: u8,
     /// Angle of the open gripper [rad].
     pub open: f32,
@@ -25,13 +28,13 @@ pub struct GripperSettings {
 /// Settings of the visual approach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct VisualApproachSettings {
-    /// The arm's chain. Its tip is the hand frame: the approach is its z.
+    /// The arm's chain, of at least six joints beside the gripper. Its tip is the hand frame: the approach is its z.
     pub chain: u8,
     /// The gripper.
     pub gripper: GripperSettings,
     /// Feedback law of the joint servos.
     pub servo_mode: ServoMode,
-    /// Largest speed of the hand [m/s]: 0.001 to 1.
+    /// Largest speed of the hand [m/s]: [`MIN_SPEED`] to 1.
     pub speed: f32,
     /// Largest acceleration of the hand [m/s²]: 0.01 to 10.
     pub acceleration: f32,
@@ -58,7 +61,8 @@ impl VisualApproachSettings {
     /// # Errors
     /// The first one that is out of range.
     pub fn validate(&self, robot: &Robot) -> Result<(), VisualApproachRefusal> {
-        let chain = robot.chains().get(usize::from(self.chain)).filter(|chain| chain.mimic.is_none());
+        let chains = robot.chains();
+        let chain = chains.get(usize::from(self.chain)).filter(|chain| chain.mimic.is_none());
         let Some(joints) = chain.map(super::ChainConfig::joints) else {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         };
@@ -66,14 +70,21 @@ impl VisualApproachSettings {
         let Some(gripper) = robot.joints().get(usize::from(joint)) else {
             return Err(VisualApproachRefusal::NoGripper { joint });
         };
-        if joints.contains(&usize::from(joint)) && usize::from(joint) + 1 != joints.end {
+        let index = usize::from(joint);
+        let is_own = joints.contains(&index);
+        let is_alone = chains.iter().any(|chain| chain.joints() == (index..index + 1));
+        if !(is_alone || is_own && index + 1 == joints.end) {
             return Err(VisualApproachRefusal::NoGripper { joint });
+        }
+        // Fewer can neither keep an orientation nor show a force in any direction.
+        if joints.len() - usize::from(is_own) < 6 {
+            return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         }
         gripper.check_position(joint, open)?;
         gripper.check_position(joint, closed)?;
         let most = gripper.limits.velocity;
         for (field, value, [lower, upper]) in [
-            (ApproachField::Speed, self.speed, [1e-3, 1.0]),
+            (ApproachField::Speed, self.speed, [MIN_SPEED, 1.0]),
             (ApproachField::Acceleration, self.acceleration, [0.01, 10.0]),
             (ApproachField::ContactForce, self.contact_force, [1.0, 500.0]),
             (ApproachField::Reach, self.reach, [0.01, 2.0]),
@@ -127,12 +138,12 @@ impl fmt::Display for ApproachField {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum VisualApproachRefusal {
-    /// 0: the robot has no such chain, or it begins with a mimic joint.
+    /// 0: the robot has no such chain, it begins with a mimic joint, or has fewer than six joints beside the gripper.
     NoChain {
         /// The chain.
         chain: u8,
     },
-    /// 1: the robot has no such joint, or it moves the arm.
+    /// 1: the robot has no such joint, or it moves an arm.
     NoGripper {
         /// The joint.
         joint: u8,
@@ -157,7 +168,7 @@ pub enum VisualApproachRefusal {
         /// The reach [m].
         reach: f32,
     },
-    /// 5: the speed of a motion is not above 0, or beyond that of the settings.
+    /// 5: the speed of a motion is below [`MIN_SPEED`], or beyond that of the settings.
     Speed {
         /// The speed [m/s].
         value: f32,
@@ -189,11 +200,13 @@ impl Concerns for VisualApproachRefusal {
 impl fmt::Display for VisualApproachRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NoChain { chain } => write!(f, "the robot has no chain {chain} without mimic joint"),
+            Self::NoChain { chain } => write!(
+                f,
+                "the robot has no arm as chain {chain}: it must have at least six joints beside the gripper, and no mimic joint"
+            ),
             Self::NoGripper { joint } => write!(
                 f,
-                "joint {joint} is no gripper: it must be a joint of the robot, the last one of the arm's chain or none \
-                 of it"
+                "joint {joint} is no gripper: it must be the last joint of the arm's chain, or the only one of another"
             ),
             Self::Limit(refusal) => refusal.fmt(f),
             Self::Value { field, value, lower, upper } => {
@@ -204,7 +217,7 @@ impl fmt::Display for VisualApproachRefusal {
                 "the target is {distance} m from where the hand was when the task began; the reach is {reach} m"
             ),
             Self::Speed { value, limit } => {
-                write!(f, "the speed of the motion is {value} m/s; it must be above 0, at most {limit} m/s")
+                write!(f, "the speed of the motion is {value} m/s; it must be {MIN_SPEED} to {limit} m/s")
             }
         }
     }
