@@ -95,13 +95,13 @@ impl Gripper {
             }
             _ => {}
         }
-        let (wanted, time) = match self.state {
+        let (desired, time) = match self.state {
             GripperState::Holding => (torque * direction, BUILD_UP),
             _ => (0.0, LET_GO),
         };
-        if wanted != 0.0 || self.press != 0.0 {
+        if desired != 0.0 || self.press != 0.0 {
             let step = torque * (TICK / time);
-            self.press += clamp(wanted - self.press, -step, step);
+            self.press += clamp(desired - self.press, -step, step);
             // The servo follows, so that it does not work against the torque.
             let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
             let feedforward = self.press - DAMPING / TICK * joint.inertia * joint.velocity;

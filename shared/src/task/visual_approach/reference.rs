@@ -107,8 +107,8 @@ impl<'a> Arm<'a> {
         let posture = self.posture(&angles);
         let jacobian = self.jacobian(&posture);
         let twist = jacobian * nalgebra::SVector::<f32, MAX_CHAIN_JOINTS>::from(now);
-        let wanted = wanted(&posture, &twist, target, limits);
-        let (next, limited) = self.joint_velocities(&jacobian, &wanted, points);
+        let desired = desired_twist(&posture, &twist, target, limits);
+        let (next, limited) = self.joint_velocities(&jacobian, &desired, points);
         for (index, own) in self.indices() {
             let Some(point) = points.get_mut(index) else { continue };
             point.acceleration = (next[own] - now[own]) / TICK;
@@ -154,10 +154,10 @@ impl<'a> Arm<'a> {
                 if held[own] {
                     continue;
                 }
-                let wanted = desired[own] * share;
+                let velocity = desired[own] * share;
                 let [least, most] = reachable(joint, point);
-                result[own] = math::clamp(wanted, least, most);
-                if abs(result[own] - wanted) > 1e-4 && is_near_stop(joint, point, wanted) {
+                result[own] = math::clamp(velocity, least, most);
+                if abs(result[own] - velocity) > 1e-4 && is_near_stop(joint, point, velocity) {
                     (held[own], holds, limited) = (true, true, true);
                     let column = jacobian.column(own) * result[own];
                     rest -= column;
@@ -173,7 +173,7 @@ impl<'a> Arm<'a> {
 }
 
 /// The twist of the hand at the end of the period.
-fn wanted(
+fn desired_twist(
     posture: &Posture,
     twist: &Vector6<f32>,
     target: &Isometry3<f32>,
