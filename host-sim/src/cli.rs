@@ -13,6 +13,7 @@ use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::law::LawFile;
+use tesaki_sim::papers::{self, Drawn, Paper};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -32,6 +33,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
+    /// Draw the figures of the papers anew, for the pages in docs/papers/
+    Papers(Papers),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(Faults),
     /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, or with --views many of one door
@@ -101,6 +104,19 @@ struct Run {
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
+}
+
+#[derive(Args)]
+struct Papers {
+    /// Papers; default: all
+    #[arg(value_enum)]
+    papers: Vec<Paper>,
+    /// Seed of the machine's deviations and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the figures, and for what was measured in the runs that they show
+    #[arg(long, default_value_os_t = workspace().join("docs/papers"))]
+    out: PathBuf,
 }
 
 #[derive(Args)]
@@ -198,6 +214,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
+        Some(Command::Papers(options)) => draw_papers(&options).map(|()| true),
         Some(Command::Faults(options)) => run_faults(&options),
         Some(Command::RenderKnob(options)) => render_knob(&options).map(|()| true),
         #[cfg(unix)]
@@ -258,6 +275,24 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
         }
     }
     Ok(passed)
+}
+
+fn draw_papers(options: &Papers) -> Result<(), Box<dyn Error>> {
+    let papers = if options.papers.is_empty() { Paper::value_variants() } else { &options.papers };
+    let bar = progress_bar("figures");
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
+    let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
+    let Drawn { runs, files } = papers::draw(papers, &workspace().join("robots"), options.seed, &progress)?;
+    bar.finish_and_clear();
+    let runs =
+        runs.iter().map(|run| Ok((format!("{}.json", run.scenario), serde_json::to_string(run)? + "\n")));
+    let runs: Vec<(String, String)> = runs.collect::<Result<_, serde_json::Error>>()?;
+    write(&options.out, &files)?;
+    write(&options.out.join("runs"), &runs)?;
+    for (name, _) in files {
+        println!("{}", options.out.join(name).display());
+    }
+    Ok(())
 }
 
 /// Runs schedules of faults; `false` if a rule was broken.
@@ -634,10 +669,7 @@ fn save(
     let mut files = vec![("summary.json", json.as_str()), ("index.html", html.as_str())];
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
-    let figures = figure_files(&outcome.figures);
-    let figures: Vec<(&str, &str)> =
-        figures.iter().map(|(name, svg)| (name.as_str(), svg.as_str())).collect();
-    write(&dir.join("figures"), &figures)?;
+    write(&dir.join("figures"), &figure_files(&outcome.figures))?;
     std::fs::write(dir.join("frames.log"), record)?;
     let urdf = std::fs::read_to_string(robot_folder(scenario, options).join("robot.urdf"))?;
     outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;

@@ -15,6 +15,7 @@ pub mod faults;
 pub mod law;
 pub mod motion;
 pub mod operator;
+pub mod papers;
 pub mod plant;
 mod purpose;
 pub mod qemu;

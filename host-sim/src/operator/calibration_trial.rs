@@ -11,7 +11,7 @@ use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
 use super::glove::{FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 
 /// Vectors shorter than this have no direction worth comparing [m].
-const MIN_DISTANCE: f64 = 0.025;
+pub(crate) const MIN_DISTANCE: f64 = 0.025;
 /// How long a pose is held [s], and the range of the time to the next.
 const HOLD: f64 = 1.0;
 const MOVEMENT: [f64; 2] = [0.8, 1.2];

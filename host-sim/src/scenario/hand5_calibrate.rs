@@ -8,7 +8,7 @@ use super::hand::{in_robot_frame, path_panel, vector_errors};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::motion::Motion;
 use crate::operator::GloveValues;
-use crate::operator::calibration_trial::{self, CalibrationPlan, CalibrationTrial};
+use crate::operator::calibration_trial::{self, CalibrationPlan, CalibrationTrial, MIN_DISTANCE};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -74,7 +74,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let found = calibration_trial::run(&trial.plan, values, filter, setting.seed, setting.duration)?;
         add_metrics(&mut summary, trial, &found);
         figures.push(paths(trial, &found));
-        figures.push(errors(trial, &found));
+        figures.push(vector(trial, &found));
         tables.push((format!("{}.csv", trial.name), table(&found)));
         (setting.progress)(f64::from(number) / TRIALS.len() as f64);
     }
@@ -137,16 +137,36 @@ fn paths(trial: &Trial, found: &CalibrationTrial) -> Figure {
 }
 
 /// As the paper's figure 4.
-fn errors(trial: &Trial, found: &CalibrationTrial) -> Figure {
-    let caption = "From the thumb's tip to that of the index finger: estimated minus true length, and the angle \
-                   between both (compare the paper's figure 4).";
-    let vectors = &found.vectors[0];
-    let time: Vec<f64> = found.times.iter().take(vectors.len()).copied().collect();
-    let length = vectors.iter().map(|[found, truth]| 1e3 * (found.norm() - truth.norm())).collect();
-    let direction = vectors.iter().map(|[found, truth]| found.angle(truth).to_degrees()).collect();
-    Figure::stacked(format!("{}: errors", capitalized(trial.label)), caption, "time", "s")
-        .panel(Panel::new("Length", "error", "mm").line(Line::solid("index finger", 0, time.clone(), length)))
-        .panel(Panel::new("Direction", "error", "°").line(Line::solid("index finger", 0, time, direction)))
+fn vector(trial: &Trial, found: &CalibrationTrial) -> Figure {
+    let caption = "The first 20 s of the vector from the thumb's tip to that of the index finger: its length, \
+                   estimated minus true length, and the angle between both where they are at least 25 mm long \
+                   (compare the paper's figure 4).";
+    let shown: Vec<_> =
+        found.times.iter().zip(&found.vectors[0]).take_while(|(time, _)| **time < 20.0).collect();
+    let time: Vec<f64> = shown.iter().map(|(time, _)| **time).collect();
+    let values =
+        |value: &dyn Fn([Vector3<f64>; 2]) -> f64| shown.iter().map(|(_, pair)| value(**pair)).collect();
+    let estimated: Vec<f64> = values(&|[found, _]| 1e3 * found.norm());
+    let truth: Vec<f64> = values(&|[_, truth]| 1e3 * truth.norm());
+    let length: Vec<f64> = values(&|[found, truth]| 1e3 * (found.norm() - truth.norm()));
+    let direction: Vec<f64> = values(&|[found, truth]| {
+        if truth.norm() >= MIN_DISTANCE { found.angle(&truth).to_degrees() } else { f64::NAN }
+    });
+    Figure::stacked(format!("{}: vector to the index finger", capitalized(trial.label)), caption, "time", "s")
+        .panel(
+            Panel::new("Length", "length", "mm")
+                .line(Line::solid("estimated", 0, time.clone(), estimated))
+                .line(Line::dashed("true", Line::INK, time.clone(), truth)),
+        )
+        .panel(Panel::new("Error of the length", "error", "mm").line(Line::solid(
+            "error",
+            0,
+            time.clone(),
+            length,
+        )))
+        .panel(
+            Panel::new("Error of the direction", "error", "°").line(Line::solid("error", 0, time, direction)),
+        )
 }
 
 fn table(found: &CalibrationTrial) -> String {

@@ -1,9 +1,12 @@
 //! Recorded sweeps against what the simulator does now.
 
-use anyhow::{Result, ensure};
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
 
 use super::merge::Run;
-use super::record::{Metric, Sweep};
+use super::record::{FOLDER, Metric, Sweep};
+use super::set::Set;
 
 /// The machine of a sweep that is run again, another one for each scenario.
 pub fn chosen(sweep: &Sweep, scenario: usize) -> Option<u64> {
@@ -26,6 +29,31 @@ pub fn compare(sweep: &Sweep, run: &Run) -> Result<()> {
          `cargo xtask sweep {flag}--record {scenario}`, then `cargo xtask sweep tables`",
         sweep.commit
     );
+    Ok(())
+}
+
+/// Where `cargo sim papers` leaves what was measured in the runs that the papers' figures show.
+const DRAWN: &str = "docs/papers/runs";
+
+/// Whether the figures of the papers show what is recorded of their machines.
+///
+/// # Errors
+/// When one does not, or was drawn from a scenario that is not recorded: names it, and what to do.
+pub fn figures() -> Result<()> {
+    for entry in std::fs::read_dir(DRAWN).context(DRAWN)? {
+        let path = entry?.path();
+        let file = path.display();
+        let run: Run =
+            serde_json::from_str(&std::fs::read_to_string(&path)?).with_context(|| file.to_string())?;
+        let sweep = Sweep::load(Path::new(FOLDER), &run.scenario, Set::Development)?;
+        let sweep = sweep.with_context(|| format!("{file}: no sweep of {} is recorded", run.scenario))?;
+        let difference = difference(&sweep, &run)?;
+        ensure!(
+            difference.is_empty(),
+            "{file}: {difference} than recorded of commit {}: draw the figures anew with `cargo sim papers`",
+            sweep.commit
+        );
+    }
     Ok(())
 }
 
@@ -72,7 +100,6 @@ mod tests {
 
     use super::*;
     use crate::sweep::merge::{self, fixtures::run};
-    use crate::sweep::set::Set;
 
     fn recorded(runs: Vec<Run>) -> Sweep {
         let folder = tempfile::tempdir().unwrap();

@@ -40,13 +40,39 @@ pub struct Row {
     pub label: &'static str,
 }
 
+/// One row of a comparison with a paper: the same quantity under the paper's law and under ours.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair {
+    pub label: &'static str,
+    /// What the paper printed, where the scenario does not say it.
+    pub paper: Option<&'static str>,
+    pub papers_law: Option<Row>,
+    pub ours: Option<Row>,
+}
+
+impl Pair {
+    /// Its rows in the sweeps.
+    pub fn rows(&self) -> impl Iterator<Item = Row> {
+        [self.papers_law, self.ours].into_iter().flatten()
+    }
+}
+
+/// What a table shows.
+#[derive(Clone, Copy, Debug)]
+pub enum Rows {
+    /// Metrics against their limits.
+    Limits(&'static [Row]),
+    /// What a paper printed, its law on our machines, and ours.
+    Comparison(&'static [Pair]),
+}
+
 /// A table of a document.
 #[derive(Clone, Copy, Debug)]
 pub struct Table {
     pub document: &'static str,
     /// The table's name in the markers of the document.
     pub name: &'static str,
-    pub rows: &'static [Row],
+    pub rows: Rows,
 }
 
 const KNOB: &[Row] = &[
@@ -85,25 +111,89 @@ const fn magnitude(scenario: &'static str, metric: &'static str, label: &'static
     Row { bound: Bound::Within, ..row(scenario, metric, label) }
 }
 
+/// A quantity of which only ours runs here.
+const fn ours(paper: Option<&'static str>, row: Row) -> Pair {
+    Pair { label: row.label, paper, papers_law: None, ours: Some(row) }
+}
+
+const HAND5_PAGE: &str = "docs/papers/hand5.md";
+const KNOB_PAGE: &str = "docs/papers/knob.md";
+
+const HAND5_FIGURE4: &[Pair] = &[
+    ours(None, row("hand5-calibrate", "full_index_length_mean", "length: mean error")),
+    ours(None, row("hand5-calibrate", "full_index_length_deviation", "length: standard deviation")),
+    ours(None, row("hand5-calibrate", "full_index_direction_mean", "direction: mean error")),
+    ours(None, row("hand5-calibrate", "full_index_direction_deviation", "direction: standard deviation")),
+];
+
+const HAND5_QUICK: &[Pair] = &[
+    ours(Some("5–10 min"), row("hand5-calibrate", "quick_time", "time of the calibration")),
+    ours(None, row("hand5-calibrate", "quick_index_length_mean", "index finger, length: mean error")),
+    ours(None, row("hand5-calibrate", "quick_index_length_deviation", "its standard deviation")),
+    ours(
+        None,
+        row("hand5-calibrate", "quick_middle_length_mean", "middle finger, without a marker: mean error"),
+    ),
+    ours(None, row("hand5-calibrate", "quick_middle_length_deviation", "its standard deviation")),
+];
+
+const HAND5_FIGURE5: &[Pair] = &[
+    ours(
+        Some("exact"),
+        row("hand5-reach", "own_stated_error", "kinematics, targets within reach: largest error"),
+    ),
+    ours(None, row("hand5-reach", "own_thumb_rms", "the robot's true thumb: rms error")),
+    ours(None, row("hand5-reach", "own_index_rms", "its true vector to the index finger: rms error")),
+    ours(
+        Some("some deviation"),
+        row("hand5-reach", "human_index_stated", "kinematics, another person's index finger: rms error"),
+    ),
+    ours(None, row("hand5-reach", "human_little_stated", "the same, little finger")),
+];
+
+const KNOB_FIGURE7: &[Pair] = &[
+    ours(
+        None,
+        Row { bound: Bound::AtLeast, ..row("knob-find", "whole_right", "pictures with the right circle") },
+    ),
+    ours(None, row("knob-find", "whole_wrong", "pictures with a wrong one")),
+    ours(None, row("knob-find", "whole_center", "error of the centre")),
+    ours(None, row("knob-find", "whole_radius", "error of the radius")),
+];
+
+const KNOB_FIGURE8: &[Pair] = &[
+    ours(Some("about 1 min"), row("knob-grasp", "time", "time of an approach")),
+    ours(None, row("knob-grasp", "longest", "the longest of ten approaches")),
+    ours(
+        Some("grasped"),
+        Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, of ten") },
+    ),
+];
+
 /// All tables.
 pub const TABLES: &[Table] = &[
-    Table { document: "README.md", name: "readme", rows: README },
-    Table { document: MEASUREMENTS, name: "servo", rows: SERVO },
-    Table { document: MEASUREMENTS, name: "reach", rows: REACH },
-    Table { document: MEASUREMENTS, name: "motion-in-the-hand", rows: MOTION },
-    Table { document: MEASUREMENTS, name: "grasp", rows: GRASP },
-    Table { document: MEASUREMENTS, name: "weights", rows: WEIGHTS },
-    Table { document: MEASUREMENTS, name: "force", rows: FORCE },
-    Table { document: MEASUREMENTS, name: "impedance", rows: IMPEDANCE },
-    Table { document: MEASUREMENTS, name: "wall", rows: WALL },
-    Table { document: MEASUREMENTS, name: "straight", rows: STRAIGHT },
-    Table { document: MEASUREMENTS, name: "follow", rows: FOLLOW },
-    Table { document: MEASUREMENTS, name: "bilateral", rows: BILATERAL },
-    Table { document: MEASUREMENTS, name: "calibrate", rows: CALIBRATE },
-    Table { document: MEASUREMENTS, name: "fingertips", rows: FINGERTIPS },
-    Table { document: MEASUREMENTS, name: "glove", rows: GLOVE },
-    Table { document: MEASUREMENTS, name: "knob", rows: KNOB },
-    Table { document: MEASUREMENTS, name: "knob-grasp", rows: KNOB_GRASP },
+    Table { document: "README.md", name: "readme", rows: Rows::Limits(README) },
+    Table { document: MEASUREMENTS, name: "servo", rows: Rows::Limits(SERVO) },
+    Table { document: MEASUREMENTS, name: "reach", rows: Rows::Limits(REACH) },
+    Table { document: MEASUREMENTS, name: "motion-in-the-hand", rows: Rows::Limits(MOTION) },
+    Table { document: MEASUREMENTS, name: "grasp", rows: Rows::Limits(GRASP) },
+    Table { document: MEASUREMENTS, name: "weights", rows: Rows::Limits(WEIGHTS) },
+    Table { document: MEASUREMENTS, name: "force", rows: Rows::Limits(FORCE) },
+    Table { document: MEASUREMENTS, name: "impedance", rows: Rows::Limits(IMPEDANCE) },
+    Table { document: MEASUREMENTS, name: "wall", rows: Rows::Limits(WALL) },
+    Table { document: MEASUREMENTS, name: "straight", rows: Rows::Limits(STRAIGHT) },
+    Table { document: MEASUREMENTS, name: "follow", rows: Rows::Limits(FOLLOW) },
+    Table { document: MEASUREMENTS, name: "bilateral", rows: Rows::Limits(BILATERAL) },
+    Table { document: MEASUREMENTS, name: "calibrate", rows: Rows::Limits(CALIBRATE) },
+    Table { document: MEASUREMENTS, name: "fingertips", rows: Rows::Limits(FINGERTIPS) },
+    Table { document: MEASUREMENTS, name: "glove", rows: Rows::Limits(GLOVE) },
+    Table { document: MEASUREMENTS, name: "knob", rows: Rows::Limits(KNOB) },
+    Table { document: MEASUREMENTS, name: "knob-grasp", rows: Rows::Limits(KNOB_GRASP) },
+    Table { document: HAND5_PAGE, name: "hand5-figure4", rows: Rows::Comparison(HAND5_FIGURE4) },
+    Table { document: HAND5_PAGE, name: "hand5-quick", rows: Rows::Comparison(HAND5_QUICK) },
+    Table { document: HAND5_PAGE, name: "hand5-figure5", rows: Rows::Comparison(HAND5_FIGURE5) },
+    Table { document: KNOB_PAGE, name: "knob-figure7", rows: Rows::Comparison(KNOB_FIGURE7) },
+    Table { document: KNOB_PAGE, name: "knob-figure8", rows: Rows::Comparison(KNOB_FIGURE8) },
 ];
 
 const CALIBRATE: &[Row] = &[

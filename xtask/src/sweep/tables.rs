@@ -6,8 +6,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
+use super::check;
 use super::record::{FOLDER, Sweep};
-use super::rows::{Bound, Row, TABLES, Table};
+use super::rows::{Bound, Pair, Row, Rows, TABLES, Table};
 use super::set::Set;
 use super::stats;
 
@@ -16,7 +17,8 @@ const END: &str = "<!-- sweep:end -->";
 /// What to do about a table that differs from its sweep.
 const REFRESH: &str = "run `cargo xtask sweep tables`";
 
-/// Writes all tables into their documents; with `check` only compares, and fails where one differs.
+/// Writes all tables into their documents; with `check` only compares, and fails where one differs, or where a
+/// figure of a paper shows another run than is recorded.
 pub fn run(check: bool) -> Result<()> {
     let folder = Path::new(FOLDER);
     let mut documents: BTreeMap<&str, String> = BTreeMap::new();
@@ -32,6 +34,9 @@ pub fn run(check: bool) -> Result<()> {
             ensure!(before == after, "{document}: table {name} differs from {FOLDER}: {REFRESH}");
         }
         documents.insert(table.document, after);
+    }
+    if check {
+        check::figures()?;
     }
     for (document, text) in documents {
         check_markers(document, &text)?;
@@ -65,35 +70,88 @@ fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
     Ok(format!("{head}{begin}\n{lines}{END}{tail}"))
 }
 
+/// Recorded evaluation sweeps by scenario; `None` where nothing is recorded.
+type Sweeps = BTreeMap<&'static str, Option<Sweep>>;
+
 /// The lines of a table, and a sentence about its machines.
 fn generate(table: &Table, folder: &Path) -> Result<String> {
-    let mut sweeps = BTreeMap::new();
-    for row in table.rows {
+    match table.rows {
+        Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder)?),
+        Rows::Comparison(pairs) => comparison(pairs, &load(pairs.iter().flat_map(Pair::rows), folder)?),
+    }
+}
+
+fn load(rows: impl Iterator<Item = Row>, folder: &Path) -> Result<Sweeps> {
+    let mut sweeps = Sweeps::new();
+    for row in rows {
         let sweep = Sweep::load(folder, row.scenario, Set::Evaluation)?;
         sweeps.insert(row.scenario, sweep.filter(|sweep| !sweep.machines.is_empty()));
     }
-    let mut text = caption(&sweeps);
-    let paper_of = |row: &Row| {
-        let metric = sweeps[row.scenario].as_ref().and_then(|sweep| sweep.metric(row.metric).ok());
-        metric.and_then(|(_, metric)| metric.paper.clone())
-    };
-    let paper = table.rows.iter().any(|row| paper_of(row).is_some());
+    Ok(sweeps)
+}
+
+/// What the paper of a metric printed.
+fn printed<'a>(row: &Row, sweeps: &'a Sweeps) -> Option<&'a str> {
+    let (_, metric) = sweeps[row.scenario].as_ref()?.metric(row.metric).ok()?;
+    metric.paper.as_deref()
+}
+
+fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
+    let mut text = caption(sweeps);
+    let paper = rows.iter().any(|row| printed(row, sweeps).is_some());
     text += "\n| | limit | median | 95th percentile | machines within the limit |";
     text += if paper { " paper |\n|---|---|---|---|---|---|\n" } else { "\n|---|---|---|---|---|\n" };
-    for row in table.rows {
+    for row in rows {
         let cells = sweeps[row.scenario].as_ref().map(|sweep| cells(row, sweep)).transpose()?;
         let cells = cells.unwrap_or_else(|| ["–", "–", "–", "not yet run"].map(str::to_owned));
         text += &format!("| {} | {} |", row.label, cells.join(" | "));
         if paper {
-            text += &format!(" {} |", paper_of(row).unwrap_or_default());
+            text += &format!(" {} |", printed(row, sweeps).unwrap_or_default());
         }
         text.push('\n');
     }
     Ok(text)
 }
 
+/// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its law,
+/// where it is ours, two columns are enough.
+fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
+    let mut text = caption(sweeps);
+    let both = pairs.iter().any(|pair| pair.papers_law.is_some());
+    text += if both {
+        "\n| median (95th percentile) | the paper | its law here | ours | ours better by |\n|---|---|---|---|---|\n"
+    } else {
+        "\n| median (95th percentile) | the paper | here |\n|---|---|---|\n"
+    };
+    let dash = || "–".to_owned();
+    for pair in pairs {
+        let known = pair.rows().find_map(|row| printed(&row, sweeps)).or(pair.paper);
+        text += &format!("| {} | {} |", pair.label, known.unwrap_or("–"));
+        let law = pair.papers_law.map(|row| value(&row, sweeps)).transpose()?;
+        let ours = pair.ours.map(|row| value(&row, sweeps)).transpose()?;
+        let factor = law.as_ref().zip(ours.as_ref()).map(|((law, _), (ours, _))| law.abs() / ours.abs());
+        let factor =
+            factor.filter(|factor| factor.is_finite()).map(|factor| format!("{} ×", significant(factor, 2)));
+        let [law, ours] = [law, ours].map(|value| value.map_or_else(dash, |(_, text)| text));
+        text += &if both {
+            format!(" {law} | {ours} | {} |\n", factor.unwrap_or_else(dash))
+        } else {
+            format!(" {ours} |\n")
+        };
+    }
+    Ok(text)
+}
+
+/// The median of a row, and the text of median and 95th percentile.
+fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
+    let Some(sweep) = &sweeps[row.scenario] else { return Ok((f64::NAN, "not yet run".to_owned())) };
+    let (statistics, (_, metric)) = (stats::of(row, sweep)?, sweep.metric(row.metric)?);
+    let median = with_unit(&digits(statistics.median, None), &metric.unit);
+    Ok((statistics.median, format!("{median} ({})", digits(statistics.percentile_95, None))))
+}
+
 /// Which machines and commits a table is about, and how many of a set are still missing.
-fn caption(sweeps: &BTreeMap<&str, Option<Sweep>>) -> String {
+fn caption(sweeps: &Sweeps) -> String {
     let all = Set::Evaluation.seeds().len();
     let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
     commits.sort_unstable();
@@ -173,10 +231,12 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "tests")]
 
     use super::*;
+    use crate::sweep::record::Metric;
     use crate::sweep::record::fixtures::sweep;
     use crate::sweep::rows::fixtures::row;
 
-    const TABLE: Table = Table { document: "made-up.md", name: "arm", rows: &[row(Bound::AtMost)] };
+    const TABLE: Table =
+        Table { document: "made-up.md", name: "arm", rows: Rows::Limits(&[row(Bound::AtMost)]) };
 
     #[test]
     fn a_table_by_hand() {
@@ -210,6 +270,28 @@ mod tests {
     }
 
     #[test]
+    fn a_comparison_by_hand() {
+        let folder = tempfile::tempdir().unwrap();
+        let pair = Pair { label: "Error", paper: None, papers_law: Some(row(Bound::AtMost)), ours: None };
+        let table = |pairs| Table { rows: Rows::Comparison(pairs), ..TABLE };
+        let missing = generate(&table(Box::leak(Box::new([pair]))), folder.path()).unwrap();
+        assert!(missing.ends_with("| Error | – | not yet run | – | – |\n"), "{missing}");
+        let mut three = sweep(None, &[Some(0.25), Some(0.5), Some(1.0)]);
+        three.metrics[0].paper = Some("1–2 mm".into());
+        three.metrics.push(Metric { name: "ours".into(), paper: None, ..three.metrics[0].clone() });
+        for (machine, value) in three.machines.iter_mut().zip([0.1, 0.2, 0.25]) {
+            machine.values.push(Some(value));
+        }
+        three.save(folder.path()).unwrap();
+        let ours = Row { metric: "ours", ..row(Bound::AtMost) };
+        let pair = Pair { ours: Some(ours), ..pair };
+        let told = generate(&table(Box::leak(Box::new([pair]))), folder.path()).unwrap();
+        // 0.5 over 0.2.
+        let expected = "| Error | 1–2 mm | 0.500 mm (1) | 0.200 mm (0.250) | 2.5 × |\n";
+        assert!(told.ends_with(expected), "{told}");
+    }
+
+    #[test]
     fn only_what_is_between_the_markers_changes() {
         let text = "head\n<!-- sweep:begin arm -->\nold\n<!-- sweep:end -->\ntail\n";
         let expected = "head\n<!-- sweep:begin arm -->\nnew\n<!-- sweep:end -->\ntail\n";
@@ -240,7 +322,10 @@ mod tests {
     #[test]
     fn every_table_is_named_once_and_has_rows() {
         for (index, table) in TABLES.iter().enumerate() {
-            assert!(!table.rows.is_empty());
+            assert!(match table.rows {
+                Rows::Limits(rows) => !rows.is_empty(),
+                Rows::Comparison(pairs) => pairs.iter().all(|pair| pair.rows().next().is_some()),
+            });
             let again = |other: &Table| (other.document, other.name) == (table.document, table.name);
             assert!(!TABLES[index + 1..].iter().any(again), "{}", table.name);
         }
