@@ -10,9 +10,9 @@ use super::setpoint::{
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
     ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
-    CONTACT_LOSS_SQUARED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE, MAX_ELBOW_ERROR,
-    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR, REST_SPEED,
-    VELOCITY_LIMIT_FRACTION,
+    CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE,
+    MAX_ELBOW_ERROR, MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR,
+    REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -349,11 +349,13 @@ impl ImpedanceState {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             return;
         }
+        let senses_contact = use_measured_state && !self.estimates_force();
+        let rest_speed = if senses_contact { CONTACT_REST_SPEED } else { REST_SPEED };
         let reference = self.angles.iter_mut().zip(&mut self.velocities);
         let joints = reference.zip(self.observers.iter_mut().zip(&measurement.angles));
         for ((angle, velocity), (observer, measured)) in joints.take(arm.chain.len()) {
             let error = *angle - measured;
-            let at_rest = abs(*velocity) < REST_SPEED && abs(error) < REST_ERROR;
+            let at_rest = abs(*velocity) < rest_speed && abs(error) < REST_ERROR;
             let gain = match (at_rest, use_measured_state) {
                 (true, _) => 0.0,
                 (false, true) => CONTACT_DISTURBANCE_GAIN,

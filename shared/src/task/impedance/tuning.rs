@@ -12,7 +12,7 @@ pub(super) const CONTACT_HYSTERESIS_SQUARED: f32 = 4.0 / 9.0;
 pub(super) const CONTACT_LOSS_SQUARED: f32 = 0.1;
 /// Gain of the disturbance estimate during contact, as a fraction of that in free space. The measured force
 /// lags, and a faster estimate takes the lag for a disturbance.
-pub(super) const CONTACT_DISTURBANCE_GAIN: f32 = 0.1;
+pub(super) const CONTACT_DISTURBANCE_GAIN: f32 = 0.15;
 /// Fraction of the friction that is compensated during contact. Overcompensation causes a limit cycle against
 /// the environment.
 pub(super) const CONTACT_FRICTION_COMPENSATION: f32 = 0.7;
@@ -22,6 +22,10 @@ pub(super) const CONTACT_FRICTION_COMPENSATION: f32 = 0.7;
 pub(super) const REST_ERROR: f32 = 1e-4;
 /// Speed below which a joint of the reference arm is at rest [rad/s].
 pub(super) const REST_SPEED: f32 = 2e-3;
+/// The same during a contact that the force sensor feels. There the reference is the measured state, whose speed
+/// is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a newton
+/// when a joint breaks away late; a larger one leaves a larger error of the force at rest.
+pub(super) const CONTACT_REST_SPEED: f32 = 4e-2;
 
 /// Tolerance of the norm of a unit quaternion.
 pub(super) const NORM_TOLERANCE: f32 = 1e-3;
