@@ -37,10 +37,44 @@ pub struct PaperFigure {
     pub title: &'static str,
 }
 
+const HAND3_FORCE: &str = "hand3-paper-force";
+const HAND3_MOTION: &str = "hand3-paper-motion";
+const ARM7: &str = "arm7-paper";
+
 /// All figures, in the order of the pages.
 pub const FIGURES: &[PaperFigure] = &[
-    figure(Paper::Hand3, "hand3-servo-pid.svg", "hand3-servo", "PID"),
-    figure(Paper::Hand3, "hand3-servo-observer.svg", "hand3-servo", "Observer"),
+    figure(Paper::Hand3, "hand3-servo.svg", HAND3_MOTION, "Hand3 figure 6: joint servo"),
+    figure(Paper::Hand3, "hand3-force.svg", HAND3_FORCE, "Hand3 figure 11: force of finger 1"),
+    figure(
+        Paper::Hand3,
+        "hand3-friction.svg",
+        HAND3_FORCE,
+        "Hand3 figure 11: force over the friction of the joints",
+    ),
+    figure(
+        Paper::Hand3,
+        "hand3-weights.svg",
+        HAND3_FORCE,
+        "Hand3 figure 12: load on the box and internal force",
+    ),
+    figure(
+        Paper::Hand3,
+        "hand3-weights-force.svg",
+        HAND3_FORCE,
+        "Hand3 figure 13: force of finger 1 under weights",
+    ),
+    figure(Paper::Hand3, "hand3-turn.svg", HAND3_MOTION, "Hand3 figures 14 and 15: attitude of the box"),
+    figure(Paper::Hand3, "hand3-shift.svg", HAND3_MOTION, "Hand3 figures 14 and 15: position of the box"),
+    figure(Paper::Hand3, "hand3-joint-turn.svg", HAND3_MOTION, "Hand3 section 5.5: attitude of the box"),
+    figure(Paper::Arm7, "arm7-release.svg", ARM7, "Released along x: the model's machine"),
+    figure(
+        Paper::Arm7,
+        "arm7-elbow.svg",
+        "arm7-paper-elbow",
+        "The elbow moves, the hand is held: the model's machine",
+    ),
+    figure(Paper::Arm7, "arm7-follow.svg", ARM7, "The slave follows the master along x, directly"),
+    figure(Paper::Arm7, "arm7-damping.svg", ARM7, "Error over the damping, directly"),
     figure(Paper::Hand5, "hand5-calibrate-paths.svg", "hand5-calibrate", "Five markers: paths"),
     figure(
         Paper::Hand5,

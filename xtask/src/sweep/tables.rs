@@ -130,8 +130,9 @@ fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
         let law = pair.papers_law.map(|row| value(&row, sweeps)).transpose()?;
         let ours = pair.ours.map(|row| value(&row, sweeps)).transpose()?;
         let factor = law.as_ref().zip(ours.as_ref()).map(|((law, _), (ours, _))| law.abs() / ours.abs());
-        let factor =
-            factor.filter(|factor| factor.is_finite()).map(|factor| format!("{} ×", significant(factor, 2)));
+        let factor = factor
+            .filter(|factor| pair.is_error && factor.is_finite())
+            .map(|factor| format!("{} ×", significant(factor, 2)));
         let [law, ours] = [law, ours].map(|value| value.map_or_else(dash, |(_, text)| text));
         text += &if both {
             format!(" {law} | {ours} | {} |\n", factor.unwrap_or_else(dash))
@@ -272,7 +273,13 @@ mod tests {
     #[test]
     fn a_comparison_by_hand() {
         let folder = tempfile::tempdir().unwrap();
-        let pair = Pair { label: "Error", paper: None, papers_law: Some(row(Bound::AtMost)), ours: None };
+        let pair = Pair {
+            label: "Error",
+            paper: None,
+            papers_law: Some(row(Bound::AtMost)),
+            ours: None,
+            is_error: true,
+        };
         let table = |pairs| Table { rows: Rows::Comparison(pairs), ..TABLE };
         let missing = generate(&table(Box::leak(Box::new([pair]))), folder.path()).unwrap();
         assert!(missing.ends_with("| Error | – | not yet run | – | – |\n"), "{missing}");
