@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use tesaki::kinematics::Chain;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::robot::Robot;
-use tesaki::task::impedance::{Arm, ImpedanceCommand, ImpedanceRefusal};
-use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
+use tesaki::task::impedance::{Arm, ImpedanceRefusal};
+use tesaki::task::{TaskConfig, TaskTelemetry};
 use tesaki::teleop::{Follower, FollowerSettings};
 use tesaki_description::impedance;
 
@@ -74,7 +74,9 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
         (None, End::Done) => "the time is over".to_owned(),
     };
     session.lead.open(&why);
-    interrupted()?.store(false, Ordering::Relaxed);
+    if end == End::Interrupted {
+        interrupted()?.store(false, Ordering::Relaxed);
+    }
     let again = session.settle(&mut motion)?;
     session.live.end();
     if ending.is_some() && again == End::Done {
@@ -136,7 +138,7 @@ impl Session<'_> {
                 let mut session = session.borrow_mut();
                 session.lead.take();
                 session.obey();
-                session.lead.set_point(now)
+                session.lead.tick(now)
             },
             |news, now| {
                 let mut session = session.borrow_mut();
@@ -152,7 +154,7 @@ impl Session<'_> {
         let session = RefCell::new(self);
         motion.drive(
             PERIOD,
-            |now| session.borrow_mut().lead.set_point(now),
+            |now| session.borrow_mut().lead.tick(now),
             |news, now| {
                 session.borrow_mut().hear(news, now);
                 now >= until
@@ -194,13 +196,5 @@ impl Session<'_> {
                 output::notice(self.options, &event.text);
             }
         }
-    }
-}
-
-impl Lead {
-    /// The request for the period that begins now.
-    fn set_point(&mut self, now: Instant) -> Request {
-        let (point, elbow) = self.tick(now);
-        Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
     }
 }

@@ -5,13 +5,15 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
-use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki::task::impedance::{ImpedanceSettings, ImpedanceTelemetry, SetpointError};
+use tesaki::protocol::Request;
+use tesaki::task::TaskCommand;
+use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
 use crate::feed::MAX_TAKEN;
+use crate::impedance::norm;
 use crate::output;
 
 /// Without an accepted sample for this time the clutch opens.
@@ -55,8 +57,10 @@ pub struct Lead {
     asked: bool,
     /// The last position of the pedal.
     pedal: Option<bool>,
-    /// When the last sample was accepted, and its time stamp [s].
-    accepted: Option<(Instant, f64)>,
+    /// When the last sample was accepted.
+    accepted: Option<Instant>,
+    /// The latest time stamp [s].
+    latest: Option<f64>,
     /// Why samples after that were not.
     rejected: Option<FollowerError>,
     counts: Counts,
@@ -77,11 +81,6 @@ fn instant(start: Instant, time: Instant) -> tesaki::teleop::Instant {
     tesaki::teleop::Instant(time.saturating_duration_since(start).as_micros() as u32)
 }
 
-/// Norm of the linear part [m or N].
-pub fn norm(six: &[f32; 6]) -> f32 {
-    Vector3::from_column_slice(&six[..3]).norm()
-}
-
 impl Lead {
     pub fn new(source: Source, follower: Follower, args: &Follow, settings: &ImpedanceSettings) -> Self {
         Self {
@@ -95,6 +94,7 @@ impl Lead {
             asked: args.clutch == State::Closed,
             pedal: None,
             accepted: None,
+            latest: None,
             rejected: None,
             counts: Counts::default(),
             age: 0.0,
@@ -138,6 +138,7 @@ impl Lead {
             self.ask(pedal);
         }
         let age = self.source.feed.accept(arrived, sample.time);
+        self.count_missing(sample.time);
         let now = instant(self.start, Instant::now());
         // Before the program began, too: the clock wraps around.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it wraps around")]
@@ -154,8 +155,7 @@ impl Lead {
             self.count(error);
         }
         self.counts.accepted += 1;
-        self.count_missing(sample.time);
-        (self.accepted, self.rejected, self.age) = (Some((arrived, sample.time)), None, age);
+        (self.accepted, self.rejected, self.age) = (Some(arrived), None, age);
     }
 
     fn count(&mut self, error: FollowerError) {
@@ -170,10 +170,17 @@ impl Lead {
     /// Counts what is missing before a sample with this time stamp [s].
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
     fn count_missing(&mut self, time: f64) {
-        let Some((_, before)) = self.accepted else { return };
-        self.counts.gaps += u32::from(time - before > GAP);
-        if let Some(period) = self.source.period {
-            self.counts.lost += (((time - before) / period).round() as u64).saturating_sub(1);
+        let passed = self.latest.map_or(0.0, |latest| time - latest);
+        if self.latest.is_none() || passed > 0.0 {
+            self.latest = Some(time);
+            self.counts.gaps += u32::from(passed > GAP);
+        }
+        let Some(period) = self.source.period else { return };
+        if passed > 0.0 {
+            self.counts.lost += ((passed / period).round() as u64).saturating_sub(1);
+        } else if passed < 0.0 {
+            // Overtaken, not lost.
+            self.counts.lost = self.counts.lost.saturating_sub(1);
         }
     }
 
@@ -203,9 +210,9 @@ impl Lead {
         }
     }
 
-    /// The set-points of the period that begins now.
-    pub fn tick(&mut self, now: Instant) -> (PosePoint, ElbowSetpoint) {
-        let silence = self.accepted.map_or(Duration::MAX, |(at, _)| now.saturating_duration_since(at));
+    /// The request for the period that begins now.
+    pub fn tick(&mut self, now: Instant) -> Request {
+        let silence = self.accepted.map_or(Duration::MAX, |at| now.saturating_duration_since(at));
         if self.state.is_clutch_closed() && silence > STOP {
             let seconds = STOP.as_secs_f32();
             match self.rejected {
@@ -223,7 +230,7 @@ impl Lead {
         }
         let (point, elbow) = self.follower.tick(&mut self.state, now);
         self.watch_border(&point.position);
-        (point, elbow)
+        Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
     }
 
     /// Tells when the set-point comes to a border of the workspace.
