@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """A hand on a circle, as lines of JSON for `tesaki follow`: on standard output, or lead_arm.py PORT as datagrams."""
-import json, math, socket, sys, time
+import json, math, signal, socket, sys, time
 
 RADIUS, PERIOD, RATE = 0.04, 4.0, 100.0  # m, s, Hz
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends with its reader
 link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 while True:
     now = time.monotonic()
