@@ -204,7 +204,7 @@ fn a_stream_of_poses_leads_the_tool_on_a_circle() {
 #[test]
 fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     let server = arm();
-    let start: [f64; 3] = numbers(&server.json(&["read"])["tips"][0]["position"]);
+    let start: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
     // The tool may go 5 cm along y.
     let border = start[1] + 0.05;
     let [x, y, z] = start;
@@ -260,7 +260,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
         line
     };
     let mut missing = good.clone();
-    missing.as_object_mut().unwrap().shift_remove("position");
+    missing.as_object_mut().unwrap().remove("position");
     for line in [
         changed("quaternion", json!([0.0, 0.0, 0.5, 1.0])),
         missing,
@@ -301,7 +301,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
 fn an_arm_leads_another_over_a_bad_link() {
     let (master, slave) = (arm(), arm());
     let from = format!("board:{}", master.address);
-    let tip = |server: &Server| numbers::<3>(&server.json(&["read"])["tips"][0]["position"]);
+    let tip = |server: &Server| numbers::<3>(&server.json(&["read"])["tips"]["hand"]["position"]);
     let before = tip(&master);
     let joint = master.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
     // Holds first, so that it does not fall.
@@ -441,7 +441,7 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     let server = arm();
     let (leading, mut hand) = following(&server);
     server.make_trouble("estop on");
-    hand.until("it ends", || leading.count(|value| value.get("error").is_some()) == 1);
+    hand.until("it ends", || leading.count(|value| value["error"].is_string()) == 1);
     let (code, _, error) = leading.finish();
     assert!(code == 5 && error.contains("emergency stop"), "{code}: {error}");
     server.wait_for("in fault");
@@ -456,7 +456,7 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     let other = server.start_command(&["enable"]);
     let other = server.wait_with(other, "enabled");
     signal(&leading.child, Signal::SIGCONT);
-    hand.until("it ends", || leading.count(|value| value.get("error").is_some()) == 1);
+    hand.until("it ends", || leading.count(|value| value["error"].is_string()) == 1);
     let (code, _, error) = leading.finish();
     assert!(
         (code == 1 && error.contains("another program disabled the board"))
@@ -473,7 +473,7 @@ fn a_clock_that_runs_off_and_a_program_that_is_killed_leave_no_arm_that_moves() 
     let server = arm();
     let (leading, mut hand) = following(&server);
     // Milliseconds.
-    let error = |leading: &Leading| leading.count(|value| value.get("error").is_some()) == 1;
+    let error = |leading: &Leading| leading.count(|value| value["error"].is_string()) == 1;
     let start = Instant::now();
     while !error(&leading) {
         let mut sample = hand.sample();
@@ -494,7 +494,7 @@ fn a_clock_that_runs_off_and_a_program_that_is_killed_leave_no_arm_that_moves() 
     let faults = server.succeeds(&["faults"]);
     assert!(faults.contains("command timeout") || faults.contains("no command"), "{faults}");
     // It holds where it is: the reaction of its model.
-    let after: [f64; 3] = numbers(&server.json(&["read"])["tips"][0]["position"]);
+    let after: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
     assert!(distance(tool, after) < 0.02, "{tool:?} {after:?}");
     drop(leading.finish());
 }
