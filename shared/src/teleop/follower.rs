@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::motion_limits::MotionTarget;
 use super::operator_estimate::{Motion, OperatorEstimate};
-use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel};
+use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel, Workspace};
 use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
@@ -81,6 +81,8 @@ pub struct FollowerSettings {
     pub rotation_limits: MotionLimits,
     /// Limits of the elbow's angle [rad/s, rad/s²].
     pub elbow_limits: MotionLimits,
+    /// Box in which the set-point of the tool stays. Beyond it the hand is followed along the border.
+    pub workspace: Option<Workspace>,
 }
 
 impl FollowerSettings {
@@ -98,6 +100,7 @@ impl FollowerSettings {
         position_limits: MotionLimits { speed: 1.0, acceleration: 8.0 },
         rotation_limits: MotionLimits { speed: 4.0, acceleration: 40.0 },
         elbow_limits: MotionLimits { speed: 2.0, acceleration: 20.0 },
+        workspace: None,
     };
 }
 
@@ -182,7 +185,7 @@ impl Follower {
     /// Checks the settings.
     ///
     /// # Errors
-    /// The first value outside its limits.
+    /// The first value outside its limits. Each side of a workspace is 1 mm to 100 m long.
     pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
         let of_models = models.into_iter().flat_map(OperatorModel::settings);
@@ -195,8 +198,18 @@ impl Follower {
             ("innovation of the orientation", angle, [1e-4, 3.0]),
             ("sample age", settings.max_sample_age, [1e-3, 1.0]),
         ];
+        let of_workspace = settings.workspace.iter().flat_map(|Workspace { lower, upper }| {
+            let sides = [
+                "side of the workspace along x",
+                "side of the workspace along y",
+                "side of the workspace along z",
+            ]
+            .into_iter()
+            .zip(lower.iter().zip(upper));
+            sides.map(|(axis, (lower, upper))| (axis, upper - lower, [1e-3, 100.0]))
+        });
         let invalid = |&(_, value, [min, max]): &Setting| !(min..=max).contains(&value);
-        match of_models.chain(of_limits).chain(others).find(invalid) {
+        match of_models.chain(of_limits).chain(others).chain(of_workspace).find(invalid) {
             Some((field, value, [min, max])) => Err(InvalidFollowerSettings { field, value, min, max }),
             None => Ok(Self { settings }),
         }
@@ -341,6 +354,12 @@ impl Follower {
                 )
             }
             _ => (position_limits.stop(&state.velocity), rotation_limits.stop(&state.angular_velocity)),
+        };
+        let acceleration = match &self.settings.workspace {
+            Some(workspace) => {
+                workspace.limit(position_limits, &state.position, &state.velocity, &acceleration)
+            }
+            None => acceleration,
         };
         let offset = state.clutch.and_then(|clutch| clutch.elbow);
         let elbow_acceleration = match (offset, &state.elbow) {

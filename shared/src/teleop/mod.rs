@@ -81,6 +81,7 @@ mod motion_limits;
 mod operator_estimate;
 mod passivity;
 mod retarget;
+mod workspace;
 
 #[cfg(test)]
 #[allow(
@@ -121,3 +122,4 @@ pub use retarget::{
     InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetField, RetargetReport,
     RetargetSettings, RetargetState, Retargeting,
 };
+pub use workspace::Workspace;

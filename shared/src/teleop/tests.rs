@@ -365,6 +365,7 @@ fn extremes() -> Vec<FollowerSettings> {
                 position_limits: limits,
                 rotation_limits: limits,
                 elbow_limits: limits,
+                workspace: None,
             }
         })
         .collect()
@@ -447,4 +448,64 @@ fn settings_and_samples_outside_their_limits_are_refused() {
     let now = run.now();
     let twisted = run.follower.add_elbow_sample(&mut run.state, now, now, -1e38).unwrap_err();
     assert_eq!(twisted, FollowerError::Angle { value: 1e38, limit: 100.0 });
+}
+
+/// A hand that goes 0.4 m beyond a border and returns, while it moves along the border.
+#[test]
+fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
+    let workspace = Workspace { lower: [-1.0; 3], upper: [0.1, 1.0, 1.0] };
+    let settings = FollowerSettings { workspace: Some(workspace), ..FollowerSettings::HUMAN };
+    let follower = Follower::try_new(settings).unwrap();
+    let mut state = FollowerState::at([0.0; 3], IDENTITY, 0.0);
+    let hand = |time: f32| {
+        let part = ((time - 0.5) / 1.8).clamp(0.0, 1.0);
+        let there = 4.0 * part * (1.0 - part);
+        [0.5 * there * there, 0.1 * (time - 0.5).max(0.0), 0.0]
+    };
+    let (mut point, mut farthest) = (follower.tick(&mut state, Instant(0)).0, 0.0_f32);
+    for millisecond in (0..2500_u32).step_by(5) {
+        let (time, now) = (millisecond as f32 * 1e-3, Instant(1000 * millisecond));
+        let sample = MasterSample { time: now, position: hand(time), rotation: IDENTITY };
+        follower.add_sample(&mut state, now, &sample).unwrap();
+        if millisecond == 300 {
+            follower.close_clutch(&mut state, now).unwrap();
+        }
+        if millisecond.is_multiple_of(10) {
+            let before = core::mem::replace(&mut point, follower.tick(&mut state, now).0);
+            assert!(workspace.contains(&point.position), "{time} s: {:?}", point.position);
+            let change = (point.velocity[0] - before.velocity[0]).abs() / TICK;
+            assert!(change < 1.01 * settings.position_limits.acceleration, "{time} s: {change} m/s²");
+            farthest = farthest.max(point.position[0]);
+            if millisecond > 600 {
+                assert!((point.position[1] - hand(time)[1]).abs() < 2e-3, "{time} s: {:?}", point.position);
+            }
+        }
+    }
+    assert!(farthest > 0.099, "{farthest} m");
+    // It has not slipped along x.
+    assert!(point.position[0].abs() < 1e-3, "{:?}", point.position);
+
+    // Outside it only comes back.
+    let mut state = FollowerState::at([0.15, 0.0, 0.0], IDENTITY, 0.0);
+    for millisecond in (0..800_u32).step_by(10) {
+        let (time, now) = (millisecond as f32 * 1e-3, Instant(1000 * millisecond));
+        let position = [0.2 * (time - 0.3).max(0.0) * if time < 0.5 { 1.0 } else { -1.0 }, 0.0, 0.0];
+        let _ =
+            follower.add_sample(&mut state, now, &MasterSample { time: now, position, rotation: IDENTITY });
+        if millisecond == 200 {
+            follower.close_clutch(&mut state, now).unwrap();
+        }
+        point = follower.tick(&mut state, now).0;
+        assert!(point.position[0] < 0.1501, "{time} s: {:?}", point.position);
+    }
+    assert!(point.position[0] < 0.14, "{:?}", point.position);
+
+    for (upper, field) in
+        [(-1.0, "side of the workspace along x"), (f32::NAN, "side of the workspace along x")]
+    {
+        let workspace = Workspace { upper: [upper, 1.0, 1.0], ..workspace };
+        let refused =
+            Follower::try_new(FollowerSettings { workspace: Some(workspace), ..settings }).unwrap_err();
+        assert_eq!(refused.field, field);
+    }
 }

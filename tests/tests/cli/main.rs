@@ -14,6 +14,7 @@ mod faults;
 #[path = "../../../supervisor/tests/common/feed.rs"]
 mod feed;
 mod find_circle;
+mod follow;
 mod grasping;
 mod init;
 mod machine;

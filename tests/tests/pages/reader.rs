@@ -38,6 +38,17 @@ const EXCUSED: &[(&str, &str)] = &[
     ("glove | tesaki retarget --live --operator aiko.toml", "cli/retarget.rs runs it with a simulated glove"),
     ("tesaki calibrate poses.csv --operator Aiko --out aiko.toml", "cli/calibrate.rs runs it"),
     ("glove | tesaki calibrate --live --out aiko.toml", "likewise"),
+    (
+        "python3 docs/examples/lead_arm.py | tesaki follow --impedance robots/arm7/impedances/firm.toml --duration 10",
+        "it needs Python; cli/follow.rs runs it",
+    ),
+    ("cargo sim serve --robot robots/arm7 --listen tcp://localhost:7401", "cli/follow.rs runs two arms"),
+    ("cargo sim serve --robot robots/arm7 --listen tcp://localhost:7402", "likewise"),
+    (
+        "tesaki --port tcp://localhost:7402 follow --impedance robots/arm7/impedances/firm.toml --from \
+         board:tcp://localhost:7401",
+        "likewise",
+    ),
     ("python3 tests/oracles/find_circle.py set 250 4 DIR", "it needs Python's NumPy, and minutes"),
     ("python3 tests/oracles/find_circle.py opencv DIR", "it needs OpenCV"),
     (
@@ -111,10 +122,10 @@ pub fn split(steps: Vec<Step>) -> Vec<Vec<Step>> {
     boards
 }
 
-/// A folder to type in, with the robots, the data of the oracles and a calibration.
+/// A folder to type in, with the robots, the data of the oracles, the documents and a calibration.
 pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["robots", "tests"] {
+    for name in ["robots", "tests", "docs"] {
         let there = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name).canonicalize().unwrap();
         std::os::unix::fs::symlink(there, folder.path().join(name)).unwrap();
     }

@@ -4,6 +4,7 @@ mod calibrate;
 mod eval;
 mod examples;
 mod find_circle;
+mod follow;
 mod grasp;
 mod identify;
 mod impedance;
@@ -21,6 +22,7 @@ use tesaki_supervisor::port::Address;
 pub use calibrate::{Calibrate, CalibrateCamera, CalibrateCommand};
 pub use eval::{Eval, Grip, Kinematics};
 pub use find_circle::FindCircle;
+pub use follow::{Follow, PoseSource, State, Switch};
 pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
@@ -127,6 +129,8 @@ pub enum Command {
     /// Cartesian impedance control of an arm: the tool behaves as a mass with a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),
+    /// Lead an arm under impedance control by poses of a hand: JSON lines, another board, or a recorded file
+    Follow(Follow),
     /// Set the current joint angles (homing of relative encoders)
     #[command(after_help = examples::HOME)]
     Home(Home),

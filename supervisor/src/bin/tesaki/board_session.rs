@@ -10,6 +10,8 @@ use tesaki::protocol::{
     FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
     TaskReport, Telemetry, Tips,
 };
+use tesaki::task::TaskRefusal;
+use tesaki::task::impedance::{ImpedanceRefusal, SetpointError};
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::troubleshooting;
@@ -33,6 +35,8 @@ pub struct BoardSession {
     pub port: String,
     /// The latest telemetry of the task that was requested without waiting.
     pub task: Option<TaskReport>,
+    /// Why a set-point of an arm's tool was refused last.
+    pub refused: Option<SetpointError>,
     /// Whether this program commands the board.
     commands: bool,
 }
@@ -51,10 +55,15 @@ impl Drop for BoardSession {
 impl BoardSession {
     /// Opens the port and greets the board.
     pub fn open(options: &Options) -> Result<Self, Failure> {
-        let mut board = dial(options)?;
+        Self::open_at(options, &options.port)
+    }
+
+    /// The same at another port.
+    pub fn open_at(options: &Options, port: &Address) -> Result<Self, Failure> {
+        let mut board = dial_at(options, port)?;
         let identity = board.hello()?;
         let port = port_address(&board);
-        Ok(Self { board, identity, port, task: None, commands: false })
+        Ok(Self { board, identity, port, task: None, refused: None, commands: false })
     }
 
     /// Opens the port, greets the board and takes command.
@@ -147,6 +156,11 @@ impl BoardSession {
             match event {
                 FromBoard::Telemetry(telemetry) => return Ok(telemetry),
                 FromBoard::Reply(ReplyFrame { reply: Reply::Task(report), .. }) => self.task = Some(report),
+                FromBoard::Reply(ReplyFrame {
+                    reply:
+                        Reply::Refused(Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(error)))),
+                    ..
+                }) => self.refused = Some(error),
                 FromBoard::Reply(reply) => refused(&reply.reply)?,
                 _ => {}
             }
@@ -231,11 +245,15 @@ pub fn read_key(options: &Options) -> Result<Option<Key>, Failure> {
 
 /// Opens the port.
 pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
+    dial_at(options, &options.port)
+}
+
+fn dial_at(options: &Options, port: &Address) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
     // Only these may be encrypted.
-    let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
+    let may_be_tcp = matches!(port, Address::Tcp(_) | Address::Auto);
     let key = if may_be_tcp { read_key(options)? } else { None };
-    let link = FaultyLink::new(Reopening::open(options.port.clone(), key)?, faults);
+    let link = FaultyLink::new(Reopening::open(port.clone(), key)?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }
 

@@ -43,6 +43,9 @@ pub enum Failure {
     /// The board is in fault: description, and the reference to the document.
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
+    /// Another board than the one that is commanded.
+    #[error("{0}: {1}")]
+    OtherBoard(String, Box<Failure>),
     /// A timeout.
     #[error("{0}")]
     Late(String),
@@ -135,6 +138,7 @@ impl Failure {
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
             Self::Grasp(_)
             | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
+            Self::OtherBoard(_, failure) => failure.number(),
             Self::Pipe => 0,
         }
     }

@@ -86,22 +86,27 @@ pub const ARRAY: &str =
 
 /// The object of a line, and its time [s].
 pub fn object(line: &str) -> Result<(f64, Value), String> {
+    let value = json(line, "give it by --in FILE, without --live")?;
+    let time = value.get("time").and_then(Value::as_f64).ok_or("no number \"time\" [s]")?;
+    Ok((time, value))
+}
+
+/// The value of a line; `table` says what to do with a table.
+pub fn json(line: &str, table: &str) -> Result<Value, String> {
     let line = line.trim_start_matches(BYTE_ORDER_MARK);
     if line.trim_start().starts_with('[') {
         return Err(ARRAY.to_owned());
     }
-    let value: Value = serde_json::from_str(line).map_err(|error| {
+    serde_json::from_str(line).map_err(|error| {
         let hint = match line {
-            _ if line.contains("NaN") => "; write null for what was not measured, not NaN",
+            _ if line.contains("NaN") => "; write null for what was not measured, not NaN".to_owned(),
             _ if line.contains([',', ';']) && !line.contains('{') => {
-                "; this looks like CSV, which is read from files alone: give it by --in FILE, without --live"
+                format!("; this looks like CSV, which is read from files alone: {table}")
             }
-            _ => "",
+            _ => String::new(),
         };
         format!("no JSON: {error}{hint}")
-    })?;
-    let time = value.get("time").and_then(Value::as_f64).ok_or("no number \"time\" [s]")?;
-    Ok((time, value))
+    })
 }
 
 /// The orientations in an object.

@@ -83,7 +83,7 @@ fn status(options: &Options) -> Result<(), Failure> {
 }
 
 /// Norm of the linear part [m or N].
-fn norm(six: &[f32; 6]) -> f32 {
+pub fn norm(six: &[f32; 6]) -> f32 {
     Vector3::from_column_slice(&six[..3]).norm()
 }
 

@@ -8,7 +8,9 @@ mod check;
 mod doctor;
 mod eval;
 mod failure;
+mod feed;
 mod find_circle;
+mod follow;
 mod glove;
 mod grasp;
 mod gravity;
@@ -69,6 +71,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Calibrate(args) => calibrate::run(options, args),
         Command::Retarget(args) => retarget::run(options, args),
         Command::Impedance(command) => impedance::run(options, command),
+        Command::Follow(args) => follow::run(options, args),
         Command::Tare => home::tare(options),
         Command::Home(args) => home::home(options, args),
         Command::Read { path } => parameter::read(options, path.as_deref()),

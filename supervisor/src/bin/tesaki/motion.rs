@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{Mode, Request, Stream, TaskReport, Telemetry};
+use tesaki::protocol::{Mode, Refusal, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
+use tesaki::task::impedance::{ImpedanceTelemetry, SetpointError};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
@@ -20,6 +21,8 @@ use crate::output;
 
 /// Period of the set-points: well below the command timeout, so that a few may be lost.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// Period of the board's ticks.
+pub const PERIOD: Duration = Duration::from_millis(10);
 /// Period of the requests for the task's telemetry.
 const ASK: Duration = Duration::from_millis(50);
 /// Period of the lines of JSON.
@@ -186,6 +189,8 @@ pub struct News {
     pub telemetry: Option<Telemetry>,
     /// Telemetry of the running task.
     pub task: Option<TaskReport>,
+    /// Why a set-point of an arm's tool was refused; the one before remains.
+    pub refused: Option<SetpointError>,
 }
 
 /// A board that this program commands and may have enabled.
@@ -308,6 +313,30 @@ impl<'a> Motion<'a> {
         }
     }
 
+    /// Telemetry of impedance control.
+    pub fn impedance(&mut self) -> Result<ImpedanceTelemetry, Failure> {
+        Ok(self.session.board.read_impedance()?)
+    }
+
+    /// The address of the board's port.
+    pub fn port(&self) -> &str {
+        &self.session.port
+    }
+
+    /// Keeps command of the board until it is to be enabled. Returns whether it is; after Ctrl-C it is not.
+    pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<bool, Failure> {
+        let interrupted = interrupted()?;
+        while !ready()? {
+            if interrupted.load(Ordering::Relaxed) {
+                output::notice(self.options, "\ninterrupted: nothing was enabled");
+                return Ok(false);
+            }
+            self.positions()?;
+            std::thread::sleep(PERIOD);
+        }
+        Ok(true)
+    }
+
     /// Sends a set-point in each period `every`, until `done`.
     pub fn drive(
         &mut self,
@@ -422,10 +451,22 @@ impl<'a> Motion<'a> {
             match self.session.telemetry(deadline.saturating_duration_since(Instant::now())) {
                 Ok(telemetry) => news.telemetry = Some(telemetry),
                 Err(Failure::Late(_)) => {}
+                // What another program has enabled since is its own.
+                Err(Failure::Board(BoardError::Refused {
+                    refusal: Refusal::NotCommander | Refusal::Commanded { .. },
+                    ..
+                })) => {
+                    self.enabled = false;
+                    return Err(Failure::Refused(
+                        "this program has lost command of the board: another one has disabled it. End that one, then start again"
+                            .to_owned(),
+                    ));
+                }
                 Err(failure) => return Err(failure.named(&self.model)),
             }
         }
         news.task = self.session.task.take();
+        news.refused = self.session.refused.take();
         Ok(news)
     }
 

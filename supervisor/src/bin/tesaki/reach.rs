@@ -15,11 +15,9 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
-use crate::motion::{End, Motion, each_once};
+use crate::motion::{End, Motion, PERIOD, each_once};
 use crate::output;
 
-/// Period of the board's ticks, and of the set-points.
-const PERIOD: Duration = Duration::from_millis(10);
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
 const MAX_STEP: Duration = Duration::from_millis(20);
 /// How far the path may be ahead of the board's ticks, as its telemetry tells them: set-points that arrive
