@@ -244,6 +244,10 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
+    /// Identifies the layout of a log: memory that outlives a firmware may hold another's.
+    pub const KEY: u64 =
+        u64::from_le_bytes(postcard_schema::key::Key::for_path::<Self>("tesaki/faults").to_bytes());
+
     /// No faults.
     pub const fn new() -> Self {
         Self { total: 0, faults: Vec::new() }

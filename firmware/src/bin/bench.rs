@@ -16,16 +16,13 @@ use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
-use tesaki::model::{PidGains, Pose, RobotModel};
+use tesaki::model::{PidGains, Pose};
 use tesaki::node::Node;
-use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
-use tesaki::protocol::{
-    BoardStatus, FromBoard, JointTelemetry, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY,
-    SensorFlags, SensorFrame, Telemetry,
-};
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::{FromBoard, JointTelemetry, Mode, Request, Telemetry};
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
+use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
 use tesaki::test_support::hand5;
 use tesaki_firmware as _;
@@ -425,40 +422,13 @@ fn retargeting(name: &str, size: f32, directions: bool) {
 
 /// Tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
-    let board = BoardStatus::default();
-    let mut sequence = 0;
-    let mut ask = |node: &mut Node, request| {
-        sequence += 1;
-        let reply = node.handle(&RequestFrame { client: 1, sequence, request }, &board).reply;
-        assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
-    };
-    ask(node, Request::Hello { schema: SCHEMA_KEY });
-    ask(node, Request::TakeCommand { by_force: false });
-    let model: RobotModel = support::hand();
-    let mut bytes = [0; 4096];
-    let bytes = postcard::to_slice(&model, &mut bytes).expect("fits");
-    ask(node, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(bytes) });
-    for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
-        let data = Vec::from_slice(data).expect("fits");
-        ask(node, Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data });
-    }
-    ask(node, Request::ModelCommit);
-    let mut sensors = SensorFrame {
-        sequence: 1,
-        flags: SensorFlags(0),
-        supply: 24_000,
-        encoders: [0; 9].into_iter().collect(),
-        currents: [0; 9].into_iter().collect(),
-        forces: Vec::new(),
-    };
+    support::push(node, &support::hand());
+    let mut sensors = support::sensors(1);
     node.tick(&sensors);
-    ask(node, Request::Enable(TaskConfig::JointServo(mode)));
-    ask(
-        node,
-        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
-            positions: [0.3; 9].into_iter().collect(),
-        })),
-    );
+    support::enable(node, mode);
+    let positions = [0.3; 9].into_iter().collect();
+    let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
+    support::ask(node, &mut 200, goal);
     watch.measure(name, |x| {
         sensors.sequence += 1;
         for count in &mut sensors.encoders {
