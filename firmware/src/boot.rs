@@ -74,7 +74,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
         start_uart!(device.USART2, clocks.usart2, clocks.baud);
     }
-    start_timer(&device.TIM2, clocks.timer);
+    start_timer(&device.TIM2, clocks.timer, if plant_link { IDLE_PERIOD } else { PERIOD });
 
     let crash = retained::take_crash();
     let reset = match &crash {
@@ -135,10 +135,15 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     }
 }
 
-/// Starts the timer interrupt with a period of 10 ms: the control period, or what wakes the idle loop on the plant link.
-fn start_timer(timer: &pac::TIM2, clock: u32) {
+/// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68 ms at least.
+const IDLE_PERIOD: u16 = 50_000;
+/// The control period [µs].
+const PERIOD: u16 = 10_000;
+
+/// Starts the timer interrupt with `period` [µs].
+fn start_timer(timer: &pac::TIM2, clock: u32, period: u16) {
     timer.psc().write(|w| w.psc().set((clock / 1_000_000 - 1) as u16));
-    timer.arr().write(|w| w.arr().set(9_999));
+    timer.arr().write(|w| w.arr().set(u32::from(period) - 1));
     timer.egr().write(|w| w.ug().set_bit());
     timer.sr().modify(|_, w| w.uif().clear_bit());
     timer.dier().modify(|_, w| w.uie().set_bit());

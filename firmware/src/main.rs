@@ -117,7 +117,7 @@ mod app {
         }
     }
 
-    /// The 10 ms timer: the instant at which a control period begins.
+    /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle loop.
     #[task(binds = TIM2, priority = 4, shared = [&plant_link],
            local = [timer, latch, samples_in, period: u32 = 0])]
     fn instant(cx: instant::Context) {
