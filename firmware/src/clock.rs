@@ -114,7 +114,7 @@ pub fn frequency(counts: u16) -> Option<u32> {
 }
 
 /// Measures the running crystal [Hz] with the internal oscillator, which must be the system clock: TIM11 captures its
-/// count at edges of the crystal divided by 16 (RM0090, 19.5.11: option register; HSE_RTC). `None` without edges.
+/// count at edges of the crystal divided by 16 (RM0090: HSE_RTC in TIM11_OR). `None` without edges.
 pub fn measure_crystal(rcc: &rcc::RegisterBlock, timer: &tim11::RegisterBlock) -> Option<u32> {
     rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
     // SAFETY: 16 is a valid divider (2 to 31).

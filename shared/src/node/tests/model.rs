@@ -49,9 +49,9 @@ fn a_model_that_the_board_cannot_serve_is_refused_with_the_boards_reason() {
         assert_eq!(rig.ask(Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data }), Reply::Done);
     }
     let two_motors = |model: &RobotModel| {
-        let value = model.joints.len() as f32;
+        assert_eq!(model.joints.len(), 3);
         let problem = Problem::BoardLimit(2.0);
-        Err(ModelError { joint: Some(2), field: Field::Joints, value, problem })
+        Err(ModelError { joint: Some(2), field: Field::Joints, value: 3.0, problem })
     };
     rig.sequence += 1;
     let commit = RequestFrame { client: rig.client, sequence: rig.sequence, request: Request::ModelCommit };
