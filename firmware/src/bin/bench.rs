@@ -12,7 +12,9 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::{Vector3, Vector6};
-use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
+use tesaki::control::{
+    CurrentLoop, CurrentLoopState, Drive, JointPoint, Pid, PidState, ServoMode, Switching, Winding,
+};
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
@@ -157,6 +159,18 @@ fn main() -> ! {
             black_box(no_sin_cos(x * 20.0 - 2.0));
         },
     );
+
+    let winding = Winding { resistance: 2.32, inductance: 0.24e-3, back_emf: 0.0234 };
+    let switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+    let current_loop = CurrentLoop::try_new(&black_box(winding), &switching).expect("a winding");
+    let mut states = [CurrentLoopState::new(); 3];
+    watch.measure("current_loop_3", |x| {
+        for (state, current) in states.iter_mut().zip([x, -x, 2.0 * x]) {
+            state.command(black_box(0.5), 10.0);
+            let drive = current_loop.update(state, black_box(current), black_box(24.0));
+            assert!(matches!(black_box(drive), Drive::Duty(_)));
+        }
+    });
 
     for (name, count) in [("inverse_dynamics_3", 3), ("inverse_dynamics_7", 7)] {
         let joints: Vec<_, 7> = (0..count).map(support::joint).collect();
