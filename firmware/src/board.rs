@@ -1,45 +1,148 @@
-//! Interface of the control task to sensors and drives. Drivers for encoders and amplifiers implement
-//! [`Board`].
+//! What differs from board to board: crystal, pins, sensors, drives.
+//!
+//! Every pin belongs to the [`Board`], also those of the UARTs and of the strap: on one board a pin is a serial
+//! line, on another it switches a power stage.
 
-use embedded_hal::digital::InputPin;
+use stm32f4xx_hal::pac;
+use stm32f4xx_hal::rcc::Rcc;
+use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
-/// Sensors and drives.
-pub trait Board {
+pub use crate::boards::ThisBoard;
+
+/// A controller board. It is made once, by [`Board::start`], and lives as long as the firmware.
+pub trait Board: Sized {
+    /// Frequency of the crystal [Hz]; whole megahertz.
+    const CRYSTAL: u32;
     /// Whether the board controls power stages. Such a board never uses the plant link, where torques are for
     /// a simulation.
     const OWNS_GATE_DRIVERS: bool;
 
-    /// Reads all sensors in period `sequence`; `None` while they are not ready.
-    fn read(&mut self, sequence: u32) -> Option<SensorFrame>;
+    /// The part that the timer's interrupt calls.
+    type Latch: Latch;
 
-    /// Sets the torques of the drives. Current: torque divided by `motor.torque_constant` of the model.
+    /// Takes all pins. The power stages are off when it returns. The line of the supervisor (USART1) is connected,
+    /// with a pull-up on its input; that of the plant link is not.
+    fn start(peripherals: Peripherals) -> (Self, Self::Latch);
+
+    /// Whether the strap asks for the plant link.
+    fn is_strapped(&mut self) -> bool;
+
+    /// Connects the line of the plant link (USART2), with a pull-up on its input: an open one would receive noise.
+    fn connect_plant_link(&mut self);
+
+    /// Prepares for a robot. It is called while the outputs are off.
+    ///
+    /// # Errors
+    /// What the board lacks for it, by joint and field. Nothing is changed then.
+    fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError>;
+
+    /// The sensors at the instant of `sample`, in period `period`; `None` when they could not be read, which is a
+    /// fault that switches the outputs off.
+    fn read(&mut self, period: u32, sample: &<Self::Latch as Latch>::Sample) -> Option<SensorFrame>;
+
+    /// Sets the torques of the drives, or switches the power stages off when the frame is not enabled. Current:
+    /// torque divided by `motor.torque_constant` of the model.
     fn write(&mut self, actuators: &ActuatorFrame);
 
-    /// Switches the power stages off. Called from any context, also after a panic or a CPU fault.
-    fn outputs_off();
+    /// Switches the power stages off. Called from any context, also after a panic or a CPU fault, and before
+    /// [`Board::start`].
+    fn off();
 }
 
-/// The microcontroller alone, without drives and without sensors, so its node cannot be enabled.
-pub struct BareBoard;
+/// Reads what must be read at the instant at which the control period begins.
+///
+/// It has the highest priority, so that no other work delays the instant; it must take 3 µs at most, as the UARTs
+/// wait meanwhile.
+pub trait Latch {
+    /// Raw values. [`Board::read`] turns them into a frame later.
+    type Sample: Copy + Send;
 
-impl Board for BareBoard {
-    const OWNS_GATE_DRIVERS: bool = false;
+    /// Reads them.
+    fn latch(&mut self) -> Self::Sample;
+}
 
-    fn read(&mut self, _sequence: u32) -> Option<SensorFrame> {
-        None
+/// What the boards have in common leaves these peripherals to them.
+#[allow(missing_docs, reason = "the names are those of the chip")]
+pub struct Peripherals {
+    /// Enables and resets peripherals. Its frequencies are not those of the chip: [`crate::clock`] sets them.
+    pub rcc: Rcc,
+    pub syst: cortex_m::peripheral::SYST,
+    pub gpioa: pac::GPIOA,
+    pub gpiob: pac::GPIOB,
+    pub gpioc: pac::GPIOC,
+    pub gpiod: pac::GPIOD,
+    pub tim1: pac::TIM1,
+    pub tim3: pac::TIM3,
+    pub tim4: pac::TIM4,
+    pub tim5: pac::TIM5,
+    pub tim8: pac::TIM8,
+    pub adc1: pac::ADC1,
+    pub adc2: pac::ADC2,
+    pub adc3: pac::ADC3,
+    pub spi1: pac::SPI1,
+    pub spi2: pac::SPI2,
+    pub spi3: pac::SPI3,
+}
+
+/// Whether sensors and drives are on the plant link: the strap asks for it, and the board has no power stages.
+pub fn uses_plant_link<B: Board>(board: &mut B) -> bool {
+    !B::OWNS_GATE_DRIVERS && board.is_strapped()
+}
+
+/// What a board has for the joints of a robot; most refusals of [`Board::configure`].
+#[derive(Clone, Copy, Debug)]
+pub struct Equipment {
+    /// Number of motors with an encoder and a current sensor each.
+    pub motors: u8,
+    /// Whether its encoders know their angle after power-on.
+    pub absolute_encoders: bool,
+    /// Number of force sensors.
+    pub force_sensors: u8,
+    /// Largest current of a motor [A].
+    pub current: f32,
+    /// Largest supply voltage [V].
+    pub supply: f32,
+}
+
+impl Equipment {
+    /// Checks that the board has what the robot needs.
+    ///
+    /// # Errors
+    /// The first field that it lacks.
+    pub fn check(&self, model: &RobotModel) -> Result<(), ModelError> {
+        let refuse = |joint, field, value, limit: f32| {
+            Err(ModelError { joint, field, value, problem: Problem::BoardLimit(limit) })
+        };
+        let joints = model.joints.len() as f32;
+        for (index, joint) in (0_u8..).zip(&model.joints) {
+            if index >= self.motors {
+                return refuse(Some(index), Field::Joints, joints, self.motors.into());
+            }
+            if !joint.encoder.relative && !self.absolute_encoders {
+                let (field, problem) = (Field::EncoderRelative, Problem::NotSupported);
+                return Err(ModelError { joint: Some(index), field, value: 0.0, problem });
+            }
+            if joint.motor.current_limit > self.current {
+                return refuse(Some(index), Field::CurrentLimit, joint.motor.current_limit, self.current);
+            }
+        }
+        let mut force_sensors = 0;
+        for (chain, joints) in model.chains.iter().zip(model.chain_ranges()) {
+            force_sensors += u8::from(chain.force_sensor.is_some());
+            if force_sensors > self.force_sensors {
+                let last = joints.end.saturating_sub(1) as u8;
+                return refuse(
+                    Some(last),
+                    Field::ForceResolution,
+                    force_sensors.into(),
+                    self.force_sensors.into(),
+                );
+            }
+        }
+        if model.safety.supply_max > self.supply {
+            return refuse(None, Field::SupplyMax, model.safety.supply_max, self.supply);
+        }
+        Ok(())
     }
-
-    fn write(&mut self, _actuators: &ActuatorFrame) {}
-
-    fn outputs_off() {}
-}
-
-/// The board of this image.
-pub type ThisBoard = BareBoard;
-
-/// Whether sensors and drives are on the plant link: the strap is grounded at boot, and the board has no
-/// power stages.
-pub fn uses_plant_link<B: Board>(strap: &mut impl InputPin) -> bool {
-    !B::OWNS_GATE_DRIVERS && strap.is_low().unwrap_or(false)
 }

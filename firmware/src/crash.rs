@@ -1,31 +1,81 @@
-//! Panic and CPU fault: switch the outputs off, retain the cause, reset.
+//! Panic, CPU fault and stopped crystal: switch the outputs off, retain the cause, reset.
 
+use core::arch::naked_asm;
+use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
+use stm32f4xx_hal::pac;
 use tesaki::fault::FaultCause;
 use tesaki_firmware::board::{Board, ThisBoard};
 use tesaki_firmware::retained::retain_crash;
+use tesaki_firmware::stack;
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
-    ThisBoard::outputs_off();
+    ThisBoard::off();
     let (file, line) = info.location().map_or(("?", 0), |location| (location.file(), location.line()));
     retain_crash(FaultCause::Panic, line, format_args!("{} ({file}:{line})", info.message()));
     SCB::sys_reset()
 }
 
-#[exception]
-// SAFETY: an exception handler must be unsafe; this one only reads its frame.
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// Bytes of the stack of [`hard_fault`], which formats one message.
+const EMERGENCY: usize = 2048;
+
+#[unsafe(link_section = ".uninit.EMERGENCY")]
+static mut EMERGENCY_STACK: MaybeUninit<[u64; EMERGENCY / 8]> = MaybeUninit::uninit();
+
+/// The first instructions after a CPU fault. They use no stack: after an overflow a push would be a fault in the
+/// handler of faults, which locks the CPU up with the outputs on.
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+#[unsafe(link_section = ".HardFault.user")]
+extern "C" fn enter_hard_fault() -> ! {
+    naked_asm!(
+        "mrs r0, MSP",
+        "movw r1, #:lower16:({stack} + {size})",
+        "movt r1, #:upper16:({stack} + {size})",
+        "msr MSP, r1",
+        "b {handler}",
+        stack = sym EMERGENCY_STACK,
+        size = const EMERGENCY,
+        handler = sym hard_fault,
+    )
+}
+
+/// `frame`: the stack pointer of the code that failed, where the CPU has pushed its registers, if there was room.
+extern "C" fn hard_fault(frame: usize) -> ! {
     cortex_m::interrupt::disable();
-    ThisBoard::outputs_off();
-    retain_crash(
-        FaultCause::HardFault,
-        frame.pc(),
-        format_args!("CPU fault at pc {:#010x}, lr {:#010x}", frame.pc(), frame.lr()),
-    );
+    ThisBoard::off();
+    let (end, start) = stack::bounds();
+    if (end..=start - 32).contains(&frame) && !failed_to_push() {
+        // SAFETY: the frame lies in the stack: R0 to R3, R12, LR, PC, xPSR.
+        let [lr, pc] = unsafe { *((frame + 20) as *const [u32; 2]) };
+        retain_crash(FaultCause::HardFault, pc, format_args!("CPU fault at pc {pc:#010x}, lr {lr:#010x}"));
+    } else {
+        let size = start - end;
+        retain_crash(FaultCause::HardFault, 0, format_args!("stack overflow: {size} bytes are not enough"));
+    }
+    SCB::sys_reset()
+}
+
+/// Whether the CPU could not push its registers at an exception: STKERR or MSTKERR.
+fn failed_to_push() -> bool {
+    const STACKING: u32 = 1 << 12 | 1 << 4;
+    // SAFETY: reading this register has no effect.
+    unsafe { (*SCB::PTR).cfsr.read() & STACKING != 0 }
+}
+
+/// The clock security system's interrupt, the only one of this kind on the chip: the crystal has stopped, and the
+/// CPU runs on the internal oscillator without PLL.
+#[exception]
+// SAFETY: an exception handler of this kind must be unsafe, as it can interrupt everything; this one never returns.
+unsafe fn NonMaskableInt() -> ! {
+    ThisBoard::off();
+    // SAFETY: one store to a register that nobody else uses now.
+    unsafe { (*pac::RCC::ptr()).cir().modify(|_, w| w.cssc().clear()) };
+    retain_crash(FaultCause::CrystalStopped, 0, format_args!("the crystal stopped"));
     SCB::sys_reset()
 }

@@ -1,23 +1,28 @@
-//! Parts of the firmware: clock, links, retained memory, board. `main.rs` is the RTIC application.
+//! Parts of the firmware: clock, links, retained memory, boards. `main.rs` is the RTIC application.
 //!
 //! RTIC tasks by priority, highest first:
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
-//! | 4 | `TIM2` | 10 ms timer: pends the control task |
+//! | 4 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
 //! | 3 | `USART1`, `USART2` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
-//! | 0 | idle | sleep; on the plant link, feeding the watchdog |
+//! | 0 | idle | measuring the stack, sleep; on the plant link, feeding the watchdog |
 //!
 //! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud
 //! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
-//! byte, which delays a tick by less than 3 %. The sampling instant is not delayed.
+//! byte, which delays a tick by less than 3 %.
+//!
+//! The control task also waits while the supervisor task handles a request, as both use the node. Sampling does not
+//! wait: the timer's interrupt, which has the highest priority, latches the sensors ([`board::Latch`]).
 
 #![no_std]
 
 pub mod board;
+pub mod boards;
 pub mod clock;
+pub mod control;
 pub mod identity;
 pub mod link;
 pub mod retained;

@@ -17,7 +17,8 @@ mod app {
     use tesaki::protocol::{
         ActuatorFrame, BoardStatus, FromBoard, LogEntry, LogRecord, RequestFrame, SensorFrame, Stream,
     };
-    use tesaki_firmware::board::{Board, ThisBoard};
+    use tesaki_firmware::board::{Board, Latch, ThisBoard};
+    use tesaki_firmware::control::Periods;
     use tesaki_firmware::link::{Endpoint, Storage, UartIsr};
     use tesaki_firmware::watchdog::Watchdog;
     use tesaki_firmware::{retained, stack};
@@ -30,29 +31,35 @@ mod app {
     /// Capacity plus one of the queue of log entries. One tick every 10 ms; sending the longest takes 3 ms.
     const TICK_LOGS: usize = 8;
 
+    type BoardLatch = <ThisBoard as Board>::Latch;
+    /// What the timer's interrupt has read, with the number of the period.
+    type Sample = (u32, <BoardLatch as Latch>::Sample);
+    /// Capacity plus one of the queue of samples. Only the last one counts: those before it come too late.
+    const SAMPLES: usize = 4;
+
     #[shared]
     struct Shared {
         node: &'static mut Node,
         /// Statistics of the plant link, for the status.
         plant_statistics: tesaki::protocol::LinkStatistics,
         watchdog: Watchdog,
+        board: ThisBoard,
+        /// Whether sensors and drives are on the plant link. Set at boot.
+        plant_link: bool,
     }
 
     #[local]
     struct Local {
         timer: pac::TIM2,
-        /// Control periods since boot.
-        periods: u32,
+        latch: BoardLatch,
+        samples_in: Producer<'static, Sample>,
+        samples_out: Consumer<'static, Sample>,
         supervisor_uart_isr: UartIsr<pac::USART1>,
         supervisor: Endpoint,
         plant_uart_isr: UartIsr<pac::USART2>,
         plant: Endpoint,
-        board: ThisBoard,
-        /// Last control period of the control task.
-        last_period: u32,
         status: BoardStatus,
         retained_faults: u32,
-        plant_link: bool,
         ticks_in: Producer<'static, TickLog>,
         ticks_out: Consumer<'static, TickLog>,
     }
@@ -62,10 +69,12 @@ mod app {
         supervisor_link: Storage = Storage::new(),
         plant_storage: Storage = Storage::new(),
         ticks: Queue<TickLog, TICK_LOGS> = Queue::new(),
+        samples: Queue<Sample, SAMPLES> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
-        let boot::Started { usart1, usart2, timer, watchdog, status } = boot::start(cx.device, cx.local.node);
+        let started = boot::start(cx.device, cx.core.SYST, cx.local.node);
+        let boot::Started { usart1, usart2, timer, watchdog, board, latch, plant_link, status } = started;
         let (supervisor_uart_isr, supervisor) = cx.local.supervisor_link.split(usart1);
         let (plant_uart_isr, plant) = cx.local.plant_storage.split(usart2);
         defmt::info!(
@@ -74,47 +83,52 @@ mod app {
             status.clock,
             status.reset
         );
-        let plant_link = boot::plant_link();
         let (ticks_in, ticks_out) = cx.local.ticks.split();
+        let (samples_in, samples_out) = cx.local.samples.split();
         let retained_faults = cx.local.node.faults().total;
         (
-            Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog },
+            Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog, board, plant_link },
             Local {
                 timer,
-                periods: 0,
+                latch,
+                samples_in,
+                samples_out,
                 supervisor_uart_isr,
                 supervisor,
                 plant_uart_isr,
                 plant,
-                board: tesaki_firmware::board::BareBoard,
-                last_period: 0,
                 status,
                 retained_faults,
-                plant_link,
                 ticks_in,
                 ticks_out,
             },
         )
     }
 
-    #[idle(shared = [watchdog])]
+    #[idle(shared = [watchdog, &plant_link])]
     fn idle(mut cx: idle::Context) -> ! {
-        // Latched at boot.
-        let plant_link = boot::plant_link();
         loop {
-            if plant_link {
+            if *cx.shared.plant_link {
                 cx.shared.watchdog.lock(|watchdog| watchdog.feed());
             }
+            stack::scan();
+            // The timer wakes it, if nothing else does.
             cortex_m::asm::wfi();
         }
     }
 
-    /// The 10 ms timer.
-    #[task(binds = TIM2, priority = 4, local = [timer, periods])]
+    /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle loop.
+    #[task(binds = TIM2, priority = 4, shared = [&plant_link],
+           local = [timer, latch, samples_in, period: u32 = 0])]
     fn instant(cx: instant::Context) {
         cx.local.timer.sr().modify(|_, w| w.uif().clear_bit());
-        *cx.local.periods = cx.local.periods.wrapping_add(1);
-        boot::set_period(*cx.local.periods);
+        if *cx.shared.plant_link {
+            return;
+        }
+        let sample = cx.local.latch.latch();
+        *cx.local.period = cx.local.period.wrapping_add(1);
+        // A queue that is full shows in the numbers of the periods.
+        let _ = cx.local.samples_in.enqueue((*cx.local.period, sample));
         rtic::pend(Interrupt::EXTI0);
     }
 
@@ -133,13 +147,14 @@ mod app {
     }
 
     /// One control period, of the timer or of the plant link.
-    #[task(binds = EXTI0, priority = 2, shared = [node, plant_statistics, watchdog],
-           local = [board, plant, last_period, plant_link, ticks_in])]
+    #[task(binds = EXTI0, priority = 2, shared = [node, board, plant_statistics, watchdog, &plant_link],
+           local = [plant, samples_out, periods: Periods = Periods::new(), ticks_in])]
     fn control(mut cx: control::Context) {
-        if *cx.local.plant_link {
+        let ticks = cx.local.ticks_in;
+        if *cx.shared.plant_link {
             while let Some(result) = cx.local.plant.receive::<SensorFrame>() {
                 if let Ok(sensors) = result {
-                    let actuators = cx.shared.node.lock(|node| tick(node, sensors, cx.local.ticks_in));
+                    let actuators = cx.shared.node.lock(|node| tick(node, sensors, ticks));
                     cx.local.plant.send(&actuators);
                     rtic::pend(Interrupt::USART2);
                 }
@@ -148,15 +163,16 @@ mod app {
             cx.shared.plant_statistics.lock(|shared| *shared = statistics);
             return;
         }
-        let period = boot::period();
-        let on_time = period == cx.local.last_period.wrapping_add(1);
-        *cx.local.last_period = period;
-        if let Some(sensors) = cx.local.board.read(period) {
-            // The sequence number reveals a missed period; the node raises a fault.
-            let actuators = cx.shared.node.lock(|node| tick(node, sensors, cx.local.ticks_in));
-            cx.local.board.write(&actuators);
+        let mut last = None;
+        while let Some(sample) = cx.local.samples_out.dequeue() {
+            last = Some(sample);
         }
-        if on_time {
+        let Some((period, sample)) = last else { return };
+        let periods = cx.local.periods;
+        let healthy = (cx.shared.board, cx.shared.node).lock(|board, node| {
+            periods.run(board, node, period, &sample, |node, sensors| tick(node, sensors, ticks))
+        });
+        if healthy {
             cx.shared.watchdog.lock(|watchdog| watchdog.feed());
         }
     }
@@ -179,7 +195,7 @@ mod app {
     }
 
     /// Requests, telemetry and log.
-    #[task(binds = EXTI1, priority = 1, shared = [node, plant_statistics],
+    #[task(binds = EXTI1, priority = 1, shared = [node, board, plant_statistics],
            local = [supervisor, status, retained_faults, ticks_out, sent_tick: Option<u32> = None])]
     fn supervisor(mut cx: supervisor::Context) {
         let link = cx.local.supervisor;
@@ -193,8 +209,9 @@ mod app {
             if let Ok(request) = result {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
                 refresh(status, link, plant);
-                let (reply, faults, index, logged) = cx.shared.node.lock(|node| {
-                    let reply = node.handle(&request, status);
+                let mut both = (&mut cx.shared.node, &mut cx.shared.board);
+                let (reply, faults, index, logged) = both.lock(|node, board| {
+                    let reply = node.handle_on(&request, status, &mut |model| board.configure(model));
                     if node.faults().total != *cx.local.retained_faults {
                         retained::retain_faults(node.faults());
                     }

@@ -1,11 +1,13 @@
 //! Memory that a reset does not clear: the fault log, and the cause of a crash.
 //!
-//! After power-on its content is random; checksums detect that.
+//! After power-on its content is random, and after an update it is another firmware's; checksums and a key detect that.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use tesaki::fault::{FaultCause, FaultLog};
 use tesaki::protocol::codec::checksum;
 
@@ -16,11 +18,36 @@ pub const MAX_TEXT: usize = 96;
 
 #[repr(C)]
 struct Retained {
-    log_checksum: u32,
-    log_length: u32,
-    log: [u8; LOG],
+    log: Record<LOG>,
     crash_checksum: u32,
     crash: Crash,
+}
+
+/// A value's postcard encoding, with the key of its layout.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct Record<const N: usize> {
+    key: u64,
+    checksum: u32,
+    length: u32,
+    bytes: [u8; N],
+}
+
+impl<const N: usize> Record<N> {
+    /// Encodes a value; `None` if it is too long.
+    pub fn encode(value: &impl Serialize, key: u64) -> Option<Self> {
+        let mut bytes = [0; N];
+        let used = postcard::to_slice(value, &mut bytes).ok()?;
+        let (length, checksum) = (used.len() as u32, checksum(used));
+        Some(Self { key, checksum, length, bytes })
+    }
+
+    /// Decodes the value, if the record is intact and has this key.
+    pub fn decode<T: DeserializeOwned>(&self, key: u64) -> Option<T> {
+        let bytes = self.bytes.get(..self.length as usize)?;
+        let intact = self.key == key && !bytes.is_empty() && checksum(bytes) == self.checksum;
+        intact.then(|| postcard::from_bytes(bytes).ok())?
+    }
 }
 
 /// Cause of a crash.
@@ -38,6 +65,7 @@ pub struct Crash {
 #[unsafe(link_section = ".uninit.RETAINED")]
 static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
+/// Calls `body` with interrupts off. The UARTs lose a byte after 10.8 µs: it must only copy.
 fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
     cortex_m::interrupt::free(|_| {
         // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique.
@@ -48,52 +76,45 @@ fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
 
 /// Retains the fault log over a reset.
 pub fn retain_faults(log: &FaultLog) {
-    with(|retained| {
-        if let Ok(bytes) = postcard::to_slice(log, &mut retained.log) {
-            retained.log_length = bytes.len() as u32;
-            retained.log_checksum = checksum(bytes);
-        }
-    });
+    if let Some(record) = Record::encode(log, FaultLog::KEY) {
+        with(|retained| retained.log = record);
+    }
 }
 
 /// The fault log from before the reset, if valid.
 pub fn faults() -> Option<FaultLog> {
-    with(|retained| {
-        let bytes = retained.log.get(..retained.log_length as usize)?;
-        (!bytes.is_empty() && checksum(bytes) == retained.log_checksum)
-            .then(|| postcard::from_bytes(bytes).ok())?
-    })
+    with(|retained| retained.log).decode(FaultLog::KEY)
 }
 
 /// Retains the cause of a crash over the reset.
 pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
+    let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
+    // A longer text is truncated.
+    let _ = text.write_fmt(message);
+    let length = text.length as u32;
+    let crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
+    let checksum = crash.checksum();
     with(|retained| {
-        let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
-        // A longer text is truncated.
-        let _ = text.write_fmt(message);
-        let length = text.length as u32;
-        retained.crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
-        retained.crash_checksum = retained.crash.checksum();
+        retained.crash = crash;
+        retained.crash_checksum = checksum;
     });
 }
 
 /// The crash before this start, if any. Later calls return `None`.
 pub fn take_crash() -> Option<Crash> {
-    with(|retained| {
-        let intact = retained.crash_checksum == retained.crash.checksum();
-        retained.crash_checksum = !retained.crash.checksum();
-        intact.then_some(retained.crash)
-    })
+    let (crash, stored) = with(|retained| (retained.crash, retained.crash_checksum));
+    let checksum = crash.checksum();
+    with(|retained| retained.crash_checksum = !checksum);
+    (stored == checksum).then_some(crash)
 }
 
 impl Crash {
-    /// Panic or CPU fault, as a fault cause.
+    /// Panic, stopped crystal or CPU fault, as a fault cause.
     pub fn cause(&self) -> FaultCause {
-        if self.cause == u32::from(FaultCause::Panic.number()) {
-            FaultCause::Panic
-        } else {
-            FaultCause::HardFault
-        }
+        [FaultCause::Panic, FaultCause::CrystalStopped]
+            .into_iter()
+            .find(|cause| self.cause == u32::from(cause.number()))
+            .unwrap_or(FaultCause::HardFault)
     }
 
     /// The message.
@@ -102,12 +123,13 @@ impl Crash {
         core::str::from_utf8(bytes).unwrap_or_default()
     }
 
+    /// With the key of the fault log, whose causes it names.
     fn checksum(&self) -> u32 {
         checksum(&self.text)
             ^ self.cause.rotate_left(8)
             ^ self.place.rotate_left(16)
             ^ self.length
-            ^ 0x7E5A_4B1D
+            ^ FaultLog::KEY as u32
     }
 }
 

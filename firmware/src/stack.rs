@@ -1,10 +1,18 @@
 //! Stack usage: the stack is painted at boot, and overwritten paint was used.
 
 use core::ptr::{addr_of, read_volatile, write_volatile};
+use core::sync::atomic::{AtomicUsize, Ordering};
 
 const PAINT: u32 = 0x5AC4_0FF5;
 /// Unpainted margin below the stack pointer, for an interrupt during painting [bytes].
 const MARGIN: usize = 256;
+/// Words that one scan looks at.
+const CHUNK: usize = 256;
+
+/// Lowest address known to have been used; 0 before [`paint`].
+static MARK: AtomicUsize = AtomicUsize::new(0);
+/// Where the next scan begins.
+static CURSOR: AtomicUsize = AtomicUsize::new(0);
 
 unsafe extern "C" {
     // From memory.x; only the addresses are meaningful.
@@ -12,7 +20,8 @@ unsafe extern "C" {
     static _stack_end: u32;
 }
 
-fn bounds() -> (usize, usize) {
+/// Lowest address of the stack, and the address above it.
+pub fn bounds() -> (usize, usize) {
     (addr_of!(_stack_end) as usize, addr_of!(_stack_start) as usize)
 }
 
@@ -20,17 +29,33 @@ fn bounds() -> (usize, usize) {
 pub fn paint() {
     let (end, _) = bounds();
     let here = cortex_m::register::msp::read() as usize;
-    for address in (end..here.saturating_sub(MARGIN)).step_by(4) {
+    let painted = end..here.saturating_sub(MARGIN);
+    MARK.store(painted.end, Ordering::Relaxed);
+    CURSOR.store(end, Ordering::Relaxed);
+    for address in painted.step_by(4) {
         // SAFETY: below the stack pointer, within the region that memory.x keeps for the stack alone.
         unsafe { write_volatile(address as *mut u32, PAINT) };
     }
 }
 
-/// Maximum number of bytes used so far, and the size of the stack.
+/// Looks at the next part of the stack that was never used so far. Only the idle loop calls it: 52 calls see the whole
+/// stack, and none takes long.
+pub fn scan() {
+    let (end, _) = bounds();
+    let mark = MARK.load(Ordering::Relaxed);
+    let from = Some(CURSOR.load(Ordering::Relaxed)).filter(|&from| from < mark).unwrap_or(end);
+    let to = mark.min(from + 4 * CHUNK);
+    // SAFETY: the stack's own region, aligned; reading words in use is harmless.
+    let used = |address: &usize| unsafe { read_volatile(*address as *const u32) } != PAINT;
+    let found = (from..to).step_by(4).find(used);
+    if let Some(found) = found {
+        MARK.store(found, Ordering::Relaxed);
+    }
+    CURSOR.store(if found.is_some() { end } else { to }, Ordering::Relaxed);
+}
+
+/// Maximum number of bytes used so far, as far as [`scan`] has seen, and the size of the stack.
 pub fn usage() -> (u32, u32) {
     let (end, start) = bounds();
-    // SAFETY: the stack's own region, aligned; reading words in use is harmless.
-    let painted = |address: &usize| unsafe { read_volatile(*address as *const u32) } == PAINT;
-    let free = (end..start).step_by(4).take_while(painted).count() * 4;
-    ((start - end - free) as u32, (start - end) as u32)
+    ((start - MARK.load(Ordering::Relaxed).clamp(end, start)) as u32, (start - end) as u32)
 }

@@ -1,24 +1,41 @@
-//! The independent watchdog: resets the board unless it is fed every 100 ms.
+//! The independent watchdog: resets the board unless it is fed.
 //!
-//! With sensors and drives on the board, each control tick in its own period feeds it. On the plant link the
-//! host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs.
+//! Its oscillator (LSI) has 32 kHz, but a chip's own may have between 17 and 47 kHz (datasheet): the time is 100 ms,
+//! on some chips 68 ms, on others 188 ms.
+//!
+//! With sensors and drives on the board, each healthy control tick feeds it. On the plant link the host controls time
+//! and may pause, so the idle loop feeds it, which shows that no RTIC task hangs; the timer wakes it.
 
 use crate::pac;
+
+/// Periods of the oscillator, in steps of 32: 3200 of 32 kHz are 100 ms.
+const STEPS: u16 = 100;
+/// Polls until the settings have arrived in the watchdog: five periods of its oscillator, 0.3 ms at 17 kHz.
+const MAX_POLLS: u32 = 2000;
 
 /// A running watchdog. It cannot be stopped.
 pub struct Watchdog(pac::IWDG);
 
 impl Watchdog {
-    /// Starts the watchdog: LSI (32 kHz) divided by 32, 100 counts.
+    /// Starts the watchdog, with its full time from here on: the counter begins with 4 s and takes the new time only
+    /// when it is reloaded.
     pub fn start(iwdg: pac::IWDG) -> Self {
-        // SAFETY: these are the keys and values of the reference manual (RM0090, 21.4).
+        let watchdog = Self(iwdg);
+        let registers = &watchdog.0;
+        // SAFETY: these are the keys and values of the reference manual (RM0090, 21.3 and 21.4), in its order.
         unsafe {
-            iwdg.kr().write(|w| w.bits(0x5555));
-            iwdg.pr().write(|w| w.bits(0b011));
-            iwdg.rlr().write(|w| w.bits(100));
-            iwdg.kr().write(|w| w.bits(0xCCCC));
+            registers.kr().write(|w| w.bits(0xCCCC));
+            registers.kr().write(|w| w.bits(0x5555));
+            registers.pr().write(|w| w.bits(0b011));
+            registers.rlr().write(|w| w.bits(STEPS - 1));
         }
-        Self(iwdg)
+        for _ in 0..MAX_POLLS {
+            if registers.sr().read().bits() == 0 {
+                break;
+            }
+        }
+        watchdog.feed();
+        watchdog
     }
 
     /// Reloads the counter.

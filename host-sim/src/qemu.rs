@@ -43,6 +43,16 @@ pub enum QemuError {
     Files(#[from] io::Error),
 }
 
+/// How an emulated board runs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Machine<'a> {
+    /// It sleeps while it waits, so that its timer does not run ahead of who talks to it. In lock step over the plant
+    /// link no timer matters.
+    pub sleeps: bool,
+    /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog and the pins.
+    pub accesses: Option<&'a Path>,
+}
+
 /// The shipped image in QEMU: requests on USART1, sensors and actuators on USART2, in lock step.
 pub struct Qemu {
     board: LinkBoard<Socket>,
@@ -63,6 +73,14 @@ impl Qemu {
     /// # Errors
     /// What is missing, and what to do.
     pub fn boot(image: &Path) -> Result<Self, QemuError> {
+        Self::boot_on(image, &Machine::default())
+    }
+
+    /// Boots `image` on such a machine and waits until it answers.
+    ///
+    /// # Errors
+    /// What is missing, and what to do.
+    pub fn boot_on(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         if !image.is_file() {
             return Err(QemuError::NoImage(image.to_owned()));
         }
@@ -75,7 +93,10 @@ impl Qemu {
             &format!("unix:{},server=on,wait=off", folder.path().join("monitor").display()),
         ]);
         // One instruction is one nanosecond: the run is repeatable, and UART traffic does not crawl.
-        command.args(["-icount", "shift=0,sleep=off"]);
+        command.args(["-icount", if machine.sleeps { "shift=0,sleep=on" } else { "shift=0,sleep=off" }]);
+        if let Some(file) = machine.accesses {
+            command.args(["-d", "unimp", "-D"]).arg(file);
+        }
         for (index, socket) in sockets.iter().enumerate() {
             let path = socket.display();
             command.args(["-chardev", &format!("socket,id=usart{index},path={path},server=on,wait=off")]);
@@ -120,6 +141,19 @@ impl Qemu {
     /// The supervisor link, for who speaks the protocol by themselves.
     pub fn link_mut(&mut self) -> &mut impl ByteLink {
         self.board.link_mut()
+    }
+
+    /// The line of the plant link.
+    pub fn plant_mut(&mut self) -> &mut impl ByteLink {
+        &mut self.plant
+    }
+
+    /// The next message that the board sends unasked; `None` at the deadline.
+    ///
+    /// # Errors
+    /// QEMU ended.
+    pub fn next_event(&mut self, deadline: Instant) -> Result<Option<FromBoard>, BoardError> {
+        self.board.next_event(deadline)
     }
 
     /// Takes what the board says unasked after this tick: the next one would come while it still talks.

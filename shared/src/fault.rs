@@ -81,6 +81,13 @@ pub enum FaultCause {
     /// control swings, or what it pressed on is gone. The joint is the one that did most in the last tick. Value
     /// and limit in J.
     EnergyGained,
+    /// 28: the board could not read its sensors in a control period. Value: 1.
+    SensorsSilent,
+    /// 29: the crystal stopped while the board ran; it switched its outputs off and reset.
+    CrystalStopped,
+    /// 30: at boot, the crystal ran at another frequency than the board's and was not used. Value: the measured
+    /// frequency, 0 if none could be measured; limit: the board's [Hz].
+    WrongCrystal,
 }
 
 impl FaultCause {
@@ -102,6 +109,7 @@ impl FaultCause {
                 | Self::EmergencyStop
                 | Self::SupplyHigh
                 | Self::OverCurrent
+                | Self::SensorsSilent
         )
     }
 
@@ -128,6 +136,7 @@ impl FaultCause {
             Self::ObjectMoved | Self::ToolPositionError => "m",
             Self::ForceSaturated => "counts",
             Self::ForceStuck => "ticks",
+            Self::WrongCrystal => "Hz",
             _ => "",
         }
     }
@@ -167,6 +176,9 @@ impl FaultCause {
                 "drove the robot that was to stop: encoder or drive wrong, or its load is gone"
             }
             Self::Runaway => "gains speed against its torque: drive reversed, wrong encoder, or pushed",
+            Self::SensorsSilent => "the board could not read its sensors",
+            Self::CrystalStopped => "the crystal stopped and the board was reset",
+            Self::WrongCrystal => "the crystal is not the board's and is not used",
         }
     }
 }
@@ -232,6 +244,10 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
+    /// Identifies the layout of a log: memory that outlives a firmware may hold another's.
+    pub const KEY: u64 =
+        u64::from_le_bytes(postcard_schema::key::Key::for_path::<Self>("tesaki/faults").to_bytes());
+
     /// No faults.
     pub const fn new() -> Self {
         Self { total: 0, faults: Vec::new() }

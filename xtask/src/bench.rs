@@ -21,6 +21,8 @@ const LIMITS: &[(&str, f64)] = &[
     ("pid", 38.0),
     ("trajectory_filter", 15.0),
     ("sin_cos", 60.0),
+    // Of the 4200 cycles of a period at 40 kHz.
+    ("current_loop_3", 1000.0),
     ("codec_largest_telemetry", 6000.0),
     // 1497 with rustc 1.95, 1554 with Debian's 1.96.
     ("forward_and_jacobian_7", 1600.0),

@@ -33,6 +33,15 @@ pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<P
     std::path::absolute(path(binary)).context("the image's path")
 }
 
+/// Builds the image of another board than the default one: `board` is its feature. Cargo puts every board's image at the
+/// same path, so it is copied.
+pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
+    let built = build(compiler, IMAGE, &[board])?;
+    let image = built.with_file_name(format!("{IMAGE}-{board}"));
+    std::fs::copy(&built, &image).with_context(|| image.display().to_string())?;
+    Ok(image)
+}
+
 /// SHA-256 of a file, as hexadecimal digits.
 pub fn sha256(file: &Path) -> Result<String> {
     let digest = Sha256::digest(std::fs::read(file)?);

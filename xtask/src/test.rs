@@ -110,19 +110,21 @@ fn full(steps: &mut Steps) -> Result<()> {
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
     let build = || {
+        let emulated = firmware::build_for_board(compiler, "board-emulated")?;
         let image = firmware::build(compiler, firmware::IMAGE, &[])?;
         let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
-        Ok((image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
+        Ok((emulated, image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
     };
-    let (image, selftest, replay) = steps.run("the firmware image", build)?;
+    let (emulated, image, selftest, replay) = steps.run("the firmware images", build)?;
     steps.run("unit tests on the emulated board", || {
         print!("{}", bench::semihosted(&selftest, &[])?);
         Ok(())
     })?;
     steps.run("the image in QEMU against the control core on this machine", || {
-        for name in ["image", "boards", "pages"] {
+        for name in ["image", "emulated_board", "boards", "pages"] {
             let mut tests = workspace_tests(name);
             tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
+            tests.env("TESAKI_EMULATED_ELF", &emulated);
             tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
         }
         Ok(())
@@ -151,7 +153,7 @@ fn firmware_lints(compiler: ArmCompiler) -> Result<()> {
         println!("skipped: neither the toolchain nor Debian has a clippy for {}", tools::TARGET);
         return Ok(());
     };
-    clippy.args(["--bins", "--features", "on-target"]);
+    clippy.args(["--bins", "--features", "on-target,board-emulated"]);
     tools::run(clippy.args(["--", "-D", "warnings"]))
 }
 

@@ -12,20 +12,19 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::{Vector3, Vector6};
-use tesaki::control::{JointPoint, Pid, PidState, ServoMode};
+use tesaki::control::{
+    CurrentLoop, CurrentLoopState, Drive, JointPoint, Pid, PidState, ServoMode, Switching, Winding,
+};
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
 use tesaki::math;
-use tesaki::model::{PidGains, Pose, RobotModel};
+use tesaki::model::{PidGains, Pose};
 use tesaki::node::Node;
-use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
-use tesaki::protocol::{
-    BoardStatus, FromBoard, JointTelemetry, MODEL_CHUNK, Mode, Reply, Request, RequestFrame, SCHEMA_KEY,
-    SensorFlags, SensorFrame, Telemetry,
-};
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::{FromBoard, JointTelemetry, Mode, Request, Telemetry};
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
+use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
 use tesaki::test_support::hand5;
 use tesaki_firmware as _;
@@ -160,6 +159,18 @@ fn main() -> ! {
             black_box(no_sin_cos(x * 20.0 - 2.0));
         },
     );
+
+    let winding = Winding { resistance: 2.32, inductance: 0.24e-3, back_emf: 0.0234 };
+    let switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+    let current_loop = CurrentLoop::try_new(&black_box(winding), &switching).expect("a winding");
+    let mut states = [CurrentLoopState::new(); 3];
+    watch.measure("current_loop_3", |x| {
+        for (state, current) in states.iter_mut().zip([x, -x, 2.0 * x]) {
+            state.command(black_box(0.5), 10.0);
+            let drive = current_loop.update(state, black_box(current), black_box(24.0));
+            assert!(matches!(black_box(drive), Drive::Duty(_)));
+        }
+    });
 
     for (name, count) in [("inverse_dynamics_3", 3), ("inverse_dynamics_7", 7)] {
         let joints: Vec<_, 7> = (0..count).map(support::joint).collect();
@@ -425,40 +436,13 @@ fn retargeting(name: &str, size: f32, directions: bool) {
 
 /// Tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
-    let board = BoardStatus::default();
-    let mut sequence = 0;
-    let mut ask = |node: &mut Node, request| {
-        sequence += 1;
-        let reply = node.handle(&RequestFrame { client: 1, sequence, request }, &board).reply;
-        assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
-    };
-    ask(node, Request::Hello { schema: SCHEMA_KEY });
-    ask(node, Request::TakeCommand { by_force: false });
-    let model: RobotModel = support::hand();
-    let mut bytes = [0; 4096];
-    let bytes = postcard::to_slice(&model, &mut bytes).expect("fits");
-    ask(node, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(bytes) });
-    for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
-        let data = Vec::from_slice(data).expect("fits");
-        ask(node, Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data });
-    }
-    ask(node, Request::ModelCommit);
-    let mut sensors = SensorFrame {
-        sequence: 1,
-        flags: SensorFlags(0),
-        supply: 24_000,
-        encoders: [0; 9].into_iter().collect(),
-        currents: [0; 9].into_iter().collect(),
-        forces: Vec::new(),
-    };
+    support::push(node, &support::hand());
+    let mut sensors = support::sensors(1);
     node.tick(&sensors);
-    ask(node, Request::Enable(TaskConfig::JointServo(mode)));
-    ask(
-        node,
-        Request::Task(TaskCommand::JointServo(JointCommand::Goal {
-            positions: [0.3; 9].into_iter().collect(),
-        })),
-    );
+    support::enable(node, mode);
+    let positions = [0.3; 9].into_iter().collect();
+    let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
+    support::ask(node, &mut 200, goal);
     watch.measure(name, |x| {
         sensors.sequence += 1;
         for count in &mut sensors.encoders {

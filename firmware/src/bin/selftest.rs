@@ -3,13 +3,27 @@
 #![no_std]
 #![no_main]
 
+use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::entry;
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m_rt::{entry, exception};
 use cortex_m_semihosting::{debug, hprintln};
+use tesaki::control::ServoMode;
 use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::math;
+use tesaki::model::{Field, ForceSensor, ModelError, Problem, RobotModel};
+use tesaki::node::Node;
 use tesaki::protocol::codec::checksum;
+use tesaki::protocol::{ActuatorFrame, ClockSource, SensorFrame};
+use tesaki_firmware::board::{Board, Equipment, Latch, Peripherals};
+use tesaki_firmware::clock::{bring_up, frequency};
+use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, Storage, Uart};
+use tesaki_firmware::pac::{flash, rcc};
+use tesaki_firmware::retained::Record;
 use tesaki_firmware::{retained, stack};
 
 mod support;
@@ -47,7 +61,16 @@ fn main() -> ! {
         ("a full receive queue counts what it loses", overflow_is_counted),
         ("noise on the line is counted", noise_is_counted),
         ("a frame that does not fit is not sent in part", no_partial_frames),
-        ("the stack's use is measured", stack_is_measured),
+        ("the stack's use is measured, a part at a time", stack_is_measured),
+        ("a record of another layout is not read", other_layouts_are_not_read),
+        ("retaining the faults keeps interrupts off for less than half a byte", interrupts_are_not_kept_off),
+        (
+            "only healthy periods feed the watchdog; one without sensors switches off",
+            periods_feed_the_watchdog_while_healthy,
+        ),
+        ("a board tells by joint and field what it lacks", equipment_is_checked),
+        ("a crystal is measured by the internal oscillator", crystals_are_measured),
+        ("only the board's crystal becomes the clock, under supervision", wrong_crystals_are_refused),
     ];
     let mut failed = 0;
     for (name, test) in tests {
@@ -156,10 +179,206 @@ fn no_partial_frames() -> bool {
 }
 
 fn stack_is_measured() -> bool {
+    // Enough to see the whole stack.
+    let scan = || (0..60).for_each(|_| stack::scan());
+    scan();
     let (before, size) = stack::usage();
     let deep = dig(40);
+    let unseen = stack::usage() == (before, size);
+    scan();
     let (after, _) = stack::usage();
-    size == 52 * 1024 && after >= before + 4000 && after < size && deep > 0
+    size == 52 * 1024 && unseen && after >= before + 4000 && after < size && deep > 0
+}
+
+fn other_layouts_are_not_read() -> bool {
+    let value = [3_u32, 5];
+    let Some(record) = Record::<16>::encode(&value, 7) else { return false };
+    record.decode(7) == Some(value)
+        && record.decode::<[u32; 2]>(8).is_none()
+        && Record::<1>::encode(&value, 7).is_none()
+}
+
+/// Longest time from the counter's zero to its interrupt [1/168 MHz].
+static LATENCY: AtomicU32 = AtomicU32::new(0);
+/// Period of the interrupt: prime, so that it meets every instruction of a repeated call.
+const PERIOD: u32 = 1009;
+
+#[exception]
+fn SysTick() {
+    LATENCY.fetch_max(PERIOD - SYST::get_current(), Ordering::Relaxed);
+}
+
+fn interrupts_are_not_kept_off() -> bool {
+    // SAFETY: no other code of this program uses the timer.
+    let mut timer = unsafe { cortex_m::Peripherals::steal() }.SYST;
+    let mut log = FaultLog::new();
+    (0..16).for_each(|_| log.record(fault(FaultCause::EncoderJump, Some(4), 0.25)));
+    timer.set_clock_source(SystClkSource::Core);
+    timer.set_reload(PERIOD);
+    timer.clear_current();
+    timer.enable_interrupt();
+    timer.enable_counter();
+    (0..500).for_each(|_| retained::retain_faults(&log));
+    timer.disable_interrupt();
+    timer.disable_counter();
+    let instructions = LATENCY.load(Ordering::Relaxed) * 1000 / 168;
+    hprintln!("     interrupts were off for at most {} instructions", instructions);
+    // A byte takes 10.8 µs, 1814 cycles; an instruction of a copy two at most.
+    (1..900 / 2).contains(&instructions)
+}
+
+/// A board whose sensors can fall silent.
+struct FakeBoard {
+    silent: bool,
+    enabled: bool,
+}
+
+static OFF: AtomicBool = AtomicBool::new(false);
+
+impl Board for FakeBoard {
+    const CRYSTAL: u32 = 8_000_000;
+    const OWNS_GATE_DRIVERS: bool = true;
+    type Latch = FakeLatch;
+
+    fn start(_: Peripherals) -> (Self, FakeLatch) {
+        (Self { silent: false, enabled: false }, FakeLatch)
+    }
+    fn is_strapped(&mut self) -> bool {
+        false
+    }
+    fn connect_plant_link(&mut self) {}
+    fn configure(&mut self, _: &RobotModel) -> Result<(), ModelError> {
+        Ok(())
+    }
+    fn read(&mut self, period: u32, (): &()) -> Option<SensorFrame> {
+        let sensors = support::sensors(period);
+        (!self.silent).then_some(sensors)
+    }
+    fn write(&mut self, actuators: &ActuatorFrame) {
+        self.enabled = actuators.enabled;
+    }
+    fn off() {
+        OFF.store(true, Ordering::Relaxed);
+    }
+}
+
+struct FakeLatch;
+
+impl Latch for FakeLatch {
+    type Sample = ();
+    fn latch(&mut self) {}
+}
+
+fn periods_feed_the_watchdog_while_healthy() -> bool {
+    static mut NODE: Node = Node::new();
+    // SAFETY: this test runs once.
+    let node = unsafe { &mut *core::ptr::addr_of_mut!(NODE) };
+    let (mut board, mut periods) = (FakeBoard { silent: true, enabled: false }, Periods::new());
+    let mut run = |board: &mut FakeBoard, node: &mut Node, period| {
+        let healthy = periods.run(board, node, period, &(), |node, sensors| node.tick(&sensors));
+        (healthy, board.enabled, node.faults().faults.last().map(|fault| fault.cause))
+    };
+    // Without sensors it moves nothing and waits to be asked.
+    let mut passed = run(&mut board, node, 1) == (true, false, None);
+    board.silent = false;
+    support::push(node, &support::hand());
+    passed &= run(&mut board, node, 2) == (true, false, None);
+    support::enable(node, ServoMode::Pid);
+    passed &= run(&mut board, node, 3) == (true, true, None);
+    passed &= run(&mut board, node, 6) == (false, true, Some(FaultCause::LateTick));
+    passed &= run(&mut board, node, 7) == (true, true, Some(FaultCause::LateTick));
+    board.silent = true;
+    OFF.store(false, Ordering::Relaxed);
+    passed &= run(&mut board, node, 8) == (false, false, Some(FaultCause::SensorsSilent));
+    passed &= run(&mut board, node, 9) == (false, false, Some(FaultCause::SensorsSilent));
+    passed && OFF.load(Ordering::Relaxed)
+}
+
+fn equipment_is_checked() -> bool {
+    let equipment =
+        Equipment { motors: 9, absolute_encoders: true, force_sensors: 0, current: 1.4, supply: 28.0 };
+    let refused = |equipment: Equipment, change: fn(&mut RobotModel)| {
+        let mut model = support::hand();
+        change(&mut model);
+        equipment.check(&model).err().map(|error| (error.joint, error.field, error.problem))
+    };
+    let sensor = |model: &mut RobotModel| {
+        model.chains[1].force_sensor = Some(ForceSensor {
+            force_resolution: 1e-3,
+            torque_resolution: 1e-5,
+            saturation: 30_000,
+            force_limit: 10.0,
+            mass: 0.0,
+            center_of_mass: [0.0; 3],
+        });
+    };
+    let unchanged = |_: &mut RobotModel| {};
+    refused(equipment, unchanged).is_none()
+        && refused(Equipment { motors: 3, ..equipment }, unchanged)
+            == Some((Some(3), Field::Joints, Problem::BoardLimit(3.0)))
+        && refused(Equipment { absolute_encoders: false, ..equipment }, |model| {
+            model.joints[0].encoder.relative = true;
+        }) == Some((Some(1), Field::EncoderRelative, Problem::NotSupported))
+        && refused(equipment, |model| model.joints[4].motor.current_limit = 1.5)
+            == Some((Some(4), Field::CurrentLimit, Problem::BoardLimit(1.4)))
+        && refused(equipment, sensor) == Some((Some(5), Field::ForceResolution, Problem::BoardLimit(0.0)))
+        && refused(Equipment { supply: 27.0, ..equipment }, unchanged)
+            == Some((None, Field::SupplyMax, Problem::BoardLimit(27.0)))
+}
+
+/// 16 intervals of 128 periods: with 8 MHz 256 µs, in which the internal oscillator counts to 4096.
+fn crystals_are_measured() -> bool {
+    // 12 MHz: 170.67 µs, 2730.67 counts; 25 MHz: 81.92 µs, 1310.7 counts.
+    frequency(4096) == Some(8_000_000)
+        && frequency(2731).is_some_and(|measured| measured.abs_diff(12_000_000) < 2_000)
+        && frequency(1311).is_some_and(|measured| measured.abs_diff(25_000_000) < 6_000)
+        && frequency(0).is_none()
+}
+
+fn wrong_crystals_are_refused() -> bool {
+    const CRYSTAL_READY: u32 = 1 << 17;
+    const CRYSTAL_ON: u32 = 1 << 16;
+    const SUPERVISED: u32 = 1 << 19;
+    const PLL_READY: u32 = 1 << 25;
+    const FROM_CRYSTAL: u32 = 1 << 22;
+    /// What a chip whose oscillators do this ends up with: source, refused crystal, CR, PLLCFGR.
+    fn end(ready: u32, crystal: u32, measured: Option<u32>) -> (ClockSource, Option<u32>, u32, u32) {
+        // SAFETY: registers in ordinary memory; all their bits may be zero.
+        let (rcc, flash) = unsafe {
+            (
+                MaybeUninit::<rcc::RegisterBlock>::zeroed().assume_init(),
+                MaybeUninit::<flash::RegisterBlock>::zeroed().assume_init(),
+            )
+        };
+        // SAFETY: as above. The system clock follows the PLL at once.
+        unsafe {
+            rcc.cr().write(|w| w.bits(ready));
+            rcc.cfgr().write(|w| w.bits(0b1000));
+        }
+        let clocks = bring_up(&rcc, &flash, crystal, || measured);
+        (clocks.source, clocks.wrong_crystal, rcc.cr().read().bits(), rcc.pllcfgr().read().bits())
+    }
+    let divider = |pll: u32| pll & 0x3F;
+    let (source, wrong, control, pll) = end(CRYSTAL_READY | PLL_READY, 8_000_000, Some(8_200_000));
+    let right = (source, wrong) == (ClockSource::Crystal, None)
+        && control & (CRYSTAL_ON | SUPERVISED) == CRYSTAL_ON | SUPERVISED
+        && (divider(pll), pll & FROM_CRYSTAL) == (8, FROM_CRYSTAL);
+    let (source, _, _, pll) = end(CRYSTAL_READY | PLL_READY, 12_000_000, Some(11_900_000));
+    let other = source == ClockSource::Crystal && divider(pll) == 12;
+    let refused = [(Some(12_000_000), 12_000_000), (Some(7_100_000), 7_100_000), (None, 0)];
+    let refused = refused.into_iter().all(|(measured, told)| {
+        let (source, wrong, control, pll) = end(CRYSTAL_READY | PLL_READY, 8_000_000, measured);
+        (source, wrong) == (ClockSource::InternalPll, Some(told))
+            && control & (CRYSTAL_ON | SUPERVISED) == 0
+            && (divider(pll), pll & FROM_CRYSTAL) == (16, 0)
+    });
+    let none = end(PLL_READY, 8_000_000, Some(8_000_000));
+    let neither = end(0, 8_000_000, None);
+    right
+        && other
+        && refused
+        && (none.0, none.1) == (ClockSource::InternalPll, None)
+        && (neither.0, neither.1) == (ClockSource::Internal, None)
 }
 
 #[inline(never)]

@@ -1,11 +1,13 @@
-//! Control laws of single joints, and the target impedance of a tool.
+//! Control laws of single joints, the current of their motors, and the target impedance of a tool.
 
+mod current_loop;
 mod friction;
 mod impedance;
 mod joint_servo;
 mod observer;
 mod pid;
 
+pub use current_loop::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
 pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};

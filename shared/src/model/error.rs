@@ -76,6 +76,7 @@ pub enum Field {
     MimicMultiplier,
     MimicOffset,
     MimicForceSensor,
+    EncoderRelative,
 }
 
 impl Field {
@@ -134,6 +135,7 @@ impl Field {
             Self::MimicMultiplier => "mimic multiplier",
             Self::MimicOffset => "mimic offset",
             Self::MimicForceSensor => "force_sensor of a chain with a mimic joint",
+            Self::EncoderRelative => "encoder.relative",
         }
     }
 }
@@ -163,6 +165,8 @@ pub enum Problem {
     NotAnotherChains,
     /// 9: cannot be, or is not supported.
     NotSupported,
+    /// 10: more than this board has or bears: the limit given.
+    BoardLimit(f32),
 }
 
 impl fmt::Display for Problem {
@@ -180,6 +184,7 @@ impl fmt::Display for Problem {
             Self::NotUnique => write!(f, "must be a name of its own"),
             Self::NotAnotherChains => write!(f, "must be a joint of another chain"),
             Self::NotSupported => write!(f, "is not supported"),
+            Self::BoardLimit(limit) => write!(f, "is more than this board can do: {limit}"),
         }
     }
 }

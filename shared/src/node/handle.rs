@@ -5,7 +5,7 @@ use super::transfer::Committed;
 use super::{Node, STATE_KEY, State};
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
-use crate::model::{MAX_CHAINS, Reaction};
+use crate::model::{MAX_CHAINS, ModelError, Reaction, RobotModel};
 use crate::protocol::{
     BoardStatus, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY,
     Status,
@@ -19,13 +19,30 @@ const ENABLE_SPEED: f32 = 0.2;
 impl Node {
     /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
+        self.handle_on(frame, board, &mut |_| Ok(()))
+    }
+
+    /// Answers one request on a board that cannot serve every robot: `configure` is called with a valid model before
+    /// it is taken, and can refuse it. A replay does not know the board and takes that model: what the recorded node
+    /// then did with an older model is reported as a difference.
+    pub fn handle_on(
+        &mut self,
+        frame: &RequestFrame,
+        board: &BoardStatus,
+        configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> ReplyFrame {
         self.state.records = self.state.records.wrapping_add(1);
         self.state.register(frame.client, frame.sequence);
-        let reply = self.answer(frame, board).unwrap_or_else(Reply::Refused);
+        let reply = self.answer(frame, board, configure).unwrap_or_else(Reply::Refused);
         ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
 
-    fn answer(&mut self, frame: &RequestFrame, board: &BoardStatus) -> Result<Reply, Refusal> {
+    fn answer(
+        &mut self,
+        frame: &RequestFrame,
+        board: &BoardStatus,
+        configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> Result<Reply, Refusal> {
         let client = frame.client;
         match &frame.request {
             Request::Hello { schema } => {
@@ -69,7 +86,7 @@ impl Node {
             | Request::ReleaseCommand => {
                 match self.state.lease.admit(client, frame.sequence) {
                     Ok(Admitted::New) => {
-                        let result = self.command(&frame.request);
+                        let result = self.command(&frame.request, configure);
                         self.state.lease.remember(frame.sequence, result);
                         result?;
                     }
@@ -109,7 +126,11 @@ impl Node {
     }
 
     /// Executes a request of the commander.
-    fn command(&mut self, request: &Request) -> Result<(), Refusal> {
+    fn command(
+        &mut self,
+        request: &Request,
+        configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> Result<(), Refusal> {
         match request {
             Request::ModelBegin { length, checksum } => {
                 self.require_disabled()?;
@@ -119,7 +140,7 @@ impl Node {
                 self.require_disabled()?;
                 self.transfer.chunk(*offset, data)
             }
-            Request::ModelCommit => self.commit_model(),
+            Request::ModelCommit => self.commit_model(configure),
             Request::Home { positions } => self.home(positions),
             Request::Tare => self.tare(),
             Request::Enable(config) => self.enable(config),
@@ -137,9 +158,12 @@ impl Node {
         }
     }
 
-    fn commit_model(&mut self) -> Result<(), Refusal> {
+    fn commit_model(
+        &mut self,
+        configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> Result<(), Refusal> {
         self.require_disabled()?;
-        let Committed { checksum, same_encoders } = self.transfer.commit(&mut self.robot)?;
+        let Committed { checksum, same_encoders } = self.transfer.commit(&mut self.robot, configure)?;
         self.model_checksum = checksum;
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
             *state = state.configured(config, same_encoders >> index & 1 != 0);

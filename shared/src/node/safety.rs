@@ -130,6 +130,18 @@ impl Node {
     pub(super) fn read_sensors(&mut self, sensors: &SensorFrame) -> Option<Fault> {
         let tick = sensors.sequence;
         let last = core::mem::replace(&mut self.state.tick, tick);
+        if sensors.flags.silent() {
+            // Where the joints are and how fast is not known any more: the next frame is read like the first.
+            self.state.sensed = false;
+            self.robot.loaded()?;
+            return Some(Fault {
+                cause: FaultCause::SensorsSilent,
+                joint: None,
+                value: 1.0,
+                limit: 0.0,
+                tick,
+            });
+        }
         self.state.supply = sensors.supply;
         let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });

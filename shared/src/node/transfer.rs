@@ -6,7 +6,7 @@
 use heapless::Vec;
 
 use super::export::MAX_MODEL;
-use crate::model::RobotModel;
+use crate::model::{ModelError, RobotModel};
 use crate::protocol::{Refusal, codec};
 use crate::robot::Robot;
 
@@ -46,9 +46,13 @@ impl Transfer {
         self.bytes.extend_from_slice(data).map_err(|_| refusal)
     }
 
-    /// Checks the complete model and configures `robot` with it.
+    /// Checks the complete model, asks the board, and configures `robot` with it.
     #[inline(never)]
-    pub fn commit(&self, robot: &mut Robot) -> Result<Committed, Refusal> {
+    pub fn commit(
+        &self,
+        robot: &mut Robot,
+        board: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> Result<Committed, Refusal> {
         let length = self.bytes.len() as u32;
         if length != self.length || length == 0 {
             return Err(Refusal::ModelTransfer { received: length, announced: self.length });
@@ -63,7 +67,7 @@ impl Transfer {
                 for (index, (old, new)) in robot.model().joints.iter().zip(&model.joints).enumerate() {
                     same_encoders |= u16::from(old.name == new.name && old.encoder == new.encoder) << index;
                 }
-                robot.configure(&model).map_err(Refusal::Model)?;
+                robot.configure_on(&model, board).map_err(Refusal::Model)?;
                 Ok(Committed { checksum: received, same_encoders })
             }
             _ => Err(Refusal::ModelUnreadable { length, limit: MAX_MODEL as u32 }),

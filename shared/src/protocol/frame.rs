@@ -35,9 +35,25 @@ impl SensorFlags {
     /// Bit 0: the emergency stop is pressed.
     pub const EMERGENCY_STOP: u8 = 1;
 
+    /// Bit 1: the sensors could not be read; all other values mean nothing.
+    pub const SILENT: u8 = 2;
+
     /// Whether the emergency stop is pressed.
     pub const fn emergency_stop(self) -> bool {
         self.0 & Self::EMERGENCY_STOP != 0
+    }
+
+    /// Whether the sensors could not be read.
+    pub const fn silent(self) -> bool {
+        self.0 & Self::SILENT != 0
+    }
+}
+
+impl SensorFrame {
+    /// The frame of a control period in which the sensors could not be read.
+    pub const fn silent(sequence: u32) -> Self {
+        let flags = SensorFlags(SensorFlags::SILENT);
+        Self { sequence, flags, supply: 0, encoders: Vec::new(), currents: Vec::new(), forces: Vec::new() }
     }
 }
 

@@ -144,6 +144,8 @@ pub enum ResetCause {
     HardFault,
     /// 4: software or the debugger.
     Software,
+    /// 5: the crystal stopped.
+    CrystalStopped,
 }
 
 /// Identity of a board. Its layout never changes.

@@ -98,9 +98,22 @@ impl Robot {
     ///
     /// # Errors
     /// The first invalid field; the robot is unchanged then.
-    #[inline(never)]
     pub fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
+        self.configure_on(model, &mut |_| Ok(()))
+    }
+
+    /// Takes over `model` if it is valid and `board` accepts it.
+    ///
+    /// # Errors
+    /// The first invalid field, or the board's reason; the robot is unchanged then.
+    #[inline(never)]
+    pub fn configure_on(
+        &mut self,
+        model: &RobotModel,
+        board: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
+    ) -> Result<(), ModelError> {
         model.validate()?;
+        board(model)?;
         self.chains.clear();
         self.joints.clear();
         // No list can overflow: the capacities are those of the model.

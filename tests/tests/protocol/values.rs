@@ -431,6 +431,7 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::MimicMultiplier, "mimic-multiplier"),
     (Field::MimicOffset, "mimic-offset"),
     (Field::MimicForceSensor, "mimic-force-sensor"),
+    (Field::EncoderRelative, "encoder-relative"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
@@ -462,6 +463,9 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::Runaway,
     FaultCause::ForceMismatch,
     FaultCause::EnergyGained,
+    FaultCause::SensorsSilent,
+    FaultCause::CrystalStopped,
+    FaultCause::WrongCrystal,
 ];
 
 pub fn quiet_board() -> BoardStatus {
@@ -520,6 +524,7 @@ pub fn statuses() -> BTreeMap<&'static str, Status> {
         ("watchdog", board(ClockSource::Internal, ResetCause::Watchdog, "")),
         ("hard-fault", board(ClockSource::Crystal, ResetCause::HardFault, &"w".repeat(96))),
         ("software", board(ClockSource::Crystal, ResetCause::Software, "")),
+        ("crystal-stopped", board(ClockSource::InternalPll, ResetCause::CrystalStopped, "")),
     ])
 }
 

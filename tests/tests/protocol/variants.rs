@@ -112,18 +112,22 @@ variants! {
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
         TipMass, TipCenterOfMass, TipRadius, MimicJoint, MimicMultiplier, MimicOffset, MimicForceSensor,
+        EncoderRelative,
     }
-    Problem { NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NotAnotherChains, NotSupported }
+    Problem {
+        NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NotAnotherChains, NotSupported,
+        BoardLimit,
+    }
     Mode { Disabled, Enabled, Fault }
     FaultCause {
         CommandTimeout, PositionLimit, VelocityLimit, FollowingError, EncoderJump, EncoderStuck, NotFinite,
         LateTick, SensorCount, EmergencyStop, SupplyLow, SupplyHigh, OverCurrent, WatchdogReset, Panic,
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
         ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
-        ForceMismatch, EnergyGained,
+        ForceMismatch, EnergyGained, SensorsSilent, CrystalStopped, WrongCrystal,
     }
     ClockSource { Crystal, InternalPll, Internal }
-    ResetCause { PowerOn, Watchdog, Panic, HardFault, Software }
+    ResetCause { PowerOn, Watchdog, Panic, HardFault, Software, CrystalStopped }
     LogRecord { Request, Sensors, Actuators, Start, State, Restore, Gap, End }
     Reaction { Off, Damp, Hold }
 }

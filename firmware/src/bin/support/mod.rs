@@ -4,10 +4,18 @@
 use core::panic::PanicInfo;
 
 use cortex_m_semihosting::{debug, hprintln};
+use heapless::Vec;
+use tesaki::control::ServoMode;
 use tesaki::model::{
     ChainModel, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose, Reaction,
     RobotModel, Safety, ServoGains,
 };
+use tesaki::node::Node;
+use tesaki::protocol::codec::checksum;
+use tesaki::protocol::{
+    BoardStatus, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame,
+};
+use tesaki::task::TaskConfig;
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
@@ -67,5 +75,45 @@ pub fn hand() -> RobotModel {
             supply_min: 20.0,
             supply_max: 28.0,
         },
+    }
+}
+
+/// A request that is not refused; `sequence` counts.
+pub fn ask(node: &mut Node, sequence: &mut u16, request: Request) {
+    *sequence += 1;
+    let frame = RequestFrame { client: 1, sequence: *sequence, request };
+    let reply = node.handle(&frame, &BoardStatus::default()).reply;
+    assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
+}
+
+/// Takes command of a new node and gives it a model.
+pub fn push(node: &mut Node, model: &RobotModel) {
+    let sequence = &mut 0;
+    ask(node, sequence, Request::Hello { schema: SCHEMA_KEY });
+    ask(node, sequence, Request::TakeCommand { by_force: false });
+    let mut bytes = [0; 4096];
+    let bytes = postcard::to_slice(model, &mut bytes).expect("fits");
+    ask(node, sequence, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(bytes) });
+    for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
+        let data = Vec::from_slice(data).expect("fits");
+        ask(node, sequence, Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data });
+    }
+    ask(node, sequence, Request::ModelCommit);
+}
+
+/// Enables a node that has a model and was ticked.
+pub fn enable(node: &mut Node, mode: ServoMode) {
+    ask(node, &mut 100, Request::Enable(TaskConfig::JointServo(mode)));
+}
+
+/// Sensors of [`hand`] at rest.
+pub fn sensors(sequence: u32) -> SensorFrame {
+    SensorFrame {
+        sequence,
+        flags: SensorFlags(0),
+        supply: 24_000,
+        encoders: [0; 9].into_iter().collect(),
+        currents: [0; 9].into_iter().collect(),
+        forces: Vec::new(),
     }
 }

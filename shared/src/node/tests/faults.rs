@@ -43,6 +43,7 @@ fn frame_faults_are_named_with_value_limit_and_tick() {
         (|s| s.flags = SensorFlags(1), FaultCause::EmergencyStop, 1.0, 0.0, false),
         (|s| s.currents[0] = 2000, FaultCause::OverCurrent, 2.0, 1.875, false),
         (|s| s.encoders.truncate(2), FaultCause::SensorCount, 2.0, 3.0, false),
+        (|s| *s = SensorFrame::silent(s.sequence), FaultCause::SensorsSilent, 1.0, 0.0, false),
     ];
     for &(change, cause, value, limit, still_enabled) in cases {
         let mut rig = Rig::enabled(&model());
@@ -56,6 +57,30 @@ fn frame_faults_are_named_with_value_limit_and_tick() {
             assert!(output.torques.iter().all(|&torque| torque == 0.0));
         }
     }
+}
+
+#[test]
+fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_they_are_back() {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    let read = rig.sensors.clone();
+    rig.sensors = SensorFrame::silent(rig.sensors.sequence);
+    for _ in 0..3 {
+        assert!(!rig.tick().enabled);
+    }
+    let log = rig.node.faults().clone();
+    assert_eq!(log.faults.iter().filter(|fault| fault.cause == FaultCause::SensorsSilent).count(), 1);
+    assert_eq!(rig.ask(Request::ReadFaults), Reply::Faults(log.clone()));
+    assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+    rig.tick();
+    assert_eq!(refusal(rig.enable()), Refusal::NoSensors);
+    // The joint was turned by hand meanwhile; that is no jump of its encoder.
+    rig.sensors = SensorFrame { sequence: rig.sensors.sequence, ..read };
+    rig.sensors.encoders[0] += 5000;
+    rig.tick();
+    assert_eq!(rig.enable(), Reply::Done);
+    assert!(rig.tick().enabled);
+    assert_eq!(rig.node.faults().total, log.total);
 }
 
 #[test]

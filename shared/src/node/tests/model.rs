@@ -3,8 +3,8 @@
 use heapless::Vec;
 
 use super::rig::{Rig, model, refusal};
-use crate::model::{Field, Problem, RobotModel};
-use crate::protocol::{BoardStatus, MODEL_CHUNK, Refusal, Reply, Request, codec};
+use crate::model::{Field, ModelError, Problem, RobotModel};
+use crate::protocol::{BoardStatus, MODEL_CHUNK, Refusal, Reply, Request, RequestFrame, codec};
 
 #[test]
 fn invalid_models_are_refused_by_joint_and_field() {
@@ -36,6 +36,30 @@ fn invalid_models_are_refused_by_joint_and_field() {
     let error = negative.validate().unwrap_err();
     assert_eq!((error.value, error.problem), (-2.0, Problem::NotAbove(-1.5)));
     assert_eq!(error.to_string(), "joint 0: limits.upper = -2 must be above -1.5");
+}
+
+#[test]
+fn a_model_that_the_board_cannot_serve_is_refused_with_the_boards_reason() {
+    let mut rig = Rig::ready(&model());
+    let bytes = postcard::to_stdvec(&model()).unwrap();
+    let length = bytes.len() as u32;
+    rig.ask(Request::ModelBegin { length, checksum: codec::checksum(&bytes) });
+    for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
+        let data = Vec::from_slice(data).unwrap();
+        assert_eq!(rig.ask(Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data }), Reply::Done);
+    }
+    let two_motors = |model: &RobotModel| {
+        assert_eq!(model.joints.len(), 3);
+        let problem = Problem::BoardLimit(2.0);
+        Err(ModelError { joint: Some(2), field: Field::Joints, value: 3.0, problem })
+    };
+    rig.sequence += 1;
+    let commit = RequestFrame { client: rig.client, sequence: rig.sequence, request: Request::ModelCommit };
+    let reply = rig.node.handle_on(&commit, &BoardStatus::default(), &mut { two_motors }).reply;
+    let Refusal::Model(error) = refusal(reply) else { panic!() };
+    assert_eq!(error.to_string(), "joint 2: joints = 3 is more than this board can do: 2");
+    // The old model remains in use.
+    assert_eq!(rig.enable(), Reply::Done);
 }
 
 #[test]

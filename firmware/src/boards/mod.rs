@@ -1,0 +1,20 @@
+//! The boards: one file and one cargo feature each.
+//!
+//! | feature | board |
+//! |---|---|
+//! | `board-bare` (default) | the microcontroller alone, with the plant link |
+//! | `board-emulated` | a joint in software, for tests in QEMU |
+
+pub mod bare;
+#[cfg(feature = "board-emulated")]
+pub mod emulated;
+
+#[cfg(not(any(feature = "board-bare", feature = "board-emulated")))]
+compile_error!("choose a board: one feature of those that firmware/src/boards/mod.rs lists");
+
+/// The board of this image. A board that is asked for replaces the default one.
+#[cfg(not(feature = "board-emulated"))]
+pub type ThisBoard = bare::Bare;
+/// The board of this image.
+#[cfg(feature = "board-emulated")]
+pub type ThisBoard = emulated::Emulated;

@@ -1,0 +1,382 @@
+use core::fmt;
+
+use crate::TICK;
+use crate::math;
+
+/// Closed-loop gain `g` of one period: the loop becomes `g/(z² − z + g)`, two real poles that hardly overshoot when
+/// the winding is not quite the one given. At 40 kHz that is a bandwidth of 1.6 kHz.
+const GAIN: f32 = 0.18;
+/// Time for which a motor without commands is braked before its stage is switched off [s].
+const BRAKING: f32 = 0.1;
+/// Ticks without a command after which a motor is braked.
+const SILENT_TICKS: f32 = 2.0;
+/// Supply below which no duty is computed: the stage does not switch there [V].
+const SUPPLY_MIN: f32 = 1.0;
+
+/// The winding of a brushed motor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Winding {
+    /// Resistance, with brushes and bridge [Ω].
+    pub resistance: f32,
+    /// Inductance [H].
+    pub inductance: f32,
+    /// Back-EMF per velocity of the joint [V·s/rad]: the torque constant of motor and gear, without losses.
+    pub back_emf: f32,
+}
+
+/// How the power stage is switched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Switching {
+    /// Period of the loop [s]; the current is sampled and the duty changed once in it.
+    pub period: f32,
+    /// Timer counts of a duty of 1.
+    pub resolution: u16,
+    /// Largest duty: the rest is for sampling the current [1].
+    pub max_duty: f32,
+}
+
+/// What the power stage does in the next period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drive {
+    /// PWM, in timer counts with the sign of the voltage.
+    Duty(i16),
+    /// Both low sides on: the motor is shorted.
+    Brake,
+    /// All switches off: the motor coasts.
+    Off,
+}
+
+/// Why a current loop cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InvalidCurrentLoop {
+    /// The field of [`Winding`] or [`Switching`].
+    pub field: &'static str,
+    /// Its value.
+    pub value: f32,
+    /// Its limits.
+    pub limits: (f32, f32),
+}
+
+impl fmt::Display for InvalidCurrentLoop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, limits: (lower, upper) } = self;
+        write!(f, "{field} = {value} is not between {lower} and {upper}")
+    }
+}
+
+impl core::error::Error for InvalidCurrentLoop {}
+
+/// Current loop of a brushed motor: PI whose zero cancels the winding's pole, sampled exactly.
+///
+/// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with
+/// `K = g·R/(1 − a)` leaves `g/(z − 1)`, and a period of delay until the duty takes effect (Åström, Wittenmark,
+/// *Computer-Controlled Systems*). The back-EMF is fed forward. The duty is limited by the measured supply and rounded
+/// to timer counts; the integrator is conditioned on the voltage that results.
+///
+/// A dead man of its own: without a new command for two ticks the motor is braked, then its stage is off.
+///
+/// ```
+/// use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, Switching, Winding};
+/// let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
+/// let switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+/// let current_loop = CurrentLoop::try_new(&winding, &switching).unwrap();
+/// let mut state = CurrentLoopState::new();
+/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off);
+/// // No current, but the back-EMF of 4 rad/s: 2 V of 12 V.
+/// state.command(0.0, 4.0);
+/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Duty(333));
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct CurrentLoop {
+    proportional: f32,
+    /// Integral gain of a period.
+    integral: f32,
+    /// Share of the voltage cut off by the limits that leaves the integrator: `1 − a`.
+    conditioning: f32,
+    back_emf: f32,
+    resolution: f32,
+    max_counts: f32,
+    /// Periods without a command until the motor is braked, and until its stage is off.
+    brake_after: u32,
+    off_after: u32,
+}
+
+/// State of a [`CurrentLoop`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurrentLoopState {
+    target: f32,
+    velocity: f32,
+    integral: f32,
+    /// Periods since the last command.
+    age: u32,
+}
+
+impl Default for CurrentLoopState {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CurrentLoopState {
+    /// Never commanded: the stage is off.
+    pub const fn new() -> Self {
+        Self { target: 0.0, velocity: 0.0, integral: 0.0, age: u32::MAX }
+    }
+
+    /// A new command: `current` [A] at a joint velocity [rad/s].
+    pub const fn command(&mut self, current: f32, velocity: f32) {
+        self.target = current;
+        self.velocity = velocity;
+        self.age = 0;
+    }
+
+    /// Switches the stage off until the next command.
+    pub const fn release(&mut self) {
+        *self = Self::new();
+    }
+}
+
+impl CurrentLoop {
+    /// A loop for this winding.
+    ///
+    /// # Errors
+    /// The first value that is outside its limits.
+    pub fn try_new(winding: &Winding, switching: &Switching) -> Result<Self, InvalidCurrentLoop> {
+        let check = |field, value: f32, lower, upper| {
+            let valid = (lower..=upper).contains(&value);
+            if valid { Ok(()) } else { Err(InvalidCurrentLoop { field, value, limits: (lower, upper) }) }
+        };
+        check("resistance", winding.resistance, 1e-3, 1e3)?;
+        check("inductance", winding.inductance, 1e-6, 1.0)?;
+        check("back_emf", winding.back_emf, 0.0, 100.0)?;
+        check("period", switching.period, 1e-6, 1e-3)?;
+        check("resolution", f32::from(switching.resolution), 100.0, 32_000.0)?;
+        check("max_duty", switching.max_duty, 0.1, 1.0)?;
+        let remains = math::exp(-winding.resistance * switching.period / winding.inductance);
+        let resolution = f32::from(switching.resolution);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "20 000 to 120 000 at most"
+        )]
+        let periods = |time: f32| (time / switching.period + 0.5) as u32;
+        Ok(Self {
+            proportional: GAIN * winding.resistance / (1.0 - remains),
+            integral: GAIN * winding.resistance,
+            conditioning: 1.0 - remains,
+            back_emf: winding.back_emf,
+            resolution,
+            max_counts: switching.max_duty * resolution,
+            brake_after: periods(SILENT_TICKS * TICK),
+            off_after: periods(SILENT_TICKS * TICK + BRAKING),
+        })
+    }
+
+    /// One period: from the `measured` current [A] and the `supply` [V] to the duty of the next period.
+    #[inline]
+    pub fn update(&self, state: &mut CurrentLoopState, measured: f32, supply: f32) -> Drive {
+        state.age = state.age.saturating_add(1);
+        if state.age > self.brake_after {
+            state.integral = 0.0;
+            return if state.age > self.off_after { Drive::Off } else { Drive::Brake };
+        }
+        let error = state.target - measured;
+        let requested = self.proportional * error + state.integral + self.back_emf * state.velocity;
+        let full = if supply > SUPPLY_MIN { supply } else { f32::INFINITY };
+        let counts = requested / full * self.resolution;
+        if !counts.is_finite() {
+            state.release();
+            return Drive::Off;
+        }
+        let limited = math::clamp(counts, -self.max_counts, self.max_counts);
+        #[expect(clippy::cast_possible_truncation, reason = "limited to 32 000")]
+        let duty = (limited + if limited < 0.0 { -0.5 } else { 0.5 }) as i16;
+        let applied = if supply > SUPPLY_MIN { f32::from(duty) * supply / self.resolution } else { 0.0 };
+        state.integral += self.integral * error + self.conditioning * (applied - requested);
+        Drive::Duty(duty)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::unwrap_used, clippy::type_complexity, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Name, resistance [Ω], inductance [H], back-EMF [V·s/rad], supply [V], and for each deviation of the winding:
+    /// factors of resistance and inductance, `a`, `(1 − a)/R`, and the reference response.
+    type Motor = (&'static str, [f32; 3], f32, &'static [(f32, f32, f64, f64, &'static [f64])]);
+
+    const MOTORS: &[Motor] = include!("../../../tests/oracles/data/current_loop.in");
+    const SWITCHING: Switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+
+    /// A winding in the power stage: what the loop does takes effect one period later.
+    struct Plant {
+        a: f64,
+        b: f64,
+        current: f64,
+        /// Between −1 and 1.
+        duty: f64,
+        emf: f64,
+        supply: f64,
+        noise: u32,
+    }
+
+    impl Plant {
+        fn new(a: f64, b: f64, supply: f32) -> Self {
+            Self { a, b, current: 0.0, duty: 0.0, emf: 0.0, supply: f64::from(supply), noise: 1 }
+        }
+
+        /// One period; `deviation` [A] is that of the measurement. Returns the current at its beginning.
+        fn step(&mut self, current_loop: &CurrentLoop, state: &mut CurrentLoopState, deviation: f64) -> f64 {
+            let sampled = self.current;
+            let drive = current_loop.update(state, (sampled + deviation) as f32, self.supply as f32);
+            self.current = self.a * self.current + self.b * (self.duty * self.supply - self.emf);
+            self.duty = match drive {
+                Drive::Duty(counts) => f64::from(counts) / 2000.0,
+                Drive::Brake => 0.0,
+                Drive::Off => panic!("coasting is not modelled"),
+            };
+            sampled
+        }
+
+        /// Between −1 and 1, even.
+        fn random(&mut self) -> f64 {
+            self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(self.noise >> 8) / f64::from(1 << 23) - 1.0
+        }
+    }
+
+    fn each(mut test: impl FnMut(&str, &CurrentLoop, f32, (f32, f32), Plant, &[f64])) {
+        let mut windings = 0;
+        for &(name, [resistance, inductance, back_emf], supply, deviations) in MOTORS {
+            let winding = Winding { resistance, inductance, back_emf };
+            let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
+            for &(r, l, a, b, response) in deviations {
+                // A tenth of what the supply drives through the winding at standstill.
+                let step = 0.1 * supply / resistance;
+                test(name, &current_loop, step, (r, l), Plant::new(a, b, supply), response);
+                windings += 1;
+            }
+        }
+        assert_eq!(windings, 27);
+    }
+
+    #[test]
+    fn steps_follow_the_reference_and_overshoot_by_a_tenth_at_most() {
+        each(|name, current_loop, step, deviation, mut plant, response| {
+            let mut state = CurrentLoopState::new();
+            state.command(step, 0.0);
+            let mut highest = 0.0_f64;
+            // One count of the duty is 0.05 % of the supply, 0.5 % of the step.
+            for &expected in response {
+                let current = plant.step(current_loop, &mut state, 0.0) / f64::from(step);
+                highest = highest.max(current);
+                assert!((current - expected).abs() < 0.01, "{name} {deviation:?}: {current}, {expected}");
+            }
+            assert!(highest < 1.1, "{name} {deviation:?}: {highest}");
+        });
+    }
+
+    #[test]
+    fn a_kilohertz_passes_with_winding_and_measurement_off() {
+        each(|name, current_loop, step, deviation, mut plant, _| {
+            let mut state = CurrentLoopState::new();
+            let (mut sine, mut cosine) = (0.0, 0.0);
+            // 40 periods of 1 kHz are one sample each; the first ten settle.
+            for sample in 0..1600_u32 {
+                let phase = core::f64::consts::TAU * f64::from(sample % 40) / 40.0;
+                let (s, c) = (libm::sin(phase), libm::cos(phase));
+                state.command(step * s as f32, 0.0);
+                // A 12-bit converter of five times the step: half a count, even.
+                let noise = plant.random() * f64::from(step) * 5.0 / 4096.0;
+                let current = plant.step(current_loop, &mut state, noise);
+                if sample >= 400 {
+                    (sine, cosine) = (sine + current * s, cosine + current * c);
+                }
+            }
+            let amplitude = libm::hypot(sine, cosine) / 600.0 / f64::from(step);
+            assert!(amplitude > 0.707, "{name} {deviation:?}: {amplitude}");
+            assert!(amplitude < 1.15, "{name} {deviation:?}: {amplitude}");
+        });
+    }
+
+    #[test]
+    fn a_sag_of_the_supply_neither_moves_the_current_nor_winds_the_integrator_up() {
+        each(|name, current_loop, step, deviation, mut plant, _| {
+            let mut state = CurrentLoopState::new();
+            let full = plant.supply;
+            // The supply changes within a millisecond.
+            let mut run = |plant: &mut Plant, supply: f64, periods| {
+                let change = (supply - plant.supply) / 40.0;
+                let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+                for period in 0..periods {
+                    plant.supply += if period < 40 { change } else { 0.0 };
+                    state.command(step, 0.0);
+                    let current = plant.step(current_loop, &mut state, 0.0) / f64::from(step);
+                    (lowest, highest) = (lowest.min(current), highest.max(current));
+                }
+                (lowest, highest)
+            };
+            run(&mut plant, full, 400);
+            // The voltage of the step is a tenth of the supply: 60 % of it suffice.
+            let (lowest, highest) = run(&mut plant, 0.6 * full, 200);
+            assert!(lowest > 0.98 && highest < 1.02, "{name} {deviation:?}: {lowest} to {highest}");
+            // 5 % do not; whatever was missing does not come afterwards.
+            let (_, highest) = run(&mut plant, 0.05 * full, 2000);
+            assert!(highest < 1.02, "{name} {deviation:?}: {highest}");
+            let (_, highest) = run(&mut plant, full, 400);
+            assert!(highest < 1.1, "{name} {deviation:?}: {highest}");
+        });
+    }
+
+    #[test]
+    fn the_back_emf_of_a_turning_motor_is_fed_forward() {
+        each(|name, current_loop, step, deviation, mut plant, response| {
+            let mut state = CurrentLoopState::new();
+            // 40 % of the supply.
+            plant.emf = 0.4 * plant.supply;
+            plant.duty = 0.4;
+            let velocity = plant.emf as f32 / current_loop.back_emf;
+            state.command(step, velocity);
+            for &expected in response {
+                let current = plant.step(current_loop, &mut state, 0.0) / f64::from(step);
+                assert!((current - expected).abs() < 0.01, "{name} {deviation:?}: {current}, {expected}");
+            }
+        });
+    }
+
+    #[test]
+    fn without_commands_the_motor_is_braked_after_two_ticks_and_then_off() {
+        let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
+        let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
+        let mut state = CurrentLoopState::new();
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off);
+        state.command(1.0, 0.0);
+        // 20 ms are 800 periods, 100 ms of braking 4000.
+        for period in 1..6000 {
+            let drive = current_loop.update(&mut state, 0.5, 12.0);
+            match period {
+                ..=800 => assert!(matches!(drive, Drive::Duty(counts) if counts > 0), "{period}"),
+                801..=4800 => assert_eq!(drive, Drive::Brake, "{period}"),
+                _ => assert_eq!(drive, Drive::Off, "{period}"),
+            }
+        }
+        // It begins without what it had learned.
+        state.command(0.0, 0.0);
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Duty(0));
+    }
+
+    #[test]
+    fn what_is_no_number_switches_off_and_a_missing_supply_gives_no_duty() {
+        let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
+        let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
+        let mut state = CurrentLoopState::new();
+        state.command(1.0, 0.0);
+        assert_eq!(current_loop.update(&mut state, f32::NAN, 12.0), Drive::Off);
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off, "until the next command");
+        state.command(1.0, 0.0);
+        assert_eq!(current_loop.update(&mut state, 0.0, 0.0), Drive::Duty(0));
+        let refused = CurrentLoop::try_new(&Winding { inductance: 0.0, ..winding }, &SWITCHING).unwrap_err();
+        assert_eq!(refused.to_string(), "inductance = 0 is not between 0.000001 and 1");
+    }
+}
