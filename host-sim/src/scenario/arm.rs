@@ -43,11 +43,11 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
     /// Rotational mass [kg·m²], damping [N·m·s/rad] and stiffness [N·m/rad].
     const ROTATION: [f32; 3] = [0.008, 0.5, 16.0];
     let [m, b, k] = ROTATION;
-    Impedance {
-        mass: [mass, mass, mass, m, m, m],
-        damping: [damping, damping, damping, b, b, b],
-        stiffness: [stiffness, stiffness, stiffness, k, k, k],
-    }
+    Impedance::diagonal(
+        [mass, mass, mass, m, m, m],
+        [damping, damping, damping, b, b, b],
+        [stiffness, stiffness, stiffness, k, k, k],
+    )
 }
 
 /// A redundancy resolution under test.

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki::task::impedance::{ImpedanceSettings, Law};
+use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
 use self::trace::{Trace, displacements};
@@ -109,7 +109,13 @@ const OURS: Trial = Trial {
 const TRIALS: [Trial; 6] = [
     OURS,
     Trial { name: "strokes", label: "ours, strokes", trajectory: HandTrajectory::Strokes, ..OURS },
-    Trial { name: "paper", label: "the paper's law", law: Law::Direct, limits: None, ..OURS },
+    Trial {
+        name: "paper",
+        label: "the paper's law",
+        law: Law::Direct(DirectLaw::CORRECTED),
+        limits: None,
+        ..OURS
+    },
     Trial { name: "tremor", label: "ours, twice the tremor", tremor: 2.0 * TREMOR, limits: None, ..OURS },
     Trial { name: "loss", label: "ours, a bad link", link: BAD_LINK, limits: None, ..OURS },
     Trial {
@@ -190,7 +196,7 @@ enum Slave {
 impl Slave {
     fn new(law: Law, (target, elbow): (PosePoint, ElbowSetpoint)) -> Self {
         match law {
-            Law::Direct => Self::Paper(target, elbow),
+            Law::Direct(_) => Self::Paper(target, elbow),
             Law::ModelFollowing => {
                 let follower =
                     Follower::try_new(FollowerSettings::HUMAN).expect("its own settings are valid");
@@ -265,8 +271,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
-    let machine = if trial.law == Law::Direct { Machine::PaperFriction } else { Machine::Mismatched };
-    let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
+    let machine = if trial.law != Law::ModelFollowing { Machine::PaperFriction } else { Machine::Mismatched };
+    let damping = if trial.law != Law::ModelFollowing { PAPER_DAMPING } else { DAMPING };
     let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, machine, settings)?;
     arm_trial.wait(0.5)?;
@@ -338,7 +344,7 @@ impl Metrics<'_> {
         let reversals = self.reported("largest error along x at the reversals", reversals, "mm");
         let at_rest = self.reported("error at rest", trace.mean_error(rest).norm(), "mm");
         match (self.trial.law, self.trial.limits) {
-            (Law::Direct, _) => {
+            (Law::Direct(_), _) => {
                 self.insert("error_peak", largest);
                 self.insert("error_at_reversals", reversals.paper("7 mm"));
                 let along = trace.mean_error(rest).x.abs();

@@ -2,7 +2,7 @@
 //! 3.1), compared with the exact solution.
 
 use rapier3d::na::Vector3;
-use tesaki::task::impedance::{ImpedanceSettings, Law};
+use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
 use super::common::{T, capitalized, require_duration};
@@ -84,7 +84,7 @@ const TRIALS: [Trial; 4] = [
         name: "paper",
         label: "the paper's law",
         machine: Machine::Mismatched,
-        law: Law::Direct,
+        law: Law::Direct(DirectLaw::CORRECTED),
         before: None,
         limit: None,
     },

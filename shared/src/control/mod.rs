@@ -1,14 +1,16 @@
 //! Control laws of single joints, and the target impedance of a tool.
 
+mod coupling;
 mod friction;
 mod impedance;
 mod joint_servo;
 mod observer;
 mod pid;
 
+pub use coupling::Coupling;
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
+pub use impedance::{DiscreteImpedance, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};

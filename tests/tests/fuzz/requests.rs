@@ -164,7 +164,7 @@ pub fn any_settings(random: &mut Random) -> ImpedanceSettings {
             least + (most - least) * share * share * share
         }
     };
-    let mut impedance = Impedance { mass: [0.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] };
+    let mut impedance = Impedance::diagonal([0.0; 6], [0.0; 6], [0.0; 6]);
     for axis in 0..6 {
         let mass = between(random, 0.001, 10.0);
         impedance.mass[axis] = mass;

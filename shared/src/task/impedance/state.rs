@@ -1,4 +1,4 @@
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Matrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use super::tuning::{
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
-use crate::control::{Impedance, JointPoint, ObserverState};
+use crate::control::{Impedance, ImpedanceAxes, JointPoint, ObserverState};
 use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint, Posture};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
@@ -114,6 +114,17 @@ impl ImpedanceState {
             let angle = self.elbow_angle(arm, &posture, &self.angles);
             self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
             self.initialize_singular_value(&posture);
+        }
+        let axes = settings.impedance.axes;
+        if self.impedance.axes != axes {
+            // The same impedance in the new axes, from which the new one is blended in.
+            let posture = arm.chain.posture(&self.angles);
+            let to_base = posture.tip().rotation.matrix();
+            let rotation = match axes {
+                ImpedanceAxes::Base => *to_base,
+                ImpedanceAxes::Tool => to_base.transpose(),
+            };
+            self.impedance = self.impedance.in_axes(axes, &rotation);
         }
         Ok(())
     }
@@ -218,7 +229,7 @@ impl ImpedanceState {
     /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without a
     /// force sensor that should see its cause, and in a stop, which may begin with any motion.
     fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
-        if settings.law == Law::Direct || self.estimates_force() || self.halted {
+        if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;
         }
         let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
@@ -264,11 +275,11 @@ impl ImpedanceState {
             self.release(&error);
         }
         let wrench = self.external_wrench(measurement);
-        let loaded = self.contact || settings.law == Law::Direct;
+        let loaded = self.contact || settings.law.direct().is_some();
         let force = if loaded { wrench } else { Vector6::zeros() };
         let velocities = Joints::from(self.velocities);
         let velocity = jacobian * velocities;
-        let acceleration = self.tool_command(&settings, &error, &velocity, &force);
+        let acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
         self.update_tool_motion(&velocity, &acceleration, loaded);
         let bias = posture.bias_acceleration(velocities.as_slice());
         let mut accelerations =
@@ -345,7 +356,7 @@ impl ImpedanceState {
         measurement: &ArmMeasurement,
         use_measured_state: bool,
     ) {
-        if settings.law == Law::Direct {
+        if settings.law.direct().is_some() {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             return;
         }
@@ -384,22 +395,42 @@ impl ImpedanceState {
         }
     }
 
-    /// Acceleration of the tool under the target impedance.
+    /// Acceleration of the `tool` under the target impedance.
     fn tool_command(
         &self,
         settings: &ImpedanceSettings,
+        tool: &IsometryMatrix3<f32>,
         error: &Vector6<f32>,
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
         let velocity_error = velocity - Vector6::from(self.setpoint.velocity);
         Vector6::from(self.setpoint.acceleration)
-            + match settings.law {
-                Law::Direct => self.impedance.acceleration(error, &velocity_error, force),
-                Law::ModelFollowing => {
-                    self.impedance.discretized().acceleration(error, &velocity_error, force)
+            + match self.impedance.axes {
+                ImpedanceAxes::Base => self.respond(settings, error, &velocity_error, force),
+                ImpedanceAxes::Tool => {
+                    let to_base = tool.rotation.matrix();
+                    let to_tool = to_base.transpose();
+                    let [error, velocity_error, force] =
+                        [error, &velocity_error, force].map(|value| rotated(&to_tool, value));
+                    rotated(to_base, &self.respond(settings, &error, &velocity_error, &force))
                 }
             }
+    }
+
+    /// Acceleration under the target impedance, all in its axes.
+    #[inline]
+    fn respond(
+        &self,
+        settings: &ImpedanceSettings,
+        error: &Vector6<f32>,
+        velocity_error: &Vector6<f32>,
+        force: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        match settings.law {
+            Law::Direct(_) => self.impedance.acceleration(error, velocity_error, force),
+            Law::ModelFollowing => self.impedance.held_acceleration(error, velocity_error, force),
+        }
     }
 
     /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so
@@ -442,8 +473,10 @@ impl ImpedanceState {
             let mut columns = jacobian.column_iter();
             let Some(column) = columns.nth(joint) else { return resolver.solve(tool) };
             let mut other_joints = *tool;
-            for (value, column) in other_joints.iter_mut().zip(column.iter()) {
-                *value -= column * driven;
+            if settings.law.direct().is_none_or(|law| law.driven_term) {
+                for (value, column) in other_joints.iter_mut().zip(column.iter()) {
+                    *value -= column * driven;
+                }
             }
             let mut accelerations = resolver.solve(&other_joints);
             accelerations.iter_mut().skip(joint).take(1).for_each(|value| *value = driven);
@@ -456,7 +489,9 @@ impl ImpedanceState {
             let projected = resolver.project_to_null_space(&gradient);
             let size = gradient.dot(&projected);
             accelerations += projected * (residual * size / (size * size + ARM_ANGLE_DAMPING));
-        } else if arm.chain.len() == MAX_CHAIN_JOINTS {
+        } else if arm.chain.len() == MAX_CHAIN_JOINTS
+            && settings.law.direct().is_none_or(|law| law.null_space_damping)
+        {
             // The elbow has no set-point: damp the null-space motion.
             let damping = 2.0 * settings.elbow_bandwidth;
             accelerations -= resolver.project_to_null_space(&velocities) * damping;
@@ -511,7 +546,7 @@ impl ImpedanceState {
         accelerations: &Joints,
     ) -> ArmOutput {
         let friction = match settings.law {
-            Law::Direct => 0.0,
+            Law::Direct(law) => law.friction,
             Law::ModelFollowing if self.contact => CONTACT_FRICTION_COMPENSATION,
             Law::ModelFollowing => 1.0,
         };
@@ -521,7 +556,7 @@ impl ImpedanceState {
         for ((point, &acceleration), (&position, &velocity)) in points.zip(states) {
             *point = JointPoint { position, velocity, acceleration };
         }
-        if settings.law == Law::ModelFollowing {
+        if settings.law.direct().is_none() {
             for (feedback, observer) in output.feedback.iter_mut().zip(&self.observers) {
                 *feedback = arm.observer.feedback(observer);
             }
@@ -564,6 +599,12 @@ impl ImpedanceState {
         }
         self.left_singular_vector = left_singular_vector.into();
     }
+}
+
+/// Translational and rotational part of `value` in the axes to which `rotation` leads.
+fn rotated(rotation: &Matrix3<f32>, value: &Vector6<f32>) -> Vector6<f32> {
+    let [linear, angular] = [0, 3].map(|axis| rotation * value.fixed_rows::<3>(axis));
+    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
 fn driven_joint(redundancy: Redundancy) -> Option<usize> {
