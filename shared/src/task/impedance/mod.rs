@@ -22,6 +22,7 @@ mod elbow;
 mod error;
 mod momentum;
 mod redundancy;
+mod response;
 mod setpoint;
 mod settings;
 mod state;

@@ -1,9 +1,10 @@
-use nalgebra::{IsometryMatrix3, Matrix3, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
+use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
 };
@@ -16,7 +17,7 @@ use super::tuning::{
 };
 use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
-use crate::control::{Impedance, ImpedanceAxes, JointPoint, ObserverState};
+use crate::control::{Impedance, JointPoint, ObserverState};
 use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint, Posture};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
@@ -115,16 +116,9 @@ impl ImpedanceState {
             self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
             self.initialize_singular_value(&posture);
         }
-        let axes = settings.impedance.axes;
-        if self.impedance.axes != axes {
-            // The same impedance in the new axes, from which the new one is blended in.
+        if self.impedance.axes != settings.impedance.axes {
             let posture = arm.chain.posture(&self.angles);
-            let to_base = posture.tip().rotation.matrix();
-            let rotation = match axes {
-                ImpedanceAxes::Base => *to_base,
-                ImpedanceAxes::Tool => to_base.transpose(),
-            };
-            self.impedance = self.impedance.in_axes(axes, &rotation);
+            self.impedance = in_axes(&self.impedance, settings.impedance.axes, posture.tip());
         }
         Ok(())
     }
@@ -406,31 +400,7 @@ impl ImpedanceState {
     ) -> Vector6<f32> {
         let velocity_error = velocity - Vector6::from(self.setpoint.velocity);
         Vector6::from(self.setpoint.acceleration)
-            + match self.impedance.axes {
-                ImpedanceAxes::Base => self.respond(settings, error, &velocity_error, force),
-                ImpedanceAxes::Tool => {
-                    let to_base = tool.rotation.matrix();
-                    let to_tool = to_base.transpose();
-                    let [error, velocity_error, force] =
-                        [error, &velocity_error, force].map(|value| rotated(&to_tool, value));
-                    rotated(to_base, &self.respond(settings, &error, &velocity_error, &force))
-                }
-            }
-    }
-
-    /// Acceleration under the target impedance, all in its axes.
-    #[inline]
-    fn respond(
-        &self,
-        settings: &ImpedanceSettings,
-        error: &Vector6<f32>,
-        velocity_error: &Vector6<f32>,
-        force: &Vector6<f32>,
-    ) -> Vector6<f32> {
-        match settings.law {
-            Law::Direct(_) => self.impedance.acceleration(error, velocity_error, force),
-            Law::ModelFollowing => self.impedance.held_acceleration(error, velocity_error, force),
-        }
+            + respond(&self.impedance, settings.law, tool, error, &velocity_error, force)
     }
 
     /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so
@@ -599,12 +569,6 @@ impl ImpedanceState {
         }
         self.left_singular_vector = left_singular_vector.into();
     }
-}
-
-/// Translational and rotational part of `value` in the axes to which `rotation` leads.
-fn rotated(rotation: &Matrix3<f32>, value: &Vector6<f32>) -> Vector6<f32> {
-    let [linear, angular] = [0, 3].map(|axis| rotation * value.fixed_rows::<3>(axis));
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
 fn driven_joint(redundancy: Redundancy) -> Option<usize> {
