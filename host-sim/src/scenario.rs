@@ -4,6 +4,8 @@ mod arm;
 mod arm7_bilateral;
 mod arm7_elbow;
 mod arm7_follow;
+mod arm7_paper;
+mod arm7_paper_elbow;
 mod arm7_release;
 mod arm7_straight;
 mod arm7_wall;
@@ -23,6 +25,7 @@ mod hand5_reach;
 mod hand5_teleop;
 mod knob_find;
 mod knob_grasp;
+mod unilateral;
 
 pub use grasping::scene;
 
@@ -31,6 +34,7 @@ use std::path::Path;
 use tesaki::protocol::LogRecord;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::grasp::GraspFileError;
+use tesaki_description::law::arm::ArmLawError;
 use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
@@ -76,6 +80,8 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_wall::SCENARIO,
     arm7_bilateral::SCENARIO,
     arm7_follow::SCENARIO,
+    arm7_paper::SCENARIO,
+    arm7_paper_elbow::SCENARIO,
     hand5_calibrate::SCENARIO,
     hand5_reach::SCENARIO,
     hand5_teleop::SCENARIO,
@@ -122,6 +128,9 @@ pub enum ScenarioError {
     /// The robot's folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
+    /// A law of an arm.
+    #[error(transparent)]
+    ArmLaw(#[from] ArmLawError),
     /// The grasp.
     #[error(transparent)]
     Grasp(#[from] GraspFileError),

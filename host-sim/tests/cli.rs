@@ -151,3 +151,29 @@ fn views_of_a_door_come_with_a_table_of_poses() {
         ["render-knob", "--views", "2", "--distance", "1.0", "--out", folder.path().to_str().unwrap()];
     says(&host_sim(&[&arguments[..], &["--views", "0"]].concat()), 2, &["views"]);
 }
+
+#[test]
+fn laws_are_compared_side_by_side_and_one_may_be_ones_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let laws = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7/laws");
+    let own = folder.path().join("own.toml");
+    let text = std::fs::read_to_string(laws.join("corrected.toml")).unwrap();
+    std::fs::write(&own, &text).unwrap();
+    let [own, out] = [&own, folder.path()].map(|path| path.to_str().unwrap().to_owned());
+    let scenario = ["run", "arm7-paper-elbow", "--json", "--out", &out];
+    let laws = ["--law", "pseudo-inverse", "--law", "paper", "--law", &own];
+    let output = host_sim(&[&scenario[..], &laws].concat());
+    says(&output, 0, &[]);
+    let run: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let value = |name: &str| run["metrics"][name]["value"].as_f64().unwrap_or_else(|| panic!("no {name}"));
+    // Without its term the driven joint moves the hand; with equation (3) the elbow stays where it is.
+    assert!(value("paper_matched_hand_displacement") > 2.0 * value("own_matched_hand_displacement"));
+    assert!(
+        value("paper_mismatched_elbow_turn").abs()
+            > 20.0 * value("pseudo_inverse_mismatched_elbow_turn").abs()
+    );
+    std::fs::write(&own, text.replace("mass = { translation = 1.5", "mass = { translation = -1.5")).unwrap();
+    let output = host_sim(&["run", "arm7-paper-elbow", "--law", &own, "--out", &out]);
+    let line = text.lines().position(|line| line.starts_with("mass")).unwrap() + 1;
+    says(&output, 1, &[&format!("own.toml:{line}: the mass along x is -1.5 kg")]);
+}

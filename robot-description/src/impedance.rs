@@ -8,20 +8,42 @@
 //! contact_force = 1.5                   # N
 //! max_deviation = { translation = 0.3, rotation = 1.5 }         # m, rad
 //!
-//! # Along and about x, y, z of the base frame: one number, or one for each axis.
+//! axes = "base"                         # of the matrices below, or "tool"
+//! # Along and about x, y, z: one number, or one for each axis; or a symmetric matrix.
 //! mass = { translation = 1.5, rotation = 0.008 }                # kg, kg·m²
 //! damping = { translation = [30.0, 30.0, 60.0], rotation = 0.5 } # N·s/m, N·m·s/rad
-//! stiffness = { translation = 300.0, rotation = 16.0 }          # N/m, N·m/rad
+//! stiffness = { matrix = [                                      # N/m, N, N·m/rad
+//!     [300.0, 100.0, 0.0, 0.0, 0.0, 0.0],
+//!     [100.0, 300.0, 0.0, 0.0, 0.0, 0.0],
+//!     [0.0, 0.0, 300.0, 0.0, 0.0, 0.0],
+//!     [0.0, 0.0, 0.0, 16.0, 0.0, 0.0],
+//!     [0.0, 0.0, 0.0, 0.0, 16.0, 0.0],
+//!     [0.0, 0.0, 0.0, 0.0, 0.0, 16.0],
+//! ] }
+//! ```
+//!
+//! With `law = "direct"`, `direct` holds the [options](DirectLaw) of that law:
+//!
+//! ```toml
+//! direct = { friction = 1.0, driven_term = false, null_space_damping = false }
 //! ```
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
-use tesaki::control::Impedance;
+use tesaki::control::{Coupling, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
 use tesaki::model::RobotModel;
-use tesaki::task::impedance::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 
-use crate::file::{self, FileError};
+use crate::file::{self, FileError, read_text};
+use crate::finding::{Finding, Report};
+use crate::line::line_of;
+use crate::urdf;
+
+/// Name of the folder of such files in a robot folder.
+pub const FOLDER: &str = "impedances";
+/// What to do about a key that cannot be used.
+const ADVICE: &str = "correct it; robots/arm7/impedances/soft.toml is an example";
 
 /// Why an impedance cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -29,37 +51,26 @@ pub enum ImpedanceFileError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The robot has no such joint.
-    #[error("{}: redundancy: {robot} has no joint {joint:?}; its joints are {names}", path.display())]
-    Joint {
-        /// The file.
-        path: PathBuf,
-        /// The robot.
-        robot: String,
-        /// The name in the file.
-        joint: String,
-        /// The robot's joints.
-        names: String,
-    },
-    /// A value is invalid, or does not suit the robot.
-    #[error("{}: {problem}", path.display())]
-    Settings {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        problem: InvalidSettings,
-    },
+    /// What is wrong in it.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
 }
 
-/// The content of a file.
+/// A key, and what is wrong there.
+pub(crate) type Wrong = (&'static str, String);
+
+/// The content of a file, or of a part of one.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+pub(crate) struct ImpedanceTable {
+    #[serde(default)]
+    axes: FileAxes,
     mass: Axes,
     damping: Axes,
     stiffness: Axes,
     #[serde(default)]
     law: FileLaw,
+    direct: Option<Direct>,
     redundancy: FileRedundancy,
     elbow_bandwidth: f32,
     #[serde(default)]
@@ -71,8 +82,32 @@ struct File {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Axes {
-    translation: Three,
-    rotation: Three,
+    translation: Option<Three>,
+    rotation: Option<Three>,
+    matrix: Option<[[f32; 6]; 6]>,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum FileAxes {
+    #[default]
+    Base,
+    Tool,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Direct {
+    friction: f32,
+    driven_term: bool,
+    null_space_damping: bool,
+}
+
+impl Default for Direct {
+    fn default() -> Self {
+        let DirectLaw { friction, driven_term, null_space_damping } = DirectLaw::CORRECTED;
+        Self { friction, driven_term, null_space_damping }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -114,60 +149,152 @@ struct MaxDeviation {
 }
 
 impl Axes {
-    fn six(self) -> [f32; 6] {
-        let [[x, y, z], [a, b, c]] = [self.translation, self.rotation].map(|three| match three {
-            Three::All(value) => [value; 3],
-            Three::Each(values) => values,
-        });
-        [x, y, z, a, b, c]
+    /// Diagonal of the matrix `key`, and the elements below it if one is not 0.
+    fn elements(self, key: &'static str) -> Result<([f32; 6], Option<[f32; 15]>), Wrong> {
+        match self {
+            Self { translation: Some(translation), rotation: Some(rotation), matrix: None } => {
+                let [[x, y, z], [a, b, c]] = [translation, rotation].map(|three| match three {
+                    Three::All(value) => [value; 3],
+                    Three::Each(values) => values,
+                });
+                Ok(([x, y, z, a, b, c], None))
+            }
+            Self { translation: None, rotation: None, matrix: Some(matrix) } => split(&matrix, key),
+            _ => Err((key, format!("{key}: expected translation and rotation, or matrix"))),
+        }
     }
+}
+
+/// Diagonal of a symmetric matrix, and the elements below it if one is not 0.
+fn split(matrix: &[[f32; 6]; 6], key: &'static str) -> Result<([f32; 6], Option<[f32; 15]>), Wrong> {
+    let (mut diagonal, mut below) = ([0.0; 6], Vec::new());
+    for (row, values) in matrix.iter().enumerate() {
+        diagonal[row] = values[row];
+        for (column, &value) in values.iter().enumerate().take(row) {
+            let mirrored = matrix[column][row];
+            if value.to_bits() != mirrored.to_bits() {
+                let message = format!(
+                    "the {key} matrix is not symmetric: row {}, column {} is {value}, row {}, column {} is {mirrored}",
+                    row + 1,
+                    column + 1,
+                    column + 1,
+                    row + 1
+                );
+                return Err((key, message));
+            }
+            below.push(value);
+        }
+    }
+    let below = <[f32; 15]>::try_from(below).ok();
+    Ok((diagonal, below.filter(|below| below.iter().any(|value| *value != 0.0))))
 }
 
 /// The settings in an impedance file, checked for the robot of `model`.
 ///
 /// # Errors
-/// What is wrong with the file, and where.
+/// The file cannot be read, or what is wrong in it, by line and key.
 pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, ImpedanceFileError> {
-    let file_path = || path.to_path_buf();
-    let file: File = file::read(path)?;
-    let redundancy = match file.redundancy {
-        FileRedundancy::None => Redundancy::None,
-        FileRedundancy::ArmAngle => Redundancy::ArmAngle,
-        FileRedundancy::Driven(name) => {
-            let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == name.as_str());
-            let (joint, _) = found.ok_or_else(|| {
-                let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-                ImpedanceFileError::Joint {
-                    path: file_path(),
-                    robot: model.name.to_string(),
-                    joint: name,
-                    names: names.join(", "),
-                }
-            })?;
-            Redundancy::DrivenJoint { joint }
+    let text = read_text(path).map_err(|source| FileError::Read { path: path.to_path_buf(), source })?;
+    let (settings, findings) = check(path, &text, model);
+    settings.ok_or(ImpedanceFileError::Wrong(findings))
+}
+
+/// What is wrong with `text`, the content of `path`, for the robot of `model`; the settings when nothing is.
+pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSettings>, Vec<Finding>) {
+    let mut report = Report::new(path);
+    let Some(table) = file::parse::<ImpedanceTable>(text, ADVICE, &mut report) else {
+        return (None, report.findings);
+    };
+    match table.settings(model) {
+        Ok(settings) => (Some(settings), report.findings),
+        Err((key, message)) => {
+            report.dynamics(line_of(text, key), message, ADVICE);
+            (None, report.findings)
         }
-    };
-    let settings = ImpedanceSettings {
-        impedance: Impedance {
-            mass: file.mass.six(),
-            damping: file.damping.six(),
-            stiffness: file.stiffness.six(),
+    }
+}
+
+impl ImpedanceTable {
+    /// The settings, checked for the robot of `model`.
+    pub(crate) fn settings(&self, model: &RobotModel) -> Result<ImpedanceSettings, Wrong> {
+        let settings = ImpedanceSettings {
+            impedance: self.impedance()?,
+            law: match (self.law, self.direct) {
+                (FileLaw::Direct, direct) => {
+                    let Direct { friction, driven_term, null_space_damping } = direct.unwrap_or_default();
+                    Law::Direct(DirectLaw { friction, driven_term, null_space_damping })
+                }
+                (FileLaw::ModelFollowing, None) => Law::ModelFollowing,
+                (FileLaw::ModelFollowing, Some(_)) => {
+                    let message = "direct: only `law = \"direct\"` has these options";
+                    return Err(("direct", message.to_owned()));
+                }
+            },
+            redundancy: self.redundancy(model)?,
+            elbow_bandwidth: self.elbow_bandwidth,
+            force: match self.force {
+                FileForce::Sensor => ForceSource::Sensor,
+                FileForce::Observer(bandwidth) => ForceSource::Observer { bandwidth },
+            },
+            contact_force: self.contact_force,
+            max_deviation: [self.max_deviation.translation, self.max_deviation.rotation],
+        };
+        settings.validate(model.joints.len()).map_err(|problem| (key(&problem), problem.to_string()))?;
+        Ok(settings)
+    }
+
+    fn impedance(&self) -> Result<Impedance, Wrong> {
+        let (mass, of_mass) = self.mass.elements("mass")?;
+        let (damping, of_damping) = self.damping.elements("damping")?;
+        let (stiffness, of_stiffness) = self.stiffness.elements("stiffness")?;
+        let is_coupled = of_mass.or(of_damping).or(of_stiffness).is_some();
+        let [of_mass, of_damping, of_stiffness] =
+            [of_mass, of_damping, of_stiffness].map(|below| below.unwrap_or([0.0; 15]));
+        let coupling = Coupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
+        Ok(Impedance {
+            axes: match self.axes {
+                FileAxes::Base => ImpedanceAxes::Base,
+                FileAxes::Tool => ImpedanceAxes::Tool,
+            },
+            coupling: is_coupled.then_some(coupling),
+            ..Impedance::diagonal(mass, damping, stiffness)
+        })
+    }
+
+    fn redundancy(&self, model: &RobotModel) -> Result<Redundancy, Wrong> {
+        let name = match &self.redundancy {
+            FileRedundancy::None => return Ok(Redundancy::None),
+            FileRedundancy::ArmAngle => return Ok(Redundancy::ArmAngle),
+            FileRedundancy::Driven(name) => name,
+        };
+        let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == name.as_str());
+        let (joint, _) = found.ok_or_else(|| {
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            let message =
+                format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", "));
+            ("redundancy", message)
+        })?;
+        Ok(Redundancy::DrivenJoint { joint })
+    }
+}
+
+/// The key of an invalid setting.
+const fn key(problem: &InvalidSettings) -> &'static str {
+    match problem {
+        InvalidSettings::Impedance(InvalidImpedance { term, .. }) => match term {
+            ImpedanceTerm::Mass | ImpedanceTerm::MassMatrix => "mass",
+            ImpedanceTerm::Damping | ImpedanceTerm::DampingMatrix | ImpedanceTerm::DampingToMass => "damping",
+            ImpedanceTerm::Stiffness | ImpedanceTerm::StiffnessMatrix | ImpedanceTerm::StiffnessToMass => {
+                "stiffness"
+            }
         },
-        law: match file.law {
-            FileLaw::Direct => Law::Direct,
-            FileLaw::ModelFollowing => Law::ModelFollowing,
-        },
-        redundancy,
-        elbow_bandwidth: file.elbow_bandwidth,
-        force: match file.force {
-            FileForce::Sensor => ForceSource::Sensor,
-            FileForce::Observer(bandwidth) => ForceSource::Observer { bandwidth },
-        },
-        contact_force: file.contact_force,
-        max_deviation: [file.max_deviation.translation, file.max_deviation.rotation],
-    };
-    settings
-        .validate(model.joints.len())
-        .map_err(|problem| ImpedanceFileError::Settings { path: file_path(), problem })?;
-    Ok(settings)
+        InvalidSettings::Joint { .. } | InvalidSettings::NoArmAngle | InvalidSettings::NoRedundantJoint => {
+            "redundancy"
+        }
+        InvalidSettings::ElbowBandwidth { .. } => "elbow_bandwidth",
+        InvalidSettings::ForceBandwidth { .. } => "force",
+        InvalidSettings::ContactForce { .. } => "contact_force",
+        InvalidSettings::MaxDeviation { .. } => "max_deviation",
+        InvalidSettings::Friction { .. } => "direct",
+    }
 }

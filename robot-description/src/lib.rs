@@ -5,6 +5,7 @@
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
+//! - [`law`] holds control laws with the experiments of a paper;
 //! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`],
 //!   [`retargeting`] and [`approach`] what tasks are given.
 
@@ -16,6 +17,7 @@ pub mod grasp;
 pub mod hand_eye;
 pub mod impedance;
 pub mod init;
+pub mod law;
 mod line;
 mod load;
 pub mod plant;

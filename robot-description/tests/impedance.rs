@@ -3,8 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
+use tesaki::control::ImpedanceAxes;
 use tesaki::model::RobotModel;
-use tesaki::task::impedance::{Law, Redundancy};
+use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
 use tesaki_description::impedance::load;
 use tesaki_description::robot::RobotFolder;
 
@@ -80,12 +81,72 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
     assert!(said.contains("the maximum deviation is -0.3"), "{said}");
 }
 
+/// What is said of the soft impedance with this stiffness matrix: `change` of 300 and 16 on its diagonal.
+fn said_of_matrix(change: impl Fn(&mut [[f32; 6]; 6])) -> Result<ImpedanceSettings, String> {
+    let mut matrix = [[0.0; 6]; 6];
+    (0..6).for_each(|axis| matrix[axis][axis] = if axis < 3 { 300.0 } else { 16.0 });
+    change(&mut matrix);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("soft.toml");
+    let text =
+        SOFT.replace("{ translation = 300.0, rotation = 16.0 }", &format!("{{ matrix = {matrix:?} }}"));
+    std::fs::write(&path, text).unwrap();
+    load(&path, &model("arm7")).map_err(|error| error.to_string())
+}
+
+#[test]
+fn a_matrix_may_couple_the_axes() {
+    let settings = said_of_matrix(|_| {}).unwrap();
+    assert_eq!(settings.impedance.coupling, None, "a diagonal matrix is the cheap form");
+    let settings =
+        said_of_matrix(|k| (k[0][1], k[1][0], k[5][2], k[2][5]) = (100.0, 100.0, -7.0, -7.0)).unwrap();
+    let coupling = settings.impedance.coupling.unwrap();
+    // The last row begins at 10.
+    assert_eq!((coupling.stiffness[0], coupling.stiffness[12], coupling.mass), (100.0, -7.0, [0.0; 15]));
+    let said = said_of_matrix(|k| k[3][1] = 1.0).unwrap_err();
+    assert!(
+        said.contains(
+            "soft.toml:12: the stiffness matrix is not symmetric: row 4, column 2 is 1, row 2, column 4 is 0"
+        ),
+        "{said}"
+    );
+    let said = said_of_matrix(|k| (k[0][1], k[1][0]) = (400.0, 400.0)).unwrap_err();
+    assert!(
+        said.contains(
+            "soft.toml:12: the stiffness matrix is not positive semi-definite: its pivot along y is -233"
+        ),
+        "{said}"
+    );
+    let said = complaint("damping = { translation = 30.0, ", "damping = { ");
+    assert!(said.contains("soft.toml:11: damping: expected translation and rotation, or matrix"), "{said}");
+}
+
+#[test]
+fn the_direct_law_has_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("soft.toml");
+    let text = SOFT.replace(
+        "law = \"model-following\"",
+        "law = \"direct\"\naxes = \"tool\"\ndirect = { friction = 0.5, driven_term = false }",
+    );
+    std::fs::write(&path, &text).unwrap();
+    let settings = load(&path, &model("arm7")).unwrap();
+    let options = DirectLaw { friction: 0.5, driven_term: false, null_space_damping: true };
+    assert_eq!((settings.law, settings.impedance.axes), (Law::Direct(options), ImpedanceAxes::Tool));
+    std::fs::write(&path, text.replace("0.5, driven", "1.5, driven")).unwrap();
+    let said = load(&path, &model("arm7")).unwrap_err().to_string();
+    let expected = "soft.toml:4: the compensated fraction of the friction is 1.5; it must be from 0 to 1";
+    assert!(said.contains(expected), "{said}");
+    let said = complaint("force = \"sensor\"", "direct = { friction = 0.5 }\nforce = \"sensor\"");
+    assert!(said.contains("soft.toml:5: direct: only `law = \"direct\"` has these options"), "{said}");
+}
+
 #[test]
 fn other_mistakes_are_told_with_line_and_key() {
     let said = complaint("contact_force =", "contact_froce =");
-    assert!(said.contains("contact_froce") && said.contains("line 6"), "{said}");
+    assert!(said.contains("contact_froce") && said.contains("soft.toml:6: "), "{said}");
     let said = complaint("\"arm-angle\"", "\"elbow\"");
-    assert!(said.contains("elbow") && said.contains("arm-angle") && said.contains("line 3"), "{said}");
+    assert!(said.contains("elbow") && said.contains("arm-angle") && said.contains("soft.toml:3: "), "{said}");
     let said = complaint("translation = 300.0", "translation = [300.0, 300.0]");
     assert!(said.contains("expected a number, or three: for x, y and z"), "{said}");
     let said = complaint("elbow_bandwidth = 12.0 ", "");

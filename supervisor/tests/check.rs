@@ -293,3 +293,29 @@ fn an_accepted_inertia_and_corrected_limits_and_friction_reach_the_model() {
     assert_eq!(code, 1, "{text}");
     contains(&text, &["controller.toml:4: accept_inertia: the URDF has no link thumb"]);
 }
+
+#[test]
+fn laws_and_impedances_of_an_arm_are_checked() {
+    let (code, text) = check(&[], &workspace().join("robots/arm7"));
+    assert_eq!(code, 0, "{text}");
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["robot.urdf", "controller.toml", "impedances/soft.toml", "laws/paper.toml"] {
+        let text = std::fs::read_to_string(workspace().join("robots/arm7").join(name)).unwrap();
+        let file = folder.path().join(name);
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(
+            file,
+            text.replace("stiffness = { translation = 300.0", "stiffness = { translation = -3.0"),
+        )
+        .unwrap();
+    }
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    let wrong = "the stiffness along x is -3 N/m; possible with this mass is 0 to 3750 N/m";
+    for file in ["impedances/soft.toml", "laws/paper.toml"] {
+        let path = folder.path().join(file);
+        let text_of_file = std::fs::read_to_string(&path).unwrap();
+        let line = text_of_file.lines().position(|line| line.starts_with("stiffness")).unwrap() + 1;
+        contains(&text, &[&format!("{}:{line}: {wrong}", path.display())]);
+    }
+}

@@ -9,11 +9,11 @@ from protocol_encoding import (
 )
 from protocol_parts import (
     ARM_ANGLE, BOX, CLEAR_FAULTS, CLIENT, DISABLE, DISABLED, ENABLE, EXPORT, FAILURES, FAULT, FINGER,
-    FIRMWARE, GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
+    FIRMWARE, FOLLOWING, GRASPING, GRASP_REFUSALS, HELLO, HOME, IDENTITY, IMPEDANCE, IMPEDANCE_REFUSALS, JOINT_SERVO,
     JOINT_SERVO_REFUSALS, KEEP, LEAST_MOTION, LIMITS, LOWEST, MODEL_BEGIN, MODEL_CHUNK, MODEL_COMMIT,
     NO_GRASP, NO_STATISTICS, PHASES, QUIET_BOARD, READ_EXPORT, READ_FAULTS, READ_STATUS, READ_TASK,
     RELEASE_COMMAND, SCHEMA, SENSOR, SET_RATE, STATE, STOP, TAKE_COMMAND, TARE, TASK, TASKS, TELEXISTENCE,
-    TELEXISTENCE_REFUSALS, VISUAL_APPROACH, VISUAL_APPROACH_REFUSALS, YIELDING, actuators, approach, board_status, by_wrench, differential, enabled, fault,
+    TELEXISTENCE_REFUSALS, VISUAL_APPROACH, VISUAL_APPROACH_REFUSALS, YIELDING, actuators, approach, board_status, by_wrench, differential, direct, enabled, fault,
     fingertips, frame_counts, goal, grasp, hand, impedance, joints, model, node_status, observer, plan, reply,
     reproduced, request, retargeting, sensors, settings, target, telemetry,
 )
@@ -144,26 +144,31 @@ def grasping():
 
 
 def impedance_control():
-    yielding = settings(*YIELDING, 1, ARM_ANGLE, 12.0, SENSOR, 1.5, [0.25, 1.5])
-    direct = settings(*YIELDING, 0, LEAST_MOTION, 12.0, SENSOR, 1.5, [0.25, 1.5])
-    driven = settings(*YIELDING, 1, uint(1) + byte(2), 12.0, SENSOR, 1.5, [0.25, 1.5])
-    observed = settings(*YIELDING, 1, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5])
+    rest = 12.0, SENSOR, 1.5, [0.25, 1.5]
+    yielding = settings(*YIELDING, FOLLOWING, ARM_ANGLE, *rest)
+    printed = settings(*YIELDING, direct(0.75, False, True), LEAST_MOTION, *rest)
+    driven = settings(*YIELDING, FOLLOWING, uint(1) + byte(2), *rest)
+    observed = settings(*YIELDING, FOLLOWING, ARM_ANGLE, 12.0, observer(30.0), 1.5, [0.25, 1.5])
+    coupling = [0.25] + [0.0] * 14, [0.0] * 14 + [0.125], [0.0, -100.0] + [0.0] * 13
+    coupled = settings(*YIELDING, FOLLOWING, ARM_ANGLE, *rest, axes=1, coupling=coupling)
     lowest = [LOWEST] * 6
-    longest = settings(lowest, lowest, lowest, 1, uint(1) + byte(255), LOWEST, observer(LOWEST), LOWEST,
-                       lowest[:2])
+    longest = settings(lowest, lowest, lowest, direct(LOWEST, True, True), uint(1) + byte(255), LOWEST,
+                       observer(LOWEST), LOWEST, lowest[:2], axes=1, coupling=[[LOWEST] * 15] * 3)
     enable, configure = ENABLE + IMPEDANCE, TASK + IMPEDANCE + uint(1)
     position, rotation = [0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0]
     velocity = [0.125, 0.0, 0.0, 0.0, 0.0, 0.5]
     return {
         "enable-impedance": enable + yielding,
-        "enable-impedance-direct": enable + direct,
+        "enable-impedance-direct": enable + printed,
         "enable-impedance-driven": enable + driven,
         "enable-impedance-observed": enable + observed,
+        "enable-impedance-coupled": enable + coupled,
         "enable-impedance-longest": enable + longest,
         "impedance-configure": configure + yielding,
-        "impedance-configure-direct": configure + direct,
+        "impedance-configure-direct": configure + printed,
         "impedance-configure-driven": configure + driven,
         "impedance-configure-observed": configure + observed,
+        "impedance-configure-coupled": configure + coupled,
         "impedance-configure-longest": configure + longest,
         "impedance-target": target(position, rotation, velocity, [0.0] * 6, [0.25, 0.0, 0.0]),
         "impedance-target-longest": target(lowest[:3], lowest[:4], lowest, lowest, lowest[:3]),

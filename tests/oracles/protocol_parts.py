@@ -150,10 +150,19 @@ def observer(bandwidth):
     return uint(1) + real(bandwidth)
 
 
-def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, max_deviation):
-    """How an arm is to behave. Six numbers each for the impedance."""
-    return (reals(mass) + reals(damping) + reals(stiffness) + uint(law) + redundancy + real(elbow_bandwidth)
-            + force + real(contact_force) + reals(max_deviation))
+FOLLOWING = uint(1)
+
+
+def direct(friction, driven_term, null_space_damping):
+    return uint(0) + real(friction) + boolean(driven_term) + boolean(null_space_damping)
+
+
+def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, max_deviation,
+             axes=0, coupling=None):
+    """How an arm is to behave. Six numbers each for the impedance, fifteen each for its coupling."""
+    return (reals(mass) + reals(damping) + reals(stiffness) + uint(axes)
+            + option(None if coupling is None else b"".join(map(reals, coupling))) + law + redundancy
+            + real(elbow_bandwidth) + force + real(contact_force) + reals(max_deviation))
 
 
 def target(position, rotation, velocity, acceleration, elbow):
@@ -221,6 +230,12 @@ INVALID_SETTINGS = {
     "max-deviation": uint(5) + real(0.0),
     "force-bandwidth": uint(6) + reals([60.0, 50.0]),
     "no-redundant-joint": uint(7),
+    "friction": uint(8) + real(1.5),
+    "impedance-mass-matrix": uint(0) + uint(3) + byte(1) + reals([-1.0, 0.5]),
+    "impedance-damping-matrix": uint(0) + uint(4) + byte(1) + reals([-1.0, 0.0]),
+    "impedance-stiffness-matrix": uint(0) + uint(5) + byte(1) + reals([-1.0, 0.0]),
+    "impedance-damping-to-mass": uint(0) + uint(6) + byte(3) + reals([-1.0, 0.0]),
+    "impedance-stiffness-to-mass": uint(0) + uint(7) + byte(3) + reals([-1.0, 0.0]),
 }
 LIMITS = {
     "joint-count": uint(0) + byte(2) + byte(9),

@@ -43,11 +43,11 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
     /// Rotational mass [kg·m²], damping [N·m·s/rad] and stiffness [N·m/rad].
     const ROTATION: [f32; 3] = [0.008, 0.5, 16.0];
     let [m, b, k] = ROTATION;
-    Impedance {
-        mass: [mass, mass, mass, m, m, m],
-        damping: [damping, damping, damping, b, b, b],
-        stiffness: [stiffness, stiffness, stiffness, k, k, k],
-    }
+    Impedance::diagonal(
+        [mass, mass, mass, m, m, m],
+        [damping, damping, damping, b, b, b],
+        [stiffness, stiffness, stiffness, k, k, k],
+    )
 }
 
 /// A redundancy resolution under test.
@@ -72,6 +72,8 @@ pub enum Machine {
     Mismatched,
     /// By seeded factors, and with the friction that the paper's errors imply.
     PaperFriction,
+    /// The same machine; the controller's model has that friction, without the factors.
+    KnownPaperFriction,
 }
 
 /// Robot, plant values and recording that all trials of a scenario share.
@@ -105,6 +107,11 @@ impl ArmRig {
             }
             Machine::Mismatched => {}
             Machine::PaperFriction => options.coulomb = Some(self.values.friction.paper),
+            Machine::KnownPaperFriction => {
+                let coulomb = self.values.friction.paper;
+                options.coulomb = Some(coulomb);
+                model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = coulomb as f32);
+            }
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
         let plant = Plant::new(&self.robot.urdf, &drives, &values, &options)?;

@@ -88,7 +88,7 @@ fn swings(log: &ArmLog) -> &[ArmSample] {
 }
 
 /// Displacement [mm] and rotation [mrad] of the hand since before the first swing.
-fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
+pub(super) fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
     let Some(first) = samples.first() else { return Vec::new() };
     let (start, orientation) = (first.position(), first.orientation());
     let motion = |sample: &ArmSample| {
@@ -119,7 +119,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
             "mrad",
         ),
     );
-    let elbow = |sample: &ArmSample| Vector3::from(elbow(sample));
+    let elbow = |sample: &ArmSample| Vector3::from(elbow_position(sample));
     let all = swings(log);
     let displacement = all.first().map_or(f64::NAN, |first| {
         all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
@@ -129,7 +129,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
 }
 
 /// Position of the elbow relative to the shoulder [m].
-fn elbow(sample: &ArmSample) -> [f64; 3] {
+pub(super) fn elbow_position(sample: &ArmSample) -> [f64; 3] {
     const UPPER_ARM: f64 = 0.30;
     let (pitch, roll) = (sample.joints[0], sample.joints[1]);
     // Pitch rotates about −y, roll about −x.

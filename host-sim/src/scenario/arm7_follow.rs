@@ -1,23 +1,17 @@
 //! Unilateral teleoperation: a slave arm follows an operator's hand over a link (Arm7, section 3.2). Measures
 //! the tracking error.
 
-mod trace;
-
 use std::ops::Range;
 
-use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki::task::impedance::{ImpedanceSettings, Law};
-use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
+use rapier3d::na::{Isometry3, Vector3};
+use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
+use tesaki::teleop::FollowerSettings;
 
-use self::trace::{Trace, displacements};
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
 use super::common::{T, capitalized, require_duration};
+use super::unilateral::{Operator, Slave, Trace, displacements, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::operator::{
-    ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing, Link, LinkValues, MasterArm, MasterArmValues,
-    MasterPose, OperatorHandMotion, Packet, Stroke,
-};
+use crate::operator::{ElbowMotion, ElbowSwing, LinkValues, OperatorHandMotion, Stroke};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -110,7 +104,13 @@ const OURS: Trial = Trial {
 const TRIALS: [Trial; 6] = [
     OURS,
     Trial { name: "strokes", label: "ours, strokes", trajectory: HandTrajectory::Strokes, ..OURS },
-    Trial { name: "paper", label: "the paper's law", law: Law::Direct, limits: None, ..OURS },
+    Trial {
+        name: "paper",
+        label: "the paper's law",
+        law: Law::Direct(DirectLaw::CORRECTED),
+        limits: None,
+        ..OURS
+    },
     Trial { name: "tremor", label: "ours, twice the tremor", tremor: 2.0 * TREMOR, limits: None, ..OURS },
     Trial { name: "loss", label: "ours, a bad link", link: BAD_LINK, limits: None, ..OURS },
     Trial {
@@ -145,110 +145,6 @@ impl HandTrajectory {
     }
 }
 
-/// The operator, with the devices and their links.
-struct Operator {
-    motion: OperatorHandMotion,
-    elbow: ElbowMotion,
-    master: MasterArm,
-    sensor: ElbowSensor,
-    hand_link: Link<MasterPose>,
-    elbow_link: Link<f64>,
-}
-
-impl Operator {
-    fn new(trial: &Trial, seed: u64, start: &Isometry3<f64>, elbow: f64) -> Self {
-        let elbow_swing = |begin, angle| ElbowSwing { begin: BEGIN + begin, duration: 1.5, angle };
-        Self {
-            motion: trial.trajectory.motion(*start).with_tremor(trial.tremor, seed),
-            elbow: ElbowMotion { start: elbow, swings: vec![elbow_swing(2.2, 0.3), elbow_swing(6.1, -0.3)] },
-            master: MasterArm::new(MasterArmValues::default(), start, seed),
-            sensor: ElbowSensor::new(ElbowSensorValues::default(), seed),
-            hand_link: Link::new(trial.link, 2 * seed),
-            elbow_link: Link::new(trial.link, 2 * seed + 1),
-        }
-    }
-
-    /// The packets that have arrived by a time [s] since the last call.
-    fn receive(&mut self, time: f64) -> (Vec<Packet<MasterPose>>, Vec<Packet<f64>>) {
-        for (sampled, pose) in self.master.run(&self.motion, time) {
-            self.hand_link.send(sampled, pose);
-        }
-        for (sampled, tilt) in self.sensor.run(&self.elbow, time) {
-            self.elbow_link.send(sampled, tilt);
-        }
-        (self.hand_link.receive(time).collect(), self.elbow_link.receive(time).collect())
-    }
-}
-
-/// Computes the arm's set-points from the received packets.
-enum Slave {
-    /// Estimates the hand's motion and predicts it to the present.
-    Ours(Follower, Box<FollowerState>),
-    /// Takes the last sample as the equilibrium position of the spring.
-    Paper(PosePoint, ElbowSetpoint),
-}
-
-impl Slave {
-    fn new(law: Law, (target, elbow): (PosePoint, ElbowSetpoint)) -> Self {
-        match law {
-            Law::Direct => Self::Paper(target, elbow),
-            Law::ModelFollowing => {
-                let follower =
-                    Follower::try_new(FollowerSettings::HUMAN).expect("its own settings are valid");
-                Self::Ours(
-                    follower,
-                    Box::new(FollowerState::at(target.position, target.rotation, elbow.angle)),
-                )
-            }
-        }
-    }
-
-    fn add_pose(&mut self, time: f64, pose: &Packet<MasterPose>) {
-        let MasterPose { position, orientation } = pose.message;
-        let (position, rotation) = (position.map(|x| x as f32), orientation.map(|x| x as f32));
-        match self {
-            Self::Ours(follower, state) => {
-                let sample = MasterSample { time: instant(pose.time), position, rotation };
-                // A sample that was overtaken is refused, and not needed.
-                let _ = follower.add_sample(state, instant(time), &sample);
-            }
-            Self::Paper(target, _) => (target.position, target.rotation) = (position, rotation),
-        }
-    }
-
-    fn add_elbow(&mut self, time: f64, tilt: &Packet<f64>) {
-        let angle = tilt.message as f32;
-        match self {
-            Self::Ours(follower, state) => {
-                let _ = follower.add_elbow_sample(state, instant(time), instant(tilt.time), angle);
-            }
-            Self::Paper(_, elbow) => elbow.angle = angle,
-        }
-    }
-
-    fn clutch(&mut self, time: f64, closed: bool) {
-        if let Self::Ours(follower, state) = self {
-            if closed {
-                follower.close_clutch(state, instant(time)).expect("samples arrive all the time");
-            } else {
-                follower.open_clutch(state);
-            }
-        }
-    }
-
-    fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
-        match self {
-            Self::Ours(follower, state) => follower.tick(state, instant(time)),
-            Self::Paper(target, elbow) => (*target, *elbow),
-        }
-    }
-}
-
-#[expect(clippy::cast_sign_loss, reason = "no time is negative")]
-fn instant(time: f64) -> Instant {
-    Instant((1e6 * time).round() as u32)
-}
-
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
@@ -266,25 +162,27 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
 fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Result<Trace, ScenarioError> {
     let seed = setting.seed;
-    let machine = if trial.law == Law::Direct { Machine::PaperFriction } else { Machine::Mismatched };
-    let damping = if trial.law == Law::Direct { PAPER_DAMPING } else { DAMPING };
+    let machine = if trial.law != Law::ModelFollowing { Machine::PaperFriction } else { Machine::Mismatched };
+    let damping = if trial.law != Law::ModelFollowing { PAPER_DAMPING } else { DAMPING };
     let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, machine, settings)?;
     arm_trial.wait(0.5)?;
-    let now = arm_trial.plant.tips().swap_remove(0);
-    let [x, y, z, w] = now.orientation;
-    let rotation = UnitQuaternion::from_quaternion(rapier3d::na::Quaternion::new(w, x, y, z));
-    let start = Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), rotation);
+    let start = tool_pose(&arm_trial);
     let target = arm_trial.start();
-    let mut operator = Operator::new(trial, seed, &start, target.1.angle.into());
-    let mut slave = Slave::new(trial.law, target);
+    let elbow_swing = |begin, angle| ElbowSwing { begin: BEGIN + begin, duration: 1.5, angle };
+    let elbow = ElbowMotion {
+        start: target.1.angle.into(),
+        swings: vec![elbow_swing(2.2, 0.3), elbow_swing(6.1, -0.3)],
+    };
+    let motion = trial.trajectory.motion(start).with_tremor(trial.tremor, seed);
+    let mut operator = Operator::new(motion, elbow, trial.link, seed, &start);
+    let mut slave =
+        if trial.law == Law::ModelFollowing { Slave::predicted(target) } else { Slave::sample(target) };
     let mut trace = Trace::new(arm_trial.log.now());
     let tick = |time: f64| (time / T).round() as usize;
     for number in 0..tick(END + REST) {
         let time = number as f64 * T;
-        let (poses, tilts) = operator.receive(time);
-        poses.iter().for_each(|pose| slave.add_pose(time, pose));
-        tilts.iter().for_each(|tilt| slave.add_elbow(time, tilt));
+        slave.receive(time, &mut operator);
         if number == tick(CLOSE) {
             slave.clutch(time, true);
         }
@@ -339,7 +237,7 @@ impl Metrics<'_> {
         let reversals = self.reported("largest error along x at the reversals", reversals, "mm");
         let at_rest = self.reported("error at rest", trace.mean_error(rest).norm(), "mm");
         match (self.trial.law, self.trial.limits) {
-            (Law::Direct, _) => {
+            (Law::Direct(_), _) => {
                 self.insert("error_peak", largest);
                 self.insert("error_at_reversals", reversals.paper("7 mm"));
                 let along = trace.mean_error(rest).x.abs();

@@ -2,7 +2,7 @@
 //! 3.1), compared with the exact solution.
 
 use rapier3d::na::Vector3;
-use tesaki::task::impedance::{ImpedanceSettings, Law};
+use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
 use super::common::{T, capitalized, require_duration};
@@ -41,9 +41,6 @@ const DISPLACEMENT: f64 = 0.03;
 const DISPLACE_TIME: f64 = 0.8;
 const HOLD_TIME: f64 = 0.7;
 const AFTER: f64 = 2.0;
-/// The impedance: mass [kg] and stiffness [N/m].
-const MASS: f64 = 1.5;
-const STIFFNESS: f64 = 300.0;
 
 struct Trial {
     name: &'static str,
@@ -85,19 +82,32 @@ const TRIALS: [Trial; 4] = [
         name: "paper",
         label: "the paper's law",
         machine: Machine::Mismatched,
-        law: Law::Direct,
+        law: Law::Direct(DirectLaw::CORRECTED),
         before: None,
         limit: None,
     },
 ];
 const DAMPINGS: [f32; 2] = [7.5, 30.0];
-const AXES: [&str; 3] = ["x", "y", "z"];
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// How the tool is released.
+pub(super) struct ReleaseTrial<'a> {
+    pub label: &'a str,
+    pub machine: Machine,
+    pub settings: ImpedanceSettings,
+    /// Displacement before the release [m].
+    pub displacement: f64,
+    /// Time from the release to the next reading of the force sensor [s]; `None`: just before the reading.
+    pub before: Option<f64>,
+}
 
 /// One release.
-struct Release {
-    axis: usize,
-    damping: f64,
-    log: ArmLog,
+pub(super) struct Release {
+    pub axis: usize,
+    pub damping: f64,
+    mass: f64,
+    stiffness: f64,
+    pub log: ArmLog,
     /// Time of the first reading of the force sensor after the release, and time from the release to it [s].
     time: f64,
     before: f64,
@@ -105,25 +115,40 @@ struct Release {
 
 impl Release {
     /// Time since the release [s], true displacement along the axis, and exact displacement [m].
-    fn curves(&self) -> [Vec<f64>; 3] {
+    pub(super) fn curves(&self) -> [Vec<f64>; 3] {
         let samples = self.log.during(&(self.time - T..self.time + AFTER));
         let displacement =
             |index: usize| samples[index].position()[self.axis] - samples[index].target[self.axis];
         let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time + self.before).collect();
         let measured: Vec<f64> = (0..samples.len()).map(displacement).collect();
         let start = measured.first().copied().unwrap_or(f64::NAN);
-        let exact = time.iter().map(|&time| free_response(self.damping, start, time.max(0.0))).collect();
+        let exact = time.iter().map(|&time| self.free_response(start, time.max(0.0))).collect();
         [time, measured, exact]
     }
 
     /// The largest deviation from the exact motion [mm].
-    fn error(&self) -> f64 {
+    pub(super) fn error(&self) -> f64 {
         let [_, measured, exact] = self.curves();
         1e3 * measured
             .iter()
             .zip(&exact)
             .map(|(measured, exact)| (measured - exact).abs())
             .fold(f64::NAN, f64::max)
+    }
+
+    /// Free response of the impedance, released at rest from the displacement `start` [m].
+    fn free_response(&self, start: f64, time: f64) -> f64 {
+        let decay = self.damping / (2.0 * self.mass);
+        let square = self.stiffness / self.mass - decay * decay;
+        if square <= 0.0 {
+            // Overdamped.
+            let rate = (-square).sqrt().max(1e-6);
+            let (up, down) = (((rate - decay) * time).exp(), ((-rate - decay) * time).exp());
+            return 0.5 * start * (up + down + decay / rate * (up - down));
+        }
+        let frequency = square.sqrt();
+        let (sine, cosine) = (frequency * time).sin_cos();
+        (-decay * time).exp() * start * (cosine + decay / frequency * sine)
     }
 
     /// The largest lateral deviation of the tool from the axis [mm].
@@ -138,14 +163,6 @@ impl Release {
     }
 }
 
-/// Free response of the underdamped impedance, released at rest from the displacement `start` [m].
-fn free_response(damping: f64, start: f64, time: f64) -> f64 {
-    let decay = damping / (2.0 * MASS);
-    let frequency = (STIFFNESS / MASS - decay * decay).sqrt();
-    let (sine, cosine) = (frequency * time).sin_cos();
-    (-decay * time).exp() * start * (cosine + decay / frequency * sine)
-}
-
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
@@ -154,8 +171,15 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     for trial in &TRIALS {
         let mut releases = Vec::new();
         for damping in DAMPINGS {
+            let how = ReleaseTrial {
+                label: trial.label,
+                machine: trial.machine,
+                settings: ImpedanceSettings { law: trial.law, ..settings(damping) },
+                displacement: DISPLACEMENT,
+                before: trial.before,
+            };
             for (axis, name) in AXES.into_iter().enumerate() {
-                let release = release(setting, &mut rig, trial, damping, axis)?;
+                let release = release(setting, &mut rig, &how, axis)?;
                 tables.push((format!("{}_{}_{damping}.csv", trial.name, name), release.log.table()));
                 releases.push(release);
             }
@@ -167,20 +191,22 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
-fn release(
+/// Displaces the tool along an axis and releases it.
+pub(super) fn release(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
-    trial: &Trial,
-    damping: f32,
+    trial: &ReleaseTrial<'_>,
     axis: usize,
 ) -> Result<Release, ScenarioError> {
-    let settings = ImpedanceSettings { law: trial.law, ..settings(damping) };
+    let impedance = trial.settings.impedance;
+    let [mass, damping, stiffness] =
+        [impedance.mass, impedance.damping, impedance.stiffness].map(|values| f64::from(values[axis]));
     let label = format!("{}, B {damping} N·s/m, {}", trial.label, AXES[axis]);
-    let mut arm_trial = ArmTrial::begin(setting, rig, &label, trial.machine, settings)?;
+    let mut arm_trial = ArmTrial::begin(setting, rig, &label, trial.machine, trial.settings)?;
     arm_trial.wait(0.5)?;
     let (target, _) = arm_trial.start();
     let mut position = Vector3::from(target.position).map(f64::from);
-    position[axis] += DISPLACEMENT;
+    position[axis] += trial.displacement;
     arm_trial
         .plant
         .hold_tip(0, Hold::firm(position.into(), target.rotation.map(f64::from), DISPLACE_TIME))?;
@@ -190,7 +216,7 @@ fn release(
     arm_trial.tick()?;
     let time = arm_trial.log.now();
     arm_trial.wait(AFTER)?;
-    Ok(Release { axis, damping: damping.into(), log: arm_trial.end()?, time, before })
+    Ok(Release { axis, damping, mass, stiffness, log: arm_trial.end()?, time, before })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {

@@ -2,6 +2,7 @@
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
+use tesaki::protocol::Request;
 use tesaki::task::TaskConfig;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -54,6 +55,12 @@ pub fn introduce(controller: &mut Watched<'_>, model: &RobotModel) -> Result<(),
     controller.hello()?;
     controller.take_command(false)?;
     controller.push_model(model)
+}
+
+/// Takes the board out of a fault.
+pub fn clear_faults(board: &mut Watched<'_>) -> Result<(), BoardError> {
+    let total = board.faults()?.total;
+    board.request(Request::ClearFaults { total }).map(drop)
 }
 
 /// The error of a scenario whose controller stopped with a fault.

@@ -1,7 +1,6 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use tesaki::protocol::Request;
 use tesaki::task::TaskConfig;
 use tesaki::task::visual_approach::{
     Approach, GripperState, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
@@ -11,7 +10,7 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, fault_error, introduce, require_duration};
+use super::common::{T, clear_faults, fault_error, introduce, require_duration};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, CameraValues, CircleTruth, Optics, Scene, View};
@@ -93,12 +92,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let tables = vec![("doors.csv".to_owned(), table(&logs))];
     Ok(Outcome { summary, figures, tables, motion })
-}
-
-/// Takes the board out of a fault.
-fn clear_faults(board: &mut Watched<'_>) -> Result<(), BoardError> {
-    let total = board.faults()?.total;
-    board.request(Request::ClearFaults { total }).map(drop)
 }
 
 /// What all doors of a run share.

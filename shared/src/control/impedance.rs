@@ -1,9 +1,11 @@
 use core::fmt;
 
-use nalgebra::Vector6;
+use nalgebra::{Matrix3, Matrix6, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::coupling::{self, Coupling};
+use crate::math::Ldlt;
 use crate::{TICK, math};
 
 /// Minimum mass [kg, kg·m²]; a smaller one has no effect beside the arm's own inertia.
@@ -16,18 +18,39 @@ const MAX_STIFFNESS_TO_MASS: f32 = 2500.0;
 const MAX_DAMPING_TO_MASS: f32 = 100.0;
 /// Below this `|z|` the functions of `√z` come from their series.
 const SERIES_RANGE: f32 = 0.05;
+/// Last power of the period in the power series of coupled axes. Within the limits above, the next term is less
+/// than 1e-8 of the first.
+const SERIES_ORDER: u8 = 12;
+/// Negative damping or stiffness, as a fraction of the largest possible one, that counts as rounding error of a
+/// semi-definite matrix.
+const ROUNDING: f32 = 1e-5;
 
-/// Target impedance `M ë + B ė + K e = F` of a tool on each axis:
-/// `e` is its displacement from the set-point, `F` the external force (Arm7 eq. 2). Axes: x, y, z of the
-/// base; translations first.
+/// Target impedance `M ë + B ė + K e = F` of a tool:
+/// `e` is its displacement from the set-point, `F` the external force (Arm7 eq. 2). Rows and columns of the
+/// symmetric matrices: along x, y, z, then about them. `M` is positive definite; `B` and `K` are positive
+/// semi-definite: an axis may have no spring.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Impedance {
-    /// `M` [kg, kg·m²]; at least 0.001.
+    /// Diagonal of `M` [kg, kg·m²]; at least 0.001.
     pub mass: [f32; 6],
-    /// `B` [N·s/m, N·m·s/rad]; not negative.
+    /// Diagonal of `B` [N·s/m, N·m·s/rad]; not negative.
     pub damping: [f32; 6],
-    /// `K` [N/m, N·m/rad]; not negative.
+    /// Diagonal of `K` [N/m, N·m/rad]; not negative.
     pub stiffness: [f32; 6],
+    /// Axes of the matrices.
+    pub axes: ImpedanceAxes,
+    /// Elements off the diagonals; `None`: all are 0.
+    pub coupling: Option<Coupling>,
+}
+
+/// Axes in which the matrices of an [`Impedance`] are given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ImpedanceAxes {
+    /// 0: of the base.
+    Base,
+    /// 1: of the tool, as it is oriented at the time.
+    Tool,
 }
 
 /// A value of an [`Impedance`] outside its limits.
@@ -38,13 +61,14 @@ pub struct InvalidImpedance {
     pub term: ImpedanceTerm,
     /// The axis: 0 to 2 along x, y, z; 3 to 5 about them.
     pub axis: u8,
-    /// As given.
+    /// As given; of a matrix the pivot.
     pub value: f32,
-    /// Largest possible.
+    /// Largest possible; of a pivot the smallest.
     pub limit: f32,
 }
 
-/// A number of an [`Impedance`].
+/// A number of an [`Impedance`], or a pivot of one of its matrices: the element on the diagonal that the
+/// factorisation `L D Lᵀ` leaves, in the unit of its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImpedanceTerm {
@@ -54,15 +78,29 @@ pub enum ImpedanceTerm {
     Damping,
     /// 2: `K`.
     Stiffness,
+    /// 3: the pivot of the matrix `M`, which is not positive definite.
+    MassMatrix,
+    /// 4: the pivot of the matrix `B`, which is not positive semi-definite.
+    DampingMatrix,
+    /// 5: the pivot of the matrix `K`, which is not positive semi-definite.
+    StiffnessMatrix,
+    /// 6: the pivot of `100 M − B`, which is not positive semi-definite.
+    DampingToMass,
+    /// 7: the pivot of `2500 M − K`, which is not positive semi-definite.
+    StiffnessToMass,
 }
 
 impl fmt::Display for InvalidImpedance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { term, axis, value, limit } = *self;
         let (name, units) = match term {
-            ImpedanceTerm::Mass => ("mass", ["kg", "kg·m²"]),
-            ImpedanceTerm::Damping => ("damping", ["N·s/m", "N·m·s/rad"]),
-            ImpedanceTerm::Stiffness => ("stiffness", ["N/m", "N·m/rad"]),
+            ImpedanceTerm::Mass | ImpedanceTerm::MassMatrix => ("mass", ["kg", "kg·m²"]),
+            ImpedanceTerm::Damping | ImpedanceTerm::DampingMatrix | ImpedanceTerm::DampingToMass => {
+                ("damping", ["N·s/m", "N·m·s/rad"])
+            }
+            ImpedanceTerm::Stiffness | ImpedanceTerm::StiffnessMatrix | ImpedanceTerm::StiffnessToMass => {
+                ("stiffness", ["N/m", "N·m/rad"])
+            }
         };
         let [unit, turn] = units;
         let (unit, relation) = if axis < 3 { (unit, "along") } else { (turn, "about") };
@@ -71,15 +109,56 @@ impl fmt::Display for InvalidImpedance {
             1 => "y",
             _ => "z",
         };
-        write!(f, "the {name} {relation} {axis} is {value} {unit}; ")?;
         match term {
-            ImpedanceTerm::Mass => write!(f, "possible is {MIN_MASS} to {limit} {unit}"),
-            _ => write!(f, "possible with this mass is 0 to {limit} {unit}"),
+            ImpedanceTerm::Mass => write!(
+                f,
+                "the {name} {relation} {axis} is {value} {unit}; possible is {MIN_MASS} to {limit} {unit}"
+            ),
+            ImpedanceTerm::Damping | ImpedanceTerm::Stiffness => write!(
+                f,
+                "the {name} {relation} {axis} is {value} {unit}; possible with this mass is 0 to {limit} {unit}"
+            ),
+            ImpedanceTerm::MassMatrix => write!(
+                f,
+                "the {name} matrix is not positive definite: its pivot {relation} {axis} is {value} {unit}; it must be \
+                 at least {limit} {unit}"
+            ),
+            ImpedanceTerm::DampingMatrix | ImpedanceTerm::StiffnessMatrix => write!(
+                f,
+                "the {name} matrix is not positive semi-definite: its pivot {relation} {axis} is {value} {unit}; it \
+                 must not be negative"
+            ),
+            ImpedanceTerm::DampingToMass | ImpedanceTerm::StiffnessToMass => {
+                let ratio = if term == ImpedanceTerm::DampingToMass {
+                    MAX_DAMPING_TO_MASS
+                } else {
+                    MAX_STIFFNESS_TO_MASS
+                };
+                write!(
+                    f,
+                    "the {name} matrix is too large for this mass: {ratio} times the mass minus the {name} has the \
+                     pivot {value} {unit} {relation} {axis}; it must not be negative"
+                )
+            }
         }
     }
 }
 
 impl Impedance {
+    /// The impedance on each of the axes of the base, without coupling.
+    pub const fn diagonal(mass: [f32; 6], damping: [f32; 6], stiffness: [f32; 6]) -> Self {
+        Self { mass, damping, stiffness, axes: ImpedanceAxes::Base, coupling: None }
+    }
+
+    /// `M`, `B` and `K`.
+    fn matrices(&self, coupling: &Coupling) -> [Matrix6<f32>; 3] {
+        [
+            coupling::symmetric(&self.mass, &coupling.mass),
+            coupling::symmetric(&self.damping, &coupling.damping),
+            coupling::symmetric(&self.stiffness, &coupling.stiffness),
+        ]
+    }
+
     /// Checks that the control period is short enough for this impedance.
     ///
     /// # Errors
@@ -101,6 +180,32 @@ impl Impedance {
                 }
             }
         }
+        self.coupling.as_ref().map_or(Ok(()), |coupling| self.validate_matrices(coupling))
+    }
+
+    /// Checks that `M` is positive definite and that `0 ≤ B ≤ 100 M` and `0 ≤ K ≤ 2500 M`, in the order of
+    /// symmetric matrices.
+    fn validate_matrices(&self, coupling: &Coupling) -> Result<(), InvalidImpedance> {
+        let [mass, damping, stiffness] = self.matrices(coupling);
+        let check = |term, matrix: &Matrix6<f32>, limit| match coupling::small_pivot(matrix, limit) {
+            Some((axis, value)) => Err(InvalidImpedance { term, axis, value, limit }),
+            None => Ok(()),
+        };
+        check(ImpedanceTerm::MassMatrix, &mass, MIN_MASS)?;
+        let diagonal = Matrix6::from_diagonal(&Vector6::from(self.mass));
+        for (matrix, max_ratio, negative, too_large) in [
+            (damping, MAX_DAMPING_TO_MASS, ImpedanceTerm::DampingMatrix, ImpedanceTerm::DampingToMass),
+            (
+                stiffness,
+                MAX_STIFFNESS_TO_MASS,
+                ImpedanceTerm::StiffnessMatrix,
+                ImpedanceTerm::StiffnessToMass,
+            ),
+        ] {
+            let rounding = diagonal * (ROUNDING * max_ratio);
+            check(negative, &(matrix + rounding), 0.0)?;
+            check(too_large, &(mass * max_ratio - matrix + rounding), 0.0)?;
+        }
         Ok(())
     }
 
@@ -112,6 +217,10 @@ impl Impedance {
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
+        if let Some(coupling) = &self.coupling {
+            let [mass, damping, stiffness] = self.matrices(coupling);
+            return Ldlt::new(&mass, MIN_MASS).solve(&(force - damping * velocity - stiffness * error));
+        }
         let mut result = *force;
         let state = error.iter().zip(velocity.iter());
         let terms = self.mass.iter().zip(&self.damping).zip(&self.stiffness);
@@ -121,8 +230,50 @@ impl Impedance {
         result
     }
 
-    /// Exact discretisation under zero-order hold: after one control period at a constant force, the velocity
-    /// is that of the continuous-time impedance.
+    /// The acceleration, held for one control period, after which the velocity is that of the continuous-time
+    /// impedance under a constant force.
+    #[inline]
+    pub fn held_acceleration(
+        &self,
+        error: &Vector6<f32>,
+        velocity: &Vector6<f32>,
+        force: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        match &self.coupling {
+            None => self.discretized().acceleration(error, velocity, force),
+            Some(coupling) => self.coupled_acceleration(coupling, error, velocity, force),
+        }
+    }
+
+    /// [`Self::held_acceleration`] of coupled axes: the displacement `Σ xₙ (t/T)ⁿ` by its power series.
+    #[inline(never)]
+    fn coupled_acceleration(
+        &self,
+        coupling: &Coupling,
+        error: &Vector6<f32>,
+        velocity: &Vector6<f32>,
+        force: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        let [mass, damping, stiffness] = self.matrices(coupling);
+        let mass = Ldlt::new(&mass, MIN_MASS);
+        let [mut before, mut last] = [*error, velocity * TICK];
+        let mut forces = *force;
+        let mut sum = Vector6::zeros();
+        for order in 2..=SERIES_ORDER {
+            let order = f32::from(order);
+            let of_state = damping * last * (TICK * (order - 1.0)) + stiffness * before * (TICK * TICK);
+            // A constant force has a term of order 2 only.
+            let right = forces * (TICK * TICK) - of_state;
+            let next = mass.solve(&right) * (1.0 / (order * (order - 1.0)));
+            sum += next * order;
+            (before, last, forces) = (last, next, Vector6::zeros());
+        }
+        // Of the velocity over the period.
+        sum * (1.0 / (TICK * TICK))
+    }
+
+    /// Exact discretisation under zero-order hold, of axes without coupling: after one control period at a
+    /// constant force, the velocity is that of the continuous-time impedance.
     pub fn discretized(&self) -> DiscreteImpedance {
         let mut discrete = DiscreteImpedance {
             error: Vector6::zeros(),
@@ -147,11 +298,44 @@ impl Impedance {
         discrete
     }
 
-    /// Moves all values by `fraction`, 0 to 1, of their difference to `goal`.
+    /// Moves all values by `fraction`, 0 to 1, of their difference to `goal`, which has the same axes.
     pub fn blend_towards(&mut self, goal: &Self, fraction: f32) {
         let own = self.mass.iter_mut().chain(&mut self.damping).chain(&mut self.stiffness);
-        let goal = goal.mass.iter().chain(&goal.damping).chain(&goal.stiffness);
-        own.zip(goal).for_each(|(own, goal)| *own += fraction * (goal - *own));
+        let goals = goal.mass.iter().chain(&goal.damping).chain(&goal.stiffness);
+        own.zip(goals).for_each(|(own, goal)| *own += fraction * (goal - *own));
+        if self.coupling.is_some() || goal.coupling.is_some() {
+            self.blend_coupling(goal.coupling.as_ref(), fraction);
+        }
+    }
+
+    /// Moves the coupling towards `goal`. Without a goal it is dropped once it is negligible.
+    #[inline(never)]
+    fn blend_coupling(&mut self, goal: Option<&Coupling>, fraction: f32) {
+        let mut coupling = self.coupling.unwrap_or(Coupling::NONE);
+        coupling.blend_towards(goal.unwrap_or(&Coupling::NONE), fraction);
+        let [mass, damping, stiffness] = [&self.mass, &self.damping, &self.stiffness];
+        let is_negligible = coupling::is_negligible(&coupling.mass, mass)
+            && coupling::is_negligible(&coupling.damping, damping)
+            && coupling::is_negligible(&coupling.stiffness, stiffness);
+        self.coupling = (goal.is_some() || !is_negligible).then_some(coupling);
+    }
+
+    /// The same impedance in other axes; `rotation` turns vectors into these.
+    #[inline(never)]
+    pub fn in_axes(&self, axes: ImpedanceAxes, rotation: &Matrix3<f32>) -> Self {
+        let of_matrix = |matrix: &Matrix6<f32>| {
+            let mut rotated = *matrix;
+            for (row, column) in [(0, 0), (0, 3), (3, 0), (3, 3)] {
+                let block = rotation * matrix.fixed_view::<3, 3>(row, column) * rotation.transpose();
+                rotated.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+            }
+            coupling::split(&rotated)
+        };
+        let matrices = self.matrices(self.coupling.as_ref().unwrap_or(&Coupling::NONE));
+        let [(mass, of_mass), (damping, of_damping), (stiffness, of_stiffness)] =
+            matrices.each_ref().map(of_matrix);
+        let coupling = Coupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
+        Self { mass, damping, stiffness, axes, coupling: Some(coupling) }
     }
 }
 
@@ -198,81 +382,4 @@ fn cosine_and_sinc(z: f32) -> (f32, f32) {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
-mod tests {
-    use super::*;
-
-    const SOFT: Impedance = Impedance { mass: [1.5; 6], damping: [7.5; 6], stiffness: [300.0; 6] };
-
-    /// The acceleration for a displacement and its velocity.
-    type Law<'a> = dyn Fn(&Vector6<f32>, &Vector6<f32>) -> Vector6<f32> + 'a;
-
-    /// Positions [m] every 10 ms of a mass that is released 30 mm off, from scipy's matrix exponential
-    /// (`tests/oracles/impedance.py`): M 1.5, K 300; B 7.5, 30, 90 (overdamped).
-    const RELEASES: &[(f32, &[f64])] = include!("../../../tests/oracles/data/impedance.in");
-
-    #[test]
-    #[allow(clippy::cast_possible_truncation, reason = "single precision")]
-    fn matched_it_stays_on_the_exact_curve_where_the_printed_law_does_not() {
-        for &(damping, exact) in RELEASES {
-            let impedance = Impedance { damping: [damping; 6], ..SOFT };
-            let discrete = impedance.discretized();
-            let run = |law: &Law<'_>| {
-                let (mut e, mut v) = (Vector6::repeat(0.03), Vector6::zeros());
-                let mut worst = 0.0_f64;
-                for exact in exact {
-                    worst = worst.max((f64::from(e.x) - exact).abs());
-                    let a = law(&e, &v);
-                    e += v * TICK + a * (0.5 * TICK * TICK);
-                    v += a * TICK;
-                }
-                worst
-            };
-            let zero = Vector6::zeros();
-            let (ours, printed) = (
-                run(&|e, v| discrete.acceleration(e, v, &zero)),
-                run(&|e, v| impedance.acceleration(e, v, &zero)),
-            );
-            assert!(ours < 7e-5, "B {damping}: {ours}");
-            assert!(printed > 4e-4, "B {damping}: {printed}");
-        }
-    }
-
-    #[test]
-    fn a_constant_force_is_yielded_to_by_its_size_over_the_stiffness() {
-        let discrete = SOFT.discretized();
-        let (mut e, mut v) = (Vector6::zeros(), Vector6::zeros());
-        let force = Vector6::repeat(3.0);
-        for _ in 0..1000 {
-            let a = discrete.acceleration(&e, &v, &force);
-            e += v * TICK + a * (0.5 * TICK * TICK);
-            v += a * TICK;
-        }
-        assert!((e.x - 0.01).abs() < 1e-6 && v.norm() < 1e-5, "{e} {v}");
-    }
-
-    #[test]
-    fn bad_numbers_are_named_with_axis_and_limit() {
-        let with = |change: fn(&mut Impedance)| {
-            let mut impedance = SOFT;
-            change(&mut impedance);
-            impedance.validate().unwrap_err().to_string()
-        };
-        assert_eq!(
-            with(|i| i.mass[4] = 0.0),
-            "the mass about y is 0 kg·m²; possible is 0.001 to 10000 kg·m²"
-        );
-        assert_eq!(
-            with(|i| i.mass[0] = f32::NAN),
-            "the mass along x is NaN kg; possible is 0.001 to 10000 kg"
-        );
-        assert_eq!(
-            with(|i| i.damping[1] = -1.0),
-            "the damping along y is -1 N·s/m; possible with this mass is 0 to 150 N·s/m"
-        );
-        assert_eq!(
-            with(|i| i.stiffness[5] = 4000.0),
-            "the stiffness about z is 4000 N·m/rad; possible with this mass is 0 to 3750 N·m/rad"
-        );
-        assert!(SOFT.validate().is_ok());
-    }
-}
+mod tests;

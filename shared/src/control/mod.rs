@@ -1,5 +1,6 @@
 //! Control laws of single joints, the current of their motors, and the target impedance of a tool.
 
+mod coupling;
 mod current_loop;
 mod friction;
 mod impedance;
@@ -7,10 +8,11 @@ mod joint_servo;
 mod observer;
 mod pid;
 
+pub use coupling::Coupling;
 pub use current_loop::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{DiscreteImpedance, Impedance, ImpedanceTerm, InvalidImpedance};
+pub use impedance::{DiscreteImpedance, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};

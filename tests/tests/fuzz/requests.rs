@@ -1,12 +1,12 @@
 //! Arbitrary requests, most of them nearly possible.
 
-use tesaki::control::{Impedance, JointPoint, ServoMode};
+use tesaki::control::{Coupling, Impedance, ImpedanceAxes, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{Item, MODEL_CHUNK, Request, SCHEMA_KEY, Stream};
 use tesaki::task::grasping::{FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
+use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 
@@ -164,16 +164,31 @@ pub fn any_settings(random: &mut Random) -> ImpedanceSettings {
             least + (most - least) * share * share * share
         }
     };
-    let mut impedance = Impedance { mass: [0.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] };
+    let mut impedance = Impedance::diagonal([0.0; 6], [0.0; 6], [0.0; 6]);
     for axis in 0..6 {
         let mass = between(random, 0.001, 10.0);
         impedance.mass[axis] = mass;
         impedance.damping[axis] = mass * between(random, 0.1, 100.0);
         impedance.stiffness[axis] = mass * between(random, 1.0, 2500.0);
     }
+    if random.one_in(3) {
+        impedance.axes = ImpedanceAxes::Tool;
+    }
+    if random.one_in(3) {
+        let mut coupling = Coupling::NONE;
+        for matrix in [&mut coupling.mass, &mut coupling.damping, &mut coupling.stiffness] {
+            matrix.iter_mut().for_each(|value| *value = between(random, -1e-3, 1e-3));
+        }
+        impedance.coupling = Some(coupling);
+    }
     ImpedanceSettings {
         impedance,
-        law: if random.one_in(3) { Law::Direct } else { Law::ModelFollowing },
+        law: if random.one_in(3) {
+            let [driven_term, null_space_damping] = [(); 2].map(|()| random.one_in(2));
+            Law::Direct(DirectLaw { friction: between(random, 0.0, 1.0), driven_term, null_space_damping })
+        } else {
+            Law::ModelFollowing
+        },
         redundancy: [
             Redundancy::None,
             Redundancy::DrivenJoint { joint: random.below(8) as u8 },

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::control::{ImpedanceTerm, ServoMode};
+use tesaki::control::{ImpedanceAxes, ImpedanceTerm, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::Reaction;
 use tesaki::node::Node;
@@ -163,6 +163,7 @@ fn the_page_is_about_this_version_of_the_messages() {
         InvalidPlan::VARIANTS,
         PlanField::VARIANTS,
         ImpedanceCommand::VARIANTS,
+        ImpedanceAxes::VARIANTS,
         Law::VARIANTS,
         Redundancy::VARIANTS,
         ForceSource::VARIANTS,

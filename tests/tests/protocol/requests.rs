@@ -1,11 +1,11 @@
 //! One of each request.
 
-use tesaki::control::{Impedance, JointPoint, ServoMode};
+use tesaki::control::{Coupling, Impedance, ImpedanceAxes, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{Item, Request, Stream};
 use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
+use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceSettings,
@@ -197,15 +197,28 @@ impl Messages {
     fn impedance(&mut self) {
         let [mass, damping, stiffness] = [[f32::MIN; 6]; 3];
         let longest = ImpedanceSettings {
-            impedance: Impedance { mass, damping, stiffness },
-            law: Law::ModelFollowing,
+            impedance: Impedance {
+                axes: ImpedanceAxes::Tool,
+                coupling: Some(Coupling {
+                    mass: [f32::MIN; 15],
+                    damping: [f32::MIN; 15],
+                    stiffness: [f32::MIN; 15],
+                }),
+                ..Impedance::diagonal(mass, damping, stiffness)
+            },
+            law: Law::Direct(DirectLaw { friction: f32::MIN, driven_term: true, null_space_damping: true }),
             redundancy: Redundancy::DrivenJoint { joint: u8::MAX },
             elbow_bandwidth: f32::MIN,
             force: ForceSource::Observer { bandwidth: f32::MIN },
             contact_force: f32::MIN,
             max_deviation: [f32::MIN; 2],
         };
-        let (law, redundancy) = (Law::Direct, Redundancy::None);
+        let direct = DirectLaw { friction: 0.75, driven_term: false, null_space_damping: true };
+        let (law, redundancy) = (Law::Direct(direct), Redundancy::None);
+        let mut coupling = Coupling::NONE;
+        (coupling.mass[0], coupling.damping[14], coupling.stiffness[1]) = (0.25, 0.125, -100.0);
+        let impedance =
+            Impedance { axes: ImpedanceAxes::Tool, coupling: Some(coupling), ..YIELDING.impedance };
         let driven = Redundancy::DrivenJoint { joint: 2 };
         let force = ForceSource::Observer { bandwidth: 30.0 };
         for (name, settings) in [
@@ -213,6 +226,7 @@ impl Messages {
             ("-direct", ImpedanceSettings { law, redundancy, ..YIELDING }),
             ("-driven", ImpedanceSettings { redundancy: driven, ..YIELDING }),
             ("-observed", ImpedanceSettings { force, ..YIELDING }),
+            ("-coupled", ImpedanceSettings { impedance, ..YIELDING }),
             ("-longest", longest),
         ] {
             let name = |what| format!("{what}{name}");

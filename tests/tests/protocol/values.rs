@@ -205,11 +205,11 @@ pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
 ];
 
 pub const YIELDING: ImpedanceSettings = ImpedanceSettings {
-    impedance: Impedance {
-        mass: [1.5, 1.5, 1.5, 0.0625, 0.0625, 0.0625],
-        damping: [7.5, 7.5, 7.5, 0.5, 0.5, 0.5],
-        stiffness: [300.0, 300.0, 300.0, 8.0, 8.0, 8.0],
-    },
+    impedance: Impedance::diagonal(
+        [1.5, 1.5, 1.5, 0.0625, 0.0625, 0.0625],
+        [7.5, 7.5, 7.5, 0.5, 0.5, 0.5],
+        [300.0, 300.0, 300.0, 8.0, 8.0, 8.0],
+    ),
     law: Law::ModelFollowing,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,
@@ -343,7 +343,7 @@ pub const APPROACH_FIELDS: [(ApproachField, &str); ApproachField::VARIANTS.len()
     (ApproachField::GripperTorque, "gripper-torque"),
 ];
 
-pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [
+pub const INVALID_SETTINGS: [(InvalidSettings, &str); 16] = [
     (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (invalid_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (invalid_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
@@ -354,6 +354,12 @@ pub const INVALID_SETTINGS: [(InvalidSettings, &str); 10] = [
     (InvalidSettings::MaxDeviation { value: 0.0 }, "max-deviation"),
     (InvalidSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
     (InvalidSettings::NoRedundantJoint, "no-redundant-joint"),
+    (InvalidSettings::Friction { value: 1.5 }, "friction"),
+    (invalid_impedance(ImpedanceTerm::MassMatrix, 1, -1.0, 0.5), "impedance-mass-matrix"),
+    (invalid_impedance(ImpedanceTerm::DampingMatrix, 1, -1.0, 0.0), "impedance-damping-matrix"),
+    (invalid_impedance(ImpedanceTerm::StiffnessMatrix, 1, -1.0, 0.0), "impedance-stiffness-matrix"),
+    (invalid_impedance(ImpedanceTerm::DampingToMass, 3, -1.0, 0.0), "impedance-damping-to-mass"),
+    (invalid_impedance(ImpedanceTerm::StiffnessToMass, 3, -1.0, 0.0), "impedance-stiffness-to-mass"),
 ];
 
 const fn invalid_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use serde::Serialize;
-use tesaki::control::{ImpedanceTerm, InvalidImpedance, ServoMode};
+use tesaki::control::{ImpedanceAxes, ImpedanceTerm, InvalidImpedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{Field, Problem, Reaction};
 use tesaki::protocol::{
@@ -83,8 +83,12 @@ variants! {
     ImpedanceRefusal { NotAnArm, NotTared, NoForceSensor, ForceSourceInUse, Settings, Setpoint }
     InvalidSettings {
         Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, MaxDeviation, ForceBandwidth, NoRedundantJoint,
+        Friction,
     }
-    ImpedanceTerm { Mass, Damping, Stiffness }
+    ImpedanceTerm {
+        Mass, Damping, Stiffness, MassMatrix, DampingMatrix, StiffnessMatrix, DampingToMass, StiffnessToMass,
+    }
+    ImpedanceAxes { Base, Tool }
     SetpointError { Distance, Rotation, NotFinite, NotUnit, Elbow }
     TelexistenceCommand { Follow, Release }
     TelexistenceRefusal { NotAHand, Settings, Fingertip, Age }
@@ -197,6 +201,7 @@ impl Seen {
     }
 
     pub fn settings(&mut self, settings: &ImpedanceSettings) {
+        self.variant(&settings.impedance.axes);
         self.variant(&settings.law);
         self.variant(&settings.redundancy);
         self.variant(&settings.force);

@@ -8,7 +8,8 @@
 //!                                  └─► disturbance observer ┘
 //! ```
 //!
-//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. [`Law::ModelFollowing`]
+//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. Its [`DirectLaw`] says which of
+//! the paper's omissions are made up for. [`Law::ModelFollowing`]
 //! adds a *reference arm*: joint angles and velocities that follow the target impedance exactly. The real arm
 //! tracks them under a disturbance observer, so that friction and model errors do not change the motion of
 //! the tool in free space. During *contact* the reference arm is reset to the measured state: the tool then
@@ -21,6 +22,7 @@ mod elbow;
 mod error;
 mod momentum;
 mod redundancy;
+mod response;
 mod setpoint;
 mod settings;
 mod state;
@@ -41,7 +43,7 @@ pub(crate) mod tests;
 pub use arm::{Arm, ArmMeasurement, ArmOutput};
 pub use elbow::ArmAngle;
 pub use error::{ImpedanceRefusal, SetpointError};
-pub use settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+pub use settings::{DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 pub use state::ImpedanceState;
 pub use task::{ImpedanceCommand, ImpedanceControl};
 pub use telemetry::ImpedanceTelemetry;

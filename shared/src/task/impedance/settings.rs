@@ -31,8 +31,8 @@ pub struct ImpedanceSettings {
 impl ImpedanceSettings {
     /// Settings before the first configuration.
     pub(super) const NONE: Self = Self {
-        impedance: Impedance { mass: [1.0; 6], damping: [0.0; 6], stiffness: [0.0; 6] },
-        law: Law::Direct,
+        impedance: Impedance::diagonal([1.0; 6], [0.0; 6], [0.0; 6]),
+        law: Law::ModelFollowing,
         redundancy: Redundancy::None,
         elbow_bandwidth: 1.0,
         force: ForceSource::Sensor,
@@ -57,21 +57,54 @@ pub enum ForceSource {
 }
 
 /// Control law.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Law {
-    /// 0: the paper's loop on the measured state, without discretisation and friction compensation.
-    Direct,
+    /// 0: the paper's loop on the measured state, without discretisation.
+    Direct(DirectLaw),
     /// 1: the arm tracks a reference arm with the target impedance; during contact the loop uses the measured
     /// state.
     ModelFollowing,
+}
+
+/// Options of the law [`Law::Direct`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DirectLaw {
+    /// Fraction of the model's friction at the measured velocity that the torques compensate: 0 to 1. The paper
+    /// blames the error of this term for its own at the reversals (Arm7, section 3.2.1).
+    pub friction: f32,
+    /// Whether the other joints make up for the acceleration of the driven one: the term `j_yaw θ̈*_yaw`, which
+    /// step 4 of the paper leaves out.
+    pub driven_term: bool,
+    /// Whether motion in the null space is damped where the elbow has no set-point. The pseudo-inverse alone
+    /// (Arm7 eq. 3) does not.
+    pub null_space_damping: bool,
+}
+
+impl DirectLaw {
+    /// As printed.
+    pub const PRINTED: Self = Self { friction: 1.0, driven_term: false, null_space_damping: false };
+    /// With the terms that it lacks, and without friction compensation.
+    pub const CORRECTED: Self = Self { friction: 0.0, driven_term: true, null_space_damping: true };
+}
+
+impl Law {
+    /// The options of the direct law; `None` under another.
+    pub(super) const fn direct(&self) -> Option<&DirectLaw> {
+        match self {
+            Self::Direct(options) => Some(options),
+            Self::ModelFollowing => None,
+        }
+    }
 }
 
 /// Resolution of the redundant degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Redundancy {
-    /// 0: none. Seven joints then have the minimum-norm solution, with damped null-space motion.
+    /// 0: none. Seven joints then have the minimum-norm solution (the pseudo-inverse, Arm7 eq. 3), with damped
+    /// null-space motion unless [`DirectLaw`] says otherwise.
     None,
     /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move
     /// the tool (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance
@@ -126,6 +159,11 @@ pub enum InvalidSettings {
     },
     /// 7: a driven joint needs an arm of seven joints: the pose of the tool takes six.
     NoRedundantJoint,
+    /// 8: the fraction of the friction that the direct law compensates.
+    Friction {
+        /// The value.
+        value: f32,
+    },
 }
 
 impl fmt::Display for InvalidSettings {
@@ -134,6 +172,9 @@ impl fmt::Display for InvalidSettings {
             Self::Impedance(bad) => bad.fmt(f),
             Self::Joint { joint, joints } => {
                 write!(f, "the driven joint is {joint}; the arm has joints 0 to {}", joints - 1)
+            }
+            Self::Friction { value } => {
+                write!(f, "the compensated fraction of the friction is {value}; it must be from 0 to 1")
             }
             Self::NoRedundantJoint => f.write_str("a driven joint needs an arm of seven joints"),
             Self::NoArmAngle => f.write_str("only an arm of seven joints has an arm angle"),
@@ -184,6 +225,11 @@ impl ImpedanceSettings {
             }
             Redundancy::ArmAngle if joints == MAX_CHAIN_JOINTS => {}
             Redundancy::ArmAngle => return Err(InvalidSettings::NoArmAngle),
+        }
+        if let Law::Direct(DirectLaw { friction: value, .. }) = self.law
+            && !(0.0..=1.0).contains(&value)
+        {
+            return Err(InvalidSettings::Friction { value });
         }
         let value = self.elbow_bandwidth;
         if !(value > 0.0 && value <= MAX_BANDWIDTH) {

@@ -1,9 +1,10 @@
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
+use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
 };
@@ -115,6 +116,10 @@ impl ImpedanceState {
             self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
             self.initialize_singular_value(&posture);
         }
+        if self.impedance.axes != settings.impedance.axes {
+            let posture = arm.chain.posture(&self.angles);
+            self.impedance = in_axes(&self.impedance, settings.impedance.axes, posture.tip());
+        }
         Ok(())
     }
 
@@ -218,7 +223,7 @@ impl ImpedanceState {
     /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without a
     /// force sensor that should see its cause, and in a stop, which may begin with any motion.
     fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
-        if settings.law == Law::Direct || self.estimates_force() || self.halted {
+        if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;
         }
         let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
@@ -264,11 +269,11 @@ impl ImpedanceState {
             self.release(&error);
         }
         let wrench = self.external_wrench(measurement);
-        let loaded = self.contact || settings.law == Law::Direct;
+        let loaded = self.contact || settings.law.direct().is_some();
         let force = if loaded { wrench } else { Vector6::zeros() };
         let velocities = Joints::from(self.velocities);
         let velocity = jacobian * velocities;
-        let acceleration = self.tool_command(&settings, &error, &velocity, &force);
+        let acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
         self.update_tool_motion(&velocity, &acceleration, loaded);
         let bias = posture.bias_acceleration(velocities.as_slice());
         let mut accelerations =
@@ -345,7 +350,7 @@ impl ImpedanceState {
         measurement: &ArmMeasurement,
         use_measured_state: bool,
     ) {
-        if settings.law == Law::Direct {
+        if settings.law.direct().is_some() {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             return;
         }
@@ -386,22 +391,18 @@ impl ImpedanceState {
         }
     }
 
-    /// Acceleration of the tool under the target impedance.
+    /// Acceleration of the `tool` under the target impedance.
     fn tool_command(
         &self,
         settings: &ImpedanceSettings,
+        tool: &IsometryMatrix3<f32>,
         error: &Vector6<f32>,
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
         let velocity_error = velocity - Vector6::from(self.setpoint.velocity);
         Vector6::from(self.setpoint.acceleration)
-            + match settings.law {
-                Law::Direct => self.impedance.acceleration(error, &velocity_error, force),
-                Law::ModelFollowing => {
-                    self.impedance.discretized().acceleration(error, &velocity_error, force)
-                }
-            }
+            + respond(&self.impedance, settings.law, tool, error, &velocity_error, force)
     }
 
     /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so
@@ -444,8 +445,10 @@ impl ImpedanceState {
             let mut columns = jacobian.column_iter();
             let Some(column) = columns.nth(joint) else { return resolver.solve(tool) };
             let mut other_joints = *tool;
-            for (value, column) in other_joints.iter_mut().zip(column.iter()) {
-                *value -= column * driven;
+            if settings.law.direct().is_none_or(|law| law.driven_term) {
+                for (value, column) in other_joints.iter_mut().zip(column.iter()) {
+                    *value -= column * driven;
+                }
             }
             let mut accelerations = resolver.solve(&other_joints);
             accelerations.iter_mut().skip(joint).take(1).for_each(|value| *value = driven);
@@ -458,7 +461,9 @@ impl ImpedanceState {
             let projected = resolver.project_to_null_space(&gradient);
             let size = gradient.dot(&projected);
             accelerations += projected * (residual * size / (size * size + ARM_ANGLE_DAMPING));
-        } else if arm.chain.len() == MAX_CHAIN_JOINTS {
+        } else if arm.chain.len() == MAX_CHAIN_JOINTS
+            && settings.law.direct().is_none_or(|law| law.null_space_damping)
+        {
             // The elbow has no set-point: damp the null-space motion.
             let damping = 2.0 * settings.elbow_bandwidth;
             accelerations -= resolver.project_to_null_space(&velocities) * damping;
@@ -513,7 +518,7 @@ impl ImpedanceState {
         accelerations: &Joints,
     ) -> ArmOutput {
         let friction = match settings.law {
-            Law::Direct => 0.0,
+            Law::Direct(law) => law.friction,
             Law::ModelFollowing if self.contact => CONTACT_FRICTION_COMPENSATION,
             Law::ModelFollowing => 1.0,
         };
@@ -523,7 +528,7 @@ impl ImpedanceState {
         for ((point, &acceleration), (&position, &velocity)) in points.zip(states) {
             *point = JointPoint { position, velocity, acceleration };
         }
-        if settings.law == Law::ModelFollowing {
+        if settings.law.direct().is_none() {
             for (feedback, observer) in output.feedback.iter_mut().zip(&self.observers) {
                 *feedback = arm.observer.feedback(observer);
             }

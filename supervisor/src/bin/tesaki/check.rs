@@ -1,7 +1,7 @@
 //! `model check`: all problems of a robot folder, by file and line.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
-use tesaki_description::{approach, hand_eye};
+use tesaki_description::{approach, hand_eye, impedance, law};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -60,7 +60,36 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
             findings.extend(approach::check(&file, &text, &folder.model, table).1);
         }
     }
+    if let Some(folder) = folder.as_ref() {
+        findings.extend(toml_files(&path.join(impedance::FOLDER), |file, text| {
+            impedance::check(file, text, &folder.model).1
+        })?);
+        // An arm's laws; those of a hand are others.
+        if folder.model.chains.len() == 1 {
+            findings.extend(toml_files(&path.join(law::FOLDER), |file, text| {
+                law::arm::check(file, text, &folder.model).1
+            })?);
+        }
+    }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
+}
+
+/// What `check` finds in the TOML files of a folder, in the order of their names.
+fn toml_files(folder: &Path, check: impl Fn(&Path, &str) -> Vec<Finding>) -> Result<Vec<Finding>, Failure> {
+    if !is_there(folder) {
+        return Ok(Vec::new());
+    }
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let entries = entries.map_err(Failure::file(folder))?;
+    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
+    files.retain(|file| file.extension().is_some_and(|end| end == "toml"));
+    files.sort();
+    let mut findings = Vec::new();
+    for file in files {
+        let text = read_text(&file).map_err(Failure::file(&file))?;
+        findings.extend(check(&file, &text));
+    }
+    Ok(findings)
 }
 
 fn summary(model: &RobotModel) -> Vec<String> {

@@ -4,11 +4,11 @@ pub mod machine;
 pub mod rig;
 mod seeds;
 
-use tesaki::control::{JointPoint, ServoMode};
+use tesaki::control::{Coupling, ImpedanceAxes, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::protocol::{Item, Request, RequestFrame};
 use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
-use tesaki::task::impedance::{ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
+use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 
@@ -291,7 +291,16 @@ fn settings(joints: usize, input: &mut Input<'_>) -> ImpedanceSettings {
             value[axis] *= 1.0 + input.number(1.0 / 128.0);
         }
     }
-    settings.law = if what & 8 == 0 { Law::Direct } else { Law::ModelFollowing };
+    if what & 0x8f == 0x8f {
+        impedance.axes = ImpedanceAxes::Tool;
+        let mut coupling = Coupling::NONE;
+        let place = input.below(coupling.mass.len());
+        for matrix in [&mut coupling.mass, &mut coupling.damping, &mut coupling.stiffness] {
+            matrix[place] = input.number(0.1);
+        }
+        impedance.coupling = Some(coupling);
+    }
+    settings.law = if what & 8 == 0 { Law::Direct(direct(input)) } else { Law::ModelFollowing };
     settings.redundancy = match what >> 4 & 3 {
         0 => Redundancy::None,
         #[expect(clippy::cast_possible_truncation, reason = "at most 17")]
@@ -308,6 +317,13 @@ fn settings(joints: usize, input: &mut Input<'_>) -> ImpedanceSettings {
         settings.max_deviation[1] += input.number(0.01);
     }
     settings
+}
+
+/// Options of the direct law.
+fn direct(input: &mut Input<'_>) -> DirectLaw {
+    let what = input.byte();
+    let friction = 0.25 * f32::from(what & 7);
+    DirectLaw { friction, driven_term: what & 8 != 0, null_space_damping: what & 16 != 0 }
 }
 
 /// Pushes the model with some of its bytes changed, often with one number set to another.

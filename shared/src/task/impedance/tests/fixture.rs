@@ -66,11 +66,11 @@ pub fn arm7() -> RobotModel {
 
 /// 1.5 kg, 30 N·s/m, 300 N/m; control of the arm angle.
 pub const SOFT: ImpedanceSettings = ImpedanceSettings {
-    impedance: Impedance {
-        mass: [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
-        damping: [30.0, 30.0, 30.0, 1.0, 1.0, 1.0],
-        stiffness: [300.0, 300.0, 300.0, 10.0, 10.0, 10.0],
-    },
+    impedance: Impedance::diagonal(
+        [1.5, 1.5, 1.5, 0.05, 0.05, 0.05],
+        [30.0, 30.0, 30.0, 1.0, 1.0, 1.0],
+        [300.0, 300.0, 300.0, 10.0, 10.0, 10.0],
+    ),
     law: Law::ModelFollowing,
     redundancy: Redundancy::ArmAngle,
     elbow_bandwidth: 12.0,

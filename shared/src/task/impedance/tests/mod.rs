@@ -6,6 +6,7 @@ mod momentum;
 mod resolver;
 mod setpoints;
 mod settings;
+mod step4;
 mod stopping;
 
 pub use fixture::{SOFT, arm7};

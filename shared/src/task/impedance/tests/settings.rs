@@ -8,7 +8,7 @@ use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, t
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::redundancy::Joints;
 use crate::task::impedance::{
-    ArmMeasurement, ArmOutput, ImpedanceSettings, InvalidSettings, Law, Redundancy,
+    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidSettings, Law, Redundancy,
 };
 
 #[test]
@@ -100,7 +100,7 @@ fn a_change_of_the_law_resets_the_disturbance_observers() {
     let max_feedback =
         |output: &ArmOutput| output.feedback.iter().fold(0.0_f32, |max, value| max.max(value.abs()));
     let before = max_feedback(&state.tick(&arm, &measurement).unwrap());
-    state.configure(&arm, &ImpedanceSettings { law: Law::Direct, ..SOFT }).unwrap();
+    state.configure(&arm, &ImpedanceSettings { law: Law::Direct(DirectLaw::CORRECTED), ..SOFT }).unwrap();
     assert_eq!(state.tick(&arm, &measurement).unwrap().feedback, [0.0; MAX_CHAIN_JOINTS]);
     state.configure(&arm, &SOFT).unwrap();
     // The tracking error is that of one tick without motion, not of ten.

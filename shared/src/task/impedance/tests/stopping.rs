@@ -1,12 +1,12 @@
 //! Errors that stop the control.
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, track};
-use crate::task::impedance::{ArmMeasurement, ImpedanceSettings, Law, SetpointError};
+use crate::task::impedance::{ArmMeasurement, DirectLaw, ImpedanceSettings, Law, SetpointError};
 
 #[test]
 fn a_force_that_is_not_finite_stops_the_control() {
     let fixture = ArmFixture::new();
-    for law in [Law::Direct, Law::ModelFollowing] {
+    for law in [Law::Direct(DirectLaw::CORRECTED), Law::ModelFollowing] {
         for value in [f32::NAN, f32::INFINITY] {
             let mut state = fixture.state(&ImpedanceSettings { law, ..SOFT }, &POSTURES[0]);
             let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };

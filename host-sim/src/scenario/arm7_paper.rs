@@ -1,0 +1,98 @@
+//! The experiments of Arm7, sections 3.1 and 3.2 (figures 5 and 7), under laws side by side on the same machines.
+
+mod follow;
+mod release;
+
+use std::cell::Cell;
+
+use tesaki_description::law::arm::{self, ArmLaw};
+
+use super::arm::ArmRig;
+use super::common::{capitalized, clear_faults, require_duration};
+use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::report::{Line, Metric, Summary};
+
+pub(super) const SCENARIO: Scenario = Scenario {
+    name: "arm7-paper",
+    title: "Arm7: release and master-slave, the paper's law and ours",
+    about: "figures 5 and 7 of the Arm7 paper under its law, with and without its friction term, and under ours",
+    robot: "arm7",
+    duration: 703.3,
+    laws: Some(&["paper", "paper-without-friction", "tesaki"]),
+    lead: &[
+        "The experiments of the paper on the slave arm of TELESAR II, under each law in robots/arm7/laws, on the \
+         same machines. The paper's law is the one that it prints: steps 1 to 6 on the measured state, held for \
+         the control period of 10 ms, with a friction term. Paper's numbers: M 1.5 kg, K 300 N/m, B 7.5 and \
+         30 N·s/m, 3 cm; 7 mm at the reversals and 3 mm at rest. Not in the paper, and ours: lengths, masses, \
+         friction, control period, link, tremor, the hand's motion, and the damping of the master-slave \
+         experiment, which is a fit; the curves show what depends on it.",
+        "Figure 5, the release: on a machine that matches the model, with a friction equivalent to 0.1 N at the \
+         tool; and on a machine whose masses, inertias, friction and torque constants differ by up to 20 % from \
+         the model and whose friction, 0.3 N·m a joint, is what the paper's 3 mm at rest imply.",
+        "Figure 7, the master-slave experiment: that second machine. The hand moves along x; the error is the \
+         true position of the tool minus that of the hand at the same time. Directly: the master's samples \
+         arrive at once. Over the link: 20 to 23 ms later, 2 % of them are lost.",
+    ],
+    run,
+};
+
+/// A law with the name of its file.
+pub(super) struct NamedLaw {
+    /// As a part of the names of metrics.
+    pub key: String,
+    /// Its colour in figures.
+    pub colour: usize,
+    pub law: ArmLaw,
+    /// Trials that a fault ended.
+    faults: Cell<u32>,
+}
+
+impl NamedLaw {
+    /// The laws that a run compares, checked for the robot.
+    pub fn load_all(setting: &Setting<'_, '_>, rig: &ArmRig) -> Result<Vec<Self>, ScenarioError> {
+        let laws = setting.laws.iter().enumerate().map(|(colour, file)| {
+            let law = arm::load(&file.path, &rig.robot.model)?;
+            let (key, colour) = (file.name.replace('-', "_"), colour % Line::INK);
+            Ok(Self { key, colour, law, faults: Cell::new(0) })
+        });
+        laws.collect()
+    }
+
+    /// What came of a trial; `None` when a fault ended it, which is a result, too: it is counted and cleared.
+    pub fn survives<T>(
+        &self,
+        setting: &mut Setting<'_, '_>,
+        trial: Result<T, ScenarioError>,
+    ) -> Result<Option<T>, ScenarioError> {
+        if let Err(ScenarioError::Fault { .. }) = trial {
+            clear_faults(setting.controller)?;
+            self.faults.set(self.faults.get() + 1);
+            return Ok(None);
+        }
+        trial.map(Some)
+    }
+
+    /// Adds the number of trials that a fault ended.
+    pub fn add_faults(&self, summary: &mut Summary) {
+        let text = format!("{}: trials that a fault ended", capitalized(&self.law.title));
+        summary.insert(format!("{}_faults", self.key), Metric::reported(text, self.faults.get().into(), ""));
+    }
+}
+
+/// The name of a damping in those of metrics: `b7_5`.
+fn damping_key(damping: f32) -> String {
+    format!("b{damping}").replace('.', "_")
+}
+
+fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
+    let mut rig = ArmRig::load(setting)?;
+    let laws = NamedLaw::load_all(setting, &rig)?;
+    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    release::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;
+    follow::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;
+    laws.iter().for_each(|law| law.add_faults(&mut summary));
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
+}

@@ -1,0 +1,125 @@
+//! Figure 5: the tool is displaced by 3 cm and released.
+
+use super::{NamedLaw, damping_key};
+use crate::report::{Figure, Line, Metric, Panel, Summary};
+use crate::scenario::arm::{ArmRig, Machine};
+use crate::scenario::arm7_release::{AXES, Release, ReleaseTrial, release};
+use crate::scenario::common::capitalized;
+use crate::scenario::{ScenarioError, Setting};
+
+/// The machines: key, name in texts.
+const MACHINES: [(&str, &str, Machine); 2] = [
+    ("matched", "the matched machine", Machine::Matched),
+    ("mismatched", "the mismatched machine", Machine::KnownPaperFriction),
+];
+
+/// Releases along x, y and z of a law with one of its dampings.
+struct Releases<'a> {
+    law: &'a NamedLaw,
+    damping: f32,
+    releases: Vec<Release>,
+}
+
+impl Releases<'_> {
+    /// Along x, as in the figure.
+    fn along_x(&self) -> Option<&Release> {
+        self.releases.iter().find(|release| release.axis == 0)
+    }
+
+    /// Largest displacement along x beyond the set-point [mm], of the tool and by the theory.
+    fn overshoot(&self) -> Option<[f64; 2]> {
+        let [_, measured, exact] = self.along_x()?.curves();
+        let overshoot = |values: Vec<f64>| 1e3 * values.into_iter().map(|value| -value).fold(0.0, f64::max);
+        Some([measured, exact].map(overshoot))
+    }
+}
+
+pub fn run(
+    setting: &mut Setting<'_, '_>,
+    rig: &mut ArmRig,
+    laws: &[NamedLaw],
+    summary: &mut Summary,
+    figures: &mut Vec<Figure>,
+    tables: &mut Vec<(String, String)>,
+) -> Result<(), ScenarioError> {
+    for (machine_key, name, machine) in MACHINES {
+        let mut all = Vec::new();
+        for law in laws {
+            for &damping in &law.law.release.damping {
+                let label = format!("{}, {name}", law.law.title);
+                let trial = ReleaseTrial {
+                    label: &label,
+                    machine,
+                    settings: law.law.with_damping(damping),
+                    displacement: law.law.release.displacement,
+                    before: None,
+                };
+                let mut releases = Vec::new();
+                for (axis, name) in AXES.into_iter().enumerate() {
+                    let result = release(setting, rig, &trial, axis);
+                    let Some(release) = law.survives(setting, result)? else { continue };
+                    let damping = damping_key(damping);
+                    let file = format!("release_{machine_key}_{}_{damping}_{name}.csv", law.key);
+                    tables.push((file, release.log.table()));
+                    releases.push(release);
+                }
+                all.push(Releases { law, damping, releases });
+            }
+        }
+        all.iter().for_each(|releases| add_metrics(summary, releases, machine_key, name));
+        figures.push(figure(&all, name));
+    }
+    Ok(())
+}
+
+fn add_metrics(summary: &mut Summary, releases: &Releases<'_>, machine_key: &str, machine: &str) {
+    let Releases { law, damping, .. } = releases;
+    let label = format!("{}, B {damping} on {machine}", capitalized(&law.law.title));
+    let mut insert = |what: &str, metric| {
+        let key = format!("{}_release_{machine_key}_{}_{what}", law.key, damping_key(*damping));
+        summary.insert(key, metric);
+    };
+    if let Some([overshoot, of_theory]) = releases.overshoot() {
+        // As the paper says of its figure.
+        let paper = if *damping < 10.0 { "overshoots" } else { "no overshoot" };
+        let text = format!("{label}: overshoot along x");
+        let note = format!("theory: {of_theory:.1} mm");
+        insert("overshoot", Metric::reported(text, overshoot, "mm").paper(paper).note(note));
+    }
+    if releases.releases.is_empty() {
+        return;
+    }
+    let worst = releases.releases.iter().map(Release::error).fold(f64::NAN, f64::max);
+    let text = format!("{label}: largest deviation from the theory, of x, y and z");
+    insert("error_peak", Metric::reported(text, worst, "mm").paper("“difficult to bring near”"));
+}
+
+/// In the paper's layout: above the small damping, below the large one; theory and measurement over the time.
+fn figure(all: &[Releases<'_>], machine: &str) -> Figure {
+    let caption = format!(
+        "The paper's figure 5 on {machine}: displacement of the tool along x after its release at 3 cm, under each \
+         law, and the theory (dashed): a mass of 1.5 kg on 300 N/m and the damper in the title of the panel."
+    );
+    let title = capitalized(&format!("released along x: {machine}"));
+    let mut figure = Figure::stacked(title, caption, "time", "s").event(0.0, "released");
+    let mut dampings: Vec<f32> = Vec::new();
+    for releases in all {
+        if dampings.contains(&releases.damping) {
+            continue;
+        }
+        dampings.push(releases.damping);
+        let millimetres = |values: Vec<f64>| values.into_iter().map(|value| 1e3 * value).collect();
+        let mut panel = Panel::new(format!("B {} N·s/m", releases.damping), "displacement", "mm");
+        for other in all.iter().filter(|other| other.damping.total_cmp(&releases.damping).is_eq()) {
+            let Some(release) = other.along_x() else { continue };
+            let [time, measured, exact] = release.curves();
+            let (title, colour) = (&other.law.law.title, other.law.colour);
+            if panel.lines.is_empty() {
+                panel = panel.line(Line::dashed("theory", Line::INK, time.clone(), millimetres(exact)));
+            }
+            panel = panel.line(Line::solid(title, colour, time, millimetres(measured)));
+        }
+        figure = figure.panel(panel);
+    }
+    figure
+}

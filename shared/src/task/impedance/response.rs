@@ -1,0 +1,48 @@
+//! Response of the target impedance in its axes.
+
+use nalgebra::{IsometryMatrix3, Matrix3, Vector6};
+
+use super::Law;
+use crate::control::{Impedance, ImpedanceAxes};
+
+/// Acceleration of the `tool` for its displacement, the velocity of that and an external force, all in base axes, as
+/// `law` holds it for a control period (Arm7 step 3).
+#[inline]
+pub(super) fn respond(
+    impedance: &Impedance,
+    law: Law,
+    tool: &IsometryMatrix3<f32>,
+    error: &Vector6<f32>,
+    velocity: &Vector6<f32>,
+    force: &Vector6<f32>,
+) -> Vector6<f32> {
+    let in_its_axes = |error: &_, velocity: &_, force: &_| match law {
+        Law::Direct(_) => impedance.acceleration(error, velocity, force),
+        Law::ModelFollowing => impedance.held_acceleration(error, velocity, force),
+    };
+    match impedance.axes {
+        ImpedanceAxes::Base => in_its_axes(error, velocity, force),
+        ImpedanceAxes::Tool => {
+            let to_base = tool.rotation.matrix();
+            let to_tool = to_base.transpose();
+            let [error, velocity, force] = [error, velocity, force].map(|value| rotated(&to_tool, value));
+            rotated(to_base, &in_its_axes(&error, &velocity, &force))
+        }
+    }
+}
+
+/// The same impedance in other `axes`, so that a new one in these axes can be blended in.
+#[inline(never)]
+pub(super) fn in_axes(impedance: &Impedance, axes: ImpedanceAxes, tool: &IsometryMatrix3<f32>) -> Impedance {
+    let to_base = tool.rotation.matrix();
+    match axes {
+        ImpedanceAxes::Base => impedance.in_axes(axes, to_base),
+        ImpedanceAxes::Tool => impedance.in_axes(axes, &to_base.transpose()),
+    }
+}
+
+/// Translational and rotational part of `value` in the axes to which `rotation` leads.
+fn rotated(rotation: &Matrix3<f32>, value: &Vector6<f32>) -> Vector6<f32> {
+    let [linear, angular] = [0, 3].map(|axis| rotation * value.fixed_rows::<3>(axis));
+    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}
