@@ -132,10 +132,11 @@ impl JointServo {
         measured: f32,
         model_torque: f32,
     ) -> ServoOutput {
-        self.compute::<true>(state, mode, reference, measured, model_torque)
+        self.compute::<true>(state, mode, reference, measured, model_torque, 0.0)
     }
 
-    /// As [`update`](Self::update), but learns nothing of the disturbance, unless it `LEARNS`.
+    /// As [`update`](Self::update), with the torque for `contact` forces [N·m], which every mode feeds forward. It
+    /// learns nothing of the disturbance, unless it `LEARNS`.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -144,8 +145,10 @@ impl JointServo {
         reference: &JointPoint,
         measured: f32,
         model_torque: f32,
+        contact: f32,
     ) -> ServoOutput {
         let feedforward = model_torque
+            + contact
             + self.rotor_inertia * reference.acceleration
             + self.friction.torque(&state.friction, reference.velocity);
         let error = reference.position - measured;
@@ -168,6 +171,12 @@ impl JointServo {
                 let disturbance = state.observer.disturbance();
                 let taken = self.friction.learn(&mut state.friction, reference.velocity, disturbance);
                 state.observer.hand_over(taken);
+                ServoOutput { torque, effort: torque - feedforward }
+            }
+            ServoMode::BarePid => {
+                let requested = contact + self.pid.output(&mut state.pid, reference, measured);
+                let torque = self.limit(state, requested);
+                self.pid.integrate(&mut state.pid, requested, torque, !LEARNS);
                 ServoOutput { torque, effort: torque - feedforward }
             }
         }

@@ -13,8 +13,8 @@ use crate::protocol::{Mode, Refusal, Reply, Request};
 use crate::robot::Concerns;
 use crate::robot::LimitRefusal;
 use crate::task::grasping::{
-    Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan,
-    ObjectControl, Phase, PlanField, PlannedContact,
+    Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, JointTargets,
+    LoadSource, ObjectControl, ObjectFrame, Phase, PlanField, PlannedContact,
 };
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
@@ -77,6 +77,9 @@ pub fn in_front() -> GraspPlan {
         force_limit: 4.0,
         feedback: true,
         control: ObjectControl::Differential(ServoMode::Pid),
+        object_frame: ObjectFrame::Rolling,
+        load: LoadSource::Measured,
+        joint_targets: JointTargets::ClosedForm,
     }
 }
 

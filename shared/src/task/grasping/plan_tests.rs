@@ -18,6 +18,9 @@ fn plan() -> GraspPlan {
         force_limit: 9.0,
         feedback: true,
         control: ObjectControl::Differential(ServoMode::Observer),
+        object_frame: ObjectFrame::Rolling,
+        load: LoadSource::Measured,
+        joint_targets: JointTargets::ClosedForm,
     }
 }
 

@@ -40,6 +40,7 @@ fn with_inputs<T>(
         internal: InternalForce::LeastGrip { margin: 0.2, capacity_at_rest: 0.22, capacity_in_motion: 0.6 },
         feedback: true,
         is_held: true,
+        known_load: None,
         is_lifted: true,
         in_motion: false,
         three: &ThreeFingers::new(&[(jacobian, Vector3::zeros()); 3]),
