@@ -12,6 +12,7 @@ use tesaki::model::RobotModel;
 use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
+use tesaki_sim::law::LawFile;
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -94,6 +95,9 @@ struct Run {
     /// Robot folder; default: that of the scenario
     #[arg(long)]
     robot: Option<PathBuf>,
+    /// Law to compare: a name in the robot's laws/, or a file; may be given more than once
+    #[arg(long, value_name = "LAW")]
+    law: Vec<String>,
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
@@ -214,6 +218,7 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
         out: PathBuf::from("out"),
         json: false,
         robot: None,
+        law: Vec::new(),
         elf: default_image(),
     };
     let passed = run_scenario(&run)?;
@@ -521,6 +526,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
     let robot = robot_folder(scenario, options);
+    let laws = LawFile::find(scenario, &robot, &options.law)?;
     let (mut native, mut qemu);
     let controller: &mut dyn Controller = match options.controller {
         ControllerKind::Native => {
@@ -539,6 +545,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         controller: &mut watched,
         seed,
         duration: options.duration.unwrap_or(scenario.duration),
+        laws: &laws,
         progress: &progress,
         intervention: None,
     };

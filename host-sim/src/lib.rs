@@ -12,6 +12,7 @@ pub mod camera;
 pub mod controller;
 pub mod digest;
 pub mod faults;
+pub mod law;
 pub mod motion;
 pub mod operator;
 pub mod plant;

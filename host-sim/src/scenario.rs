@@ -36,6 +36,7 @@ use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
+use crate::law::LawFile;
 use crate::motion::Motion;
 use crate::plant::{PlantError, SharedIntervention};
 use crate::report::{Figure, Summary};
@@ -53,9 +54,11 @@ pub struct Scenario {
     pub robot: &'static str,
     /// Simulated time when nothing else is asked for [s].
     pub duration: f64,
+    /// The laws of its robot that it compares when nothing else is asked for; `None`: it does not compare laws.
+    pub laws: Option<&'static [&'static str]>,
     /// What its page begins with.
     pub lead: &'static [&'static str],
-    run: fn(&mut Setting<'_, '_>) -> Result<Outcome, ScenarioError>,
+    pub(crate) run: fn(&mut Setting<'_, '_>) -> Result<Outcome, ScenarioError>,
 }
 
 /// All scenarios.
@@ -90,6 +93,8 @@ pub struct Setting<'a, 'b> {
     pub seed: u64,
     /// Simulated time [s].
     pub duration: f64,
+    /// What a scenario compares that compares laws.
+    pub laws: &'a [LawFile],
     /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a dyn Fn(f64),
     /// What acts on the plants from outside the experiment.

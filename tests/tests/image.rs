@@ -43,6 +43,7 @@ fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome 
             controller,
             seed,
             duration,
+            laws: &[],
             progress: &|_| {},
             intervention: None,
         })

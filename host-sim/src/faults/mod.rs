@@ -89,6 +89,7 @@ pub fn run_traced(
             controller: &mut controller,
             seed: schedule.machine(),
             duration: scenario.duration,
+            laws: &[],
             progress: &|_| {},
             intervention: Some(rig.intervention()),
         };

@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             0, 20 and 50 ms",
     robot: "arm7",
     duration: 62.0,
+    laws: None,
     lead: &[
         "An operator moves the handle of a master arm forward by 5 cm within 0.8 s and intends to stay \
          there. The seven-joint arm follows and meets a wall of 200, 2000 or 50 000 N/m after 2 cm. The \

@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             by arm angle",
     robot: "arm7",
     duration: 15.0,
+    laws: None,
     lead: &[
         "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), \
          without contact. The elbow swings by 30° within a second, rests, and swings back, along a \

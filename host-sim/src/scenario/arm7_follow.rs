@@ -27,6 +27,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             law and ours",
     robot: "arm7",
     duration: 88.0,
+    laws: None,
     lead: &[
         "An operator moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the \
          samples 20 to 23 ms later and loses 2 % of them. The operator's tremor is 0.05 mm (rms) along \

@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the tool is displaced by 3 cm along each axis and released, under the paper's law and under ours",
     robot: "arm7",
     duration: 96.0,
+    laws: None,
     lead: &[
         "The tool of the seven-joint arm, with the elbow at 90°, has the impedance M = 1.5 kg, K = 300 N/m, \
          and B = 7.5 or 30 N·s/m. A person displaces it by 3 cm along an axis, holds it there and releases \

@@ -17,6 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             of it",
     robot: "arm7",
     duration: 15.0,
+    laws: None,
     lead: &[
         "The set-point of the seven-joint arm's tool moves outwards within 1.5 s, along the line from the \
          shoulder to the wrist, to 3 cm beyond the arm's reach. It stays for a second and returns. The \

@@ -18,6 +18,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             sensor",
     robot: "arm7",
     duration: 36.0,
+    laws: None,
     lead: &[
         "The set-point of the seven-joint arm's tool moves forward by 5 cm within half a second; a wall \
          stands in the way after 2 cm. The set-point stays for 2.5 seconds and returns. The impedance is M = \

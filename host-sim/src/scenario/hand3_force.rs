@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             after identification",
     robot: "hand3",
     duration: 170.0,
+    laws: None,
     lead: &[
         "The hand locates a box that stands up to 5 mm away from its nominal position, and grasps it with \
          fingertip forces of 2, 2 and 4 N along the box's x axis. The support is removed. Then nothing \

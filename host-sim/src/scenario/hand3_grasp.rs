@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             wedge are turned",
     robot: "hand3",
     duration: 67.0,
+    laws: None,
     lead: &[
         "A box stands on a support, up to 5 mm away from its nominal position. The hand homes, tares its \
          force sensors, approaches, touches the box, squeezes it, probes its friction with two fingers, \

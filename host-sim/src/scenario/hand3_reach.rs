@@ -25,6 +25,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "three fingertips draw circles at 1 Hz and squares under PID and under the observer",
     robot: "hand3",
     duration: 2.0 * TRIAL,
+    laws: None,
     lead: &[
         "The tips of all three fingers draw a circle of 10 mm radius at one revolution per second, and a square of \
          16 mm whose sides take half a second each, in planes normal to the hand's x axis. Every 10 ms the \

@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
     duration: 42.0,
+    laws: None,
     lead: &[
         "All nine joints of the three-finger hand step by ±0.3 rad at the same time. The trajectory filter \
          1/(T_f s + 1)² with T_f = 0.2 s shapes the steps, and the control period is 10 ms. Masses, \

@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a held box is moved by 1 cm and back, under the paper's law and under ours",
     robot: "hand3",
     duration: 24.0,
+    laws: None,
     lead: &[
         "The hand locates and grasps a box, and the support is removed. The box is moved by 1 cm along the \
          hand's x axis and back; each motion takes one second and is followed by two and a half seconds of \

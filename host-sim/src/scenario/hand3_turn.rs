@@ -13,6 +13,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a held box is turned by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis",
     robot: "hand3",
     duration: 20.0,
+    laws: None,
     lead: &[
         "The hand locates and grasps a box that stands up to 5 mm away from its nominal position, probes its \
          friction, lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis. \

@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             is pushed",
     robot: "hand3",
     duration: 35.0,
+    laws: None,
     lead: &[
         "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the paper's \
          position. Weights of 50, 100, 200 and 300 g are put on the middle of its top and removed, one at a \

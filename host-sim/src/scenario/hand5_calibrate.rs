@@ -17,6 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator's fingertips from a glove, calibrated with markers on five or on three fingers",
     robot: "hand5",
     duration: 60.0,
+    laws: None,
     lead: &[
         "Sixteen orientation sensors give the fingertips once the links between them are known. Here a simulated \
          operator calibrates a glove, with a marker on each fingertip for two minutes, or with three markers \

@@ -24,6 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "five fingertips follow those of an operator with the robot's own hand, of a person, and pinches",
     robot: "hand5",
     duration: 2.0 * MOTION + PINCHES,
+    laws: None,
     lead: &[
         "The board gets an operator's fingertips every 10 ms, exactly and without delay. It puts the thumb's tip \
          where the operator has it, solves the other joints for the vectors from there to the other \

@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "sixteen joints follow an operator's calibrated glove over a link with delay and loss",
     robot: "hand5",
     duration: MOTION * TRIALS.len() as f64,
+    laws: None,
     lead: &[
         "A simulated operator, another one for each seed, has calibrated a glove and moves the fingers. The glove \
          gives sixteen orientations a hundred times a second, each 1.5° off; from them the PC computes positions \

@@ -17,6 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a circle finder on rendered pictures of a door knob, and of a door without one",
     robot: "knob-arm",
     duration: 6.0,
+    laws: None,
     lead: &[
         "A camera in the hand of an arm takes pictures of a door knob on its round plate, the rose, from 6 to 25 cm \
          before the door, aside and turned as a mobile base leaves it. Each seed is another door: size of the rose, \

@@ -27,6 +27,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a camera in the hand leads an arm to a door knob, which it grips",
     robot: "knob-arm",
     duration: LONGEST * DOORS as f64,
+    laws: None,
     lead: &[
         "An arm stands before a door, its base up to 50 mm and 3° from where it should be. A camera in its hand takes \
          ten pictures a second; the circle finder looks for the rose in each, which takes 60 ms; the behaviour \

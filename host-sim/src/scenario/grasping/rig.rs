@@ -120,6 +120,7 @@ mod tests {
                     controller: &mut controller,
                     seed,
                     duration: 0.0,
+                    laws: &[],
                     progress: &|_| {},
                     intervention: None,
                 };

@@ -1,0 +1,146 @@
+//! Which laws a run compares: files of the robot, or of one's own.
+
+use std::path::{Path, PathBuf};
+
+use crate::scenario::{SCENARIOS, Scenario};
+
+/// A file that describes a control law and the experiments of a paper.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LawFile {
+    /// Its name in tables and figures: that of the file without the extension.
+    pub name: String,
+    /// Where it is.
+    pub path: PathBuf,
+}
+
+/// Why a law was not found.
+#[derive(Debug, thiserror::Error)]
+pub enum LawError {
+    /// The scenario compares none.
+    #[error("--law {law}: {scenario} does not compare laws; scenarios that do: {known}")]
+    NotCompared {
+        /// As asked for.
+        law: String,
+        /// The scenario.
+        scenario: &'static str,
+        /// Those that do.
+        known: String,
+    },
+    /// There is no such file.
+    #[error("--law {law}: neither a file nor a law of {}; its laws are: {known}", folder.display())]
+    Unknown {
+        /// As asked for.
+        law: String,
+        /// The robot's laws.
+        folder: PathBuf,
+        /// Their names.
+        known: String,
+    },
+    /// Two laws have the same name.
+    #[error(
+        "--law {law}: a second law called {name:?}; rename one of the files, as results are told apart by name"
+    )]
+    SameName {
+        /// As asked for.
+        law: String,
+        /// The name of both.
+        name: String,
+    },
+}
+
+impl LawFile {
+    /// Finds what was `asked` for in the folder of the `robot`: the names of files in its `laws/`, or paths. When
+    /// nothing is asked for, the scenario's own choice.
+    ///
+    /// # Errors
+    /// The first law that is not there or cannot be compared.
+    pub fn find(scenario: &Scenario, robot: &Path, asked: &[String]) -> Result<Vec<Self>, LawError> {
+        let Some(default) = scenario.laws else {
+            return match asked.first() {
+                None => Ok(Vec::new()),
+                Some(law) => {
+                    let known = SCENARIOS.iter().filter(|other| other.laws.is_some());
+                    let known = list(known.map(|other| other.name.to_owned()).collect());
+                    Err(LawError::NotCompared { law: law.clone(), scenario: scenario.name, known })
+                }
+            };
+        };
+        let folder = robot.join("laws");
+        let default: Vec<String> = default.iter().map(|&law| law.to_owned()).collect();
+        let mut laws: Vec<Self> = Vec::new();
+        for law in if asked.is_empty() { &default } else { asked } {
+            let found = Self::locate(&folder, law)?;
+            if laws.iter().any(|other| other.name == found.name) {
+                return Err(LawError::SameName { law: law.clone(), name: found.name });
+            }
+            laws.push(found);
+        }
+        Ok(laws)
+    }
+
+    fn locate(folder: &Path, law: &str) -> Result<Self, LawError> {
+        let named = folder.join(format!("{law}.toml"));
+        let path = if named.is_file() { named } else { PathBuf::from(law) };
+        match path.file_stem().and_then(|stem| stem.to_str()) {
+            Some(name) if path.is_file() => Ok(Self { name: name.to_owned(), path }),
+            _ => {
+                let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+                let files = files
+                    .map(|file| file.path())
+                    .filter(|file| file.extension().is_some_and(|end| end == "toml"));
+                let names = files.filter_map(|file| Some(file.file_stem()?.to_str()?.to_owned())).collect();
+                Err(LawError::Unknown { law: law.to_owned(), folder: folder.to_owned(), known: list(names) })
+            }
+        }
+    }
+}
+
+/// Names, sorted, in a sentence.
+fn list(mut names: Vec<String>) -> String {
+    names.sort();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// A folder with the laws `a` and `b`, and one elsewhere that is called `a` too.
+    fn robot() -> tempfile::TempDir {
+        let robot = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(robot.path().join("laws")).unwrap();
+        for file in ["laws/a.toml", "laws/b.toml", "laws/notes.md", "a.toml"] {
+            std::fs::write(robot.path().join(file), "").unwrap();
+        }
+        robot
+    }
+
+    fn find(laws: Option<&'static [&'static str]>, asked: &[&str]) -> Result<Vec<String>, String> {
+        let robot = robot();
+        let scenario = Scenario { laws, ..SCENARIOS[0] };
+        let asked: Vec<String> =
+            asked.iter().map(|law| law.replace("ROBOT", robot.path().to_str().unwrap())).collect();
+        let found = LawFile::find(&scenario, robot.path(), &asked).map_err(|error| error.to_string())?;
+        Ok(found.into_iter().map(|law| law.name).collect())
+    }
+
+    #[test]
+    fn laws_are_names_of_the_robot_or_files() {
+        assert_eq!(find(Some(&["a", "b"]), &[]).unwrap(), ["a", "b"]);
+        assert_eq!(find(Some(&["a", "b"]), &["b"]).unwrap(), ["b"]);
+        assert_eq!(find(Some(&[]), &["ROBOT/a.toml", "b"]).unwrap(), ["a", "b"]);
+        assert_eq!(find(None, &[]).unwrap(), [""; 0]);
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_named() {
+        let error = find(Some(&["a"]), &["c"]).unwrap_err();
+        assert!(error.starts_with("--law c: neither a file nor a law of "), "{error}");
+        assert!(error.ends_with("its laws are: a, b"), "{error}");
+        let error = find(Some(&["a"]), &["a", "ROBOT/a.toml"]).unwrap_err();
+        assert!(error.contains("a second law called \"a\""), "{error}");
+        let error = find(None, &["a"]).unwrap_err();
+        assert!(error.starts_with("--law a: hand3-servo does not compare laws"), "{error}");
+    }
+}
