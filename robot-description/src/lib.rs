@@ -6,7 +6,7 @@
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
 //! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`],
-//!   [`retargeting`] and [`approach`] what tasks are given.
+//!   [`retargeting`] and [`approach`] what tasks are given, [`law`] control laws and a paper's experiments with them.
 
 pub mod approach;
 pub mod calibration;
@@ -16,6 +16,7 @@ pub mod grasp;
 pub mod hand_eye;
 pub mod impedance;
 pub mod init;
+pub mod law;
 mod line;
 mod load;
 pub mod plant;
