@@ -28,27 +28,43 @@ struct Law {
     /// For the names of metrics and files.
     key: String,
     law: HandLaw,
+    /// The robot with the gains of the law.
+    model: RobotModel,
 }
 
 /// The laws of the run.
 fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, ScenarioError> {
     let read = |file: &crate::law::LawFile| {
         let key = file.name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect();
-        Ok(Law { name: file.name.clone(), key, law: hand::load(&file.path, model)? })
+        let law = hand::load(&file.path, model)?;
+        let mut model = model.clone();
+        law.servo.apply(&mut model);
+        Ok(Law { name: file.name.clone(), key, law, model })
     };
     setting.laws.iter().map(read).collect()
 }
 
-/// Grasps the box under a law, on joints with the Coulomb friction `coulomb` [N·m], and removes the support.
+impl Law {
+    /// What the controller is told of a machine whose joints have the Coulomb friction `coulomb` [N·m], but for what
+    /// one machine differs from another.
+    fn model(&self, coulomb: f64) -> RobotModel {
+        let mut model = self.model.clone();
+        model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = coulomb as f32);
+        model
+    }
+}
+
+/// Grasps the box as a law says of this experiment, on joints with the Coulomb friction `coulomb` [N·m], and removes the support.
 fn hold_box<'a, 'b>(
     setting: &'a mut Setting<'_, 'b>,
     rig: &'a mut GraspRig,
     label: &str,
-    law: &ObjectLaw,
+    (law, object): (&Law, &ObjectLaw),
     coulomb: f64,
 ) -> Result<GraspTrial<'a, 'b>, ScenarioError> {
+    rig.robot.model = law.model(coulomb);
     let held = GraspedObject {
-        change: &|grasp| law.apply(&mut grasp.plan),
+        change: &|grasp| object.apply(&mut grasp.plan),
         coulomb: Some(coulomb),
         records_forces: true,
         ..GraspedObject::new(label, "box")

@@ -6,6 +6,7 @@
 //! [servo]                         # Hand3 section 4, figure 6: every joint steps
 //! mode = "bare_pid"               # or "pid", "observer"
 //! pid = { proportional = 400.0, integral = 4000.0, derivative = 75.0, cutoff = 30.0 } # else that of controller.toml
+//! following_error = 1.0           # rad, at which a joint is too far from its target; else that of controller.toml
 //! step = 0.3                      # rad
 //! duration = 3.0                  # s
 //!
@@ -121,6 +122,8 @@ pub struct ServoExperiment {
     pub mode: ServoMode,
     /// Gains per inertia [1/s², 1/s³, 1/s, rad/s]; `None`: those of the robot.
     pub pid: Option<PidGains>,
+    /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
+    pub following_error: Option<f32>,
     /// Angle [rad].
     pub step: f64,
     /// Time up to the step back, and after it [s].
@@ -128,8 +131,11 @@ pub struct ServoExperiment {
 }
 
 impl ServoExperiment {
-    /// Sets the gains of the joints to those of the law.
+    /// Sets gains and following error of the joints to those of the law.
     pub fn apply(&self, model: &mut RobotModel) {
+        if let Some(error) = self.following_error {
+            model.joints.iter_mut().for_each(|joint| joint.limits.following_error = error);
+        }
         let Some(gains) = self.pid else { return };
         for joint in &mut model.joints {
             let inertia = joint.servo.observer.inertia;
@@ -221,6 +227,7 @@ struct File {
 struct Servo {
     mode: Mode,
     pid: Option<Gains>,
+    following_error: Option<f32>,
     step: f64,
     duration: f64,
 }
@@ -350,6 +357,7 @@ impl File {
                     derivative,
                     cutoff,
                 }),
+                following_error: servo.following_error,
                 step: servo.step,
                 duration: servo.duration,
             },
@@ -399,6 +407,9 @@ impl HandLaw {
         };
         let Self { servo, force, weights, motion, joint_control, .. } = self;
         within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
+        if let Some(error) = servo.following_error {
+            within("servo", "following_error", error.into(), [0.01, 3.0], "rad");
+        }
         within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
         within("force", "hold", force.hold, [0.1, MAX_TIME], "s");
         within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");

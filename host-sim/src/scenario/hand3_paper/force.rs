@@ -75,7 +75,7 @@ pub(super) fn hold(
 ) -> Result<GraspLog, ScenarioError> {
     let experiment = &law.law.force;
     let label = format!("force, {}, {coulomb} N·m", law.name);
-    let mut trial = hold_box(setting, rig, &label, &experiment.law, coulomb)?;
+    let mut trial = hold_box(setting, rig, &label, (law, &experiment.law), coulomb)?;
     trial.wait(experiment.hold)?;
     trial.end()
 }

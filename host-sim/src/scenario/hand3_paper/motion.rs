@@ -50,6 +50,9 @@ struct Record {
     rest: f64,
 }
 
+/// The part of a law that is tried.
+type Experiment = fn(&Law) -> &MotionExperiment;
+
 /// Pitch and position of the box [rad, m].
 type Pose = (f64, Vector3<f64>);
 
@@ -67,7 +70,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut figures = vec![step::run(setting, &mut rig, &laws, &mut summary)?];
     let mut tables = Vec::new();
-    let parts: [(&str, &str, fn(&Law) -> &MotionExperiment); 2] = [
+    let parts: [(&str, &str, Experiment); 2] = [
         ("motion", "figures 14 and 15", |law| &law.law.motion),
         ("joint", "section 5.5", |law| &law.law.joint_control),
     ];
@@ -78,7 +81,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             tables.push((format!("{part}-{}.csv", law.key), table(&record.log)));
             records.push(record);
         }
-        add_metrics(&mut summary, &laws, part, &records);
+        add_metrics(&mut summary, &laws, part, experiment, &records);
         figures.push(attitude(&laws, place, &records));
         figures.push(position(&laws, place, &records));
     }
@@ -95,7 +98,8 @@ fn move_box(
     experiment: &MotionExperiment,
 ) -> Result<Record, ScenarioError> {
     let coulomb = rig.values.friction.paper;
-    let mut trial = hold_box(setting, rig, &format!("{part}, {}", law.name), &experiment.law, coulomb)?;
+    let label = format!("{part}, {}", law.name);
+    let mut trial = hold_box(setting, rig, &label, (law, &experiment.law), coulomb)?;
     trial.wait(INITIAL_REST)?;
     let MotionExperiment { duration, rest, .. } = *experiment;
     let (mut pitch, mut x) = (0.0, 0.0);
@@ -119,28 +123,31 @@ impl Record {
         self.turns.first().or(self.shifts.first()).copied().unwrap_or(f64::NAN)
     }
 
-    /// The pose at rest after a motion that began at `begin`, relative to that at `start`, less the reference: pitch
-    /// [mrad] and position [mm]. NaN if the box was lost before.
-    fn error(&self, start: f64, begin: f64, pose: fn(&GraspSample) -> Pose) -> (f64, Vector3<f64>) {
+    /// Error of the pitch at rest after a turn that began at `begin`, from that before the first [mrad]. NaN if the box
+    /// was lost before.
+    fn turn_error(&self, begin: f64, pose: fn(&GraspSample) -> Pose) -> f64 {
         let rest = self.log.at(begin + self.duration + AFTER.min(self.rest));
-        let (Some(start), Some(rest)) = (self.log.at(start), rest) else {
-            return (f64::NAN, Vector3::repeat(f64::NAN));
-        };
-        let ((pitch, position), (start_pitch, start_position)) = (pose(rest), pose(start));
-        let turned = pitch - start_pitch - (rest.target[1].y - start.target[1].y);
-        let shifted = position - start_position - (rest.target[0] - start.target[0]);
-        (1e3 * turned, 1e3 * shifted)
+        let (Some(start), Some(rest)) = (self.log.at(self.begin()), rest) else { return f64::NAN };
+        1e3 * (pose(rest).0 - pose(start).0 - (rest.target[1].y - start.target[1].y)).abs()
     }
 
     /// Worst error of the pitch after the turns [mrad].
     fn pitch_error(&self, pose: fn(&GraspSample) -> Pose) -> f64 {
-        worst(self.turns.iter().map(|&begin| self.error(self.begin(), begin, pose).0.abs()))
+        worst(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
     }
 
-    /// Errors after each shift, relative to before the first [mm].
-    fn shift_errors(&self, pose: fn(&GraspSample) -> Pose) -> Vec<Vector3<f64>> {
-        let start = self.shifts.first().copied().unwrap_or(f64::NAN);
-        self.shifts.iter().map(|&begin| self.error(start, begin, pose).1).collect()
+    /// Displacements of the box by each shift, from rest to rest [mm].
+    fn displacements(&self, pose: fn(&GraspSample) -> Pose) -> Vec<Vector3<f64>> {
+        let rest = |time: f64| self.log.at(time).map_or(Vector3::repeat(f64::NAN), |sample| pose(sample).1);
+        let Some(&first) = self.shifts.first() else { return Vec::new() };
+        let mut before = rest(first);
+        let mut displacements = Vec::new();
+        for begin in &self.shifts {
+            let after = rest(begin + self.duration + AFTER.min(self.rest));
+            displacements.push(1e3 * (after - before));
+            before = after;
+        }
+        displacements
     }
 }
 
@@ -149,7 +156,12 @@ fn worst(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
 }
 
-fn add_metrics(summary: &mut Summary, laws: &[Law], part: &str, records: &[Record]) {
+/// Errors of the displacements along x [mm].
+fn shift_errors(experiment: &MotionExperiment, moved: &[Vector3<f64>]) -> impl Iterator<Item = f64> {
+    moved.iter().zip(&experiment.shifts).map(|(moved, shift)| (moved.x - 1e3 * shift).abs())
+}
+
+fn add_metrics(summary: &mut Summary, laws: &[Law], part: &str, experiment: Experiment, records: &[Record]) {
     let poses: [(&str, &str, fn(&GraspSample) -> Pose); 2] =
         [("estimated", "as the hand estimates it", estimated_pose), ("true", "of the true box", true_pose)];
     for (law, record) in laws.iter().zip(records) {
@@ -163,31 +175,30 @@ fn add_metrics(summary: &mut Summary, laws: &[Law], part: &str, records: &[Recor
             };
             let name = "pitch error at rest, worst turn";
             add("pitch_error", name, record.pitch_error(pose), "mrad", "1–4 mrad");
-            let shifts = record.shift_errors(pose);
+            let moved = record.displacements(pose);
+            let numbers = ["9 mm", "−12 mm"].into_iter().chain(std::iter::repeat(""));
+            for (number, (moved, paper)) in (1..).zip(moved.iter().zip(numbers)) {
+                let name = format!("displacement along x by shift {number}");
+                add(&format!("shift{number}"), &name, moved.x, "mm", paper);
+            }
             let numbers = ["1 mm", "2 mm"].into_iter().chain(std::iter::repeat(""));
-            for (number, (error, paper)) in (1..).zip(shifts.iter().zip(numbers)) {
-                let name = format!("error along x at rest after shift {number}");
-                add(&format!("shift{number}_error"), &name, error.x.abs(), "mm", paper);
+            for (number, (error, paper)) in (1..).zip(shift_errors(experiment(law), &moved).zip(numbers)) {
+                let name = format!("error along x of shift {number}");
+                add(&format!("shift{number}_error"), &name, error, "mm", paper);
             }
-            let drift = worst(shifts.iter().map(|error| error.z.abs()));
-            add("drift_z", "drift along z in the shifts", drift, "mm", "5 mm");
-            if let Some(last) = shifts.last() {
-                add(
-                    "distance",
-                    "distance along x from the start, after the shifts",
-                    last.x.abs(),
-                    "mm",
-                    "3 mm",
-                );
-            }
+            let total: Vector3<f64> = moved.iter().sum();
+            add("from_start_x", "x after the shifts, from the start", total.x, "mm", "−3 mm");
+            add("from_start_z", "z after the shifts, from the start", total.z, "mm", "−5 mm");
         }
     }
     for (which, text, pose) in poses {
         let errors: Vec<f64> = records.iter().map(|record| record.pitch_error(pose)).collect();
         let label = format!("{part}: pitch error, {text}");
         compare(summary, laws, &format!("{part}_pitch_error_{which}"), &label, &errors);
-        let shifts = |record: &Record| worst(record.shift_errors(pose).iter().map(|error| error.x.abs()));
-        let errors: Vec<f64> = records.iter().map(shifts).collect();
+        let shifts = |(law, record): (&Law, &Record)| {
+            worst(shift_errors(experiment(law), &record.displacements(pose)))
+        };
+        let errors: Vec<f64> = laws.iter().zip(records).map(shifts).collect();
         let label = format!("{part}: shift error along x, {text}");
         compare(summary, laws, &format!("{part}_shift_error_{which}"), &label, &errors);
     }

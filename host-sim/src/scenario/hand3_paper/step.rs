@@ -68,10 +68,10 @@ struct StepLog {
 
 fn trial(setting: &mut Setting<'_, '_>, rig: &mut GraspRig, law: &Law) -> Result<StepLog, ScenarioError> {
     let servo = &law.law.servo;
-    let mut model = rig.robot.model.clone();
-    servo.apply(&mut model);
+    let coulomb = rig.values.friction.paper;
+    let model = law.model(coulomb);
     let mut options = PlantOptions::mismatched(setting.seed);
-    options.coulomb = Some(rig.values.friction.paper);
+    options.coulomb = Some(coulomb);
     let plant = Plant::new(&rig.robot.urdf, &rig.drives, &rig.values, &options)?;
     let mut plant = plant.under(setting.intervention.clone());
     let start = prepare(setting.controller, &mut plant, &model, servo.mode, &mut rig.motion)?;

@@ -66,7 +66,7 @@ pub(super) fn run(
     for law in laws {
         let experiment = &law.law.weights;
         let label = format!("weights, {}", law.name);
-        let mut trial = hold_box(setting, rig, &label, &experiment.law, coulomb)?;
+        let mut trial = hold_box(setting, rig, &label, (law, &experiment.law), coulomb)?;
         trial.wait(REST)?;
         let mut begins = Vec::new();
         let mut before = 0.0;
