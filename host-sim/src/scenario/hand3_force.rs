@@ -8,9 +8,7 @@ use tesaki::task::grasping::{GraspPlan, InternalForce};
 use tesaki_description::law::hand::ObjectLaw;
 
 use super::common::{T, capitalized, require_duration};
-use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, calibrate, components, table, take_gains,
-};
+use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, calibrate, components, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 use tesaki_supervisor::identify::Identification;
@@ -96,7 +94,7 @@ const TRIALS: [Trial; 4] = [
 impl Trial {
     fn configure(&self, plan: &mut GraspPlan, paper: &ObjectLaw) {
         if self.paper_law {
-            take_gains(plan, paper);
+            paper.apply(plan);
         }
         plan.internal = InternalForce::Normal { strength: COMMANDED[2] as f32 };
         plan.feedback = self.feedback;
@@ -116,7 +114,7 @@ struct FingerForce {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
-    let paper = rig.paper_law()?.motion.law;
+    let paper = rig.paper_law()?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
         .event(BEFORE, "support removed")

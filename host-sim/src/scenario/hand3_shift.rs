@@ -7,9 +7,7 @@ use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
 use super::common::{capitalized, require_duration};
-use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, take_gains, xyz,
-};
+use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -88,7 +86,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     for trial in &TRIALS {
         let change = |grasp: &mut PlacedGrasp| {
             if trial.paper_law {
-                take_gains(&mut grasp.plan, &paper.motion.law);
+                paper.apply(&mut grasp.plan);
             }
         };
         let coulomb = trial.paper_law.then_some(rig.values.friction.paper);

@@ -45,8 +45,8 @@ use serde::Deserialize;
 use tesaki::control::ServoMode;
 use tesaki::model::{PidGains, RobotModel};
 use tesaki::task::grasping::{
-    GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame, PlanField,
-    PlannedContact,
+    FINGERS, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame,
+    PlanField, PlannedContact,
 };
 
 use crate::file::{self, read_text};
@@ -299,6 +299,11 @@ macro_rules! experiment {
 experiment!(Force { hold: f64, evaluated: f64, coulomb: Vec<f64> });
 experiment!(Weights { masses: Vec<f64>, cumulative: bool, ramp: f64, interval: f64 });
 experiment!(Motion { turns: Vec<f64>, shifts: Vec<f64>, duration: f64, rest: f64 });
+
+/// Whether the robot is a hand that these laws are for: as many chains as a grasp has fingers.
+pub fn is_for(model: &RobotModel) -> bool {
+    model.chains.len() == FINGERS && model.chains.iter().all(|chain| chain.force_sensor.is_some())
+}
 
 /// The law in a file, for the robot of `model`.
 ///

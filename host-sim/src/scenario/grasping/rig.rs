@@ -4,7 +4,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::law;
-use tesaki_description::law::hand::{self, HandLaw, ObjectLaw};
+use tesaki_description::law::hand::{self, ObjectLaw};
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
@@ -38,12 +38,6 @@ impl<'a> GraspedObject<'a> {
     }
 }
 
-/// Holds the object with the gains and the forces of a law of the paper, but with our estimates of its pose and of
-/// the load.
-pub const fn take_gains(plan: &mut GraspPlan, law: &ObjectLaw) {
-    (plan.control, plan.internal, plan.feedback) = (law.control, law.internal, law.feedback);
-}
-
 /// Robot, plant values and recording that all trials of a scenario share.
 pub struct GraspRig {
     pub robot: RobotFolder,
@@ -75,10 +69,10 @@ impl GraspRig {
         Ok(load_placed(&self.robot.path.join(format!("grasps/{object}.toml")))?)
     }
 
-    /// The law of the paper in the robot's folder.
-    pub fn paper_law(&self) -> Result<HandLaw, ScenarioError> {
-        let path = self.robot.path.join(law::FOLDER).join("paper.toml");
-        Ok(hand::load(&path, &self.robot.model)?)
+    /// The paper's control of the object's pose, with our estimates of pose and load.
+    pub fn paper_law(&self) -> Result<ObjectLaw, ScenarioError> {
+        let path = self.robot.path.join(law::FOLDER).join("paper-corrected.toml");
+        Ok(hand::load(&path, &self.robot.model)?.motion.law)
     }
 
     /// The grasp plan, and a machine with the object on its support.

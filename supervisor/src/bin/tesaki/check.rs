@@ -11,7 +11,7 @@ use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
-use tesaki_description::{approach, hand_eye};
+use tesaki_description::{approach, hand_eye, law};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -60,7 +60,23 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
             findings.extend(approach::check(&file, &text, &folder.model, table).1);
         }
     }
+    if let Some(folder) = folder.as_ref() {
+        findings.extend(laws(path, &folder.model)?);
+    }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
+}
+
+/// What is wrong with the laws of a hand, in the order of their names.
+fn laws(path: &Path, model: &RobotModel) -> Result<Vec<Finding>, Failure> {
+    let mut findings = Vec::new();
+    // The laws of an arm are others.
+    if law::hand::is_for(model) {
+        for file in law::files(path).map_err(Failure::file(&path.join(law::FOLDER)))? {
+            let text = read_text(&file).map_err(Failure::file(&file))?;
+            findings.extend(law::hand::check(&file, &text, model).1);
+        }
+    }
+    Ok(findings)
 }
 
 fn summary(model: &RobotModel) -> Vec<String> {
