@@ -41,7 +41,7 @@ fn the_laws_of_the_hand_are_read() {
     assert_eq!(paper.weights.law.load, LoadSource::Measured);
     let ObjectControl::Wrench(gains) = paper.force.law.control else { panic!() };
     assert_eq!((gains.position, gains.orientation, gains.damping), ([0.0; 2], [0.0; 2], 0.0));
-    assert_eq!(paper.motion.law.strength(), Some(4.0));
+    assert_eq!(paper.motion.law.internal, InternalForce::Normal { strength: 4.0 });
     assert_eq!(ours.force.law.internal, InternalForce::Normal { strength: 4.0 });
     assert_eq!(ours.motion.turns, [0.1, -0.1, -0.1, 0.1]);
     // Both do the same experiments.

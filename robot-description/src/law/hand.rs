@@ -104,15 +104,6 @@ impl ObjectLaw {
         plan.internal = self.internal;
         plan.feedback = self.feedback;
     }
-
-    /// The largest of the internal forces, if the law gives them [N].
-    pub fn strength(&self) -> Option<f64> {
-        match self.internal {
-            InternalForce::LeastGrip { .. } => None,
-            InternalForce::Normal { strength } => Some(strength.into()),
-            InternalForce::Pairwise { strengths } => strengths.map(f64::from).into_iter().reduce(f64::max),
-        }
-    }
 }
 
 /// A step of all joints at once.

@@ -21,13 +21,13 @@ pub(super) const SCENARIO: Scenario = Scenario {
         "The hand grasps the paper's box with 2 N of fingers 1 and 2 and 4 N of finger 3 along the box's x axis, and \
          the support is removed. First nothing moves (section 6.1, figure 11). Then, in another grasp, weights of \
          50, 100, 200 and 300 g are put on the box, one in place of the other (section 6.2, figures 12 and 13). \
-         Each experiment runs under each law on the same machine, whose joints have four times the Coulomb friction \
-         that our model of them says (`friction.paper` in robots/hand3/plant.toml).",
+         Each experiment runs under each law on the same machine. Its joints have four times the Coulomb friction of \
+         our other experiments (`friction.paper` in robots/hand3/plant.toml); controllers are told the nominal value.",
         "The paper's law for figure 11: the joint torques are those of the commanded forces, (D_F J_F)ᵀ f_c, and \
          nothing else: weight and friction of the fingers are not compensated, and the pose of the box is not \
          controlled. f_c is the internal force and a third of the box's weight for each finger: 2 N along the x axis \
-         of a box with a pitch of 0.769 rad are (1.44, 0, −1.39) N, and with 0.05 N along x and z against a third of \
-         23 g they are the paper's (1.48, 0, −1.34) N. For figures 12 and 13: equations (19) and (20), with the load \
+         of a box with a pitch of 0.769 rad are (1.44, 0, −1.39) N; with 0.05 N along x and along z, against a third \
+         of the weight of 23 g, they are the paper's (1.48, 0, −1.34) N. For figures 12 and 13: equations (19) and (20), with the load \
          of the force sensors and a fixed internal force.",
         "Sensed forces are those of the tared fingertip sensors, as the board reports them, in the hand's frame; \
          true ones are those of the simulated contacts.",
