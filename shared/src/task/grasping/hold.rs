@@ -50,15 +50,15 @@ impl GraspState {
         if self.phase == Phase::Open {
             grip.internal.iter_mut().for_each(|force| *force *= self.grip_fraction);
         }
-        let previous = self.trajectory.point().frame;
+        let previous = match plan.joint_targets {
+            JointTargets::ClosedForm => None,
+            JointTargets::Accumulated => Some(self.trajectory.point().frame),
+        };
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
         let mut output =
             HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
-        let step = match plan.joint_targets {
-            JointTargets::ClosedForm => None,
-            JointTargets::Accumulated => Some(twist_between(&previous, &target.frame)),
-        };
+        let step = previous.map(|previous| twist_between(&previous, &target.frame));
         if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
             // The motion ends; the grip stays.
             self.trajectory.stop();
