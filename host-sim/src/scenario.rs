@@ -15,6 +15,7 @@ mod grasping;
 mod hand;
 mod hand3_force;
 mod hand3_grasp;
+mod hand3_paper;
 mod hand3_reach;
 mod hand3_servo;
 mod hand3_shift;
@@ -74,6 +75,8 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_turn::SCENARIO,
     hand3_shift::SCENARIO,
     hand3_grasp::SCENARIO,
+    hand3_paper::FORCE,
+    hand3_paper::MOTION,
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
     arm7_straight::SCENARIO,
@@ -134,6 +137,9 @@ pub enum ScenarioError {
     /// The grasp.
     #[error(transparent)]
     Grasp(#[from] GraspFileError),
+    /// A law of the hand.
+    #[error(transparent)]
+    HandLaw(#[from] tesaki_description::law::hand::LawFileError),
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),

@@ -6,6 +6,10 @@
 //! force_limit = 9.0                 # N, of a fingertip
 //! # friction = 0.5                  # if omitted, the hand probes the friction
 //! internal = { least_grip = { margin = 0.2, capacity_at_rest = 0.22, capacity_in_motion = 0.6 } }
+//! # control = "observer"            # or "pid", "bare_pid", or { wrench = { … } }: how the object's pose is controlled
+//! # object_frame = "rolling"        # or "triangle": corrected for tips that roll, or as Hand3 section 5.1 prints it
+//! # load = "measured"               # or { constant = 0.023 }: what the fingers carry [kg]
+//! # joint_targets = "closed_form"   # or "accumulated" (Hand3 eq. 25)
 //!
 //! [object]                          # the frame of the contacts, in the base frame
 //! position = [0.090, 0.0, 0.085]    # m
@@ -23,7 +27,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use tesaki::control::ServoMode;
 use tesaki::task::grasping::{
-    FINGERS, GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlannedContact, WrenchGains,
+    FINGERS, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame,
+    PlannedContact, WrenchGains,
 };
 
 use crate::file::{self, FileError};
@@ -66,30 +71,61 @@ struct File {
     feedback: bool,
     #[serde(default)]
     control: Control,
+    #[serde(default)]
+    object_frame: FrameName,
+    #[serde(default)]
+    load: LoadName,
+    #[serde(default)]
+    joint_targets: TargetsName,
     object: Object,
     contact: Vec<Contact>,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-enum Internal {
+pub(crate) enum Internal {
     LeastGrip { margin: f32, capacity_at_rest: f32, capacity_in_motion: f32 },
     Normal { strength: f32 },
     Pairwise { strengths: [f32; 3] },
 }
 
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
-enum Control {
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(crate) enum Control {
     Pid,
     #[default]
     Observer,
+    BarePid,
     Wrench {
         position: [f32; 2],
         orientation: [f32; 2],
         damping: f32,
         compensated: bool,
     },
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum FrameName {
+    #[default]
+    Rolling,
+    Triangle,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum LoadName {
+    #[default]
+    Measured,
+    Constant(f32),
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum TargetsName {
+    #[default]
+    ClosedForm,
+    Accumulated,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -114,6 +150,58 @@ const fn yes() -> bool {
 impl Default for Internal {
     fn default() -> Self {
         Self::LeastGrip { margin: 0.2, capacity_at_rest: 0.22, capacity_in_motion: 0.6 }
+    }
+}
+
+impl From<Internal> for InternalForce {
+    fn from(internal: Internal) -> Self {
+        match internal {
+            Internal::LeastGrip { margin, capacity_at_rest, capacity_in_motion } => {
+                Self::LeastGrip { margin, capacity_at_rest, capacity_in_motion }
+            }
+            Internal::Normal { strength } => Self::Normal { strength },
+            Internal::Pairwise { strengths } => Self::Pairwise { strengths },
+        }
+    }
+}
+
+impl From<Control> for ObjectControl {
+    fn from(control: Control) -> Self {
+        match control {
+            Control::Pid => Self::Differential(ServoMode::Pid),
+            Control::Observer => Self::Differential(ServoMode::Observer),
+            Control::BarePid => Self::Differential(ServoMode::BarePid),
+            Control::Wrench { position, orientation, damping, compensated } => {
+                Self::Wrench(WrenchGains { position, orientation, damping, compensated })
+            }
+        }
+    }
+}
+
+impl From<FrameName> for ObjectFrame {
+    fn from(frame: FrameName) -> Self {
+        match frame {
+            FrameName::Rolling => Self::Rolling,
+            FrameName::Triangle => Self::Triangle,
+        }
+    }
+}
+
+impl From<LoadName> for LoadSource {
+    fn from(load: LoadName) -> Self {
+        match load {
+            LoadName::Measured => Self::Measured,
+            LoadName::Constant(mass) => Self::Constant { mass },
+        }
+    }
+}
+
+impl From<TargetsName> for JointTargets {
+    fn from(targets: TargetsName) -> Self {
+        match targets {
+            TargetsName::ClosedForm => Self::ClosedForm,
+            TargetsName::Accumulated => Self::Accumulated,
+        }
     }
 }
 
@@ -162,22 +250,13 @@ pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
         clearance: file.clearance as f32,
         touch_force: file.touch_force,
         friction: file.friction,
-        internal: match file.internal {
-            Internal::LeastGrip { margin, capacity_at_rest, capacity_in_motion } => {
-                InternalForce::LeastGrip { margin, capacity_at_rest, capacity_in_motion }
-            }
-            Internal::Normal { strength } => InternalForce::Normal { strength },
-            Internal::Pairwise { strengths } => InternalForce::Pairwise { strengths },
-        },
+        internal: file.internal.into(),
         force_limit: file.force_limit,
         feedback: file.feedback,
-        control: match file.control {
-            Control::Pid => ObjectControl::Differential(ServoMode::Pid),
-            Control::Observer => ObjectControl::Differential(ServoMode::Observer),
-            Control::Wrench { position, orientation, damping, compensated } => {
-                ObjectControl::Wrench(WrenchGains { position, orientation, damping, compensated })
-            }
-        },
+        control: file.control.into(),
+        object_frame: file.object_frame.into(),
+        load: file.load.into(),
+        joint_targets: file.joint_targets.into(),
     };
     plan.validate().map_err(|problem| GraspFileError::Plan { path: place(), problem })?;
     Ok(PlacedGrasp { plan, position: file.object.position, orientation: frame.rotation.coords.into() })

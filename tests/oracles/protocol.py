@@ -113,6 +113,7 @@ def joint_servo():
     return {
         "enable-pid": ENABLE + JOINT_SERVO + uint(0),
         "enable-observer": ENABLE + JOINT_SERVO + uint(1),
+        "enable-bare-pid": ENABLE + JOINT_SERVO + uint(2),
         "joints-goal": goal([0.5, -0.25, 0.125]),
         "joints-stream": joints(1, map(reals, points)),
         "joints-stream-16": joints(1, [reals([LOWEST] * 3)] * 16),
@@ -134,9 +135,11 @@ def grasping():
         "enable-grasping": ENABLE + GRASPING,
         "grasp": command + uint(0) + plan(BOX, 0.01, 0.1, None, least_grip, 9.0, True, differential(1)),
         "grasp-normal": command + uint(0) + plan(BOX, 0.005, 0.125, 0.5, normal, 4.0, False, differential(0)),
-        "grasp-pairwise": command + uint(0) + plan(BOX, 0.01, 0.1, 0.75, pairwise, 9.0, True, by_gains),
+        "grasp-pairwise": command + uint(0) + plan(BOX, 0.01, 0.1, 0.75, pairwise, 9.0, True, by_gains,
+                                                    uint(1) + uint(1) + real(0.5) + uint(1)),
         "grasp-longest": command + uint(0)
-        + plan([lowest] * 3, LOWEST, LOWEST, LOWEST, uint(2) + reals([LOWEST] * 3), LOWEST, True, longest),
+        + plan([lowest] * 3, LOWEST, LOWEST, LOWEST, uint(2) + reals([LOWEST] * 3), LOWEST, True, longest,
+               uint(1) + uint(1) + real(LOWEST) + uint(1)),
         "grasp-move": command + uint(1) + reals([0.0, 0.0, 0.02]) + reals([0.25, -0.125, 0.0]) + real(1.5),
         "grasp-put-down": command + uint(2),
         "grasp-open": command + uint(3),

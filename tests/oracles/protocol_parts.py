@@ -109,11 +109,13 @@ def goal(positions):
     return joints(0, map(real, positions))
 
 
-def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control):
-    """`contacts`: positions and normals; the others as encoded or as numbers."""
+def plan(contacts, clearance, touch_force, friction, internal, force_limit, feedback, control,
+         printed=uint(0) * 3):
+    """`contacts`: positions and normals; `printed`: object frame, load and joint targets; the others as encoded or as
+    numbers."""
     friction = option(None if friction is None else real(friction))
     return (b"".join(reals(position) + reals(normal) for position, normal in contacts) + real(clearance)
-            + real(touch_force) + friction + internal + real(force_limit) + boolean(feedback) + control)
+            + real(touch_force) + friction + internal + real(force_limit) + boolean(feedback) + control + printed)
 
 
 def differential(observer):
@@ -125,7 +127,7 @@ def by_wrench(position, orientation, damping, compensated):
 
 
 PHASES = "ready approach touch squeeze probe-friction hold move lower open".split()
-PLAN_FIELDS = "clearance touch-force friction force-limit margin capacity strength gain".split()
+PLAN_FIELDS = "clearance touch-force friction force-limit margin capacity strength gain mass".split()
 BOX = [([0.0625, 0.04, 0.125], [1.0, 0.0, -0.5]), ([0.0625, -0.04, 0.125], [1.0, 0.0, -0.5]),
        ([0.125, 0.0, 0.0625], [-2.0, 0.0, 1.0])]
 FAILURES = {

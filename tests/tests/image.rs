@@ -14,6 +14,7 @@ use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Identity, Request, RequestFrame, ResetCause, SensorFrame, Status};
 use tesaki::task::TaskConfig;
 use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::law::LawFile;
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
@@ -37,13 +38,14 @@ fn image(variable: &str) -> PathBuf {
 fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome {
     let robot = robot_folder(scenario.robot);
     let duration = scenario.duration;
+    let laws = LawFile::find(scenario, &robot, &[]).unwrap();
     scenario
         .run(&mut Setting {
             robot: &robot,
             controller,
             seed,
             duration,
-            laws: &[],
+            laws: &laws,
             progress: &|_| {},
             intervention: None,
         })

@@ -10,9 +10,9 @@ mod trial;
 
 pub use calibration::calibrate;
 pub use figures::{component_targets, components, displacements, xyz};
-pub use grasp_log::{GraspLog, GraspSample, table};
+pub use grasp_log::{GraspEstimates, GraspLog, GraspSample, table};
 pub use grip_ratio::{GripRatio, grip_ratio, internal_forces};
-pub use rig::{GraspRig, GraspedObject, PAPER_STRENGTH};
+pub use rig::{GraspRig, GraspedObject};
 pub use trial::{GraspTrial, MOVE};
 
 /// Height by which an object is lifted off its support [m].

@@ -5,11 +5,10 @@ use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspPlan, InternalForce};
+use tesaki_description::law::hand::ObjectLaw;
 
 use super::common::{T, capitalized, require_duration};
-use super::grasping::{
-    GraspLog, GraspRig, GraspTrial, GraspedObject, PAPER_STRENGTH, calibrate, components, table,
-};
+use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, calibrate, components, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 use tesaki_supervisor::identify::Identification;
@@ -44,7 +43,7 @@ const HOLD: f64 = 4.0;
 /// Time at the end of the hold that is evaluated [s].
 const EVALUATED: f64 = 2.0;
 /// Commanded forces: fingers 1 and 2 half that of finger 3 [N].
-const COMMANDED: [f64; 3] = [PAPER_STRENGTH / 2.0, PAPER_STRENGTH / 2.0, PAPER_STRENGTH];
+const COMMANDED: [f64; 3] = [2.0, 2.0, 4.0];
 
 struct Trial {
     name: &'static str,
@@ -93,8 +92,11 @@ const TRIALS: [Trial; 4] = [
 ];
 
 impl Trial {
-    fn configure(&self, plan: &mut GraspPlan) {
-        plan.internal = InternalForce::Normal { strength: PAPER_STRENGTH as f32 };
+    fn configure(&self, plan: &mut GraspPlan, paper: &ObjectLaw) {
+        if self.paper_law {
+            paper.apply(plan);
+        }
+        plan.internal = InternalForce::Normal { strength: COMMANDED[2] as f32 };
         plan.feedback = self.feedback;
     }
 }
@@ -112,6 +114,7 @@ struct FingerForce {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
+    let paper = rig.paper_law()?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
         .event(BEFORE, "support removed")
@@ -119,10 +122,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut tables = Vec::new();
     for trial in &TRIALS {
         let held = GraspedObject {
-            label: trial.label,
-            object: "box",
-            change: &|grasp| trial.configure(&mut grasp.plan),
-            paper: trial.paper_law,
+            change: &|grasp| trial.configure(&mut grasp.plan, &paper),
+            coulomb: trial.paper_law.then_some(rig.values.friction.paper),
+            ..GraspedObject::new(trial.label, "box")
         };
         if trial.identified {
             let held = GraspedObject { label: "identification", ..held };
@@ -153,7 +155,11 @@ fn finger_force(log: &GraspLog, finger: usize) -> FingerForce {
     let magnitude = |index: usize| samples[index].force(finger).norm();
     let force = mean(&magnitude);
     let ripple = (0..samples.len()).map(|index| (magnitude(index) - force).abs()).fold(f64::NAN, f64::max);
-    FingerForce { force, target: mean(&|index| samples[index].target_forces[finger].norm()), ripple }
+    FingerForce {
+        force,
+        target: mean(&|index| samples[index].estimates.target_forces[finger].norm()),
+        ripple,
+    }
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {

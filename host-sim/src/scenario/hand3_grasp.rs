@@ -72,7 +72,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let force_limit = f64::from(rig.grasp(trial.object)?.plan.force_limit);
-        let held = GraspedObject { label: trial.object, object: trial.object, change: &|_| {}, paper: false };
+        let held = GraspedObject::new(trial.object, trial.object);
         let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
         let mut motions = vec![(grasp_trial.log.now(), "lift".to_owned())];
         let up = grasp_trial.lift()?;
@@ -221,7 +221,7 @@ fn forces(log: &GraspLog) -> Panel {
     }
     for finger in 0..3 {
         let name = format!("finger {} target", finger + 1);
-        let target = log.series(|sample| sample.target_forces[finger].norm());
+        let target = log.series(|sample| sample.estimates.target_forces[finger].norm());
         panel = panel.line(Line::dashed(name, finger, log.times(), target));
     }
     panel

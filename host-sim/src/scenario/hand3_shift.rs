@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
+use tesaki_description::grasp::PlacedGrasp;
 
 use super::common::{capitalized, require_duration};
 use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, xyz};
@@ -80,10 +81,16 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let paper = rig.paper_law()?;
     let mut records = Vec::new();
     for trial in &TRIALS {
-        let held =
-            GraspedObject { label: trial.label, object: "box", change: &|_| {}, paper: trial.paper_law };
+        let change = |grasp: &mut PlacedGrasp| {
+            if trial.paper_law {
+                paper.apply(&mut grasp.plan);
+            }
+        };
+        let coulomb = trial.paper_law.then_some(rig.values.friction.paper);
+        let held = GraspedObject { change: &change, coulomb, ..GraspedObject::new(trial.label, "box") };
         let mut grasp_trial = GraspTrial::without_support(setting, &mut rig, &held)?;
         grasp_trial.wait(INITIAL_REST)?;
         let mut moves = [f64::NAN; 2];

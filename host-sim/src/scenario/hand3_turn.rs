@@ -37,7 +37,7 @@ const AFTER: f64 = 2.0;
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
-    let held = GraspedObject { label: "turn", object: "box", change: &|_| {}, paper: false };
+    let held = GraspedObject::new("turn", "box");
     let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
     let up = grasp_trial.lift()?;
     let mut begins = [f64::NAN; 4];

@@ -106,7 +106,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             contact.position = (Vector3::from(contact.position) + down.map(|part| part as f32)).into();
         }
     };
-    let held = GraspedObject { label: "weights", object: "box", change: &change, paper: false };
+    let held = GraspedObject { change: &change, ..GraspedObject::new("weights", "box") };
     let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
     grasp_trial.lift()?;
     let empty = grip(&grasp_trial.log, 0.0);
@@ -273,7 +273,7 @@ fn forces(log: &GraspLog, record: &Record, begin: f64) -> Figure {
     let span = begin..log.now();
     let panel =
         components(Panel::new("Force of finger 1", "force", "N"), log, &span, |sample| sample.force(0));
-    let panel = component_targets(panel, log, &span, |sample| sample.target_forces[0]);
+    let panel = component_targets(panel, log, &span, |sample| sample.estimates.target_forces[0]);
     let figure = Figure::stacked("Force of finger 1 on the box", caption, "time", "s");
     mark_parts(figure, record, begin).panel(panel)
 }

@@ -132,10 +132,11 @@ impl JointServo {
         measured: f32,
         model_torque: f32,
     ) -> ServoOutput {
-        self.compute::<true>(state, mode, reference, measured, model_torque)
+        self.compute::<true>(state, mode, reference, measured, model_torque, 0.0)
     }
 
-    /// As [`update`](Self::update), but learns nothing of the disturbance, unless it `LEARNS`.
+    /// As [`update`](Self::update), with the torque for `contact` forces [N·m], which every mode feeds forward. It
+    /// learns nothing of the disturbance, unless it `LEARNS`.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -144,8 +145,10 @@ impl JointServo {
         reference: &JointPoint,
         measured: f32,
         model_torque: f32,
+        contact: f32,
     ) -> ServoOutput {
         let feedforward = model_torque
+            + contact
             + self.rotor_inertia * reference.acceleration
             + self.friction.torque(&state.friction, reference.velocity);
         let error = reference.position - measured;
@@ -168,6 +171,12 @@ impl JointServo {
                 let disturbance = state.observer.disturbance();
                 let taken = self.friction.learn(&mut state.friction, reference.velocity, disturbance);
                 state.observer.hand_over(taken);
+                ServoOutput { torque, effort: torque - feedforward }
+            }
+            ServoMode::BarePid => {
+                let requested = contact + self.pid.output(&mut state.pid, reference, measured);
+                let torque = self.limit(state, requested);
+                self.pid.integrate(&mut state.pid, requested, torque, !LEARNS);
                 ServoOutput { torque, effort: torque - feedforward }
             }
         }
@@ -200,5 +209,46 @@ impl JointServo {
         let requested = math::clamp(requested, -self.torque_limit, self.torque_limit);
         state.torque = self.torque_rate.limit(state.torque, requested);
         state.torque
+    }
+}
+
+#[cfg(all(test, feature = "test-support"))]
+mod tests {
+    use super::*;
+    use crate::model::PidGains;
+
+    /// The three ticks that the test of [`Pid`] works out by hand: 2, 2.004 082 and 1.968 463 N·m. Of the model's
+    /// torque of 5 N·m nothing is fed forward, of the contact's 0.25 N·m all.
+    #[test]
+    fn the_bare_pid_adds_nothing_but_the_contact_torque() {
+        let mut joint = crate::test_support::joint("joint");
+        joint.servo.pid = PidGains { proportional: 2.0, integral: 5.0, derivative: 0.1, cutoff: 30.0 };
+        (joint.limits.torque, joint.limits.torque_rate, joint.motor.current_limit) = (10.0, 1e4, 20.0);
+        let servo = JointServo::new(&joint);
+        let mut state = JointServoState::at(0.0);
+        let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 30.0 };
+        for (measured, expected) in [(0.0, 2.25), (0.01, 2.254_082), (0.03, 2.218_463)] {
+            let mode = ServoMode::BarePid;
+            let output = servo.compute::<true>(&mut state, mode, &reference, measured, 5.0, 0.25);
+            assert!((output.torque - expected).abs() < 1e-5, "{measured}: {}", output.torque);
+        }
+    }
+
+    /// An error of 0.1 mrad is in the dead band of our PID, 0.5 mrad, but is integrated by the bare one: after 100
+    /// ticks 5·0.01·100·1e-4 = 0.5 mN·m, beside 2·1e-4.
+    #[test]
+    fn the_bare_pid_has_no_dead_band() {
+        let mut joint = crate::test_support::joint("joint");
+        joint.servo.pid = PidGains { proportional: 2.0, integral: 5.0, derivative: 0.0, cutoff: 30.0 };
+        let servo = JointServo::new(&joint);
+        let reference = JointPoint { position: 1e-4, velocity: 0.0, acceleration: 0.0 };
+        for (mode, expected) in [(ServoMode::BarePid, 7e-4), (ServoMode::Pid, 2e-4)] {
+            let mut state = JointServoState::at(0.0);
+            let mut torque = f32::NAN;
+            for _ in 0..=100 {
+                torque = servo.compute::<true>(&mut state, mode, &reference, 0.0, 0.0, 0.0).torque;
+            }
+            assert!((torque - expected).abs() < 1e-6, "{mode:?}: {torque}");
+        }
     }
 }

@@ -365,10 +365,11 @@ impl Joint<'_> {
     /// the inverse dynamics at the reference [N·m].
     #[inline]
     pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
-        let feedforward = model_torque + self.target.feedforward;
-        let Self { config, state, reference, position, .. } = self;
+        let Self { config, state, reference, position, target, .. } = self;
+        let contact = target.feedforward;
+        let servo = &mut state.servo;
         let output =
-            config.servo.compute::<LEARNS>(&mut state.servo, mode, reference, **position, feedforward);
+            config.servo.compute::<LEARNS>(servo, mode, reference, **position, model_torque, contact);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }

@@ -5,7 +5,10 @@ use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{Item, MODEL_CHUNK, Request, SCHEMA_KEY, Stream};
-use tesaki::task::grasping::{FINGERS, GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::grasping::{
+    FINGERS, GraspCommand, GraspPlan, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame,
+    WrenchGains,
+};
 use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
@@ -31,10 +34,11 @@ pub fn any_request(random: &mut Random, model: &RobotModel, pushed: &[u8]) -> Re
         4 => Request::ModelCommit,
         5 => Request::Home { positions: list(random) },
         6 | 7 => {
-            let task = match random.below(5) {
+            let task = match random.below(6) {
                 0 | 1 => TaskConfig::Grasping(()),
                 2 => TaskConfig::Impedance(any_settings(random)),
                 3 => TaskConfig::JointServo(ServoMode::Pid),
+                4 => TaskConfig::JointServo(ServoMode::BarePid),
                 _ => TaskConfig::JointServo(ServoMode::Observer),
             };
             Request::Enable(task)
@@ -137,6 +141,11 @@ pub fn any_plan(random: &mut Random) -> GraspPlan {
         }),
         _ => plan.control,
     };
+    if random.one_in(3) {
+        plan.object_frame = ObjectFrame::Triangle;
+        plan.load = LoadSource::Constant { mass: random.value().abs() };
+        plan.joint_targets = JointTargets::Accumulated;
+    }
     if random.one_in(8) {
         let contact = &mut plan.contacts[random.below(FINGERS)];
         contact.position[random.below(3)] += 0.02 * random.value();

@@ -11,7 +11,8 @@ use tesaki::protocol::{FromBoard, LogRecord, Mode, Refusal, Reply, Request, SCHE
 use tesaki::robot::LimitRefusal;
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
-    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, ObjectControl, Phase, PlanField,
+    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl,
+    ObjectFrame, Phase, PlanField,
 };
 use tesaki::task::impedance::{
     ForceSource, ImpedanceCommand, ImpedanceRefusal, InvalidSettings, Law, Redundancy, SetpointError,
@@ -157,6 +158,9 @@ fn the_page_is_about_this_version_of_the_messages() {
         GraspCommand::VARIANTS,
         InternalForce::VARIANTS,
         ObjectControl::VARIANTS,
+        ObjectFrame::VARIANTS,
+        LoadSource::VARIANTS,
+        JointTargets::VARIANTS,
         Phase::VARIANTS,
         Failure::VARIANTS,
         GraspRefusal::VARIANTS,

@@ -4,7 +4,9 @@ use tesaki::control::{Coupling, Impedance, ImpedanceAxes, JointPoint, ServoMode}
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{Item, Request, Stream};
-use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::grasping::{
+    GraspCommand, GraspPlan, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame, WrenchGains,
+};
 use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::telexistence::{
@@ -62,6 +64,7 @@ impl Messages {
     fn joint_servo(&mut self) {
         self.request("enable-pid", Request::Enable(TaskConfig::JointServo(PID)));
         self.request("enable-observer", Request::Enable(TaskConfig::JointServo(OBSERVER)));
+        self.request("enable-bare-pid", Request::Enable(TaskConfig::JointServo(ServoMode::BarePid)));
         let mut joints = |name: &str, command| {
             self.request(&format!("joints-{name}"), Request::Task(TaskCommand::JointServo(command)));
         };
@@ -115,6 +118,9 @@ impl Messages {
             friction: Some(0.75),
             internal: InternalForce::Pairwise { strengths: [0.5, 1.0, 1.5] },
             control: ObjectControl::Wrench(gains),
+            object_frame: ObjectFrame::Triangle,
+            load: LoadSource::Constant { mass: 0.5 },
+            joint_targets: JointTargets::Accumulated,
             ..BOX
         };
         grasp("grasp-pairwise", GraspCommand::Grasp(pairwise));

@@ -16,8 +16,8 @@ use tesaki::protocol::{
 use tesaki::robot::LimitRefusal;
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
-    Failure, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase, PlanField, PlannedContact,
-    WrenchGains,
+    Failure, GraspPlan, GraspTelemetry, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame,
+    Phase, PlanField, PlannedContact, WrenchGains,
 };
 use tesaki::task::impedance::{
     ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy, SetpointError,
@@ -130,6 +130,9 @@ pub const BOX: GraspPlan = GraspPlan {
     force_limit: 9.0,
     feedback: true,
     control: ObjectControl::Differential(ServoMode::Observer),
+    object_frame: ObjectFrame::Rolling,
+    load: LoadSource::Measured,
+    joint_targets: JointTargets::ClosedForm,
 };
 
 /// With the longest encoding.
@@ -147,6 +150,9 @@ pub const LONGEST: GraspPlan = GraspPlan {
         damping: f32::MIN,
         compensated: true,
     }),
+    object_frame: ObjectFrame::Triangle,
+    load: LoadSource::Constant { mass: f32::MIN },
+    joint_targets: JointTargets::Accumulated,
 };
 
 pub const HOLDING: GraspTelemetry = GraspTelemetry {
@@ -194,6 +200,7 @@ pub const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
     (PlanField::Capacity, "capacity"),
     (PlanField::Strength, "strength"),
     (PlanField::Gain, "gain"),
+    (PlanField::Mass, "mass"),
 ];
 
 pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [

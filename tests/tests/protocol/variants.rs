@@ -12,7 +12,8 @@ use tesaki::protocol::{
 };
 use tesaki::robot::LimitRefusal;
 use tesaki::task::grasping::{
-    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, ObjectControl, Phase, PlanField,
+    Failure, GraspCommand, GraspRefusal, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl,
+    ObjectFrame, Phase, PlanField,
 };
 use tesaki::task::impedance::{
     ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy,
@@ -64,18 +65,21 @@ variants! {
     TaskCommand { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
     TaskTelemetry { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
     TaskRefusal { JointServo, Grasping, Impedance, Telexistence, VisualApproach }
-    ServoMode { Pid, Observer }
+    ServoMode { Pid, Observer, BarePid }
     JointCommand { Goal, Stream, StreamTips, StreamTorques }
     JointServoRefusal { Limit, TipCount, NotAFinger, OutOfReach, Singular, TipNotFinite }
     LimitRefusal { JointCount, NotFinite, OutsideLimits, TooFast, Jump, TooMuchAcceleration, TooMuchTorque }
     GraspCommand { Grasp, Move, PutDown, Open }
     InternalForce { LeastGrip, Normal, Pairwise }
     ObjectControl { Differential, Wrench }
+    ObjectFrame { Rolling, Triangle }
+    LoadSource { Measured, Constant }
+    JointTargets { ClosedForm, Accumulated }
     Phase { Ready, Approach, Touch, Squeeze, ProbeFriction, Hold, Move, Lower, Open }
     Failure { Obstructed, NoObject, NoGrip, NoSupport, OutOfReach }
     GraspRefusal { NotAHand, NotTared, Busy, Plan, OutOfReach, NotFinite, TooFast }
     InvalidPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
-    PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Capacity, Strength, Gain }
+    PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Capacity, Strength, Gain, Mass }
     ImpedanceCommand { SetTarget, Configure }
     Law { Direct, ModelFollowing }
     Redundancy { None, DrivenJoint, ArmAngle }

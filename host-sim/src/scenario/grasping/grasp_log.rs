@@ -9,6 +9,37 @@ use crate::report::{Column, csv};
 use crate::scenario::common::T;
 use tesaki::task::grasping::Phase;
 
+/// What the controller knows of a grasp, as last reported; NaN before the first report.
+#[derive(Clone, Copy, Debug)]
+pub struct GraspEstimates {
+    /// Target force of each finger on the object [N].
+    pub target_forces: [Vector3<f64>; 3],
+    /// Force of each finger on the object by its tared sensor [N]; NaN where it is not recorded.
+    pub sensed_forces: [Vector3<f64>; 3],
+    /// Force of all fingers on the object, filtered [N].
+    pub load: Vector3<f64>,
+    /// Position of the object frame: the centroid of the fingertips' triangle when it was grasped [m].
+    pub position: Vector3<f64>,
+    /// Its orientation: x towards finger 3, z along the normal of the triangle.
+    pub orientation: UnitQuaternion<f64>,
+}
+
+impl GraspEstimates {
+    /// Before the first report.
+    pub const UNKNOWN: Self = {
+        let unknown = Vector3::new(f64::NAN, f64::NAN, f64::NAN);
+        let [target_forces, sensed_forces] = [[unknown; 3]; 2];
+        let orientation =
+            UnitQuaternion::new_unchecked(Quaternion::new(f64::NAN, f64::NAN, f64::NAN, f64::NAN));
+        Self { target_forces, sensed_forces, load: unknown, position: unknown, orientation }
+    };
+
+    /// Pitch of the object frame: how far its x axis points down [rad].
+    pub fn pitch(&self) -> f64 {
+        (-(self.orientation * Vector3::x()).z).asin()
+    }
+}
+
 /// The true state at the start of a control period, and the controller's targets.
 #[derive(Clone, Debug)]
 pub struct GraspSample {
@@ -19,8 +50,8 @@ pub struct GraspSample {
     pub contacts: Vec<ContactTruth>,
     /// Joint angles [rad].
     pub joints: Vec<f64>,
-    /// Target force of each finger on the object, as last reported by the controller [N].
-    pub target_forces: [Vector3<f64>; 3],
+    /// What the controller says.
+    pub estimates: GraspEstimates,
     /// Target displacement [m] and target rotation vector [rad] of the object since it was grasped; NaN where
     /// they are not known.
     pub target: [Vector3<f64>; 2],
@@ -129,6 +160,15 @@ pub fn table(log: &GraspLog) -> String {
             ));
         }
     }
+    for (axis, name) in AXES.into_iter().enumerate() {
+        let name = format!("estimated position {name}");
+        columns.push((name, "m", log.series(|sample| sample.estimates.position[axis])));
+    }
+    columns.push(("estimated pitch".to_owned(), "rad", log.series(|sample| sample.estimates.pitch())));
+    for (axis, name) in AXES.into_iter().enumerate() {
+        let name = format!("sensed load {name}");
+        columns.push((name, "N", log.series(|sample| sample.estimates.load[axis])));
+    }
     columns.push(("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
     for finger in 0..3 {
         let name = |what: &str| format!("finger {} {what}", finger + 1);
@@ -142,7 +182,7 @@ pub fn table(log: &GraspLog) -> String {
             columns.push((
                 name(&format!("target force {letter}")),
                 "N",
-                log.series(|sample| sample.target_forces[finger][axis]),
+                log.series(|sample| sample.estimates.target_forces[finger][axis]),
             ));
         }
         columns.push((name("normal force"), "N", contact(ContactTruth::normal_force)));

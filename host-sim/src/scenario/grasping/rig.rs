@@ -1,8 +1,10 @@
 //! A hand with open fingers around an object near its nominal position.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
-use tesaki::task::grasping::{GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
+use tesaki_description::law;
+use tesaki_description::law::hand::{self, ObjectLaw};
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
@@ -15,12 +17,6 @@ use crate::scenario::{ScenarioError, Setting};
 /// Largest distance of the object from its nominal position along each axis of its support [m].
 const MAX_OFFSET: f64 = 0.005;
 
-/// Gains of the paper's law. The paper gives none; with these the errors come close to those it reports.
-const PAPER_GAINS: WrenchGains =
-    WrenchGains { position: [2000.0, 1000.0], orientation: [20.0, 10.0], damping: 0.1, compensated: false };
-/// Largest of the paper's normal forces [N].
-pub const PAPER_STRENGTH: f64 = 4.0;
-
 /// The object of a trial, and how the hand holds it.
 pub struct GraspedObject<'a> {
     /// Name of the trial in the recording.
@@ -29,16 +25,24 @@ pub struct GraspedObject<'a> {
     pub object: &'a str,
     /// Changes the grasp that was read from the file.
     pub change: &'a dyn Fn(&mut PlacedGrasp),
-    /// Whether the object is held under the paper's law, with the joint friction that the paper's loss of
-    /// force implies.
-    pub paper: bool,
+    /// Coulomb friction of the joints instead of the robot's [N·m].
+    pub coulomb: Option<f64>,
+    /// Whether the force sensors are recorded.
+    pub records_forces: bool,
+}
+
+impl<'a> GraspedObject<'a> {
+    /// An object of the robot's folder, held as its grasp file says.
+    pub const fn new(label: &'a str, object: &'a str) -> Self {
+        Self { label, object, change: &|_| {}, coulomb: None, records_forces: false }
+    }
 }
 
 /// Robot, plant values and recording that all trials of a scenario share.
 pub struct GraspRig {
     pub robot: RobotFolder,
     /// The machine's motors and encoders, with nominal values.
-    drives: Vec<Drive>,
+    pub drives: Vec<Drive>,
     pub values: PlantValues,
     pub motion: Motion,
     seed: u64,
@@ -65,14 +69,15 @@ impl GraspRig {
         Ok(load_placed(&self.robot.path.join(format!("grasps/{object}.toml")))?)
     }
 
+    /// The paper's control of the object's pose, with our estimates of pose and load.
+    pub fn paper_law(&self) -> Result<ObjectLaw, ScenarioError> {
+        let path = self.robot.path.join(law::FOLDER).join("paper-corrected.toml");
+        Ok(hand::load(&path, &self.robot.model)?.motion.law)
+    }
+
     /// The grasp plan, and a machine with the object on its support.
     pub fn set_up(&self, held: &GraspedObject<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
         let mut grasp = self.grasp(held.object)?;
-        if held.paper {
-            grasp.plan.control = ObjectControl::Wrench(PAPER_GAINS);
-            grasp.plan.internal = InternalForce::Normal { strength: PAPER_STRENGTH as f32 };
-            grasp.plan.feedback = false;
-        }
         (held.change)(&mut grasp);
         let path = self.robot.path.join(format!("objects/{}.toml", held.object));
         let text = std::fs::read_to_string(&path)
@@ -80,9 +85,7 @@ impl GraspRig {
         let mut options = PlantOptions::mismatched(self.seed);
         options.object = Some(self.place_object(ObjectValues::from_toml(&text)?, &grasp));
         options.posture = Some(open_posture(&self.robot.model, &grasp.plan)?);
-        if held.paper {
-            options.coulomb = Some(self.values.friction.paper);
-        }
+        options.coulomb = held.coulomb;
         let plant = Plant::new(&self.robot.urdf, &self.drives, &self.values, &options)?;
         let mut plant = plant.under(self.intervention.clone());
         plant.configure_amplifiers(&self.robot.model);
@@ -126,7 +129,7 @@ mod tests {
                 };
                 let rig = GraspRig::load(&setting).unwrap();
                 assert_eq!(rig.base(), "palm");
-                let held = GraspedObject { label: object, object, change: &|_| {}, paper: false };
+                let held = GraspedObject::new(object, object);
                 let (plan, plant) = rig.set_up(&held).unwrap();
                 assert!(plan.validate().is_ok());
                 assert!(plant.contacts().iter().all(|contact| contact.depth <= 0.0), "{object} {seed}");

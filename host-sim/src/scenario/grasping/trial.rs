@@ -1,14 +1,15 @@
 //! A grasp trial: commands to the hand and the log of what happens.
 
-use rapier3d::na::Vector3;
-use tesaki::protocol::{Mode, Refusal, Request};
+use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use tesaki::protocol::{Mode, Refusal, Request, Stream};
 use tesaki::task::TaskConfig;
 use tesaki::task::grasping::{GraspCommand, Phase};
+use tesaki_supervisor::hand::FingerBoard;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::rig::{GraspRig, GraspedObject};
-use super::{GraspLog, GraspSample, LIFT};
+use super::{GraspEstimates, GraspLog, GraspSample, LIFT};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
 use crate::plant::Plant;
@@ -30,11 +31,12 @@ struct ObjectTrajectory {
     from: [Vector3<f64>; 2],
     to: [Vector3<f64>; 2],
     begin: f64,
+    duration: f64,
 }
 
 impl ObjectTrajectory {
     fn at(&self, time: f64) -> [Vector3<f64>; 2] {
-        let [fraction, ..] = minimum_jerk((time - self.begin) / MOVE);
+        let [fraction, ..] = minimum_jerk((time - self.begin) / self.duration);
         [0, 1].map(|part| self.from[part] + (self.to[part] - self.from[part]) * fraction)
     }
 }
@@ -51,7 +53,9 @@ pub struct GraspTrial<'a, 'b> {
     pub log: GraspLog,
     enabled: bool,
     phase: Phase,
-    target_forces: [Vector3<f64>; 3],
+    estimates: GraspEstimates,
+    /// Whether the force sensors are recorded.
+    records_forces: bool,
     trajectory: ObjectTrajectory,
     note: Option<String>,
 }
@@ -74,11 +78,15 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             log: GraspLog { held: f64::NAN, friction: f64::NAN, ..GraspLog::default() },
             enabled: false,
             phase: Phase::Ready,
-            target_forces: [Vector3::repeat(f64::NAN); 3],
-            trajectory: ObjectTrajectory { from: zero, to: zero, begin: 0.0 },
+            estimates: GraspEstimates::UNKNOWN,
+            records_forces: held.records_forces,
+            trajectory: ObjectTrajectory { from: zero, to: zero, begin: 0.0, duration: MOVE },
             note: Some(held.label.to_owned()),
         };
         introduce(grasp_trial.controller, &grasp_trial.rig.robot.model)?;
+        if held.records_forces {
+            grasp_trial.controller.set_rate(Stream::Tips, 1)?;
+        }
         grasp_trial.tick()?;
         let homed: Vec<f32> = grasp_trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
         grasp_trial.controller.home(&homed)?;
@@ -115,6 +123,9 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         let sequence = self.rig.motion.ticks();
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
+        if self.records_forces {
+            self.read_forces()?;
+        }
         if self.enabled && self.log.samples.len().is_multiple_of(MESSAGE_INTERVAL) {
             match self.controller.keep() {
                 Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => return self.record_loss(),
@@ -145,15 +156,32 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             object,
             contacts: self.plant.contacts(),
             joints: truth.positions,
-            target_forces: self.target_forces,
+            estimates: self.estimates,
             target: self.trajectory.at(time),
         });
+    }
+
+    /// Reads the tared force sensors, as the controller has them.
+    fn read_forces(&mut self) -> Result<(), ScenarioError> {
+        if let Some(tips) = self.controller.listen()?.tips {
+            for (sensed, tip) in self.estimates.sensed_forces.iter_mut().zip(&tips.tips) {
+                // The sensor measures the force on the tip; the object has the reaction.
+                *sensed = -Vector3::from(tip.force).map(f64::from);
+            }
+        }
+        Ok(())
     }
 
     /// Reads the controller's telemetry.
     fn read_telemetry(&mut self) -> Result<(), ScenarioError> {
         let grasp = self.controller.read_grasp()?;
-        self.target_forces = grasp.target_forces.map(|force| Vector3::from(force).map(f64::from));
+        let estimates = &mut self.estimates;
+        estimates.target_forces = grasp.target_forces.map(|force| Vector3::from(force).map(f64::from));
+        estimates.position = Vector3::from(grasp.position).map(f64::from);
+        let [x, y, z, w] = grasp.orientation.map(f64::from);
+        estimates.orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let [x, y, z, ..] = grasp.load.map(f64::from);
+        estimates.load = Vector3::new(x, y, z);
         self.log.friction = f64::from(grasp.friction);
         if grasp.phase != self.phase {
             self.phase = grasp.phase;
@@ -219,15 +247,26 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
     /// Commands a displacement [m] and a rotation vector [rad] of the object relative to where it was
     /// grasped. Returns when the motion begins [s].
     pub fn move_object(&mut self, translation: [f64; 3], rotation: [f64; 3]) -> Result<f64, ScenarioError> {
+        self.move_object_within(MOVE, translation, rotation)
+    }
+
+    /// The same, within `duration` [s].
+    pub fn move_object_within(
+        &mut self,
+        duration: f64,
+        translation: [f64; 3],
+        rotation: [f64; 3],
+    ) -> Result<f64, ScenarioError> {
         let begin = self.log.now();
         self.trajectory = ObjectTrajectory {
             from: self.trajectory.at(begin),
             to: [translation.into(), rotation.into()],
             begin,
+            duration,
         };
         let single = |values: [f64; 3]| values.map(|value| value as f32);
         let (translation, rotation) = (single(translation), single(rotation));
-        self.send("move", GraspCommand::Move { translation, rotation, duration: MOVE as f32 })?;
+        self.send("move", GraspCommand::Move { translation, rotation, duration: duration as f32 })?;
         Ok(begin)
     }
 
@@ -243,7 +282,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
     /// Makes the target of the object unknown from now on.
     pub fn clear_target(&mut self) {
         let unknown = [Vector3::repeat(f64::NAN); 2];
-        self.trajectory = ObjectTrajectory { from: unknown, to: unknown, begin: 0.0 };
+        self.trajectory = ObjectTrajectory { from: unknown, to: unknown, begin: 0.0, duration: MOVE };
     }
 
     /// Writes a line into the recording.
@@ -253,6 +292,9 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
 
     /// Switches the hand off and returns the log.
     pub fn end(self) -> Result<GraspLog, ScenarioError> {
+        if self.records_forces {
+            self.controller.set_rate(Stream::Tips, 0)?;
+        }
         self.controller.disable()?;
         Ok(self.log)
     }

@@ -13,8 +13,8 @@ use crate::protocol::{Mode, Refusal, Reply, Request};
 use crate::robot::Concerns;
 use crate::robot::LimitRefusal;
 use crate::task::grasping::{
-    Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan,
-    ObjectControl, Phase, PlanField, PlannedContact,
+    Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, JointTargets,
+    LoadSource, ObjectControl, ObjectFrame, Phase, PlanField, PlannedContact,
 };
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
@@ -77,6 +77,9 @@ pub fn in_front() -> GraspPlan {
         force_limit: 4.0,
         feedback: true,
         control: ObjectControl::Differential(ServoMode::Pid),
+        object_frame: ObjectFrame::Rolling,
+        load: LoadSource::Measured,
+        joint_targets: JointTargets::ClosedForm,
     }
 }
 
@@ -263,6 +266,80 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     assert_eq!(seen(&mut bench).phase, Phase::Open);
     bench.tick();
     assert_eq!(seen(&mut bench).phase, Phase::Open);
+}
+
+/// Center of a tip by the angles of its finger, from its root [mm] (Hand3 section 3.2, in closed form).
+fn center([swing, bend, curl]: [f32; 3]) -> [f32; 3] {
+    let r = 46.0 * bend.sin() + 51.78 * (bend + curl).sin();
+    [r * swing.cos(), r * swing.sin(), 39.0 + 46.0 * bend.cos() + 51.78 * (bend + curl).cos()]
+}
+
+/// The sum of the joints' changes moves the tips, which are points here, as far as the object: 2, 1 and 3 mm.
+#[test]
+#[allow(clippy::disallowed_methods, reason = "the independent formula")]
+fn accumulated_joint_targets_move_the_tips_with_the_object() {
+    let mut model = hand();
+    model.chains.iter_mut().for_each(|chain| chain.tip_radius = 0.0);
+    let mut bench = untared_hand();
+    assert_eq!(bench.push(&model), Reply::Done);
+    bench.tick();
+    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    bench.tick();
+    // Without the 8 mm of the tips.
+    let mut contacts = in_front().contacts;
+    contacts.iter_mut().for_each(|contact| contact.position[0] -= 0.008 * contact.normal[0]);
+    let plan = GraspPlan {
+        contacts,
+        internal: InternalForce::Normal { strength: 1.0 },
+        feedback: false,
+        object_frame: ObjectFrame::Triangle,
+        joint_targets: JointTargets::Accumulated,
+        ..in_front()
+    };
+    assert_eq!(bench.ask(grasp(plan)), Reply::Done);
+    // A joint that follows its reference exactly, and an object that presses on a tip with 1 N once it is touched.
+    let run = |bench: &mut Bench, ticks: u32| {
+        for tick in 0..ticks {
+            let phase = seen(bench).phase;
+            let references = bench.node.state.references;
+            for (count, reference) in bench.sensors.encoders.iter_mut().zip(&references) {
+                *count = (reference.position * COUNTS_PER_RADIAN).round() as i32;
+            }
+            let presses = if phase == Phase::Approach { 0.0 } else { 1000.0 };
+            for finger in 0..3 {
+                let angle = references[3 * finger + 1].position + references[3 * finger + 2].position;
+                let push = if finger == 2 { presses } else { -presses };
+                // Noise of a count: a sensor that never changes is dead.
+                let noise = (tick % 2) as i32;
+                bench.sensors.forces[finger][0] = (push * angle.cos()) as i32 + noise;
+                bench.sensors.forces[finger][2] = (push * angle.sin()) as i32;
+            }
+            bench.tick();
+            assert_eq!(bench.ask(KEEP), Reply::Done, "{phase}");
+        }
+    };
+    for _ in 0..100 {
+        run(&mut bench, 10);
+        if seen(&mut bench).phase == Phase::Hold {
+            break;
+        }
+    }
+    assert_eq!(seen(&mut bench).phase, Phase::Hold);
+    let fingers = |bench: &Bench| {
+        let angle = |joint: usize| bench.node.state.references[joint].position;
+        [0, 3, 6].map(|first| center([angle(first), angle(first + 1), angle(first + 2)]))
+    };
+    let before = fingers(&bench);
+    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0; 3]);
+    assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
+    run(&mut bench, 110);
+    for (before, after) in before.into_iter().zip(fingers(&bench)) {
+        for axis in 0..3 {
+            let moved = after[axis] - before[axis];
+            assert!((moved - 1e3 * translation[axis]).abs() < 0.03, "{axis}: {moved} mm");
+        }
+    }
 }
 
 #[test]

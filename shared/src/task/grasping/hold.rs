@@ -1,10 +1,10 @@
 //! Fingers that hold an object: its pose, the contact forces, and the joints' set-points and torques.
 
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 
 use super::forces::{ForceInputs, Forces, GripForces, grasp_map};
-use super::plan::{GraspPlan, ObjectControl};
-use super::pose::PoseTrajectoryPoint;
+use super::plan::{GraspPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame};
+use super::pose::{PoseTrajectoryPoint, twist_between};
 use super::state::Fingers;
 use super::tracker::TipMotion;
 use super::tuning::TORQUE_FRACTION;
@@ -30,7 +30,7 @@ impl GraspState {
     ) -> Result<HandOutput, GraspFault> {
         let mut contacts: PerFinger<FingerContact> =
             fingers.postures.map(|posture| (posture.jacobian(), Vector3::zeros()));
-        let object = self.track_object(&contacts, senses, fingers)?;
+        let object = self.track_object(plan, &contacts, senses, fingers)?;
         let (levers, normals) = self.tracker.contacts(&object, &fingers.radii);
         for ((_, lever), normal, radius) in zip((&mut contacts, &normals, fingers.radii)) {
             *lever = normal * radius;
@@ -50,11 +50,16 @@ impl GraspState {
         if self.phase == Phase::Open {
             grip.internal.iter_mut().for_each(|force| *force *= self.grip_fraction);
         }
+        let previous = match plan.joint_targets {
+            JointTargets::ClosedForm => None,
+            JointTargets::Accumulated => Some(self.trajectory.point().frame),
+        };
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
         let mut output =
             HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
-        if let Err(finger) = self.follow(hand, &three, &levers, &target, &mut output) {
+        let step = previous.map(|previous| twist_between(&previous, &target.frame));
+        if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
             // The motion ends; the grip stays.
             self.trajectory.stop();
             self.fail(Failure::OutOfReach { finger }, Phase::Hold);
@@ -65,6 +70,7 @@ impl GraspState {
     /// Estimates the object's pose from the motion of the fingertips since the last tick.
     fn track_object(
         &mut self,
+        plan: &GraspPlan,
         contacts: &PerFinger<FingerContact>,
         senses: &PerFinger<FingerSense<'_>>,
         fingers: &Fingers<'_>,
@@ -74,7 +80,12 @@ impl GraspState {
             let change = Vector3::from(sense.angles) - Vector3::from(*previous);
             tip.rotation = jacobian.fixed_view::<3, 3>(3, 0) * change;
         }
-        self.tracker.update(&tips, &fingers.radii).map_err(|_| GraspFault::NoFrame)
+        let radii = match plan.object_frame {
+            ObjectFrame::Rolling => fingers.radii,
+            // Points do not roll.
+            ObjectFrame::Triangle => [0.0; 3],
+        };
+        self.tracker.update(&tips, &radii).map_err(|_| GraspFault::NoFrame)
     }
 
     fn force_inputs<'a>(
@@ -86,6 +97,7 @@ impl GraspState {
         three: &'a ThreeFingers,
         torque_limits: PerFinger<[f32; 3]>,
     ) -> ForceInputs<'a> {
+        let is_held = matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower);
         ForceInputs {
             map,
             measured: &fingers.forces,
@@ -93,7 +105,14 @@ impl GraspState {
             internal: plan.internal,
             // A finger that slides would wind the integrator up.
             feedback: plan.feedback && self.phase != Phase::ProbeFriction,
-            is_held: matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower),
+            is_held,
+            known_load: match plan.load {
+                LoadSource::Constant { mass } if is_held => {
+                    let [x, y, z]: [f32; 3] = (-hand.gravity * mass).into();
+                    Some(Vector6::new(x, y, z, 0.0, 0.0, 0.0))
+                }
+                _ => None,
+            },
             is_lifted: self.is_lifted(hand),
             in_motion: !(self.phase == Phase::Hold && self.trajectory.is_done()),
             three,
@@ -121,8 +140,9 @@ impl GraspState {
                 Actuation::Servo
             }
             ObjectControl::Wrench(gains) => {
+                let weight = inputs.known_load.unwrap_or_else(|| self.forces.weight());
                 let control = wrench(gains, &mut self.integral, object, target);
-                if let Ok(load) = inverse.forces(&(self.forces.weight() + control)) {
+                if let Ok(load) = inverse.forces(&(weight + control)) {
                     forces.iter_mut().zip(&load).for_each(|(force, load)| *force += load);
                 }
                 Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
@@ -131,8 +151,8 @@ impl GraspState {
         (forces, actuation)
     }
 
-    /// Set-points of joints that follow the object (Hand3 eq. 22 to 25), with positions by the closed-form
-    /// inverse kinematics, so that they do not drift.
+    /// Set-points of joints that follow the object (Hand3 eq. 22 to 25). Their angles are the sum of the changes for
+    /// a `step` of the object [m, rad], or by the closed-form inverse kinematics, so that they do not drift.
     ///
     /// # Errors
     /// The finger that cannot follow.
@@ -142,6 +162,7 @@ impl GraspState {
         three: &ThreeFingers,
         levers: &PerFinger<Vector3<f32>>,
         target: &PoseTrajectoryPoint,
+        step: Option<&Vector6<f32>>,
         output: &mut HandOutput,
     ) -> Result<(), u8> {
         let (mut velocities, mut accelerations) = ([Vector3::zeros(); 3], [Vector3::zeros(); 3]);
@@ -149,6 +170,10 @@ impl GraspState {
             velocities = three.joint_velocities(levers, &target.twist).map_err(|error| error.finger)?;
             accelerations =
                 three.joint_velocities(levers, &target.acceleration).map_err(|error| error.finger)?;
+        }
+        let mut changes = None;
+        if let Some(step) = step {
+            changes = Some(three.joint_velocities(levers, step).map_err(|error| error.finger)?);
         }
         // The measured centers in the object leave the distances between the fingertips to force control.
         // While probing and opening, the anchors hold them.
@@ -160,8 +185,13 @@ impl GraspState {
         let fingers =
             zip((0.., &hand.fingers, centers, &mut self.reference, output.points.iter_mut().zip(motions)));
         for (index, finger, center, reference, (points, (velocities, accelerations))) in fingers {
-            let center = target.frame.transform_point(&(*center).into()).coords;
-            *reference = finger.inverse.nearest(&center, reference).map_err(|_| index)?;
+            let change = changes.as_ref().and_then(|changes| changes.get(usize::from(index)));
+            *reference = if let Some(change) = change {
+                (Vector3::from(*reference) + change).into()
+            } else {
+                let center = target.frame.transform_point(&(*center).into()).coords;
+                finger.inverse.nearest(&center, reference).map_err(|_| index)?
+            };
             for (point, &position, &velocity, &acceleration) in
                 zip((points, &*reference, velocities, accelerations))
             {

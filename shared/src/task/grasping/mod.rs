@@ -44,8 +44,8 @@ mod plan_tests;
 pub use hand::{FingerSense, Hand, HandFinger, HandOutput};
 pub use phase::{Failure, GraspFault, GraspRefusal, GraspTelemetry, Phase};
 pub use plan::{
-    GraspCommand, GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlanField, PlannedContact,
-    WrenchGains,
+    GraspCommand, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl,
+    ObjectFrame, PlanField, PlannedContact, WrenchGains,
 };
 pub use pose::Frame;
 pub use state::GraspState;

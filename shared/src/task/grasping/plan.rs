@@ -26,6 +26,12 @@ pub struct GraspPlan {
     pub feedback: bool,
     /// Control of the object's pose.
     pub control: ObjectControl,
+    /// Estimate of the object's pose.
+    pub object_frame: ObjectFrame,
+    /// What the load on the fingers is taken to be.
+    pub load: LoadSource,
+    /// Joint angles of [`ObjectControl::Differential`].
+    pub joint_targets: JointTargets,
 }
 
 /// The contact of a finger, as planned.
@@ -73,7 +79,42 @@ pub enum ObjectControl {
     Wrench(WrenchGains),
 }
 
-/// Gains of [`ObjectControl::Wrench`].
+/// Estimate of an object's pose from the fingertips' triangle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ObjectFrame {
+    /// 0: corrected for round tips that roll on the object.
+    #[default]
+    Rolling,
+    /// 1: the frame of the triangle itself (Hand3 section 5.1), as if the tips were points of the object.
+    Triangle,
+}
+
+/// What the load on the fingers, `F_o` of (Hand3 eq. 19), is taken to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
+pub enum LoadSource {
+    /// 0: what the force sensors measure.
+    #[default]
+    Measured,
+    /// 1: the weight of a known mass at the origin of the object frame, whatever the sensors say. The least grip, and
+    /// the search for a support, go by the sensors all the same.
+    Constant {
+        /// [kg]
+        mass: f32,
+    },
+}
+
+/// How [`ObjectControl::Differential`] finds the joints' angles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum JointTargets {
+    /// 0: by the closed-form inverse kinematics of the fingertips' positions, which do not drift.
+    #[default]
+    ClosedForm,
+    /// 1: as the sum of their changes in each tick (Hand3 eq. 23 to 25).
+    Accumulated,
+}
+
+/// Gains of [`ObjectControl::Wrench`]. With all of them 0 the joint torques are those of the contact forces alone,
+/// `τ = (D_F J_F)ᵀ f_c` (Hand3 eq. 16, section 6.1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct WrenchGains {
     /// Proportional and integral gain of the position [N/m, N/(m·s)].
@@ -157,6 +198,8 @@ pub enum PlanField {
     Strength,
     /// 7
     Gain,
+    /// 8
+    Mass,
 }
 
 impl PlanField {
@@ -171,6 +214,7 @@ impl PlanField {
             Self::Capacity => ("minimum tangential capacity", "N"),
             Self::Strength => ("internal force", "N"),
             Self::Gain => ("gain", ""),
+            Self::Mass => ("mass of the object", "kg"),
         }
     }
 }

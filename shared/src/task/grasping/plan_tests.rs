@@ -18,6 +18,9 @@ fn plan() -> GraspPlan {
         force_limit: 9.0,
         feedback: true,
         control: ObjectControl::Differential(ServoMode::Observer),
+        object_frame: ObjectFrame::Rolling,
+        load: LoadSource::Measured,
+        joint_targets: JointTargets::ClosedForm,
     }
 }
 
@@ -65,6 +68,8 @@ fn values_outside_their_range_are_refused_with_field_and_range() {
         (|p| p.touch_force = 5.0, PlanField::TouchForce, 5.0, 0.02, 4.5),
         (|p| p.friction = Some(0.0), PlanField::Friction, 0.0, 0.05, 3.0),
         (|p| p.friction = Some(f32::INFINITY), PlanField::Friction, f32::INFINITY, 0.05, 3.0),
+        (|p| p.load = LoadSource::Constant { mass: 5.5 }, PlanField::Mass, 5.5, 0.0, 5.0),
+        (|p| p.load = LoadSource::Constant { mass: -0.1 }, PlanField::Mass, -0.1, 0.0, 5.0),
         (|p| p.internal = least_grip(1.0, 0.3, 1.0), PlanField::Margin, 1.0, 0.0, 0.9),
         (|p| p.internal = least_grip(0.2, -0.5, 1.0), PlanField::Capacity, -0.5, 0.0, 9.0),
         (|p| p.internal = least_grip(0.2, 0.5, 0.25), PlanField::Capacity, 0.25, 0.5, 9.0),

@@ -1,7 +1,7 @@
 use nalgebra::{Vector3, Vector6};
 
-use super::plan::{GraspPlan, InternalForce, InvalidPlan, ObjectControl, PlanField};
-use super::tuning::{ASSUMED_FRICTION, NORMAL_TOLERANCE};
+use super::plan::{GraspPlan, InternalForce, InvalidPlan, LoadSource, ObjectControl, PlanField};
+use super::tuning::{ASSUMED_FRICTION, MAX_MASS, NORMAL_TOLERANCE};
 use crate::grasp::{
     Contact, GraspMap, GraspMapError, GripError, GripState, InvalidContact, LeastGrip, NormalGripError,
 };
@@ -30,6 +30,9 @@ impl GraspPlan {
         };
         for strength in strengths {
             within(PlanField::Strength, strength, 0.0, self.force_limit)?;
+        }
+        if let LoadSource::Constant { mass } = self.load {
+            within(PlanField::Mass, mass, 0.0, MAX_MASS)?;
         }
         if let ObjectControl::Wrench(gains) = self.control {
             let [p, i] = gains.position;

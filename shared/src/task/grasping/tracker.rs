@@ -214,6 +214,21 @@ mod tests {
         assert!((rotation - Vector3::new(0.0, 0.05, 0.0)).norm() < 1e-4, "{rotation}");
     }
 
+    /// As points, those tips would rotate the object: their triangle pitches by atan(2·1.6 mm / 114 mm).
+    #[test]
+    fn the_triangle_of_points_rotates_with_tips_that_roll() {
+        let mut tracker = Tracker::begin(&tips(), &normals()).unwrap();
+        let before = tracker.object.isometry();
+        let [one, two, three] = tips();
+        let up = Vector3::z() * 0.0016;
+        let rotation = Vector3::new(0.0, 0.2, 0.0);
+        let motions = [one + up, two + up, three - up].map(|center| TipMotion { center, rotation });
+        let object = tracker.update(&motions, &[0.0; 3]).unwrap();
+        let turned =
+            math::rotation_vector(&(object.rotation.matrix() * before.rotation.matrix().transpose()));
+        assert!((turned - Vector3::new(0.0, 0.028_063, 0.0)).norm() < 1e-5, "{turned}");
+    }
+
     #[test]
     fn a_tip_that_slides_has_an_anchor_error() {
         let mut tracker = Tracker::begin(&tips(), &normals()).unwrap();

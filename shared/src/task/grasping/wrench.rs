@@ -29,3 +29,36 @@ pub(super) fn wrench(
     let [force, moment] = wrench;
     Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Translation3};
+
+    use super::*;
+
+    /// 2 mm and 0.02 rad off for three ticks: −(1000·2e-3 + 3·500·0.01·2e-3) N, −(20·0.02 + 3·10·0.01·0.02) N·m; and
+    /// with gains of 0 the contact forces are all that there is.
+    #[test]
+    fn the_wrench_is_proportional_and_integral() {
+        let target = IsometryMatrix3::identity();
+        let rotation = math::rotation_matrix(&Vector3::new(0.0, 0.02, 0.0));
+        let object = IsometryMatrix3::from_parts(
+            Translation3::new(2e-3, 0.0, 0.0),
+            Rotation3::from_matrix_unchecked(rotation),
+        );
+        let gains =
+            |position, orientation| WrenchGains { position, orientation, damping: 0.0, compensated: false };
+        let after_three = |gains: &WrenchGains| {
+            let mut integral = [0.0; 6];
+            let _ = (
+                wrench(gains, &mut integral, &object, &target),
+                wrench(gains, &mut integral, &object, &target),
+            );
+            wrench(gains, &mut integral, &object, &target)
+        };
+        let found = after_three(&gains([1000.0, 500.0], [20.0, 10.0]));
+        let expected = Vector6::new(-2.03, 0.0, 0.0, 0.0, -0.406, 0.0);
+        assert!((found - expected).norm() < 1e-5, "{found}");
+        assert_eq!(after_three(&gains([0.0; 2], [0.0; 2])).norm(), 0.0);
+    }
+}

@@ -327,6 +327,8 @@ pub enum Servo {
     Pid,
     /// State feedback with an observer of velocity and disturbance
     Observer,
+    /// PID alone, without anything of the model
+    BarePid,
 }
 
 impl From<Servo> for ServoMode {
@@ -334,6 +336,7 @@ impl From<Servo> for ServoMode {
         match servo {
             Servo::Pid => Self::Pid,
             Servo::Observer => Self::Observer,
+            Servo::BarePid => Self::BarePid,
         }
     }
 }

@@ -64,12 +64,8 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
         findings.extend(toml_files(&path.join(impedance::FOLDER), |file, text| {
             impedance::check(file, text, &folder.model).1
         })?);
-        // An arm's laws; those of a hand are others.
-        if folder.model.chains.len() == 1 {
-            findings.extend(toml_files(&path.join(law::FOLDER), |file, text| {
-                law::arm::check(file, text, &folder.model).1
-            })?);
-        }
+        findings
+            .extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, &folder.model))?);
     }
     Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
 }

@@ -7,7 +7,9 @@ mod seeds;
 use tesaki::control::{Coupling, ImpedanceAxes, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::protocol::{Item, Request, RequestFrame};
-use tesaki::task::grasping::{GraspCommand, GraspPlan, InternalForce, ObjectControl, WrenchGains};
+use tesaki::task::grasping::{
+    GraspCommand, GraspPlan, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame, WrenchGains,
+};
 use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceCommand, ImpedanceSettings, Law, Redundancy};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
@@ -233,7 +235,7 @@ fn plan(input: &mut Input<'_>) -> GraspPlan {
         _ => plan.internal,
     };
     plan.control = match what >> 6 {
-        0 => ObjectControl::Differential(ServoMode::Pid),
+        0 => ObjectControl::Differential(if what & 2 == 0 { ServoMode::Pid } else { ServoMode::BarePid }),
         1 => ObjectControl::Wrench(WrenchGains {
             position: [input.number(1.0), input.number(5.0)],
             orientation: [input.number(0.01), input.number(0.01)],
@@ -242,6 +244,11 @@ fn plan(input: &mut Input<'_>) -> GraspPlan {
         }),
         _ => plan.control,
     };
+    if what & 4 != 0 {
+        plan.object_frame = ObjectFrame::Triangle;
+        plan.load = LoadSource::Constant { mass: 0.02 + input.number(1e-3) };
+        plan.joint_targets = JointTargets::Accumulated;
+    }
     let contact = &mut plan.contacts[input.below(3)];
     let (position, normal) = (input.axes(1e-4), input.axes(0.005));
     for axis in 0..3 {

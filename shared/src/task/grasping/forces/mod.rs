@@ -68,6 +68,8 @@ pub(super) struct ForceInputs<'a> {
     pub feedback: bool,
     /// Whether the fingers hold the object. Before and after, they press on an object on its support.
     pub is_held: bool,
+    /// The load where it is not measured [N, N·m].
+    pub known_load: Option<Vector6<f32>>,
     /// Whether nothing else carries the object. Internal forces between fingers and a support look like a
     /// load; a grip that followed them would grow without bound.
     pub is_lifted: bool,
@@ -124,7 +126,7 @@ impl Forces {
     ) -> GripForces {
         let contacts = inputs.map.contacts();
         let mut load = [Vector3::zeros(); 3];
-        if let Ok(forces) = inverse.forces(&self.load.into()) {
+        if let Ok(forces) = inverse.forces(&inputs.known_load.unwrap_or_else(|| self.load.into())) {
             load.iter_mut().zip(&forces).for_each(|(load, force)| *load = *force);
         }
         let load_torques = inputs.three.torques(&load);

@@ -40,6 +40,7 @@ fn with_inputs<T>(
         internal: InternalForce::LeastGrip { margin: 0.2, capacity_at_rest: 0.22, capacity_in_motion: 0.6 },
         feedback: true,
         is_held: true,
+        known_load: None,
         is_lifted: true,
         in_motion: false,
         three: &ThreeFingers::new(&[(jacobian, Vector3::zeros()); 3]),
@@ -223,4 +224,30 @@ fn dither_decays_to_zero_and_has_zero_mean() {
         let mean = values.iter().sum::<f32>() / f32::from(ticks);
         assert!(mean.abs() < 0.02, "{mean}");
     }
+}
+
+/// The force that the Hand3 paper commands to finger 1 (section 6.1) is that of 2 N along the x axis of a box pitched by
+/// 0.769 rad, and a third of the weight of 23 g: (1.48, 0, −1.34) N. The paper's pitch and forces are rounded.
+#[test]
+fn a_known_load_makes_the_force_that_the_paper_commands() {
+    let rotation = crate::math::rotation_matrix(&Vector3::new(0.0, 0.769, 0.0));
+    let centroid = Vector3::new(-0.049 / 3.0, 0.0, 0.0);
+    let at = |x, y, normal: f32| {
+        let position = rotation * (Vector3::new(x, y, 0.0) - centroid);
+        Contact::try_new(position, rotation * Vector3::x() * normal, 0.6, 9.0).unwrap()
+    };
+    let contacts = [at(-0.049, 0.04, 1.0), at(-0.049, -0.04, 1.0), at(0.049, 0.0, -1.0)];
+    let map = GraspMap::try_new(&contacts, Vector3::zeros()).unwrap();
+    let weight = 0.023 * 6.9367;
+    let target = with_inputs(1.0, &pressing(0.0, 9.0), |inputs| {
+        let known_load = Some(Vector6::new(weight, 0.0, weight, 0.0, 0.0, 0.0));
+        let internal = InternalForce::Normal { strength: 4.0 };
+        let inputs = ForceInputs { map: &map, internal, known_load, feedback: false, ..*inputs };
+        let mut forces = Forces::new(0.6);
+        // What the sensors measure, 9 N of weight, does not count.
+        forces.update_estimates(&inputs);
+        forces.solve_grip(&inputs, &map.inverse(), 1.0, &[Vector3::zeros(); 3]);
+        Vector3::from(forces.target[0])
+    });
+    assert!((target - Vector3::new(1.48, 0.0, -1.34)).amax() < 0.011, "{target}");
 }

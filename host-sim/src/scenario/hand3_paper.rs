@@ -1,0 +1,123 @@
+//! The experiments of the Hand3 paper as printed, under several laws side by side on one machine.
+
+mod curve;
+mod force;
+mod motion;
+mod step;
+mod weights;
+
+use std::ops::Range;
+
+use tesaki::model::RobotModel;
+use tesaki_description::law::hand::{self, HandLaw, ObjectLaw};
+
+use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject};
+use super::{Scenario, ScenarioError, Setting};
+use crate::report::{Metric, Summary};
+
+pub(super) const FORCE: Scenario = force::SCENARIO;
+pub(super) const MOTION: Scenario = motion::SCENARIO;
+
+/// The laws that are compared when nothing else is asked for.
+const LAWS: &[&str] = &["paper", "tesaki"];
+
+/// A law of the run.
+struct Law {
+    /// For people.
+    name: String,
+    /// For the names of metrics and files.
+    key: String,
+    law: HandLaw,
+    /// The robot with the gains of the law.
+    model: RobotModel,
+}
+
+/// The laws of the run.
+fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, ScenarioError> {
+    let read = |file: &crate::law::LawFile| {
+        let key = file.name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect();
+        let law = hand::load(&file.path, model)?;
+        let mut model = model.clone();
+        law.servo.apply(&mut model);
+        Ok(Law { name: file.name.clone(), key, law, model })
+    };
+    setting.laws.iter().map(read).collect()
+}
+
+impl Law {
+    /// What the controller is told of a machine whose joints have the Coulomb friction `coulomb` [N·m], but for what
+    /// one machine differs from another.
+    fn model(&self, coulomb: f64) -> RobotModel {
+        let mut model = self.model.clone();
+        model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = coulomb as f32);
+        model
+    }
+}
+
+/// Grasps the box as a law says of this experiment, on joints with the Coulomb friction `coulomb` [N·m], and removes the support.
+fn hold_box<'a, 'b>(
+    setting: &'a mut Setting<'_, 'b>,
+    rig: &'a mut GraspRig,
+    label: &str,
+    (law, object): (&Law, &ObjectLaw),
+    coulomb: f64,
+) -> Result<GraspTrial<'a, 'b>, ScenarioError> {
+    rig.robot.model = law.model(coulomb);
+    let held = GraspedObject {
+        change: &|grasp| object.apply(&mut grasp.plan),
+        coulomb: Some(coulomb),
+        records_forces: true,
+        ..GraspedObject::new(label, "box")
+    };
+    GraspTrial::without_support(setting, rig, &held)
+}
+
+/// Adds the metrics of a law; those that a lost box leaves unknown are left out.
+struct Metrics<'a> {
+    summary: &'a mut Summary,
+    law: &'a Law,
+    lost: Option<String>,
+}
+
+impl<'a> Metrics<'a> {
+    /// Those of a part of the experiments, with whether the box was lost in it.
+    fn new(summary: &'a mut Summary, law: &'a Law, part: &str, log: &GraspLog) -> Self {
+        let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
+        let mut metrics = Self { summary, law, lost };
+        let value = f64::from(u8::from(log.lost.is_some()));
+        metrics.add(&format!("{part}_lost"), &format!("{part}: the box was lost"), value, "", "");
+        metrics
+    }
+
+    fn add(&mut self, key: &str, text: &str, value: f64, unit: &str, paper: &str) {
+        if !value.is_finite() {
+            return;
+        }
+        let mut metric = Metric::reported(format!("{}: {text}", self.law.name), value, unit);
+        metric.paper = (!paper.is_empty()).then(|| paper.to_owned());
+        metric.note.clone_from(&self.lost);
+        self.summary.insert(format!("{}_{key}", self.law.key), metric);
+    }
+}
+
+/// Compares the errors of the first law with those of the others: how many times as large they are.
+fn compare(summary: &mut Summary, laws: &[Law], key: &str, text: &str, errors: &[f64]) {
+    let mut laws = laws.iter().zip(errors);
+    let Some((first, first_error)) = laws.next() else { return };
+    for (other, error) in laws {
+        let factor = first_error / error;
+        if factor.is_finite() {
+            let text = format!("{text}: {} over {}", first.name, other.name);
+            summary.insert(
+                format!("{}_over_{}_{key}", first.key, other.key),
+                Metric::reported(text, factor, ""),
+            );
+        }
+    }
+}
+
+/// Mean of a value over a time span; NaN if it was not recorded to its end.
+fn mean(log: &GraspLog, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) -> f64 {
+    let samples = log.during(span);
+    samples.iter().map(value).sum::<f64>() / samples.len() as f64
+}

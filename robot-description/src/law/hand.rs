@@ -1,0 +1,477 @@
+//! Laws of a hand: its joint servo, how it holds an object, and the experiments of the Hand3 paper.
+//!
+//! ```toml
+//! about = "what the law is"
+//!
+//! [servo]                         # Hand3 section 4, figure 6: every joint steps
+//! mode = "bare_pid"               # or "pid", "observer"
+//! pid = { proportional = 400.0, integral = 4000.0, derivative = 75.0, cutoff = 30.0 } # else that of controller.toml
+//! following_error = 1.0           # rad, at which a joint is too far from its target; else that of controller.toml
+//! step = 0.3                      # rad
+//! duration = 3.0                  # s
+//!
+//! [grasp]                         # what holds for all experiments with an object, unless they say otherwise
+//! control = "observer"            # as in grasp files, and so for the next five
+//! object_frame = "rolling"
+//! load = "measured"
+//! joint_targets = "closed_form"
+//! internal = { normal = { strength = 4.0 } }
+//! feedback = true
+//!
+//! [force]                         # section 6.1, figure 11: the box is held
+//! hold = 4.0                      # s
+//! evaluated = 2.0                 # s, at its end
+//! coulomb = [0.0, 0.04, 0.08]     # N·m, of the joints, for the curve of the force over the friction
+//!
+//! [weights]                       # section 6.2, figure 12: weights are put on
+//! masses = [0.05, 0.1, 0.2, 0.3]  # kg
+//! cumulative = false              # else one in place of the other
+//! ramp = 0.3                      # s
+//! interval = 2.0                  # s
+//!
+//! [motion]                        # section 7, figures 14 and 15: the box is turned about y, then shifted along x
+//! turns = [0.1, -0.1, -0.1, 0.1]  # rad
+//! shifts = [0.01, -0.01]          # m
+//! duration = 1.0                  # s, of each motion
+//! rest = 2.5                      # s, after each
+//!
+//! [joint_control]                 # section 5.5: the same by joint angles
+//! # as [motion]
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tesaki::control::ServoMode;
+use tesaki::model::{PidGains, RobotModel};
+use tesaki::task::grasping::{
+    FINGERS, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame,
+    PlanField, PlannedContact,
+};
+
+use crate::file::{self, read_text};
+use crate::finding::{Finding, Report};
+use crate::grasp::{Control, FrameName, Internal, LoadName, TargetsName};
+use crate::line::line_of;
+use crate::urdf;
+
+/// What to do about a key that cannot be read.
+const ADVICE: &str = "correct it; robots/hand3/laws/paper.toml is an example";
+/// Longest time of a part of an experiment [s].
+const MAX_TIME: f64 = 60.0;
+
+/// A law of a hand, and the experiments with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandLaw {
+    /// What it is, in a sentence.
+    pub about: String,
+    /// The joint servo, and the step that its joints make.
+    pub servo: ServoExperiment,
+    /// The object is held with a given force.
+    pub force: ForceExperiment,
+    /// Weights are put on the object.
+    pub weights: WeightsExperiment,
+    /// The object is turned and shifted.
+    pub motion: MotionExperiment,
+    /// The same by joint angles.
+    pub joint_control: MotionExperiment,
+}
+
+/// How a hand holds an object: what a law says of a [`GraspPlan`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectLaw {
+    /// Control of the object's pose.
+    pub control: ObjectControl,
+    /// Estimate of the object's pose.
+    pub object_frame: ObjectFrame,
+    /// What the load is taken to be.
+    pub load: LoadSource,
+    /// Joint angles.
+    pub joint_targets: JointTargets,
+    /// Internal forces.
+    pub internal: InternalForce,
+    /// Whether the force sensors correct them.
+    pub feedback: bool,
+}
+
+impl ObjectLaw {
+    /// Sets `plan` to this law; contacts and limits stay.
+    pub const fn apply(&self, plan: &mut GraspPlan) {
+        plan.control = self.control;
+        plan.object_frame = self.object_frame;
+        plan.load = self.load;
+        plan.joint_targets = self.joint_targets;
+        plan.internal = self.internal;
+        plan.feedback = self.feedback;
+    }
+}
+
+/// A step of all joints at once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ServoExperiment {
+    /// Feedback law.
+    pub mode: ServoMode,
+    /// Gains per inertia [1/s², 1/s³, 1/s, rad/s]; `None`: those of the robot.
+    pub pid: Option<PidGains>,
+    /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
+    pub following_error: Option<f32>,
+    /// Angle [rad].
+    pub step: f64,
+    /// Time up to the step back, and after it [s].
+    pub duration: f64,
+}
+
+impl ServoExperiment {
+    /// Sets gains and following error of the joints to those of the law.
+    pub fn apply(&self, model: &mut RobotModel) {
+        if let Some(error) = self.following_error {
+            model.joints.iter_mut().for_each(|joint| joint.limits.following_error = error);
+        }
+        let Some(gains) = self.pid else { return };
+        for joint in &mut model.joints {
+            let inertia = joint.servo.observer.inertia;
+            let PidGains { proportional, integral, derivative, cutoff } = gains;
+            joint.servo.pid = PidGains {
+                proportional: proportional * inertia,
+                integral: integral * inertia,
+                derivative: derivative * inertia,
+                cutoff,
+            };
+        }
+    }
+}
+
+/// The object is held with a given force.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceExperiment {
+    /// The law.
+    pub law: ObjectLaw,
+    /// Time [s].
+    pub hold: f64,
+    /// Time at its end that is evaluated [s].
+    pub evaluated: f64,
+    /// Coulomb frictions of the joints for the curve of the force over the friction [N·m].
+    pub coulomb: Vec<f64>,
+}
+
+/// Weights are put on the object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WeightsExperiment {
+    /// The law.
+    pub law: ObjectLaw,
+    /// The weights [kg].
+    pub masses: Vec<f64>,
+    /// Whether those before stay on.
+    pub cumulative: bool,
+    /// Time in which a weight is put on [s].
+    pub ramp: f64,
+    /// Time from one weight to the next [s].
+    pub interval: f64,
+}
+
+/// The object is turned about y, and then shifted along x.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionExperiment {
+    /// The law.
+    pub law: ObjectLaw,
+    /// Each relative to the one before [rad].
+    pub turns: Vec<f64>,
+    /// Each relative to the one before [m].
+    pub shifts: Vec<f64>,
+    /// Time of each [s].
+    pub duration: f64,
+    /// Rest after each [s].
+    pub rest: f64,
+}
+
+/// Why a law cannot be used.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum LawFileError {
+    /// It cannot be read.
+    #[error("cannot read {}: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// What is wrong in it.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
+}
+
+/// The content of a file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    about: String,
+    servo: Servo,
+    grasp: Grasp,
+    force: Force,
+    weights: Weights,
+    motion: Motion,
+    joint_control: Motion,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Servo {
+    mode: Mode,
+    pid: Option<Gains>,
+    following_error: Option<f32>,
+    step: f64,
+    duration: f64,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Mode {
+    Pid,
+    Observer,
+    BarePid,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Gains {
+    proportional: f32,
+    integral: f32,
+    derivative: f32,
+    cutoff: f32,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Grasp {
+    control: Control,
+    object_frame: FrameName,
+    load: LoadName,
+    joint_targets: TargetsName,
+    internal: Internal,
+    feedback: bool,
+}
+
+/// What an experiment says of the grasp otherwise than [`Grasp`]. (Flattened tables cannot refuse unknown keys, so
+/// each experiment has its list.)
+#[derive(Clone, Copy, Debug)]
+struct Own {
+    control: Option<Control>,
+    object_frame: Option<FrameName>,
+    load: Option<LoadName>,
+    joint_targets: Option<TargetsName>,
+    internal: Option<Internal>,
+    feedback: Option<bool>,
+}
+
+/// An experiment's table: its own keys, and those of [`Own`].
+macro_rules! experiment {
+    ($name:ident { $($key:ident: $ty:ty),* $(,)? }) => {
+        #[derive(Clone, Debug, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct $name {
+            $($key: $ty,)*
+            control: Option<Control>,
+            object_frame: Option<FrameName>,
+            load: Option<LoadName>,
+            joint_targets: Option<TargetsName>,
+            internal: Option<Internal>,
+            feedback: Option<bool>,
+        }
+
+        impl $name {
+            const fn own(&self) -> Own {
+                let Self { control, object_frame, load, joint_targets, internal, feedback, .. } = *self;
+                Own { control, object_frame, load, joint_targets, internal, feedback }
+            }
+        }
+    };
+}
+
+experiment!(Force { hold: f64, evaluated: f64, coulomb: Vec<f64> });
+experiment!(Weights { masses: Vec<f64>, cumulative: bool, ramp: f64, interval: f64 });
+experiment!(Motion { turns: Vec<f64>, shifts: Vec<f64>, duration: f64, rest: f64 });
+
+/// Whether the robot is a hand that these laws are for: as many chains as a grasp has fingers.
+pub fn is_for(model: &RobotModel) -> bool {
+    model.chains.len() == FINGERS && model.chains.iter().all(|chain| chain.force_sensor.is_some())
+}
+
+/// The law in a file, for the robot of `model`.
+///
+/// # Errors
+/// The file cannot be read, or what is wrong in it, by line and key.
+pub fn load(path: &Path, model: &RobotModel) -> Result<HandLaw, LawFileError> {
+    let text = read_text(path)
+        .map_err(|error| LawFileError::Read { path: path.to_owned(), reason: error.to_string() })?;
+    let (law, findings) = check(path, &text, model);
+    law.ok_or(LawFileError::Wrong(findings))
+}
+
+/// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.
+pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<HandLaw>, Vec<Finding>) {
+    let mut report = Report::new(path);
+    let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
+        return (None, report.findings);
+    };
+    let law = file.law();
+    for Wrong { section, key, message } in law.problems(model) {
+        let own = line_of(text, &format!("{section}.{key}"));
+        report.dynamics(own.or_else(|| line_of(text, &format!("grasp.{key}"))), message, ADVICE);
+    }
+    let is_good = report.findings.is_empty();
+    (is_good.then_some(law), report.findings)
+}
+
+/// A key, and what is wrong with its value.
+struct Wrong {
+    section: &'static str,
+    key: &'static str,
+    message: String,
+}
+
+impl File {
+    fn law(self) -> HandLaw {
+        let Self { about, servo, grasp, force, weights, motion, joint_control } = self;
+        let moved = |motion: Motion| MotionExperiment {
+            law: grasp.with(motion.own()),
+            turns: motion.turns,
+            shifts: motion.shifts,
+            duration: motion.duration,
+            rest: motion.rest,
+        };
+        HandLaw {
+            about,
+            servo: ServoExperiment {
+                mode: match servo.mode {
+                    Mode::Pid => ServoMode::Pid,
+                    Mode::Observer => ServoMode::Observer,
+                    Mode::BarePid => ServoMode::BarePid,
+                },
+                pid: servo.pid.map(|Gains { proportional, integral, derivative, cutoff }| PidGains {
+                    proportional,
+                    integral,
+                    derivative,
+                    cutoff,
+                }),
+                following_error: servo.following_error,
+                step: servo.step,
+                duration: servo.duration,
+            },
+            force: ForceExperiment {
+                law: grasp.with(force.own()),
+                hold: force.hold,
+                evaluated: force.evaluated,
+                coulomb: force.coulomb,
+            },
+            weights: WeightsExperiment {
+                law: grasp.with(weights.own()),
+                masses: weights.masses,
+                cumulative: weights.cumulative,
+                ramp: weights.ramp,
+                interval: weights.interval,
+            },
+            motion: moved(motion),
+            joint_control: moved(joint_control),
+        }
+    }
+}
+
+impl Grasp {
+    fn with(&self, own: Own) -> ObjectLaw {
+        ObjectLaw {
+            control: own.control.unwrap_or(self.control).into(),
+            object_frame: own.object_frame.unwrap_or(self.object_frame).into(),
+            load: own.load.unwrap_or(self.load).into(),
+            joint_targets: own.joint_targets.unwrap_or(self.joint_targets).into(),
+            internal: own.internal.unwrap_or(self.internal).into(),
+            feedback: own.feedback.unwrap_or(self.feedback),
+        }
+    }
+}
+
+impl HandLaw {
+    fn problems(&self, model: &RobotModel) -> Vec<Wrong> {
+        let mut wrong = Vec::new();
+        let mut within = |section, key, value: f64, [lower, upper]: [f64; 2], unit: &str| {
+            if !(lower..=upper).contains(&value) {
+                let space = if unit.is_empty() { "" } else { " " };
+                let message = format!(
+                    "{section}.{key} is {value}{space}{unit}; the range is {lower} to {upper}{space}{unit}"
+                );
+                wrong.push(Wrong { section, key, message });
+            }
+        };
+        let Self { servo, force, weights, motion, joint_control, .. } = self;
+        within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
+        if let Some(error) = servo.following_error {
+            within("servo", "following_error", error.into(), [0.01, 3.0], "rad");
+        }
+        within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
+        within("force", "hold", force.hold, [0.1, MAX_TIME], "s");
+        within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");
+        within("force", "coulomb", force.coulomb.len() as f64, [0.0, 32.0], "values");
+        force.coulomb.iter().for_each(|&value| within("force", "coulomb", value, [0.0, 1.0], "N·m"));
+        within("weights", "masses", weights.masses.len() as f64, [1.0, 16.0], "values");
+        weights.masses.iter().for_each(|&value| within("weights", "masses", value, [0.001, 5.0], "kg"));
+        within("weights", "ramp", weights.ramp, [0.01, MAX_TIME], "s");
+        within("weights", "interval", weights.interval, [weights.ramp, MAX_TIME], "s");
+        for (section, motion) in [("motion", motion), ("joint_control", joint_control)] {
+            within(section, "turns", motion.turns.len() as f64, [0.0, 16.0], "values");
+            motion.turns.iter().for_each(|turn| within(section, "turns", turn.abs(), [0.001, 0.5], "rad"));
+            within(section, "shifts", motion.shifts.len() as f64, [0.0, 16.0], "values");
+            motion.shifts.iter().for_each(|shift| within(section, "shifts", shift.abs(), [1e-4, 0.05], "m"));
+            within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
+            within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");
+        }
+        let laws = [
+            ("force", force.law),
+            ("weights", weights.law),
+            ("motion", motion.law),
+            ("joint_control", joint_control.law),
+        ];
+        for (section, law) in laws {
+            let mut plan = example();
+            law.apply(&mut plan);
+            if let Err(problem) = plan.validate() {
+                wrong.push(Wrong {
+                    section,
+                    key: key_of(&problem),
+                    message: format!("{section}: {problem}"),
+                });
+            }
+        }
+        let mut model = model.clone();
+        servo.apply(&mut model);
+        if let Err(error) = model.validate() {
+            wrong.push(Wrong { section: "servo", key: "pid", message: error.to_string() });
+        }
+        wrong
+    }
+}
+
+/// The key of what is wrong with a plan.
+const fn key_of(problem: &InvalidPlan) -> &'static str {
+    match problem {
+        InvalidPlan::Value { field: PlanField::Gain, .. } => "control",
+        InvalidPlan::Value { field: PlanField::Mass, .. } => "load",
+        _ => "internal",
+    }
+}
+
+/// A grasp of the paper's box, to try a law on.
+fn example() -> GraspPlan {
+    let contact = |x, y, normal| PlannedContact { position: [x, y, 0.0], normal: [normal, 0.0, 0.0] };
+    GraspPlan {
+        contacts: [contact(-0.049, 0.04, 1.0), contact(-0.049, -0.04, 1.0), contact(0.049, 0.0, -1.0)],
+        clearance: 0.01,
+        touch_force: 0.1,
+        friction: None,
+        internal: InternalForce::Normal { strength: 1.0 },
+        force_limit: 9.0,
+        feedback: true,
+        control: ObjectControl::Differential(ServoMode::Observer),
+        object_frame: ObjectFrame::Rolling,
+        load: LoadSource::Measured,
+        joint_targets: JointTargets::ClosedForm,
+    }
+}

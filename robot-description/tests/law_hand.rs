@@ -1,0 +1,88 @@
+//! Laws of a hand: those of the three-finger hand, and what is wrong with others.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::task::grasping::{InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame};
+use tesaki_description::law::{self, hand};
+use tesaki_description::robot::RobotFolder;
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3")
+}
+
+fn model() -> RobotModel {
+    RobotFolder::load(&folder()).unwrap().model
+}
+
+/// What is said about the paper's law with a text in place of another.
+fn said(from: &str, to: &str) -> String {
+    let text = std::fs::read_to_string(folder().join("laws/paper.toml")).unwrap();
+    assert!(text.contains(from), "{from}");
+    let (law, findings) = hand::check(Path::new("own.toml"), &text.replacen(from, to, 1), &model());
+    assert!(law.is_none(), "{to} is accepted");
+    findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_laws_of_the_hand_are_read() {
+    let read = |name: &str| {
+        let file = folder().join(law::FOLDER).join(name).with_extension("toml");
+        hand::load(&file, &model()).unwrap()
+    };
+    let [paper, _, ours] = ["paper", "paper-corrected", "tesaki"].map(read);
+    assert_eq!((paper.servo.mode, ours.servo.mode), (ServoMode::BarePid, ServoMode::Observer));
+    assert_eq!(paper.joint_control.law.control, ObjectControl::Differential(ServoMode::BarePid));
+    assert_eq!(paper.joint_control.law.joint_targets, JointTargets::Accumulated);
+    assert_eq!(paper.motion.law.object_frame, ObjectFrame::Triangle);
+    assert_eq!(paper.force.law.load, LoadSource::Constant { mass: 0.023 });
+    assert_eq!(paper.weights.law.load, LoadSource::Measured);
+    let ObjectControl::Wrench(gains) = paper.force.law.control else { panic!() };
+    assert_eq!((gains.position, gains.orientation, gains.damping), ([0.0; 2], [0.0; 2], 0.0));
+    assert_eq!(paper.motion.law.internal, InternalForce::Normal { strength: 4.0 });
+    assert_eq!(ours.force.law.internal, InternalForce::Normal { strength: 4.0 });
+    assert_eq!(ours.motion.turns, [0.1, -0.1, -0.1, 0.1]);
+    // Both do the same experiments.
+    assert_eq!((&paper.motion.turns, &paper.motion.shifts), (&ours.motion.turns, &ours.motion.shifts));
+    assert_eq!(paper.weights.masses, ours.weights.masses);
+}
+
+#[test]
+fn gains_are_those_per_inertia_times_the_inertia_of_the_joint() {
+    let mut model = model();
+    let law = hand::load(&folder().join("laws/paper.toml"), &model).unwrap();
+    let inertia = model.joints[4].servo.observer.inertia;
+    law.servo.apply(&mut model);
+    let expected = law.servo.pid.unwrap().proportional * inertia;
+    assert!((model.joints[4].servo.pid.proportional / expected - 1.0).abs() < 1e-6);
+    assert!((model.joints[4].limits.following_error - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn what_is_wrong_is_named_with_its_line() {
+    let text = std::fs::read_to_string(folder().join("laws/paper.toml")).unwrap();
+    let line = |key: &str| 1 + text.lines().position(|line| line.starts_with(key)).unwrap();
+    for (key, from, to, word) in [
+        ("mode", "mode = \"bare_pid\"", "mode = \"bare\"", "unknown variant"),
+        ("following_error", "following_error = 1.0", "following_error = 9.0", "the range is 0.01 to 3 rad"),
+        ("load", "{ constant = 0.023 }", "{ constant = 23.0 }", "mass of the object is 23 kg"),
+        ("internal", "strength = 4.0", "strength = 40.0", "internal force is 40 N"),
+        (
+            "evaluated",
+            "evaluated = 2.0",
+            "evaluated = 5.0",
+            "force.evaluated is 5 s; the range is 0.01 to 4 s",
+        ),
+        ("masses", "[0.05, 0.1", "[0.0, 0.1", "weights.masses is 0 kg"),
+        ("turns", "turns = [0.1", "turns = [1.1", "motion.turns is 1.1 rad"),
+    ] {
+        let said = said(from, to);
+        assert!(said.contains(&format!("own.toml:{}:", line(key))) && said.contains(word), "{to}: {said}");
+    }
+    // A gain of the control, with the line of the table in which it stands.
+    let said_of_gain = said("position = [", "position = [-1.0");
+    assert!(said_of_gain.contains("the gain is -1"), "{said_of_gain}");
+    assert!(said("cumulative = false", "cumulativ = false").contains("cumulativ"));
+}
