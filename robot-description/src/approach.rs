@@ -222,7 +222,7 @@ impl File {
             retries: approach.retries,
             patience: approach.patience,
         };
-        behavior.validate(task.speed).map_err(|invalid| {
+        behavior.validate(&task).map_err(|invalid| {
             let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.name);
             (if of_knob { "knob" } else { "approach" }, invalid.name, invalid.to_string())
         })?;
@@ -233,7 +233,9 @@ impl File {
 /// Section and key of what a board refuses.
 fn place(refusal: &VisualApproachRefusal, task: &VisualApproachSettings) -> (&'static str, &'static str) {
     match refusal {
-        VisualApproachRefusal::NoGripper { .. } => ("gripper", "joint"),
+        VisualApproachRefusal::NoGripper { .. } | VisualApproachRefusal::GripperAxis { .. } => {
+            ("gripper", "joint")
+        }
         VisualApproachRefusal::Limit(LimitRefusal::OutsideLimits { value, .. })
             if value.to_bits() == task.gripper.closed.to_bits() =>
         {
@@ -251,6 +253,8 @@ fn place(refusal: &VisualApproachRefusal, task: &VisualApproachSettings) -> (&'s
         },
         VisualApproachRefusal::NoChain { .. }
         | VisualApproachRefusal::Target { .. }
-        | VisualApproachRefusal::Speed { .. } => ("hand", "chain"),
+        | VisualApproachRefusal::Speed { .. }
+        | VisualApproachRefusal::Blocked { .. }
+        | VisualApproachRefusal::Singular { .. } => ("hand", "chain"),
     }
 }

@@ -37,6 +37,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("speed = 0.15 ", "speed = 1.5 ", 5, "speed of the hand"),
         ("open = -0.98", "open = -1.8", 12, "-1.8"),
         ("torque = 0.8", "torque = 8.0", 15, "torque of the gripper"),
+        ("reach = 0.5", "reach = 0.2", 22, "distance is 0.28"),
         ("guard_distance = 0.075", "guard_distance = 0.05", 28, "guard_distance is 0.05"),
         ("near_speed = 0.04", "near_speed = 0.4", 31, "near_speed is 0.4"),
         ("retries = 3", "retries = 200", 34, "retries is 200"),

@@ -207,6 +207,7 @@ def visual_approach():
         "visual-approach-stand": command + uint(2),
         "visual-approach-open": command + uint(3),
         "visual-approach-close": command + uint(4),
+        "visual-approach-acknowledge": command + uint(5),
     }
 
 
@@ -360,7 +361,7 @@ def streams():
     for number, name in enumerate(["standing", "moving", "blocked", "limited"]):
         moves = hand(place + level, None, number, 0.0625, [1.0, 0.0, -2.0], 2, -0.75)
         golden("board-task-visual-approach-" + name, uint(5) + task(1234, moves))
-    for number, name in enumerate(["still", "opening", "open", "closing", "holding", "empty"]):
+    for number, name in enumerate(["still", "opening", "open", "closing", "holding", "empty", "jammed"]):
         grips = hand(place + level, (300, place + level), 0, 0.0, [0.0] * 3, number, 0.25)
         golden("board-task-visual-approach-" + name, uint(5) + task(1234, grips))
     longest = hand([LOWEST] * 7, (65535, [LOWEST] * 7), 3, LOWEST, [LOWEST] * 3, 5, LOWEST)

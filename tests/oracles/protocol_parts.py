@@ -304,3 +304,6 @@ for number, name in enumerate(APPROACH_FIELDS):
     VISUAL_APPROACH_REFUSALS[name] = uint(3) + uint(number) + reals([2.0, 0.25, 1.0])
 VISUAL_APPROACH_REFUSALS["target"] = uint(4) + reals([0.75, 0.5])
 VISUAL_APPROACH_REFUSALS["too-fast"] = uint(5) + reals([0.25, 0.125])
+VISUAL_APPROACH_REFUSALS["blocked"] = uint(6) + real(0.03125)
+VISUAL_APPROACH_REFUSALS["gripper-axis"] = uint(7) + byte(6) + reals([0.0625, 0.0078125])
+VISUAL_APPROACH_REFUSALS["singular"] = uint(8) + byte(3)

@@ -1,6 +1,8 @@
 //! What the tests that cross the crates of tesaki share; they live in `tests/`.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+mod rig;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -8,6 +10,8 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{MODEL_CHUNK, Request, SCHEMA_KEY, SensorFlags, SensorFrame};
 use tesaki_description::robot::RobotFolder;
+
+pub use rig::Rig;
 
 /// The folder of a robot that comes with tesaki.
 pub fn robot_folder(name: &str) -> PathBuf {

@@ -10,22 +10,19 @@
 
 use tesaki::TICK;
 use tesaki::kinematics::{Angles, Hand};
-use tesaki::node::Node;
-use tesaki::protocol::{BoardStatus, Mode, Refusal, Reply, Request, RequestFrame, SensorFlags, SensorFrame};
+use tesaki::protocol::{Refusal, Reply, Request};
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceRefusal, TelexistenceSettings,
     TelexistenceTelemetry,
 };
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_rng::Rng;
-use tesaki_tests::{robot, set_up};
+use tesaki_tests::{Rig, robot};
 
 /// A board whose joints are where their references are.
 struct Board {
-    node: Box<Node>,
+    rig: Rig,
     hand: Hand,
-    sequence: u16,
-    tick: u32,
     references: Vec<[f32; 2]>,
 }
 
@@ -38,11 +35,7 @@ impl Board {
     fn new() -> Self {
         let model = robot("hand5").model;
         let hand = Hand::of_model(&model, [0.0, 0.0, 1.0]).unwrap();
-        let mut board =
-            Self { node: Box::new(Node::new()), hand, sequence: 0, tick: 0, references: Vec::new() };
-        for request in set_up(&model) {
-            assert!(!matches!(board.ask(request), Reply::Refused(_)));
-        }
+        let mut board = Self { rig: Rig::new(&model), hand, references: Vec::new() };
         board.sense(&vec![0.0; model.joints.len()]);
         let positions = relaxed(&board.hand).iter().take(model.joints.len()).copied().collect();
         assert_eq!(board.ask(Request::Home { positions }), Reply::Done);
@@ -50,9 +43,7 @@ impl Board {
     }
 
     fn ask(&mut self, request: Request) -> Reply {
-        self.sequence += 1;
-        let frame = RequestFrame { client: 7, sequence: self.sequence, request };
-        self.node.handle(&frame, &BoardStatus::default()).reply
+        self.rig.ask(request)
     }
 
     fn task(&mut self, command: TelexistenceCommand) -> Reply {
@@ -61,27 +52,18 @@ impl Board {
 
     /// A tick with the joints at these angles from where they were homed [rad].
     fn sense(&mut self, angles: &[f32]) {
-        self.tick += 1;
-        let counts = angles.iter().map(|angle| (angle * 65_536.0 / std::f32::consts::TAU).round() as i32);
-        self.node.tick(&SensorFrame {
-            sequence: self.tick,
-            flags: SensorFlags(0),
-            supply: 24_000,
-            encoders: counts.collect(),
-            currents: angles.iter().map(|_| 0).collect(),
-            forces: heapless::Vec::new(),
-        });
+        self.rig.sense(angles.iter().map(|angle| (angle * 65_536.0 / std::f32::consts::TAU).round() as i32));
     }
 
     /// A tick; checks speed and acceleration of the references.
     fn tick(&mut self) {
         let home = relaxed(&self.hand);
-        let now = self.node.telemetry();
+        let now = self.rig.node.telemetry();
         let moved: Vec<f32> =
             now.joints.iter().zip(home.iter()).map(|(joint, home)| joint.reference - home).collect();
         self.sense(&moved);
-        assert!(matches!(self.node.mode(), Mode::Enabled(_)), "{:?}", self.node.faults());
-        let now = self.node.telemetry();
+        self.rig.assert_enabled();
+        let now = self.rig.node.telemetry();
         let limits = TelexistenceSettings::DEFAULT;
         for (index, joint) in now.joints.iter().enumerate() {
             let [position, velocity] = self.references.get(index).copied().unwrap_or([joint.reference, 0.0]);
@@ -103,18 +85,15 @@ impl Board {
     }
 
     fn telemetry(&mut self) -> TelexistenceTelemetry {
-        match self.ask(Request::ReadTask) {
-            Reply::Task(report) => match report.telemetry {
-                TaskTelemetry::Telexistence(telemetry) => telemetry,
-                other => panic!("{other:?}"),
-            },
+        match self.rig.telemetry() {
+            TaskTelemetry::Telexistence(telemetry) => telemetry,
             other => panic!("{other:?}"),
         }
     }
 
     fn angles(&self) -> Angles {
         let mut angles = Angles::zeros();
-        for (angle, joint) in angles.iter_mut().zip(&self.node.telemetry().joints) {
+        for (angle, joint) in angles.iter_mut().zip(&self.rig.node.telemetry().joints) {
             *angle = joint.reference;
         }
         angles
@@ -123,7 +102,8 @@ impl Board {
     fn enable(&mut self) {
         let config = TaskConfig::Telexistence(TelexistenceSettings::DEFAULT);
         assert_eq!(self.ask(Request::Enable(config)), Reply::Done);
-        self.references = self.node.telemetry().joints.iter().map(|joint| [joint.reference, 0.0]).collect();
+        self.references =
+            self.rig.node.telemetry().joints.iter().map(|joint| [joint.reference, 0.0]).collect();
     }
 }
 
@@ -307,18 +287,12 @@ fn bad_input_is_refused_by_name_and_moves_nothing() {
 
     // An arm is no hand.
     let arm = robot("arm7").model;
-    let mut node = Box::new(Node::new());
-    let mut sequence = 0;
-    let mut ask = |node: &mut Node, request| {
-        sequence += 1;
-        node.handle(&RequestFrame { client: 7, sequence, request }, &BoardStatus::default()).reply
-    };
-    set_up(&arm).into_iter().for_each(|request| drop(ask(&mut node, request)));
+    let mut rig = Rig::new(&arm);
     let mut sensors = tesaki_tests::zero_sensors(&arm, 48_000);
     sensors.sequence = 1;
-    node.tick(&sensors);
+    rig.node.tick(&sensors);
     let positions = arm.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
-    ask(&mut node, Request::Home { positions });
-    let reply = ask(&mut node, Request::Enable(TaskConfig::Telexistence(TelexistenceSettings::DEFAULT)));
+    rig.ask(Request::Home { positions });
+    let reply = rig.ask(Request::Enable(TaskConfig::Telexistence(TelexistenceSettings::DEFAULT)));
     assert_eq!(refused(reply), TelexistenceRefusal::NotAHand);
 }

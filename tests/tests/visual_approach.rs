@@ -12,15 +12,15 @@ use nalgebra::{Matrix3, Vector3};
 use tesaki::TICK;
 use tesaki::control::ServoMode;
 use tesaki::math::rotation_vector;
-use tesaki::node::Node;
-use tesaki::protocol::{BoardStatus, Mode, Refusal, Reply, Request, RequestFrame, SensorFlags, SensorFrame};
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Refusal, Reply, Request};
 use tesaki::robot::Robot;
 use tesaki::task::visual_approach::{
     ApproachField, GripperSettings, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
     VisualApproachSettings, VisualApproachTelemetry,
 };
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
-use tesaki_tests::{robot, set_up};
+use tesaki_tests::{Rig, robot};
 
 const SETTINGS: VisualApproachSettings = VisualApproachSettings {
     chain: 0,
@@ -35,27 +35,25 @@ const SETTINGS: VisualApproachSettings = VisualApproachSettings {
 /// The start posture of the robot's folder: the hand is level, 0.72 m before the base and 0.15 m above it.
 const START: [f32; 7] = [0.0, -0.529_777, 0.0, 1.891_18, -1.361_402, 0.0, -0.9];
 
-/// A board whose joints are where their references are, but for those that are held.
+/// A board whose joints are where their references are, but for those that are held, and less by what they lag.
 struct Board {
-    node: Box<Node>,
-    sequence: u16,
-    tick: u32,
+    rig: Rig,
     angles: Vec<f32>,
     references: Vec<f32>,
+    lag: [f32; 7],
     held: bool,
     gripper_held: bool,
 }
 
 impl Board {
     fn new() -> Self {
-        let model = robot("knob-arm").model;
-        let (node, angles) = (Box::new(Node::new()), START.to_vec());
-        let references = angles.clone();
-        let mut board =
-            Self { node, sequence: 0, tick: 0, angles, references, held: false, gripper_held: false };
-        for request in set_up(&model) {
-            assert!(!matches!(board.ask(request), Reply::Refused(_)));
-        }
+        Self::of(&robot("knob-arm").model, &START)
+    }
+
+    fn of(model: &RobotModel, start: &[f32; 7]) -> Self {
+        let (angles, references) = (start.to_vec(), start.to_vec());
+        let rig = Rig::new(model);
+        let mut board = Self { rig, angles, references, lag: [0.0; 7], held: false, gripper_held: false };
         board.sense();
         board
     }
@@ -67,9 +65,7 @@ impl Board {
     }
 
     fn ask(&mut self, request: Request) -> Reply {
-        self.sequence += 1;
-        let frame = RequestFrame { client: 7, sequence: self.sequence, request };
-        self.node.handle(&frame, &BoardStatus::default()).reply
+        self.rig.ask(request)
     }
 
     fn task(&mut self, command: VisualApproachCommand) -> Reply {
@@ -89,52 +85,45 @@ impl Board {
 
     /// A tick with the joints at their angles; what is held changes by a count, as a living encoder does.
     fn sense(&mut self) {
-        self.tick += 1;
-        let alive = (self.tick % 2).cast_signed();
-        let counts = self.angles.iter().enumerate().map(|(joint, angle)| {
-            let turn = if joint == 6 { 65_536.0 } else { 262_144.0 };
-            let held = if joint == 6 { self.gripper_held } else { self.held };
-            (f64::from(*angle) * turn / std::f64::consts::TAU).round() as i32 + if held { alive } else { 0 }
-        });
-        self.node.tick(&SensorFrame {
-            sequence: self.tick,
-            flags: SensorFlags(0),
-            supply: 24_000,
-            encoders: counts.collect(),
-            currents: self.angles.iter().map(|_| 0).collect(),
-            forces: heapless::Vec::new(),
-        });
+        let alive = ((self.rig.tick() + 1) % 2).cast_signed();
+        let counts: Vec<i32> = (self.angles.iter().enumerate())
+            .map(|(joint, angle)| {
+                let turn = if joint == 6 { 65_536.0 } else { 262_144.0 };
+                let held = if joint == 6 { self.gripper_held } else { self.held };
+                (f64::from(*angle) * turn / std::f64::consts::TAU).round() as i32
+                    + if held { alive } else { 0 }
+            })
+            .collect();
+        self.rig.sense(counts.into_iter());
     }
 
     fn step(&mut self) {
         assert_eq!(self.ask(Request::Keep), Reply::Done);
         self.sense();
-        assert!(matches!(self.node.mode(), Mode::Enabled(_)), "{:?}", self.node.faults());
-        for (joint, now) in self.node.telemetry().joints.iter().enumerate() {
+        self.rig.assert_enabled();
+        for (joint, now) in self.rig.node.telemetry().joints.iter().enumerate() {
             let held = if joint == 6 { self.gripper_held } else { self.held };
             if !held {
                 // Where the reference will be in the next tick.
-                self.angles[joint] = 2.0 * now.reference - self.references[joint];
+                self.angles[joint] = 2.0 * now.reference - self.references[joint] - self.lag[joint];
             }
             self.references[joint] = now.reference;
         }
     }
 
     fn telemetry(&mut self) -> VisualApproachTelemetry {
-        match self.ask(Request::ReadTask) {
-            Reply::Task(report) => match report.telemetry {
-                TaskTelemetry::VisualApproach(telemetry) => telemetry,
-                other => panic!("{other:?}"),
-            },
+        match self.rig.telemetry() {
+            TaskTelemetry::VisualApproach(telemetry) => telemetry,
             other => panic!("{other:?}"),
         }
     }
 
     /// Place and orientation of the hand where the references are; the gripper at 0.
     fn hand(&self) -> (Vector3<f32>, Matrix3<f32>) {
-        let mut angles: Vec<f32> = self.node.telemetry().joints.iter().map(|joint| joint.reference).collect();
+        let mut angles: Vec<f32> =
+            self.rig.node.telemetry().joints.iter().map(|joint| joint.reference).collect();
         angles[6] = 0.0;
-        let posture = self.node.robot().unwrap().chains()[0].chain.posture(&angles);
+        let posture = self.rig.node.robot().unwrap().chains()[0].chain.posture(&angles);
         (posture.tip().translation.vector, *posture.tip().rotation.matrix())
     }
 }
@@ -167,14 +156,16 @@ fn the_hand_goes_straight_at_a_constant_orientation() {
     }
     let (place, _) = board.hand();
     assert!((place - target).norm() < 1e-3 && fastest > 0.099, "{place} {fastest}");
-    // 143 mm at 0.1 m/s, with 0.2 s to start and 0.4 s to brake.
-    assert!((150..200).contains(&ticks), "{ticks} ticks");
+    // 143 mm at 0.1 m/s, with 0.5 s before the first motion, 0.2 s to start, 0.4 s to brake, and 0.1 s of rest.
+    assert!((210..260).contains(&ticks), "{ticks} ticks");
 }
 
 #[test]
 fn another_target_on_the_way_changes_the_motion_without_a_jump() {
     let mut board = Board::enabled();
-    board.step();
+    for _ in 0..60 {
+        board.step();
+    }
     let (start, _) = board.hand();
     board.move_to((start + Vector3::new(0.1, 0.0, 0.0)).into(), 0.15);
     let (mut before, mut velocity) = (start, Vector3::zeros());
@@ -212,7 +203,7 @@ fn joint_limits_hold_the_hand_back_without_a_fault() {
         let mut references: Vec<f32> = board.angles.clone();
         for _ in 0..1500 {
             board.step();
-            for (joint, now) in board.node.telemetry().joints.iter().enumerate() {
+            for (joint, now) in board.rig.node.telemetry().joints.iter().enumerate() {
                 let limits = &model.joints[joint].limits;
                 assert!(now.reference >= limits.lower && now.reference <= limits.upper, "joint {joint}");
                 let velocity = (now.reference - references[joint]) / TICK;
@@ -256,22 +247,191 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
     let stopped = board.telemetry();
     assert_eq!(stopped.motion, HandMotion::Blocked);
     assert!(stopped.force[0] < -20.0 && stopped.force[1].abs() < 3.0, "{:?}", stopped.force);
-    // A repeated command does not press again.
     let held = Vector3::from(stopped.hand.translation);
+    // It presses no more: the references are where the joints are.
+    let (reference, _) = board.hand();
+    assert!((reference - held).norm() < 1e-4, "{}", (reference - held).norm());
+    // Nothing presses again: neither the same target, nor another one, and to stand does not end the way back.
     for _ in 0..100 {
-        board.move_to(target, 0.05);
+        for ahead in [0.0, 0.02, -0.05] {
+            let target = [target[0] + ahead, target[1], target[2]];
+            let refusal = board.refused(VisualApproachCommand::Move { position: target, speed: 0.05 });
+            assert!(matches!(refusal, VisualApproachRefusal::Blocked { ahead } if ahead > 0.01), "{refusal}");
+        }
+        assert_eq!(board.task(VisualApproachCommand::Stand), Reply::Done);
         board.step();
     }
     assert_eq!(board.telemetry().motion, HandMotion::Blocked);
     let (reference, _) = board.hand();
     assert!((held.x - reference.x - 2e-3).abs() < 3e-4, "{} m before the contact", held.x - reference.x);
-    // Another target does: away from it.
     board.held = false;
-    board.move_to(start.into(), 0.05);
-    for _ in 0..300 {
-        board.step();
-    }
+    let run = |board: &mut Board| (0..300).for_each(|_| board.step());
+    // Aside and a little back is away, but not far enough to press again.
+    board.move_to((held + Vector3::new(-5e-3, 0.02, 0.0)).into(), 0.05);
+    run(&mut board);
     assert_eq!(board.telemetry().motion, HandMotion::Standing);
+    assert!(matches!(
+        board.refused(VisualApproachCommand::Move { position: target, speed: 0.05 }),
+        VisualApproachRefusal::Blocked { .. }
+    ));
+    // From 10 mm back it may.
+    board.move_to((held + Vector3::new(-0.013, 0.02, 0.0)).into(), 0.05);
+    run(&mut board);
+    board.move_to(target, 0.05);
+    run(&mut board);
+    assert_eq!(board.telemetry().motion, HandMotion::Standing);
+}
+
+#[test]
+fn who_acknowledges_a_contact_may_press_again() {
+    let mut board = Board::enabled();
+    (0..60).for_each(|_| board.step());
+    let (start, _) = board.hand();
+    let target: [f32; 3] = (start + Vector3::new(0.1, 0.0, 0.0)).into();
+    board.move_to(target, 0.05);
+    (0..50).for_each(|_| board.step());
+    board.held = true;
+    (0..200).for_each(|_| board.step());
+    assert_eq!(board.telemetry().motion, HandMotion::Blocked);
+    assert_eq!(board.task(VisualApproachCommand::Acknowledge), Reply::Done);
+    board.step();
+    assert_eq!(board.telemetry().motion, HandMotion::Blocked);
+    board.held = false;
+    board.move_to(target, 0.05);
+    (0..400).for_each(|_| board.step());
+    assert_eq!(board.telemetry().motion, HandMotion::Standing);
+}
+
+#[test]
+fn a_force_that_grows_slowly_is_noticed_at_one_and_a_half_times_the_limit() {
+    let model = robot("knob-arm").model;
+    for rate in [1.0_f32, 3.0, 8.0] {
+        let mut board = Board::enabled();
+        (0..60).for_each(|_| board.step());
+        let (start, _) = board.hand();
+        board.move_to((start + Vector3::new(0.2, 0.0, 0.0)).into(), 0.006);
+        (0..60).for_each(|_| board.step());
+        // An integrator under a constant error grows: P·e at once, and then I·e each second.
+        let posture = board.rig.node.robot().unwrap().chains()[0].chain.posture(&board.angles);
+        let torques = posture.jacobian().fixed_rows::<3>(0).transpose() * Vector3::new(rate, 0.0, 0.0);
+        let mut at_once = 0.0_f32;
+        for (joint, model) in model.joints.iter().enumerate().take(6) {
+            let gains = &model.servo.pid;
+            board.lag[joint] = torques[joint] / gains.integral;
+            at_once = at_once.max(rate * gains.proportional / gains.integral);
+        }
+        let mut time = 0.0;
+        while board.telemetry().motion == HandMotion::Moving {
+            board.step();
+            time += TICK;
+            assert!(time < 35.0, "{rate} N/s: {:?}", board.telemetry());
+        }
+        assert_eq!(board.telemetry().motion, HandMotion::Blocked);
+        let force = rate * time + at_once;
+        // The limit is 20 N; up to 10 N are taken for errors of the model, and the posture has changed meanwhile.
+        assert!((19.0..33.0).contains(&force), "{rate} N/s: {force} N");
+    }
+}
+
+#[test]
+fn where_the_joints_show_no_force_the_hand_goes_no_farther_but_back() {
+    let mut board = Board::enabled();
+    (0..60).for_each(|_| board.step());
+    let (start, _) = board.hand();
+    // Towards the stretched arm; the wrist is at most 0.76 m from the base.
+    board.move_to((start + Vector3::new(0.4, 0.0, 0.0)).into(), 0.15);
+    let mut ticks = 0;
+    while board.telemetry().motion == HandMotion::Moving {
+        board.step();
+        ticks += 1;
+        assert!(ticks < 4000, "{:?}", board.telemetry());
+    }
+    assert_eq!(board.telemetry().motion, HandMotion::Limited);
+    let (end, _) = board.hand();
+    // Worked out with NumPy: at 1.020 m the efforts show 0.72 of a force along x, at 1.038 m 0.46.
+    assert!((1.02..1.04).contains(&end.x), "{end}");
+    let farther = VisualApproachCommand::Move { position: [1.06, start.y, start.z], speed: 0.1 };
+    assert!(matches!(board.refused(farther), VisualApproachRefusal::Blocked { .. }));
+    board.move_to(start.into(), 0.1);
+    (0..800).for_each(|_| board.step());
+    assert_eq!(board.telemetry().motion, HandMotion::Standing);
+    // Nor does it begin there.
+    let stretched = [0.0, -0.4, 0.0, 0.06, 0.34, 0.0, -0.9];
+    let mut board = Board::of(&robot("knob-arm").model, &stretched);
+    let reply = board.ask(Request::Enable(TaskConfig::VisualApproach(SETTINGS)));
+    let refusal = TaskRefusal::VisualApproach(VisualApproachRefusal::Singular { chain: 0 });
+    assert_eq!(reply, Reply::Refused(Refusal::Task(refusal)));
+}
+
+#[test]
+fn a_hand_that_is_pushed_about_does_not_stand() {
+    let mut board = Board::enabled();
+    (0..60).for_each(|_| board.step());
+    let (start, _) = board.hand();
+    board.move_to((start + Vector3::new(0.02, 0.0, 0.0)).into(), 0.1);
+    (0..200).for_each(|_| board.step());
+    assert_eq!(board.telemetry().motion, HandMotion::Standing);
+    for tick in 0..100_u16 {
+        // 1 mm to and fro, ten times a second, while the reference rests.
+        board.lag[0] = if tick / 5 % 2 == 0 { 1.4e-3 } else { -1.4e-3 };
+        board.step();
+        if tick > 5 {
+            assert_ne!(board.telemetry().motion, HandMotion::Standing, "{tick}");
+        }
+    }
+}
+
+#[test]
+fn a_gripper_that_something_keeps_from_opening_is_jammed() {
+    for torque in [0.8, 3.0] {
+        let mut board = Board::new();
+        let gripper = GripperSettings { torque, ..SETTINGS.gripper };
+        let settings = VisualApproachSettings { gripper, ..SETTINGS };
+        assert_eq!(board.ask(Request::Enable(TaskConfig::VisualApproach(settings))), Reply::Done);
+        board.step();
+        let open = |board: &mut Board, ticks| {
+            let mut largest = 0.0_f32;
+            for _ in 0..ticks {
+                // Repeated, as a leader does.
+                assert_eq!(board.task(VisualApproachCommand::Open), Reply::Done);
+                board.step();
+                largest = largest.max(board.rig.node.telemetry().joints[6].torque.abs());
+            }
+            largest
+        };
+        assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
+        (0..30).for_each(|_| board.step());
+        board.gripper_held = true;
+        let largest = open(&mut board, 350);
+        assert_eq!(board.telemetry().gripper, GripperState::Jammed);
+        // 0.1 s beyond the torque, while it grows on.
+        assert!(largest < 3.0 && (torque > 1.0 || largest < 1.8), "{largest} N·m");
+        board.gripper_held = false;
+        open(&mut board, 100);
+        assert_eq!(board.telemetry().gripper, GripperState::Jammed);
+        assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
+        (0..50).for_each(|_| board.step());
+        open(&mut board, 150);
+        assert_eq!(board.telemetry().gripper, GripperState::Open);
+    }
+}
+
+#[test]
+fn a_gripper_whose_axis_is_not_the_approach_is_refused() {
+    for (rotation, translation) in
+        [([0.0, 0.05, 0.0, 1.0], [0.0; 3]), ([0.0, 0.0, 0.0, 1.0], [0.0, 5e-3, 0.0])]
+    {
+        let mut model = robot("knob-arm").model;
+        let [x, y, z, w] = rotation;
+        let turn = nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z)).coords;
+        let tip = &mut model.chains[0].tip;
+        tip.rotation = [turn.x, turn.y, turn.z, turn.w];
+        tip.translation = [0, 1, 2].map(|axis| tip.translation[axis] + translation[axis]);
+        let mut robot = Box::new(Robot::NONE);
+        robot.configure(&model).unwrap();
+        let refusal = SETTINGS.validate(&robot).unwrap_err();
+        assert!(matches!(refusal, VisualApproachRefusal::GripperAxis { joint: 6, .. }), "{refusal}");
+    }
 }
 
 #[test]
@@ -303,7 +463,7 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
         assert_eq!(board.task(command), Reply::Done);
         for _ in 0..300 {
             board.step();
-            let speed = board.node.telemetry().joints[6].velocity.abs();
+            let speed = board.rig.node.telemetry().joints[6].velocity.abs();
             assert!(speed < 2.1, "{speed} rad/s");
             if board.telemetry().gripper == until {
                 return;
@@ -324,7 +484,7 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     for _ in 0..50 {
         board.step();
     }
-    let torque = board.node.telemetry().joints[6].torque;
+    let torque = board.rig.node.telemetry().joints[6].torque;
     assert!((torque - 0.8).abs() < 0.25, "{torque} N·m");
     // What vanishes is not held: the joint is free, and moves on.
     for _ in 0..20 {
@@ -333,7 +493,7 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     }
     assert_eq!(board.telemetry().gripper, GripperState::Empty);
     // It presses no more, and brakes.
-    let torque = board.node.telemetry().joints[6].torque;
+    let torque = board.rig.node.telemetry().joints[6].torque;
     assert!(torque < 0.1, "{torque} N·m");
 }
 

@@ -10,7 +10,7 @@ use urdf_rs::{Geometry, Robot};
 use super::contact::across;
 use super::convert::{narrow, pose_of, wide};
 use super::error::{PlantError, check};
-use super::shapes::{cuboid, cylinder, placed, with_friction};
+use super::shapes::{bevelled_cylinder, cuboid, cylinder, placed, with_friction};
 use super::stiction::{Creep, Crept};
 use super::tree::Body;
 
@@ -45,6 +45,15 @@ pub enum FixtureShape {
         /// [m].
         length: f64,
     },
+    /// A cylinder along its z with bevelled edges.
+    BevelledCylinder {
+        /// [m].
+        radius: f64,
+        /// [m].
+        length: f64,
+        /// How far the bevel of the edges, at 45°, goes from them [m].
+        chamfer: f64,
+    },
 }
 
 /// What a link did to a fixed body in the last control period.
@@ -72,6 +81,12 @@ impl Fixture {
                 check(&item("radius"), &[radius], length, LENGTH)?;
                 check(&item("length"), &[along], length, LENGTH)?;
             }
+            FixtureShape::BevelledCylinder { radius, length: along, chamfer } => {
+                check(&item("radius"), &[radius], length, LENGTH)?;
+                check(&item("length"), &[along], length, LENGTH)?;
+                let fits = |chamfer: f64| chamfer > 0.0 && chamfer < radius && chamfer < along / 2.0;
+                check(&item("chamfer"), &[chamfer], fits, "above 0, below the radius and half the length")?;
+            }
         }
         let near = |value: f64| value.abs() <= 10.0;
         check(&item("position"), self.pose.translation.vector.as_slice(), near, "within 10 m")?;
@@ -86,6 +101,10 @@ impl Fixture {
         let solid = match self.shape {
             FixtureShape::Box { size } => cuboid(size),
             FixtureShape::Cylinder { radius, length } => cylinder(radius, length),
+            // One that is valid has a volume.
+            FixtureShape::BevelledCylinder { radius, length, chamfer } => {
+                bevelled_cylinder(radius, length, chamfer).unwrap_or_else(|| cylinder(radius, length))
+            }
         };
         placed(solid, &self.pose)
     }

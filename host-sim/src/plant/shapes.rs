@@ -20,6 +20,23 @@ pub fn cylinder(radius: f64, length: f64) -> ColliderBuilder {
         .rotation(Vector::X * core::f32::consts::FRAC_PI_2)
 }
 
+/// A prism along z, which is inside of a cylinder by at most a thousandth of its radius, with edges that are bevelled by
+/// `chamfer` at 45° [m]. `None` when it has no volume.
+pub fn bevelled_cylinder(radius: f64, length: f64, chamfer: f64) -> Option<ColliderBuilder> {
+    // 1 − cos(π/72) = 0.00095
+    const SIDES: u32 = 72;
+    let half = length / 2.0;
+    let mut points = Vec::new();
+    for side in 0..SIDES {
+        let angle = f64::from(side) * core::f64::consts::TAU / f64::from(SIDES);
+        for (radius, height) in [(radius - chamfer, half), (radius, half - chamfer)] {
+            let [x, y] = [libm::cos(angle), libm::sin(angle)].map(|part| narrow(radius * part));
+            points.extend([height, -height].map(|height| Vector::new(x, y, narrow(height))));
+        }
+    }
+    ColliderBuilder::convex_hull(&points)
+}
+
 /// The solid at a place.
 pub fn placed(solid: ColliderBuilder, place: &Isometry3<f64>) -> ColliderBuilder {
     let own = solid.position;

@@ -1,10 +1,12 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use tesaki::protocol::{Refusal, Request};
 use tesaki::task::TaskConfig;
 use tesaki::task::visual_approach::{
     Approach, GripperState, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
 };
+use tesaki::task::{TaskConfig, TaskRefusal};
 use tesaki::vision::{CameraBuffers, Circle, Image, find_circle};
 use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
@@ -79,7 +81,11 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let mut trial = Trial::begin(setting, &machine, number, &mut motion)?;
         match trial.go() {
             // The door is lost, the others are not.
-            Err(ScenarioError::Fault { .. }) => clear_faults(trial.setting.controller)?,
+            Err(ScenarioError::Fault { fault, .. }) => {
+                trial.note(&fault);
+                trial.log.ended_in_fault = true;
+                clear_faults(trial.setting.controller)?;
+            }
             result => result?,
         }
         logs.push(trial.log);
@@ -128,6 +134,7 @@ struct Log {
     phase: Phase,
     /// Whether both fingers press on the knob at the end.
     gripped: bool,
+    ended_in_fault: bool,
     time: f64,
     tries: u8,
     pictures: Vec<Picture>,
@@ -194,6 +201,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let log = Log {
             phase: Phase::Look,
             gripped: false,
+            ended_in_fault: false,
             time: 0.0,
             tries: 0,
             pictures: Vec::new(),
@@ -239,8 +247,12 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
                 taken = Some(tick);
             }
             if taken.is_some_and(|taken| tick >= taken + LATENCY_TICKS) {
-                let circle = self.log.pictures.last().and_then(|picture| picture.found);
-                if let Some((_, hand)) = report.latched {
+                let (number, picture) = (self.log.pictures.len(), self.log.pictures.last());
+                let circle = picture.and_then(|picture| picture.found);
+                // The pose must be that of this picture.
+                if let Some((latched, hand)) = report.latched
+                    && usize::from(latched) + 1 == number
+                {
                     self.approach.look(&hand, circle.as_ref());
                 }
                 taken = None;
@@ -248,7 +260,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             if tick % DECISION_TICKS == 0 {
                 order = self.approach.update(&report, DECISION_TICKS as f32 * T as f32);
                 if let Some(command) = order.command {
-                    self.in_time(|board| board.approach(command))?;
+                    self.command(command)?;
                 }
                 self.sample(&report);
             }
@@ -262,11 +274,19 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         self.log.phase = self.approach.phase();
         self.log.tries = self.approach.tries();
         self.log.gripped = self.finger_forces().iter().all(|force| *force >= GRIPPED);
+        if let Phase::Failed(reason) = self.log.phase {
+            self.note(&reason.to_string());
+        }
         if let Some(rose) = self.approach.rose() {
             self.log.radius[1] = rose.radius().into();
         }
         self.setting.controller.disable()?;
         self.step()
+    }
+
+    /// Notes in the recording why the door was given up.
+    fn note(&mut self, reason: &str) {
+        self.motion.note(format!("door {}: {reason}", self.number + 1));
     }
 
     /// True pose of the hand in the door frame.
@@ -278,9 +298,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     fn take_picture(&mut self) -> Result<(), ScenarioError> {
         let number = self.log.pictures.len() as u16;
         self.in_time(|board| board.approach(VisualApproachCommand::Latch { number }))?;
-        let Some((_, latched)) = self.setting.controller.read_visual_approach()?.latched else {
-            return Ok(());
-        };
+        let latched = self.setting.controller.read_visual_approach()?.latched;
+        let Some((_, latched)) = latched.filter(|(latched, _)| *latched == number) else { return Ok(()) };
         let (hand, camera) = (self.true_hand(), self.machine.camera.camera());
         let fingers = View { hand }.fingers(LINKAGE * self.plant.truth().positions[self.gripper]);
         let pose = hand * self.machine.camera.mount();
@@ -322,6 +341,19 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             let on_knob = contacts.iter().filter(|contact| contact.fixture == KNOB && contact.link == finger);
             on_knob.map(|contact| contact.force.norm()).sum()
         })
+    }
+
+    /// Commands the board. What it refuses is the behaviour's to judge.
+    fn command(&mut self, command: VisualApproachCommand) -> Result<(), ScenarioError> {
+        match self.setting.controller.approach(command) {
+            Err(BoardError::Refused {
+                refusal: Refusal::Task(TaskRefusal::VisualApproach(refusal)), ..
+            }) => {
+                self.approach.refused(&refusal);
+                Ok(())
+            }
+            result => self.in_time(|_| result),
+        }
     }
 
     /// A request; when it is refused, the fault that is the reason.
@@ -380,13 +412,16 @@ const KNOB: usize = 2;
 fn fixtures(scene: &Scene, door: &Isometry3<f64>) -> Vec<Fixture> {
     let at = |y: f64, z: f64| door * Isometry3::translation(0.0, y, z);
     let middle = scene.door.side * (scene.door.edge - 0.5 * DOOR[1]);
-    let cylinder =
-        |radius: f64, length: f64| (FixtureShape::Cylinder { radius, length }, at(0.0, -0.5 * length));
+    // With the edges that the camera sees; those of the rose as far as it is thick enough.
+    let cylinder = |radius: f64, length: f64, chamfer: f64| {
+        let chamfer = chamfer.min(0.4 * length);
+        (FixtureShape::BevelledCylinder { radius, length, chamfer }, at(0.0, -0.5 * length))
+    };
     let door = (FixtureShape::Box { size: DOOR }, at(middle, 0.5 * DOOR[2]));
     let parts = [
         ("door", door),
-        ("rose", cylinder(scene.rose.radius, scene.rose.thickness)),
-        ("knob", cylinder(scene.knob.radius, scene.knob.length)),
+        ("rose", cylinder(scene.rose.radius, scene.rose.thickness, scene.rose.chamfer)),
+        ("knob", cylinder(scene.knob.radius, scene.knob.length, scene.knob.chamfer)),
     ];
     let fixture =
         |(name, (shape, pose)): (&str, _)| Fixture { name: name.into(), shape, pose, friction: FRICTION };
@@ -472,6 +507,7 @@ fn table(logs: &[Log]) -> String {
     let grip = |which: usize| column(&|log| log.grip.map_or(f64::NAN, |grip| grip[which]));
     let columns = [
         ("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
+        ("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
         ("time", "s", column(&|log| log.time)),
         ("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
         ("pictures", "", column(&|log| log.pictures.len() as f64)),

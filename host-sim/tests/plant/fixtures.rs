@@ -436,3 +436,29 @@ fn values_are_checked() {
     parts.folder.urdf.robot.links.iter_mut().for_each(|link| link.collision.clear());
     assert_eq!(parts.plant().err(), Some(PlantError::NoCollision));
 }
+
+/// The fingers hold a knob with bevelled edges as one without, and a bevel that does not fit is refused by name.
+#[test]
+fn a_bevel_changes_the_edges_only() {
+    let knob = |chamfer: Option<f64>| {
+        let mut knob = knob(0.70, 0.025, 0.5);
+        if let Some(chamfer) = chamfer {
+            knob.shape = FixtureShape::BevelledCylinder { radius: 0.025, length: 0.06, chamfer };
+        }
+        knob
+    };
+    let forces = [None, Some(0.002)].map(|chamfer| {
+        let mut door = Door::new(0.72, -0.1, vec![knob(chamfer)]);
+        for _ in 0..100 {
+            let mut more = [0.0; JOINTS];
+            more[GRIPPER] = 0.5;
+            door.tick(STIFF, more);
+        }
+        FINGERS.map(|finger| door.of(finger).force.norm())
+    });
+    for (bevelled, plain) in forces[1].iter().zip(forces[0]) {
+        assert!(plain > 1.0 && (bevelled / plain - 1.0).abs() < 0.05, "{forces:?}");
+    }
+    let error = Parts::new(0.72, 0.0, vec![knob(Some(0.03))]).plant().err().unwrap().to_string();
+    assert!(error.contains("chamfer"), "{error}");
+}

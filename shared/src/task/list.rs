@@ -47,7 +47,6 @@ macro_rules! tasks {
 
         /// State of the running task, or of the last one.
         #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
-        #[expect(clippy::large_enum_variant, reason = "stored once, in place, and never moved")]
         #[repr(u8)]
         pub enum TaskState { $($(#[$doc])* $name($task)),* }
 

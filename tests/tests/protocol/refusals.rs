@@ -152,6 +152,10 @@ impl Messages {
         }
         refused("target", VisualApproachRefusal::Target { distance: 0.75, reach: 0.5 });
         refused("too-fast", VisualApproachRefusal::Speed { value: 0.25, limit: 0.125 });
+        refused("blocked", VisualApproachRefusal::Blocked { ahead: 0.03125 });
+        let (tilt, offset) = (0.0625, 0.007_812_5);
+        refused("gripper-axis", VisualApproachRefusal::GripperAxis { joint: 6, tilt, offset });
+        refused("singular", VisualApproachRefusal::Singular { chain: 3 });
     }
 
     fn impedance_refusals(&mut self) {

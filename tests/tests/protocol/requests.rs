@@ -194,6 +194,7 @@ impl Messages {
             ("stand", VisualApproachCommand::Stand),
             ("open", VisualApproachCommand::Open),
             ("close", VisualApproachCommand::Close),
+            ("acknowledge", VisualApproachCommand::Acknowledge),
         ] {
             let request = Request::Task(TaskCommand::VisualApproach(command));
             self.request(&format!("visual-approach-{name}"), request);

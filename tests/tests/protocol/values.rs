@@ -320,7 +320,7 @@ pub const GRIPPING: VisualApproachTelemetry = VisualApproachTelemetry {
     motion: HandMotion::Standing,
     remaining: 0.0,
     force: [0.0; 3],
-    gripper: GripperState::Empty,
+    gripper: GripperState::Jammed,
     opening: 0.25,
 };
 
@@ -338,6 +338,7 @@ pub const GRIPPER_STATES: [(GripperState, &str); GripperState::VARIANTS.len()] =
     (GripperState::Closing, "closing"),
     (GripperState::Holding, "holding"),
     (GripperState::Empty, "empty"),
+    (GripperState::Jammed, "jammed"),
 ];
 
 pub const APPROACH_FIELDS: [(ApproachField, &str); ApproachField::VARIANTS.len()] = [

@@ -100,10 +100,10 @@ variants! {
     RetargetField {
         Fingers, Follows, Weights, Scale, Near, Far, OperatorContact, RobotContact, Speeds, Tolerance,
     }
-    VisualApproachCommand { Latch, Move, Stand, Open, Close }
+    VisualApproachCommand { Latch, Move, Stand, Open, Close, Acknowledge }
     HandMotion { Standing, Moving, Blocked, Limited }
-    GripperState { Still, Opening, Open, Closing, Holding, Empty }
-    VisualApproachRefusal { NoChain, NoGripper, Limit, Value, Target, Speed }
+    GripperState { Still, Opening, Open, Closing, Holding, Empty, Jammed }
+    VisualApproachRefusal { NoChain, NoGripper, Limit, Value, Target, Speed, Blocked, GripperAxis, Singular }
     ApproachField { Speed, Acceleration, ContactForce, Reach, GripperRange, GripperSpeed, GripperTorque }
     FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }

@@ -15,6 +15,7 @@ use crate::task::{Halt, Io, Task, TaskFault};
 
 /// Commands of impedance control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[expect(clippy::large_enum_variant, reason = "decoded in place, once for each message")]
 pub enum ImpedanceCommand {
     /// 0: set-points of tool and elbow. Without a successor they come to rest.
     SetTarget {

@@ -3,11 +3,14 @@
 use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::rose::{KnobExpectation, Rim, RoseEstimate};
-use super::{GripperState, HandMotion, MIN_SPEED, VisualApproachCommand, VisualApproachTelemetry};
+use super::rose::{Rim, RoseEstimate};
+use super::{
+    ApproachSettings, GripperState, HandMotion, Phase, Reason, VisualApproachCommand, VisualApproachRefusal,
+    VisualApproachTelemetry,
+};
 use crate::math::{abs, sqrt};
 use crate::model::Pose;
-use crate::vision::{Circle, CircleSearch, HandEyeTable, Window};
+use crate::vision::{Circle, CircleSearch, Window};
 
 /// Circles that are compared at the begin, and of these, as many must agree.
 const FIRST_LOOKS: usize = 7;
@@ -17,10 +20,12 @@ const SAME_CENTER: f32 = 4.0;
 const SAME_RADIUS: f32 = 0.12;
 /// One explanation of the circles is right when the other one costs so much more.
 const DECIDED: f32 = 15.0;
-/// Standing before what may be the knob, the likelier explanation is taken for right after this time [s].
+/// Waiting before what may be the knob, this near to the place [m], the likelier explanation is taken for right after this
+/// time [s].
+const DECISION_PLACE: f32 = 5e-3;
 const DECISION_TIME: f32 = 0.7;
-/// Pictures in a row without the circle, after which it is lost.
-const LOST: u8 = 15;
+/// Without a picture, or without the rose in one, for this time, it is lost [s].
+const LOST: f32 = 1.5;
 /// Arrived at the place to grip: way left [m].
 const AT_GRIP: f32 = 2e-3;
 /// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it grips.
@@ -29,147 +34,22 @@ const NEAR_GRIP: f32 = 0.015;
 /// are others there.
 const VIEWS: [[f32; 3]; 4] = [[0.03, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [-0.02, 0.0, 0.0]];
 /// When nothing was between the fingers, the hand goes on by as much, so often [m].
-const DEEPER: f32 = 0.02;
-const DEEPER_TRIES: u8 = 2;
+pub const DEEPER: f32 = 0.02;
+pub const DEEPER_TRIES: u8 = 2;
 /// The hand closes only when it knows the distance so well [m].
 const DEPTH_ERROR: f32 = 0.015;
-/// A grip is tried no sooner than this after the gripper begins to close [s].
-const SETTLING: f32 = 0.4;
-
-/// Settings of the behaviour.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ApproachSettings {
-    /// What the camera sees of a rose straight before the hand.
-    pub table: HandEyeTable,
-    /// What is known of the knob at the begin.
-    pub expectation: KnobExpectation,
-    /// Distance of the hand frame from the rim of the rose at which the gripper closes [m].
-    pub grip_distance: f32,
-    /// The hand comes no nearer to the rim until it is centred [m]: the length of the knob, and a margin.
-    pub guard_distance: f32,
-    /// It is centred within this distance from the axis of the approach through the rose [m].
-    pub tolerance: f32,
-    /// Speed of the hand up to the guard distance, and from there on [m/s].
-    pub speed: f32,
-    /// See above.
-    pub near_speed: f32,
-    /// Angle of the gripper while it holds the knob, from … to [rad].
-    pub opening: [f32; 2],
-    /// Way by which the hand pulls at what it holds [m]: it must be stopped before.
-    pub pull: f32,
-    /// Tries after the first one.
-    pub retries: u8,
-    /// Longest time of a phase [s].
-    pub patience: f32,
-}
-
-/// A setting of the behaviour that is out of its range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InvalidApproach {
-    /// Its name, as in [`ApproachSettings`] and [`KnobExpectation`].
-    pub name: &'static str,
-    /// The value.
-    pub value: f32,
-    /// The least.
-    pub lower: f32,
-    /// The largest.
-    pub upper: f32,
-}
-
-impl core::fmt::Display for InvalidApproach {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { name, value, lower, upper } = self;
-        write!(f, "{name} is {value}; it must be {lower} to {upper}")
-    }
-}
-
-impl core::error::Error for InvalidApproach {}
-
-impl ApproachSettings {
-    /// Checks the settings for a board whose hand is at most as fast as `speed` [m/s].
-    ///
-    /// # Errors
-    /// The first one that is out of its range.
-    pub fn validate(&self, speed: f32) -> Result<(), InvalidApproach> {
-        let KnobExpectation { rose: [small, large], radius, length, distance: [near, far], aside } =
-            self.expectation;
-        for (name, value, lower, upper) in [
-            ("rose", small, 0.005, 0.5),
-            ("rose", large, small + 1e-4, 0.5),
-            ("radius", radius, 0.002, large),
-            ("length", length, 0.0, 1.0),
-            ("distance", near, 0.01, 5.0),
-            ("distance", far, near + 0.001, 5.0),
-            ("aside", aside, 0.001, 1.0),
-            ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
-            ("guard_distance", self.guard_distance, length + self.tolerance, near),
-            ("tolerance", self.tolerance, 1e-4, 0.05),
-            ("opening", self.opening[0], -100.0, 100.0),
-            ("opening", self.opening[1], self.opening[0], 100.0),
-            ("speed", self.speed, MIN_SPEED, speed),
-            ("near_speed", self.near_speed, MIN_SPEED, self.speed),
-            ("pull", self.pull, 1e-3, 0.1),
-            ("retries", f32::from(self.retries), 0.0, 20.0),
-            ("patience", self.patience, 0.5, 600.0),
-        ] {
-            if !(lower..=upper).contains(&value) {
-                return Err(InvalidApproach { name, value, lower, upper });
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Part of the behaviour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// The gripper opens, and the rose is looked for.
-    Look,
-    /// The hand goes before the knob.
-    Center,
-    /// The fingers go beside the knob.
-    Advance,
-    /// The gripper closes.
-    Grip,
-    /// The hand pulls at what it holds.
-    Verify,
-    /// It goes back for another try.
-    Retreat,
-    /// It holds the knob.
-    Done,
-    /// It has given up, and stands.
-    Failed(Reason),
-}
-
-/// Why the behaviour has given up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
-    /// No rose was found.
-    NotFound,
-    /// It was lost on the way, again and again.
-    Lost,
-    /// A contact stopped the hand before it was at the knob.
-    Blocked,
-    /// The knob is out of the arm's reach.
-    OutOfReach,
-    /// Nothing was between the fingers, or it gave way to a pull.
-    NotHeld,
-    /// A phase took too long.
-    Late,
-}
-
-impl core::fmt::Display for Reason {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NotFound => "no rose was found in the pictures",
-            Self::Lost => "the rose was lost on the way",
-            Self::Blocked => "a contact stopped the hand before it was at the knob",
-            Self::OutOfReach => "the knob is out of the arm's reach",
-            Self::NotHeld => "nothing was between the fingers, or it gave way to a pull",
-            Self::Late => "a part of the approach took too long",
-        })
-    }
-}
+/// A grip is tried when the fingers have stayed within this angle for this time [rad, s].
+const FINGERS_REST: f32 = 0.01;
+const SETTLING: f32 = 0.15;
+/// The knob is held when the gripper still holds it this long after the pull was stopped [s].
+const HELD: f32 = 0.2;
+/// Motions in a row that a board may refuse because of a contact that it has not reported yet.
+const LATE_REPORTS: u8 = 5;
+/// The hand has withdrawn from beside the knob, and gone back, within these distances [m].
+const WITHDRAWN: f32 = 3e-3;
+const RETREATED: f32 = 0.01;
+/// Contacts on the way back with which it fails.
+const MAX_BLOCKS: u8 = 2;
 
 /// What the behaviour asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,7 +66,7 @@ pub struct Order {
 pub struct Approach {
     settings: ApproachSettings,
     phase: Phase,
-    /// Time in this phase [s].
+    /// Time in this phase [s]. The way to the knob, centring and advancing, counts as one.
     time: f32,
     /// Where the hand was at the begin.
     home: Option<Isometry3<f32>>,
@@ -194,18 +74,32 @@ pub struct Approach {
     first: Vec<(Isometry3<f32>, Circle), FIRST_LOOKS>,
     /// What the circles may be: the likelier one first.
     rose: Vec<RoseEstimate, 2>,
-    /// Pictures in a row without the circle.
-    missed: u8,
-    /// For how long the hand has been standing [s].
-    standing: f32,
+    /// Time since the last picture, and since the last one in which the rose was [s], while there should be some.
+    blind: f32,
+    missed: f32,
+    /// For how long the hand has been waiting before the knob [s].
+    waiting: f32,
+    /// Depth along the approach at which the fingers were last before the knob [m]: from there on they are beside it.
+    beside: Option<f32>,
+    /// Whether a motion was ordered in this phase, and whether the hand has moved since then.
+    has_ordered: bool,
+    has_moved: bool,
+    /// Contacts in this phase, and motions in a row that were refused.
+    blocks: u8,
+    refused: u8,
+    /// Opening of the fingers, and for how long they have rested there [rad, s].
+    fingers: (f32, f32),
     /// Tries so far.
     tries: u8,
     /// How often the hand has gone on in this try, because nothing was between the fingers.
     deeper: u8,
     /// Why the last try ended.
     reason: Reason,
-    /// Where the hand pulls to, or goes back to.
+    /// Where the hand is, and where it pulls to or goes back to [m].
+    hand: Vector3<f32>,
     goal: Vector3<f32>,
+    /// Where it goes first on its way back: straight away from the knob [m].
+    withdrawal: Option<Vector3<f32>>,
 }
 
 impl Approach {
@@ -218,12 +112,21 @@ impl Approach {
             home: None,
             first: Vec::new(),
             rose: Vec::new(),
-            missed: 0,
-            standing: 0.0,
+            blind: 0.0,
+            missed: 0.0,
+            waiting: 0.0,
+            beside: None,
+            has_ordered: false,
+            has_moved: false,
+            blocks: 0,
+            refused: 0,
+            fingers: (0.0, 0.0),
             tries: 0,
             deeper: 0,
             reason: Reason::NotFound,
+            hand: Vector3::new(0.0, 0.0, 0.0),
             goal: Vector3::new(0.0, 0.0, 0.0),
+            withdrawal: None,
         }
     }
 
@@ -235,6 +138,16 @@ impl Approach {
     /// Where the rose is, once it was found.
     pub fn rose(&self) -> Option<&RoseEstimate> {
         self.rose.first()
+    }
+
+    /// Its settings.
+    pub const fn settings(&self) -> &ApproachSettings {
+        &self.settings
+    }
+
+    /// In how many ways the circles may still be explained.
+    pub fn explanations(&self) -> usize {
+        self.rose.len()
     }
 
     /// Tries that have ended without success.
@@ -260,6 +173,7 @@ impl Approach {
     /// Takes what was found in a picture from `hand`.
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
         let hand = isometry(hand);
+        self.blind = 0.0;
         if self.rose.is_empty() {
             let Some(circle) = circle.filter(|_| self.phase == Phase::Look) else { return };
             if self.first.is_full() {
@@ -276,7 +190,9 @@ impl Approach {
                 fits |= rose.update(table, expectation, &hand, circle).is_some() && index == 0;
             }
         }
-        self.missed = if fits { 0 } else { self.missed.saturating_add(1) };
+        if fits {
+            self.missed = 0.0;
+        }
         if let [one, other] = &*self.rose {
             let ahead = other.cost() - one.cost();
             if ahead < 0.0 {
@@ -308,55 +224,95 @@ impl Approach {
             }
             let _ = self.rose.push(rose);
         }
-        self.missed = 0;
+        self.missed = 0.0;
+    }
+
+    /// The board has refused a command. That of a contact which is not reported yet is no news; others end the try.
+    pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
+        self.refused += 1;
+        match *refusal {
+            // The contact that stopped the pull was there before a report of the motion.
+            VisualApproachRefusal::Blocked { .. } if self.phase == Phase::Verify => self.has_moved = true,
+            VisualApproachRefusal::Blocked { .. } if self.refused < LATE_REPORTS => {}
+            VisualApproachRefusal::Blocked { .. } => self.retry(Reason::Blocked),
+            VisualApproachRefusal::Target { .. } => self.retry(Reason::OutOfReach),
+            refusal => self.enter(Phase::Failed(Reason::Refused(refusal))),
+        }
     }
 
     /// Advances by `elapsed` [s] since the last call, with the board's newest report.
     pub fn update(&mut self, report: &VisualApproachTelemetry, elapsed: f32) -> Order {
-        self.time += elapsed;
-        self.standing += elapsed;
         let hand = isometry(&report.hand);
         let home = *self.home.get_or_insert(hand);
-        if self.time > self.settings.patience && !matches!(self.phase, Phase::Done | Phase::Failed(_)) {
-            let reason = if self.phase == Phase::Look { Reason::NotFound } else { Reason::Late };
-            self.retry(reason, &home);
+        self.hand = hand.translation.vector;
+        if matches!(self.phase, Phase::Done | Phase::Failed(_)) {
+            return self.ended();
+        }
+        self.time += elapsed;
+        self.waiting += elapsed;
+        self.blind += elapsed;
+        self.missed += elapsed;
+        self.has_moved |= self.has_ordered && report.motion == HandMotion::Moving;
+        let looks = matches!(self.phase, Phase::Look | Phase::Center | Phase::Advance);
+        let should_open = looks || self.phase == Phase::Retreat;
+        let is_late = self.time > self.settings.patience;
+        let is_jammed = report.gripper == GripperState::Jammed;
+        if should_open && (is_jammed || is_late && report.gripper != GripperState::Open) {
+            self.enter(Phase::Failed(Reason::Gripper));
+        } else if looks && self.blind > LOST {
+            self.retry(Reason::NoPictures);
+        } else if is_late {
+            self.retry(if self.phase == Phase::Look { Reason::NotFound } else { Reason::Late });
         }
         match self.phase {
             Phase::Look => self.begin_motion(report),
             Phase::Center | Phase::Advance => self.approach(report, &hand, &home),
-            Phase::Grip => self.grip(report, &hand, &home),
-            Phase::Verify => self.verify(report, &home),
-            Phase::Retreat => self.retreat(report, &hand),
-            Phase::Done => Order { command: None, look: false },
-            Phase::Failed(_) => Order { command: Some(VisualApproachCommand::Stand), look: false },
+            Phase::Grip => self.grip(report, &home, elapsed),
+            Phase::Verify => self.verify(report),
+            Phase::Retreat => self.retreat(report),
+            Phase::Done | Phase::Failed(_) => self.ended(),
         }
     }
 
+    fn ended(&self) -> Order {
+        let command = (self.phase != Phase::Done).then_some(VisualApproachCommand::Stand);
+        Order { command, look: false }
+    }
+
     fn enter(&mut self, phase: Phase) {
-        (self.phase, self.time) = (phase, 0.0);
+        self.phase = phase;
+        (self.time, self.waiting, self.blind, self.missed) = (0.0, 0.0, 0.0, 0.0);
+        (self.has_ordered, self.has_moved) = (false, false);
+        (self.blocks, self.refused) = (0, 0);
+        self.fingers = (0.0, 0.0);
     }
 
     /// Gives up this try: goes back for another one, or for good.
-    fn retry(&mut self, reason: Reason, home: &Isometry3<f32>) {
+    fn retry(&mut self, reason: Reason) {
+        let Some(home) = self.home.filter(|_| self.phase != Phase::Retreat) else {
+            self.enter(Phase::Failed(reason));
+            return;
+        };
         self.tries = self.tries.saturating_add(1);
         self.reason = reason;
         let [x, y, z] = VIEWS[usize::from(self.tries - 1) % VIEWS.len()];
         self.goal = (home * Point3::new(x, y, z)).coords;
-        if self.phase == Phase::Retreat {
-            self.enter(Phase::Failed(reason));
-        } else {
-            self.enter(Phase::Retreat);
-        }
+        let ahead = home.rotation * Vector3::z();
+        let back = self.beside.map_or(0.0, |depth| ahead.dot(&self.hand) - depth);
+        self.withdrawal = (back > 0.0).then(|| self.hand - ahead * back);
+        self.enter(Phase::Retreat);
     }
 
-    /// The knob was not held: it may be farther than it seems.
-    fn miss(&mut self, home: &Isometry3<f32>) {
-        if self.deeper < DEEPER_TRIES && self.rose.len() == 1 {
+    /// The knob was not held: it may be farther than it seems, unless a contact was there.
+    fn miss(&mut self, report: &VisualApproachTelemetry) -> Order {
+        let is_free = report.motion != HandMotion::Blocked;
+        if self.deeper < DEEPER_TRIES && self.rose.len() == 1 && is_free && self.phase == Phase::Grip {
             self.deeper += 1;
             self.enter(Phase::Advance);
         } else {
-            self.retry(Reason::NotHeld, home);
+            self.retry(Reason::NotHeld);
         }
+        Order { command: Some(VisualApproachCommand::Open), look: false }
     }
 
     fn begin_motion(&mut self, report: &VisualApproachTelemetry) -> Order {
@@ -373,12 +329,7 @@ impl Approach {
         home: &Isometry3<f32>,
     ) -> Order {
         let wait = Order { command: None, look: true };
-        if report.motion != HandMotion::Standing {
-            self.standing = 0.0;
-        } else if self.standing > DECISION_TIME {
-            self.rose.truncate(1);
-        }
-        let ApproachSettings { guard_distance, tolerance, .. } = self.settings;
+        let ApproachSettings { guard_distance, tolerance, speed, near_speed, .. } = self.settings;
         let grip_distance = self.settings.grip_distance - f32::from(self.deeper) * DEEPER;
         let Some(rose) = self.rose.first() else { return wait };
         if report.gripper != GripperState::Open {
@@ -391,8 +342,10 @@ impl Approach {
         let is_known = rose.deviation(&ahead) < DEPTH_ERROR;
         let may_advance = aside < tolerance && is_known && self.rose.len() == 1;
         // Once beside the knob, the hand stays there.
-        let is_beside = distance < guard_distance - tolerance;
-        let goes_on = may_advance || is_beside;
+        if may_advance && distance < guard_distance - tolerance && self.beside.is_none() {
+            self.beside = Some(ahead.dot(&self.hand));
+        }
+        let goes_on = may_advance || self.beside.is_some();
         let stop = if goes_on { grip_distance } else { guard_distance };
         // Until it is decided what the circles are, the hand does not come too near to either.
         let nearest = self
@@ -401,8 +354,8 @@ impl Approach {
             .map(|rose| hand.inverse_transform_point(&rose.place()).z)
             .fold(distance, f32::min);
         let place = rose.place() - ahead * (distance - nearest);
-        if self.missed >= LOST && !is_beside {
-            self.retry(Reason::Lost, home);
+        if self.missed > LOST && self.beside.is_none() {
+            self.retry(Reason::Lost);
             return wait;
         }
         match report.motion {
@@ -411,106 +364,125 @@ impl Approach {
                 return Order { command: Some(VisualApproachCommand::Close), look: false };
             }
             HandMotion::Blocked => {
-                self.retry(Reason::Blocked, home);
+                self.retry(Reason::Blocked);
                 return wait;
             }
             HandMotion::Limited => {
-                self.retry(Reason::OutOfReach, home);
+                self.retry(Reason::OutOfReach);
                 return wait;
             }
             HandMotion::Standing | HandMotion::Moving => {}
         }
-        if goes_on && distance < grip_distance + AT_GRIP && report.motion == HandMotion::Standing {
+        if goes_on && distance < grip_distance + AT_GRIP {
+            if report.motion == HandMotion::Moving {
+                // It comes to rest where it was sent.
+                return wait;
+            }
             self.enter(Phase::Grip);
             return Order { command: Some(VisualApproachCommand::Close), look: false };
         }
-        let phase = if goes_on && distance < guard_distance { Phase::Advance } else { Phase::Center };
-        if phase != self.phase {
-            self.enter(phase);
+        self.phase = if goes_on && distance < guard_distance { Phase::Advance } else { Phase::Center };
+        let position: Vector3<f32> = (place - ahead * stop).coords;
+        if (position - self.hand).norm_squared() > DECISION_PLACE * DECISION_PLACE {
+            self.waiting = 0.0;
+        } else if self.waiting > DECISION_TIME {
+            self.rose.truncate(1);
         }
-        let position: Point3<f32> = place - ahead * stop;
         // Sideways and forward motion end together.
-        let ApproachSettings { speed, near_speed, .. } = self.settings;
         let speed = if distance < guard_distance + 0.5 * tolerance { near_speed } else { speed };
-        Order {
-            command: Some(VisualApproachCommand::Move { position: position.coords.into(), speed }),
-            look: true,
-        }
+        let command = VisualApproachCommand::Move { position: position.into(), speed };
+        Order { command: Some(command), look: true }
     }
 
-    fn grip(
-        &mut self,
-        report: &VisualApproachTelemetry,
-        hand: &Isometry3<f32>,
-        home: &Isometry3<f32>,
-    ) -> Order {
+    /// Whether the fingers are as far apart as on a knob.
+    fn is_on_knob(&self, report: &VisualApproachTelemetry) -> bool {
+        let [least, most] = self.settings.opening;
+        (least..=most).contains(&report.opening)
+    }
+
+    fn grip(&mut self, report: &VisualApproachTelemetry, home: &Isometry3<f32>, elapsed: f32) -> Order {
         match report.gripper {
-            GripperState::Empty => self.miss(home),
-            GripperState::Holding if self.time > SETTLING => {
-                let [least, most] = self.settings.opening;
-                if !(least..=most).contains(&report.opening) {
-                    // Something else is between the fingers, or the edge of the knob.
-                    self.miss(home);
+            GripperState::Empty | GripperState::Jammed => return self.miss(report),
+            GripperState::Holding => {
+                let (opening, time) = self.fingers;
+                let rest = abs(report.opening - opening) < FINGERS_REST;
+                self.fingers = if rest { (opening, time + elapsed) } else { (report.opening, 0.0) };
+                if self.fingers.1 > SETTLING && !self.is_on_knob(report) {
+                    // Something else is between the fingers, or the side of the knob: deeper it is no better.
+                    self.retry(Reason::NotHeld);
                     return Order { command: Some(VisualApproachCommand::Open), look: false };
                 }
-                self.goal = hand.translation.vector - home.rotation * Vector3::z() * self.settings.pull;
-                self.enter(Phase::Verify);
+                if self.fingers.1 > SETTLING {
+                    self.goal = self.hand - home.rotation * Vector3::z() * self.settings.pull;
+                    self.enter(Phase::Verify);
+                }
             }
             _ => {}
         }
         Order { command: Some(VisualApproachCommand::Close), look: false }
     }
 
-    fn verify(&mut self, report: &VisualApproachTelemetry, home: &Isometry3<f32>) -> Order {
-        let speed = self.settings.near_speed;
-        let pull = Order {
-            command: Some(VisualApproachCommand::Move { position: self.goal.into(), speed }),
-            look: false,
-        };
-        if report.gripper != GripperState::Holding {
-            self.miss(home);
-            return Order { command: Some(VisualApproachCommand::Open), look: false };
+    fn verify(&mut self, report: &VisualApproachTelemetry) -> Order {
+        let wait = Order { command: None, look: false };
+        let gave_way = self.has_moved && report.motion == HandMotion::Standing;
+        if gave_way || report.gripper != GripperState::Holding || !self.is_on_knob(report) {
+            return self.miss(report);
         }
-        let went = sqrt((Vector3::from(report.hand.translation) - self.goal).norm_squared());
-        match report.motion {
-            HandMotion::Blocked if self.time > 0.1 => {
-                self.enter(Phase::Done);
-                Order { command: None, look: false }
-            }
-            HandMotion::Standing if went < 0.3 * self.settings.pull => {
-                self.miss(home);
-                Order { command: Some(VisualApproachCommand::Open), look: false }
-            }
-            _ => pull,
+        if !self.has_moved {
+            return self.move_to(self.goal, self.settings.near_speed);
         }
+        if report.motion != HandMotion::Blocked {
+            self.waiting = 0.0;
+        }
+        if self.waiting > HELD {
+            self.enter(Phase::Done);
+        }
+        wait
     }
 
-    fn retreat(&mut self, report: &VisualApproachTelemetry, hand: &Isometry3<f32>) -> Order {
+    fn retreat(&mut self, report: &VisualApproachTelemetry) -> Order {
         // The fingers open before the hand goes.
         if !matches!(report.gripper, GripperState::Open) {
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
-        // What it has hit ends a motion for good; another one may go on.
-        if report.motion == HandMotion::Blocked {
-            return Order { command: Some(VisualApproachCommand::Stand), look: false };
+        // A contact that ended the try is behind; another one may be.
+        if self.has_moved && report.motion == HandMotion::Blocked {
+            (self.has_moved, self.blocks) = (false, self.blocks + 1);
+            if self.blocks >= MAX_BLOCKS {
+                self.enter(Phase::Failed(Reason::Blocked));
+                return self.ended();
+            }
+            return Order { command: Some(VisualApproachCommand::Acknowledge), look: false };
         }
-        let left = sqrt((hand.translation.vector - self.goal).norm_squared());
-        if left < 0.01 {
+        if self.has_moved && report.motion == HandMotion::Limited {
+            self.enter(Phase::Failed(Reason::OutOfReach));
+            return self.ended();
+        }
+        let left = |goal: &Vector3<f32>| sqrt((goal - self.hand).norm_squared());
+        // Straight away from the knob first, slowly.
+        self.withdrawal = self.withdrawal.filter(|goal| left(goal) > WITHDRAWN);
+        let (goal, speed) = match self.withdrawal {
+            Some(goal) => (goal, self.settings.near_speed),
+            None => (self.goal, self.settings.speed),
+        };
+        if self.withdrawal.is_none() && left(&goal) < RETREATED {
             if self.tries > self.settings.retries {
                 self.enter(Phase::Failed(self.reason));
-                return Order { command: Some(VisualApproachCommand::Stand), look: false };
+                return self.ended();
             }
             self.rose.clear();
-            (self.missed, self.deeper) = (0, 0);
             self.first.clear();
+            (self.deeper, self.beside) = (0, None);
             self.enter(Phase::Look);
             return Order { command: None, look: true };
         }
-        let speed = self.settings.speed;
-        Order {
-            command: Some(VisualApproachCommand::Move { position: self.goal.into(), speed }),
-            look: false,
-        }
+        self.move_to(goal, speed)
+    }
+
+    fn move_to(&mut self, position: Vector3<f32>, speed: f32) -> Order {
+        self.has_ordered = true;
+        let command = VisualApproachCommand::Move { position: position.into(), speed };
+        Order { command: Some(command), look: false }
     }
 }
 

@@ -21,6 +21,10 @@ const LET_GO: f32 = 0.04;
 const DAMPING: f32 = 0.3;
 /// Time in which opening and closing reach their speed [s].
 const START: f32 = 0.1;
+/// It is jammed when it opens with more than the torque of the grip for this time [s], or opens or closes for twice the time
+/// that the way takes, and this one [s].
+const OVERLOAD: f32 = 0.1;
+const DELAY: f32 = 1.0;
 /// Distance from an end of the gripper's range that counts as there [rad], as a share of the range.
 const AT_END: f32 = 0.02;
 
@@ -40,6 +44,8 @@ pub enum GripperState {
     Holding,
     /// 5: it has closed, or has lost what it held.
     Empty,
+    /// 6: something kept it from opening or closing; it stands. Only the opposite command moves it again.
+    Jammed,
 }
 
 /// The gripper's part of the task.
@@ -48,6 +54,11 @@ pub struct Gripper {
     pub state: GripperState,
     /// Torque with which it presses [N·m].
     press: f32,
+    /// Whether it was sent to open last.
+    opens: bool,
+    /// For how long it has been opening or closing, and doing so under too large a torque [s].
+    time: f32,
+    overload: f32,
 }
 
 /// The gripper's joint in a tick.
@@ -64,18 +75,26 @@ pub struct GripperJoint<'a> {
 }
 
 impl Gripper {
-    pub const STILL: Self = Self { state: GripperState::Still, press: 0.0 };
+    pub const STILL: Self =
+        Self { state: GripperState::Still, press: 0.0, opens: false, time: 0.0, overload: 0.0 };
 
-    pub const fn open(&mut self) {
-        if !matches!(self.state, GripperState::Open) {
-            self.state = GripperState::Opening;
+    pub fn open(&mut self) {
+        let goes_on = matches!(self.state, GripperState::Opening | GripperState::Jammed) && self.opens;
+        if !goes_on && self.state != GripperState::Open {
+            self.start(GripperState::Opening);
         }
     }
 
-    pub const fn close(&mut self) {
-        if !matches!(self.state, GripperState::Holding) {
-            self.state = GripperState::Closing;
+    pub fn close(&mut self) {
+        let goes_on = matches!(self.state, GripperState::Closing | GripperState::Jammed) && !self.opens;
+        if !goes_on && self.state != GripperState::Holding {
+            self.start(GripperState::Closing);
         }
+    }
+
+    fn start(&mut self, state: GripperState) {
+        (self.state, self.opens) = (state, state == GripperState::Opening);
+        (self.time, self.overload) = (0.0, 0.0);
     }
 
     /// Sets the joint's target for a period.
@@ -83,11 +102,16 @@ impl Gripper {
         let GripperSettings { open, closed, speed, torque, .. } = *settings;
         let direction = if closed > open { 1.0 } else { -1.0 };
         let at = |end: f32| abs(joint.position - end) < AT_END * abs(closed - open);
+        let is_jammed = self.is_jammed(settings, &joint);
         match self.state {
             GripperState::Opening if at(open) => self.state = GripperState::Open,
             GripperState::Closing if at(closed) => self.state = GripperState::Empty,
             GripperState::Closing if joint.effort * direction > TOUCH * torque => {
                 self.state = GripperState::Holding;
+            }
+            GripperState::Opening | GripperState::Closing if is_jammed => {
+                self.state = GripperState::Jammed;
+                *joint.target = JointTarget::at(joint.position);
             }
             // What gives way, or slips out, is not held.
             GripperState::Holding if at(closed) || joint.velocity * direction > speed => {
@@ -113,7 +137,9 @@ impl Gripper {
             return;
         }
         let end = match self.state {
-            GripperState::Still | GripperState::Empty | GripperState::Holding => return,
+            GripperState::Still | GripperState::Empty | GripperState::Holding | GripperState::Jammed => {
+                return;
+            }
             GripperState::Opening | GripperState::Open => open,
             GripperState::Closing => closed,
         };
@@ -130,5 +156,15 @@ impl Gripper {
         let point = JointPoint { position, velocity: now, acceleration };
         *joint.target =
             JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+    }
+    /// Counts the time of opening or closing, and tells when that is too long.
+    fn is_jammed(&mut self, settings: &GripperSettings, joint: &GripperJoint<'_>) -> bool {
+        let GripperSettings { open, closed, speed, torque, .. } = *settings;
+        // Closing ends at what is between the fingers.
+        let opens = if closed > open { -1.0 } else { 1.0 };
+        let is_overloaded = self.opens && joint.effort * opens > torque;
+        self.time = (self.time + TICK).min(1e3);
+        self.overload = if is_overloaded { self.overload + TICK } else { 0.0 };
+        self.overload > OVERLOAD || self.time > 2.0 * abs(closed - open) / speed + DELAY
     }
 }

@@ -15,11 +15,18 @@
 //!
 //! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse of the Jacobian,
 //! as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), damped, within the limits of the joints; the motion
-//! is continuous, so that it goes on while a picture is looked at. A contact against the motion ends it.
+//! is continuous, so that it goes on while a picture is looked at.
+//!
+//! A contact against the motion ends it: the reference jumps to where the hand is, which goes back by 2 mm. Targets in the
+//! direction that was ended are refused until the hand has gone back by 10 mm or the leader
+//! [acknowledges](VisualApproachCommand::Acknowledge). So is a motion in a direction in which the posture shows no forces.
 
 mod approach;
+mod approach_settings;
 mod contact;
 mod gripper;
+mod motion;
+mod phase;
 mod reference;
 mod rose;
 mod settings;
@@ -31,27 +38,27 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::api::{Io, Task, TaskFault};
+use crate::TICK;
 use crate::math::sqrt;
 use crate::model::Pose;
 use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::teleop::MotionLimits;
 
-pub use approach::{Approach, ApproachSettings, InvalidApproach, Order, Phase, Reason};
-use contact::ContactEstimate;
+pub use approach::{Approach, Order};
+pub use approach_settings::{ApproachSettings, InvalidApproach};
+use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
-use reference::{Arm, Step, angles, pose};
+use motion::{MIN_SHOWN, MotionState};
+pub use phase::{Phase, Reason};
+use reference::{Arm, angles, pose};
 pub use rose::{KnobExpectation, Rim, RoseEstimate};
 pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };
 
-/// The hand has arrived within this distance [m].
-const ARRIVED: f32 = 5e-4;
-/// A hand that is slower stands, or is held back [m/s].
-const SLOWEST: f32 = 1e-3;
-/// After a contact the hand goes back by this much from where it was [m].
-const RETREAT: f32 = 2e-3;
+/// The hand stands for at least this long before its first motion, and learns the efforts without contact [s].
+const BEFORE_MOTION: f32 = 0.5;
 
 /// Commands of the visual approach. All but the latch may be repeated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -61,32 +68,35 @@ pub enum VisualApproachCommand {
         /// Number of the picture.
         number: u16,
     },
-    /// 1: moves the hand on a straight line.
+    /// 1: moves the hand on a straight line. After a contact, targets against it are refused until the hand has gone
+    /// back, or the contact is acknowledged.
     Move {
         /// Where it shall come to rest, in the base frame [m].
         position: [f32; 3],
         /// Largest speed [m/s]: at least [`MIN_SPEED`].
         speed: f32,
     },
-    /// 2: brings the hand to rest.
+    /// 2: brings the hand to rest. One that a contact has stopped goes on to go back.
     Stand,
     /// 3: opens the gripper.
     Open,
     /// 4: closes the gripper, and holds what is between the fingers.
     Close,
+    /// 5: the leader knows of the contact that ended a motion: targets against it are accepted again.
+    Acknowledge,
 }
 
 /// Motion of the hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HandMotion {
-    /// 0: it stands at its target.
+    /// 0: it stands at its target: its reference has arrived, and the hand has moved by less than 0.2 mm for 0.1 s.
     Standing,
     /// 1: it moves.
     Moving,
     /// 2: a contact has ended its motion; it waits for another target.
     Blocked,
-    /// 3: limits of the joints hold it back.
+    /// 3: it stands, because limits of the joints hold it back, or because the posture shows no force against its motion.
     Limited,
 }
 
@@ -99,7 +109,7 @@ pub struct VisualApproachTelemetry {
     pub latched: Option<(u16, Pose)>,
     /// Its motion.
     pub motion: HandMotion,
-    /// Way to the target [m].
+    /// Way of the measured hand to the target [m].
     pub remaining: f32,
     /// Force on the hand as the efforts of the joints show it, in the base frame [N].
     pub force: [f32; 3],
@@ -116,13 +126,12 @@ pub struct VisualApproach {
     /// Where the hand was when the task began.
     begin: Pose,
     latched: Option<(u16, Pose)>,
-    /// Where it was sent [m], and how fast at most [m/s].
-    commanded: [f32; 3],
+    /// Largest speed of the present motion [m/s].
     speed: f32,
-    /// Where it goes [m].
-    target: [f32; 3],
-    motion: HandMotion,
-    remaining: f32,
+    /// Time before the first motion [s], and whether it has begun.
+    before_motion: f32,
+    has_moved: bool,
+    motion: MotionState,
     contact: ContactEstimate,
     force: [f32; 3],
     gripper: Gripper,
@@ -137,11 +146,10 @@ impl Task for VisualApproach {
         settings: VisualApproachSettings::DEFAULT,
         begin: Pose::IDENTITY,
         latched: None,
-        commanded: [0.0; 3],
         speed: 0.0,
-        target: [0.0; 3],
-        motion: HandMotion::Standing,
-        remaining: 0.0,
+        before_motion: 0.0,
+        has_moved: false,
+        motion: MotionState::NONE,
         contact: ContactEstimate::NONE,
         force: [0.0; 3],
         gripper: Gripper::STILL,
@@ -149,10 +157,18 @@ impl Task for VisualApproach {
 
     fn check(
         robot: &Robot,
-        _: &Measured,
+        measured: &Measured,
         settings: &VisualApproachSettings,
     ) -> Result<(), VisualApproachRefusal> {
-        settings.validate(robot)
+        settings.validate(robot)?;
+        // Cannot fail after that.
+        let Some(arm) = Arm::new(robot, settings.chain, settings.gripper.joint) else { return Ok(()) };
+        let sense = Sense::new(&arm, &arm.posture(&measured.positions));
+        if sense.shows(MIN_SHOWN) {
+            Ok(())
+        } else {
+            Err(VisualApproachRefusal::Singular { chain: settings.chain })
+        }
     }
 
     fn begin(&mut self, io: Io<'_>, settings: &VisualApproachSettings) {
@@ -164,8 +180,7 @@ impl Task for VisualApproach {
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return };
         self.begin = to_wire(&pose(&arm.posture(&angles)));
-        (self.commanded, self.speed) = (self.begin.translation, settings.speed);
-        self.target = self.commanded;
+        (self.motion.target, self.speed) = (self.begin.translation, settings.speed);
     }
 
     fn command(&mut self, io: Io<'_>, command: &VisualApproachCommand) -> Result<(), VisualApproachRefusal> {
@@ -187,18 +202,12 @@ impl Task for VisualApproach {
                 if !(MIN_SPEED..=limit).contains(&speed) {
                     return Err(VisualApproachRefusal::Speed { value: speed, limit });
                 }
+                let place = self.reference(&io).translation.vector;
+                self.motion.send(&place, &position.into())?;
                 self.speed = speed;
-                // A repeated command does not go against a contact again.
-                let is_repeated = position.map(f32::to_bits) == self.commanded.map(f32::to_bits);
-                if self.motion == HandMotion::Blocked && is_repeated {
-                    return Ok(());
-                }
-                (self.commanded, self.target, self.motion) = (position, position, HandMotion::Moving);
             }
-            VisualApproachCommand::Stand => {
-                self.target = self.reference(&io).translation.vector.into();
-                (self.commanded, self.motion) = (self.target, HandMotion::Moving);
-            }
+            VisualApproachCommand::Stand => self.motion.stand(&self.reference(&io).translation.vector),
+            VisualApproachCommand::Acknowledge => self.motion.acknowledge(),
             VisualApproachCommand::Open => self.gripper.open(),
             VisualApproachCommand::Close => self.gripper.close(),
         }
@@ -210,14 +219,24 @@ impl Task for VisualApproach {
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return Ok(()) };
         let measured = arm.posture(&io.measured.positions);
-        let stands = self.motion == HandMotion::Standing;
-        let force = self.contact.update(&arm, &measured, io.efforts, stands, self.settings.contact_force);
+        let sense = Sense::new(&arm, &measured);
+        let (learning, limit) = (self.learning(), self.settings.contact_force);
+        let force = self.contact.update(&arm, &measured, &sense, io.efforts, learning, limit);
         self.force = force.into();
-        let target = Isometry3::from_parts(Translation3::from(self.target), rotation(&self.begin.rotation));
-        let limits = MotionLimits { speed: self.speed, acceleration: self.settings.acceleration };
+        if !self.has_moved {
+            self.before_motion += TICK;
+            self.has_moved = self.before_motion > BEFORE_MOTION && self.motion.motion == HandMotion::Moving;
+        }
+        let place = if self.has_moved { self.motion.target } else { self.begin.translation };
+        let target = Isometry3::from_parts(Translation3::from(place), rotation(&self.begin.rotation));
+        let speed = self.motion.speed(self.speed, &sense);
+        let limits = MotionLimits { speed, acceleration: self.settings.acceleration };
         let mut points = *io.references;
         let step = arm.advance(io.references, &mut points, &target, &limits);
-        self.supervise(&step, &force, &measured.tip().translation.vector);
+        let hand = measured.tip().translation.vector;
+        if self.has_moved && self.motion.supervise(&step, &hand, &force, &sense, limit) {
+            arm.stop(&io.measured.positions, &mut points);
+        }
         for (index, _) in arm.indices() {
             if let (Some(target), Some(point)) = (io.targets.joints.get_mut(index), points.get(index)) {
                 *target =
@@ -242,8 +261,8 @@ impl Task for VisualApproach {
         VisualApproachTelemetry {
             hand: hand.unwrap_or(Pose::IDENTITY),
             latched: self.latched,
-            motion: self.motion,
-            remaining: self.remaining,
+            motion: self.motion.motion,
+            remaining: self.motion.remaining,
             force: self.force,
             gripper: self.gripper.state,
             opening: opening.copied().unwrap_or(0.0),
@@ -262,25 +281,18 @@ impl VisualApproach {
         arm.map_or_else(Isometry3::identity, |arm| pose(&arm.posture(&angles(io.references))))
     }
 
-    /// Ends a motion against a contact, and says how the hand moves.
-    fn supervise(&mut self, step: &Step, force: &Vector3<f32>, hand: &Vector3<f32>) {
-        self.remaining = step.remaining;
-        let speed = sqrt(step.velocity.norm_squared());
-        if self.motion == HandMotion::Blocked {
-            return;
+    /// What the estimate of the force learns in this period: nothing while the hand may be loaded.
+    const fn learning(&self) -> Learning {
+        if !self.has_moved {
+            return Learning::Unloaded;
         }
-        if speed > SLOWEST && force.dot(&step.velocity) < -self.settings.contact_force * speed {
-            self.motion = HandMotion::Blocked;
-            self.target = (hand - step.velocity * (RETREAT / speed)).into();
-            return;
+        let is_free =
+            matches!(self.gripper.state, GripperState::Still | GripperState::Open | GripperState::Empty);
+        match self.motion.motion {
+            _ if !is_free || self.motion.is_ended() => Learning::Nothing,
+            HandMotion::Standing => Learning::Standing,
+            _ => Learning::Moving,
         }
-        self.motion = if step.remaining < ARRIVED {
-            HandMotion::Standing
-        } else if step.limited && speed < SLOWEST {
-            HandMotion::Limited
-        } else {
-            HandMotion::Moving
-        };
     }
 }
 

@@ -121,6 +121,28 @@ impl<'a> Arm<'a> {
         }
     }
 
+    /// The references stop at once where the joints are: their servos brake as hard as they can, and press no more.
+    pub fn stop(&self, positions: &[f32; MAX_JOINTS], points: &mut [JointPoint; MAX_JOINTS]) {
+        for (index, _) in self.indices() {
+            if let (Some(point), Some(&position)) = (points.get_mut(index), positions.get(index)) {
+                *point = JointPoint { position, velocity: 0.0, acceleration: 0.0 };
+            }
+        }
+    }
+
+    /// How far the axis of a gripper in the chain is off the z axis of the hand, as the sine of the angle, and off its
+    /// origin [m]; 0 when the gripper is no part of the chain.
+    pub fn gripper_axis(&self) -> [f32; 2] {
+        let posture = self.config.posture(&[0.0; MAX_JOINTS]);
+        let jacobian = posture.jacobian();
+        let own = self.gripper.checked_sub(self.range.start).filter(|_| self.range.contains(&self.gripper));
+        let Some(column) = own.and_then(|own| jacobian.column_iter().nth(own)) else { return [0.0; 2] };
+        let axis: Vector3<f32> = column.fixed_rows::<3>(3).into_owned();
+        let approach = posture.tip().rotation * Vector3::z();
+        let offset: Vector3<f32> = column.fixed_rows::<3>(0).into_owned();
+        [axis.cross(&approach), offset].map(|error| math::sqrt(error.norm_squared()))
+    }
+
     /// Joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the limits of speed,
     /// acceleration and angle. A joint that a limit of angle holds back leaves its part to the others.
     fn joint_velocities(

@@ -10,6 +10,10 @@ use crate::robot::{Concerns, LimitRefusal, Robot};
 /// Least speed of a motion [m/s]: a contact stops only a hand that moves.
 pub const MIN_SPEED: f32 = 5e-3;
 
+/// The axis of a gripper in the arm's chain is the z axis of the hand frame: up to this angle [rad] and distance [m].
+const MAX_TILT: f32 = 0.01;
+const MAX_OFFSET: f32 = 1e-3;
+
 /// Settings of the gripper, which one joint opens and closes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripperSettings {
@@ -79,6 +83,12 @@ impl VisualApproachSettings {
         // Fewer can neither keep an orientation nor show a force in any direction.
         if joints.len() - usize::from(is_own) < 6 {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
+        }
+        let arm = super::Arm::new(robot, self.chain, joint);
+        let [tilt, offset] = arm.map_or([0.0; 2], |arm| arm.gripper_axis());
+        // Nor an axis that is no number.
+        if !(tilt <= MAX_TILT && offset <= MAX_OFFSET) {
+            return Err(VisualApproachRefusal::GripperAxis { joint, tilt, offset });
         }
         gripper.check_position(joint, open)?;
         gripper.check_position(joint, closed)?;
@@ -175,6 +185,25 @@ pub enum VisualApproachRefusal {
         /// The largest [m/s].
         limit: f32,
     },
+    /// 6: the target is against the contact that ended a motion, or in a direction in which the posture shows no forces.
+    Blocked {
+        /// How far [m].
+        ahead: f32,
+    },
+    /// 7: the gripper's axis is not the z axis of the hand frame.
+    GripperAxis {
+        /// The gripper's joint.
+        joint: u8,
+        /// Sine of the angle between them.
+        tilt: f32,
+        /// Distance of the axis from the origin of the hand frame [m].
+        offset: f32,
+    },
+    /// 8: the arm is near a singular posture: its joints do not show forces in every direction.
+    Singular {
+        /// The arm's chain.
+        chain: u8,
+    },
 }
 
 impl From<LimitRefusal> for VisualApproachRefusal {
@@ -186,14 +215,17 @@ impl From<LimitRefusal> for VisualApproachRefusal {
 impl Concerns for VisualApproachRefusal {
     fn joint(&self) -> Option<u8> {
         match self {
-            Self::NoGripper { joint } => Some(*joint),
+            Self::NoGripper { joint } | Self::GripperAxis { joint, .. } => Some(*joint),
             Self::Limit(refusal) => refusal.joint(),
             _ => None,
         }
     }
 
     fn chain(&self) -> Option<u8> {
-        if let Self::NoChain { chain } = self { Some(*chain) } else { None }
+        match self {
+            Self::NoChain { chain } | Self::Singular { chain } => Some(*chain),
+            _ => None,
+        }
     }
 }
 
@@ -219,6 +251,19 @@ impl fmt::Display for VisualApproachRefusal {
             Self::Speed { value, limit } => {
                 write!(f, "the speed of the motion is {value} m/s; it must be {MIN_SPEED} to {limit} m/s")
             }
+            Self::Blocked { ahead } => write!(
+                f,
+                "the target is {ahead} m against what stopped the hand: go back by 0.01 m first, or acknowledge the contact"
+            ),
+            Self::GripperAxis { joint, tilt, offset } => write!(
+                f,
+                "the axis of the gripper, joint {joint}, is off the z axis of the hand frame by {tilt} (sine of the angle; at \
+                 most {MAX_TILT}) and by {offset} m (at most {MAX_OFFSET} m): correct the tip of the chain"
+            ),
+            Self::Singular { chain } => write!(
+                f,
+                "chain {chain} is near a singular posture, in which its joints do not show every contact: bend it first"
+            ),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The behaviour before an imagined door: a hand that goes where it is sent, and a camera whose circles are worked
 //! out point by point.
 
+use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::*;
@@ -66,6 +67,16 @@ struct World {
     time: f32,
     /// Of the noise.
     random: u32,
+    /// What goes wrong: the camera takes no pictures; the gripper is stuck; what it holds slips out at once; the hand goes
+    /// nowhere once it holds something; it is held fast beside the knob.
+    is_blind: bool,
+    is_stuck: bool,
+    slips: bool,
+    is_stalled: bool,
+    is_wedged: bool,
+    /// Whether it has been pressing since the last step, and motions that a contact has ended.
+    presses: bool,
+    blocks: u8,
 }
 
 impl World {
@@ -83,6 +94,13 @@ impl World {
             working: 0.0,
             time: 0.0,
             random: 1,
+            is_blind: false,
+            is_stuck: false,
+            slips: false,
+            is_stalled: false,
+            is_wedged: false,
+            presses: false,
+            blocks: 0,
         }
     }
 
@@ -126,7 +144,9 @@ impl World {
             let order = self.approach.update(&report, STEP);
             if order.look && step % 5 == 0 {
                 let circle = camera(self);
-                self.approach.look(&report.hand, circle.as_ref());
+                if !self.is_blind {
+                    self.approach.look(&report.hand, circle.as_ref());
+                }
             }
             if let Some(command) = order.command {
                 self.take(&command);
@@ -142,6 +162,10 @@ impl World {
     fn take(&mut self, command: &VisualApproachCommand) {
         match *command {
             VisualApproachCommand::Move { position, speed } => {
+                if self.is_stalled && self.gripper == GripperState::Holding {
+                    self.motion = HandMotion::Blocked;
+                    return;
+                }
                 let target = Vector3::from(position);
                 if self.motion != HandMotion::Blocked || target != self.target {
                     (self.target, self.speed, self.motion) = (target, speed, HandMotion::Moving);
@@ -160,6 +184,7 @@ impl World {
             {
                 (self.gripper, self.working) = (GripperState::Closing, 0.5);
             }
+            VisualApproachCommand::Acknowledge => self.target = self.hand,
             VisualApproachCommand::Stand => (self.target, self.motion) = (self.hand, HandMotion::Moving),
             _ => {}
         }
@@ -171,8 +196,9 @@ impl World {
         let [distance, aside] = self.place();
         if self.working < 0.0 {
             self.gripper = match self.gripper {
+                GripperState::Opening if self.is_stuck => GripperState::Opening,
                 GripperState::Opening => GripperState::Open,
-                GripperState::Closing if self.has_knob && distance < 0.045 && aside < 0.02 => {
+                GripperState::Closing if self.has_knob && !self.slips && distance < 0.045 && aside < 0.02 => {
                     GripperState::Holding
                 }
                 GripperState::Closing => GripperState::Empty,
@@ -183,8 +209,15 @@ impl World {
             return;
         }
         let way = self.target - self.hand;
-        if self.gripper == GripperState::Holding && way.norm() > 1e-3 {
-            self.motion = HandMotion::Blocked;
+        let beside = distance < 0.05;
+        assert!(!beside || self.speed <= self.approach.settings().near_speed, "{} m/s beside", self.speed);
+        let is_held = self.gripper == GripperState::Holding && way.norm() > 1e-3;
+        if is_held || self.is_wedged && beside && way.z < 0.0 {
+            // A contact is noticed in the next step.
+            if self.presses {
+                (self.motion, self.blocks) = (HandMotion::Blocked, self.blocks + 1);
+            }
+            self.presses = !self.presses;
             return;
         }
         let step = self.speed * STEP;
@@ -288,4 +321,120 @@ fn what_the_hand_runs_into_ends_the_try() {
     });
     // On its way back to where another picture is taken, too.
     assert!(matches!(phase, Phase::Failed(Reason::Blocked | Reason::Late)), "{phase:?}");
+}
+
+#[test]
+fn from_beside_a_knob_that_is_not_held_the_hand_goes_straight_back_and_slowly() {
+    // The world fails when the fingers go into the knob, or fast beside it.
+    let mut world = World { slips: true, ..World::new() };
+    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::NotHeld));
+    assert_eq!(world.approach.tries(), 3);
+}
+
+#[test]
+fn a_hand_that_is_held_fast_beside_the_knob_pulls_twice() {
+    let mut world = World { slips: true, is_wedged: true, ..World::new() };
+    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::Blocked));
+    assert_eq!(world.blocks, 2);
+}
+
+#[test]
+fn a_camera_that_dies_beside_the_knob_ends_the_try() {
+    let mut world = World { slips: true, ..World::new() };
+    let mut grips = 0;
+    let phase = world.run(|world| {
+        world.is_blind |= world.place()[0] < 0.045;
+        grips += u8::from(world.gripper == GripperState::Closing);
+        Some(world.rose_seen())
+    });
+    assert_eq!(phase, Phase::Failed(Reason::NoPictures));
+    let mut world = World { is_blind: true, ..World::new() };
+    assert_eq!(world.run(|_| None), Phase::Failed(Reason::NoPictures));
+    assert!(world.time < 10.0, "{} s", world.time);
+}
+
+#[test]
+fn a_contact_from_before_the_pull_is_no_proof_of_a_grip() {
+    let mut world = World { is_stalled: true, ..World::new() };
+    let phase = world.run(|world| Some(world.rose_seen()));
+    assert!(matches!(phase, Phase::Failed(_)), "{phase:?}");
+}
+
+#[test]
+fn a_gripper_that_never_opens_is_named() {
+    let mut world = World { is_stuck: true, ..World::new() };
+    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::Gripper));
+    let mut world = World { gripper: GripperState::Jammed, ..World::new() };
+    let report = world.report();
+    world.approach.update(&report, STEP);
+    assert_eq!(world.approach.phase(), Phase::Failed(Reason::Gripper));
+}
+
+#[test]
+fn the_way_to_the_knob_has_one_deadline_however_often_it_is_centred_again() {
+    let mut world = World { has_knob: false, ..World::new() };
+    let (mut side, mut way, mut longest) = (0.012, 0.0_f32, 0.0_f32);
+    // The rose seems to jump aside again and again.
+    world.run(|world| {
+        if world.time % 1.2 < 0.1 {
+            side = -side;
+        }
+        way = if matches!(world.approach.phase(), Phase::Center | Phase::Advance) { way + 0.1 } else { 0.0 };
+        longest = longest.max(way);
+        Some(seen(&(world.rose + Vector3::new(side, 0.0, 0.0)), world.radius, &world.hand))
+    });
+    assert!(longest < 8.3, "{longest} s");
+}
+
+#[test]
+fn standing_before_the_knob_counts_anew_in_every_try() {
+    let mut world = World::new();
+    // The hand has stood for long before the rose is seen: still both explanations count.
+    let mut looks = 0;
+    let mut explanations = Vec::<usize, 64>::new();
+    world.run(|world| {
+        looks += 1;
+        if world.approach.phase() == Phase::Center {
+            let _ = explanations.push(world.approach.explanations());
+        }
+        (looks > 15).then(|| world.rose_seen())
+    });
+    assert_eq!(explanations.first(), Some(&2));
+    assert_eq!(explanations.last(), Some(&1));
+}
+
+#[test]
+fn a_refused_command_ends_the_try_with_its_reason() {
+    let begun = || {
+        let mut world = World::new();
+        let report = world.report();
+        world.approach.update(&report, STEP);
+        world.approach
+    };
+    let mut approach = begun();
+    let speed = VisualApproachRefusal::Speed { value: 0.2, limit: 0.1 };
+    approach.refused(&speed);
+    assert_eq!(approach.phase(), Phase::Failed(Reason::Refused(speed)));
+    let mut approach = begun();
+    approach.refused(&VisualApproachRefusal::Target { distance: 0.6, reach: 0.5 });
+    assert_eq!((approach.phase(), approach.tries()), (Phase::Retreat, 1));
+    // A report of the contact may be on its way.
+    let mut approach = begun();
+    for _ in 0..4 {
+        approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });
+        assert_eq!(approach.phase(), Phase::Look);
+    }
+    approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });
+    assert_eq!(approach.phase(), Phase::Retreat);
+}
+
+#[test]
+fn a_knob_beyond_the_reach_is_refused_by_name() {
+    let task = VisualApproachSettings { speed: 0.15, reach: 0.5, ..VisualApproachSettings::DEFAULT };
+    assert_eq!(settings().validate(&task), Ok(()));
+    // 0.28 − 0.022 + 0.04 = 0.298 m ahead and 0.085 m aside: 0.31 m.
+    let refused = settings().validate(&VisualApproachSettings { reach: 0.30, ..task }).expect_err("too far");
+    assert_eq!(refused.name, "distance");
+    assert!((refused.upper - 0.2697).abs() < 1e-3, "{}", refused.upper);
+    assert_eq!(settings().validate(&VisualApproachSettings { reach: 0.32, ..task }), Ok(()));
 }

@@ -1,0 +1,94 @@
+//! Settings of the behaviour, and their check.
+
+use super::approach::{DEEPER, DEEPER_TRIES};
+use super::rose::KnobExpectation;
+use super::{MIN_SPEED, VisualApproachSettings};
+use crate::math::sqrt;
+use crate::vision::HandEyeTable;
+
+/// Settings of the behaviour.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ApproachSettings {
+    /// What the camera sees of a rose straight before the hand.
+    pub table: HandEyeTable,
+    /// What is known of the knob at the begin.
+    pub expectation: KnobExpectation,
+    /// Distance of the hand frame from the rim of the rose at which the gripper closes [m].
+    pub grip_distance: f32,
+    /// The hand comes no nearer to the rim until it is centred [m]: the length of the knob, and a margin.
+    pub guard_distance: f32,
+    /// It is centred within this distance from the axis of the approach through the rose [m].
+    pub tolerance: f32,
+    /// Speed of the hand up to the guard distance, and from there on [m/s].
+    pub speed: f32,
+    /// See above.
+    pub near_speed: f32,
+    /// Angle of the gripper while it holds the knob, from … to [rad].
+    pub opening: [f32; 2],
+    /// Way by which the hand pulls at what it holds [m]: it must be stopped before.
+    pub pull: f32,
+    /// Tries after the first one.
+    pub retries: u8,
+    /// Longest time of a part of a try [s]: looking, the way to the knob, gripping, pulling, going back.
+    pub patience: f32,
+}
+
+/// A setting of the behaviour that is out of its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InvalidApproach {
+    /// Its name, as in [`ApproachSettings`] and [`KnobExpectation`].
+    pub name: &'static str,
+    /// The value.
+    pub value: f32,
+    /// The least.
+    pub lower: f32,
+    /// The largest.
+    pub upper: f32,
+}
+
+impl core::fmt::Display for InvalidApproach {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { name, value, lower, upper } = self;
+        write!(f, "{name} is {value}; it must be {lower} to {upper}")
+    }
+}
+
+impl core::error::Error for InvalidApproach {}
+
+impl ApproachSettings {
+    /// Checks the settings for a board whose task has the settings `task`.
+    ///
+    /// # Errors
+    /// The first one that is out of its range.
+    pub fn validate(&self, task: &VisualApproachSettings) -> Result<(), InvalidApproach> {
+        let KnobExpectation { rose: [small, large], radius, length, distance: [near, far], aside } =
+            self.expectation;
+        // The farthest knob is within the reach: when it is aside along both axes, and the hand goes deeper.
+        let reach = task.reach * task.reach - 2.0 * aside * aside;
+        let farthest = sqrt(reach.max(0.0)) + self.grip_distance - DEEPER * f32::from(DEEPER_TRIES);
+        for (name, value, lower, upper) in [
+            ("rose", small, 0.005, 0.5),
+            ("rose", large, small + 1e-4, 0.5),
+            ("radius", radius, 0.002, large),
+            ("length", length, 0.0, 1.0),
+            ("distance", near, 0.01, 5.0),
+            ("distance", far, near + 0.001, farthest),
+            ("aside", aside, 0.001, 1.0),
+            ("grip_distance", self.grip_distance, 0.0, self.guard_distance),
+            ("guard_distance", self.guard_distance, length + self.tolerance, near),
+            ("tolerance", self.tolerance, 1e-4, 0.05),
+            ("opening", self.opening[0], -100.0, 100.0),
+            ("opening", self.opening[1], self.opening[0], 100.0),
+            ("speed", self.speed, MIN_SPEED, task.speed),
+            ("near_speed", self.near_speed, MIN_SPEED, self.speed),
+            ("pull", self.pull, 1e-3, 0.1),
+            ("retries", f32::from(self.retries), 0.0, 20.0),
+            ("patience", self.patience, 0.5, 600.0),
+        ] {
+            if !(lower..=upper).contains(&value) {
+                return Err(InvalidApproach { name, value, lower, upper });
+            }
+        }
+        Ok(())
+    }
+}

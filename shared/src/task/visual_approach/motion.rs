@@ -1,0 +1,180 @@
+//! How the hand's motion goes: what ends it, and what counts as rest.
+
+use nalgebra::Vector3;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::contact::Sense;
+use super::reference::Step;
+use super::{HandMotion, MIN_SPEED, VisualApproachRefusal};
+use crate::TICK;
+use crate::math::sqrt;
+
+/// The reference has arrived within this distance [m].
+const ARRIVED: f32 = 5e-4;
+/// A reference that is slower gives no direction of motion [m/s].
+const SLOWEST: f32 = 1e-3;
+/// The hand is at rest when it has stayed within this distance for this time: 2 mm/s [m, s].
+const REST_DISTANCE: f32 = 2e-4;
+const REST_TIME: f32 = 0.1;
+/// After a contact the hand goes back by this much from where it was [m].
+const RELIEF: f32 = 2e-3;
+/// Gone back by this much, it may go against the obstacle again [m].
+const CLEAR: f32 = 0.01;
+/// Share of a force against the motion that the estimate must show: below the first the hand stops, and below the
+/// second it is slower. The force is taken for larger by its inverse, and so are the errors of the model.
+pub const MIN_SHOWN: f32 = 0.5;
+const WELL_SHOWN: f32 = 0.75;
+
+/// What a motion was ended by.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+struct Obstacle {
+    /// Unit vector of the motion that it ended.
+    direction: [f32; 3],
+    /// Where the hand goes back to [m].
+    place: [f32; 3],
+}
+
+impl Obstacle {
+    /// How far a place is ahead of where the hand went back to [m].
+    fn ahead(&self, place: &Vector3<f32>) -> f32 {
+        Vector3::from(self.direction).dot(&(place - Vector3::from(self.place)))
+    }
+}
+
+/// State of the motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct MotionState {
+    pub motion: HandMotion,
+    /// Way of the measured hand to its target [m].
+    pub remaining: f32,
+    /// Where the hand goes [m].
+    pub target: [f32; 3],
+    /// Its motion was ended: it waits for another target.
+    is_ended: bool,
+    obstacle: Option<Obstacle>,
+    /// Direction of the last motion, or 0.
+    direction: [f32; 3],
+    /// Where the hand was when it began to rest, and for how long it has rested [s].
+    rest: ([f32; 3], f32),
+}
+
+impl MotionState {
+    pub const NONE: Self = Self {
+        motion: HandMotion::Standing,
+        remaining: 0.0,
+        target: [0.0; 3],
+        is_ended: false,
+        obstacle: None,
+        direction: [0.0; 3],
+        rest: ([0.0; 3], 0.0),
+    };
+
+    /// Sends the hand, whose reference is at `place`, to a target.
+    ///
+    /// # Errors
+    /// The target is against the obstacle that ended a motion.
+    pub fn send(&mut self, place: &Vector3<f32>, target: &Vector3<f32>) -> Result<(), VisualApproachRefusal> {
+        let ahead = self.obstacle.map_or(0.0, |obstacle| obstacle.ahead(target));
+        if ahead > ARRIVED {
+            return Err(VisualApproachRefusal::Blocked { ahead });
+        }
+        let way = target - place;
+        let distance = sqrt(way.norm_squared());
+        if self.is_ended || self.motion == HandMotion::Standing && distance > ARRIVED {
+            (self.motion, self.is_ended, self.rest.1) = (HandMotion::Moving, false, 0.0);
+            self.direction = if distance > ARRIVED { (way / distance).into() } else { [0.0; 3] };
+        }
+        self.target = (*target).into();
+        Ok(())
+    }
+
+    /// Brings the hand to rest where its reference is, unless its motion was ended already.
+    pub fn stand(&mut self, place: &Vector3<f32>) {
+        if !self.is_ended {
+            (self.target, self.motion) = ((*place).into(), HandMotion::Moving);
+        }
+    }
+
+    /// The leader knows of the obstacle.
+    pub const fn acknowledge(&mut self) {
+        self.obstacle = None;
+    }
+
+    /// Whether the hand waits for a target after its motion was ended.
+    pub const fn is_ended(&self) -> bool {
+        self.is_ended
+    }
+
+    /// Whether the present motion leads away from the last obstacle.
+    fn leads_away(&self) -> bool {
+        self.obstacle.is_some_and(|obstacle| {
+            Vector3::from(obstacle.direction).dot(&Vector3::from(self.direction)) < 0.0
+        })
+    }
+
+    /// The share of a force against the motion that the joints show, 1 when the hand goes back.
+    fn shown(&self, sense: &Sense) -> f32 {
+        let direction = Vector3::from(self.direction);
+        let goes = self.motion != HandMotion::Standing && !self.is_ended && !self.leads_away();
+        if goes && direction != Vector3::zeros() { sense.shown(&direction) } else { 1.0 }
+    }
+
+    /// The speed at which a hand that may be as fast as `speed` goes on [m/s]: slower where contacts are felt badly.
+    pub fn speed(&self, speed: f32, sense: &Sense) -> f32 {
+        let share = (self.shown(sense) - MIN_SHOWN) / (WELL_SHOWN - MIN_SHOWN);
+        if share < 1.0 { speed.min((speed * share).max(MIN_SPEED)) } else { speed }
+    }
+
+    /// Takes a period of motion: `step` of the reference, measured `hand` [m], `force` on it [N]. Ends the motion against a
+    /// contact of more than `limit` [N], and where none would be felt; `true` in the period in which it does.
+    pub fn supervise(
+        &mut self,
+        step: &Step,
+        hand: &Vector3<f32>,
+        force: &Vector3<f32>,
+        sense: &Sense,
+        limit: f32,
+    ) -> bool {
+        self.remaining = sqrt((Vector3::from(self.target) - hand).norm_squared());
+        let (place, time) = self.rest;
+        let moved = (hand - Vector3::from(place)).norm_squared() > REST_DISTANCE * REST_DISTANCE;
+        self.rest = if moved { ((*hand).into(), 0.0) } else { (place, (time + TICK).min(1.0)) };
+        if self.obstacle.is_some_and(|obstacle| obstacle.ahead(hand) < -CLEAR) {
+            self.obstacle = None;
+        }
+        if self.is_ended {
+            return false;
+        }
+        let speed = sqrt(step.velocity.norm_squared());
+        if speed > SLOWEST {
+            self.direction = (step.velocity / speed).into();
+        }
+        let direction = Vector3::from(self.direction);
+        let shown = self.shown(sense);
+        // The reference may have arrived, and the servos still press.
+        if self.motion != HandMotion::Standing && force.dot(&direction) < -limit * shown {
+            self.end(HandMotion::Blocked, hand - direction * RELIEF);
+            return true;
+        }
+        if shown < MIN_SHOWN {
+            self.end(HandMotion::Limited, *hand);
+            return true;
+        }
+        let rests = self.rest.1 >= REST_TIME;
+        self.motion = if rests && step.remaining < ARRIVED {
+            HandMotion::Standing
+        } else if rests && step.limited {
+            HandMotion::Limited
+        } else {
+            HandMotion::Moving
+        };
+        false
+    }
+
+    fn end(&mut self, motion: HandMotion, place: Vector3<f32>) {
+        (self.motion, self.is_ended) = (motion, true);
+        self.target = place.into();
+        self.obstacle = Some(Obstacle { direction: self.direction, place: self.target });
+    }
+}
