@@ -175,5 +175,5 @@ fn laws_are_compared_side_by_side_and_one_may_be_ones_own() {
     std::fs::write(&own, text.replace("mass = { translation = 1.5", "mass = { translation = -1.5")).unwrap();
     let output = host_sim(&["run", "arm7-paper-elbow", "--law", &own, "--out", &out]);
     let line = text.lines().position(|line| line.starts_with("mass")).unwrap() + 1;
-    says(&output, 1, &[&format!("own.toml:{line}: the mass along x is -1.5 kg")]);
+    says(&output, 2, &[&format!("own.toml:{line}: the mass along x is -1.5 kg")]);
 }

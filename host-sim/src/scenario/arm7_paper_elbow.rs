@@ -67,7 +67,7 @@ impl ElbowTrace<'_> {
         hand_motion(&self.samples).into_iter().map(|(displacement, _)| displacement).collect()
     }
 
-    /// Turn of the elbow about the line from shoulder to tool [mrad].
+    /// Turn of the elbow about the line from tool to shoulder [mrad].
     fn turn(&self) -> Vec<f64> {
         let start = self.samples.first().map_or(f64::NAN, elbow_angle);
         self.samples.iter().map(|sample| 1e3 * (elbow_angle(sample) - start)).collect()
@@ -88,10 +88,10 @@ impl ElbowTrace<'_> {
     }
 }
 
-/// Angle of the elbow about the line from shoulder to tool, from the vertical plane through it [rad].
+/// Angle of the elbow about the line from tool to shoulder, from the vertical plane through it [rad].
 fn elbow_angle(sample: &ArmSample) -> f64 {
     // The shoulder is the origin.
-    let (elbow, axis) = (Vector3::from(elbow_position(sample)), sample.position().normalize());
+    let (elbow, axis) = (Vector3::from(elbow_position(sample)), -sample.position().normalize());
     let across = |vector: Vector3<f64>| vector - axis * axis.dot(&vector);
     let (elbow, down) = (across(elbow), across(-Vector3::z()));
     axis.dot(&down.cross(&elbow)).atan2(down.dot(&elbow))
@@ -181,7 +181,7 @@ fn add_metrics(summary: &mut Summary, trace: &ElbowTrace<'_>, key: &str, machine
     let text = format!("{label}: largest displacement of the elbow");
     insert("elbow_displacement", Metric::reported(text, largest(trace.elbow()), "mm"));
     let text =
-        format!("{label}: turn of the elbow about the line from shoulder to hand, after the first swing");
+        format!("{label}: turn of the elbow about the line from hand to shoulder, after the first swing");
     let note = format!("the operator's elbow: {:.0} mrad", trace.at_rest(&trace.operator));
     insert(
         "elbow_turn",
@@ -192,7 +192,7 @@ fn add_metrics(summary: &mut Summary, trace: &ElbowTrace<'_>, key: &str, machine
 fn figure(traces: &[ElbowTrace<'_>], machine: &str) -> Figure {
     let caption = format!(
         "The operator holds the hand and swings the elbow, on {machine}: turn of the slave's elbow about the line from \
-         shoulder to hand, and displacement of its hand, under each law; dashed, the change of the operator's elbow \
+         hand to shoulder, and displacement of its hand, under each law; dashed, the change of the operator's elbow \
          angle. Under the pseudo-inverse the elbow does not follow; without the acceleration of the shoulder yaw in \
          step 4 the hand moves."
     );
