@@ -1,8 +1,7 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use tesaki::protocol::{Refusal, Request};
-use tesaki::task::TaskConfig;
+use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{
     Approach, GripperState, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
 };

@@ -401,6 +401,7 @@ impl HandLaw {
                 wrong.push(Wrong { section, key, message });
             }
         };
+        let count = |values: &[f64]| u32::try_from(values.len()).map_or(f64::INFINITY, f64::from);
         let Self { servo, force, weights, motion, joint_control, .. } = self;
         within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
         if let Some(error) = servo.following_error {
@@ -409,16 +410,16 @@ impl HandLaw {
         within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
         within("force", "hold", force.hold, [0.1, MAX_TIME], "s");
         within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");
-        within("force", "coulomb", force.coulomb.len() as f64, [0.0, 32.0], "values");
+        within("force", "coulomb", count(&force.coulomb), [0.0, 32.0], "values");
         force.coulomb.iter().for_each(|&value| within("force", "coulomb", value, [0.0, 1.0], "N·m"));
-        within("weights", "masses", weights.masses.len() as f64, [1.0, 16.0], "values");
+        within("weights", "masses", count(&weights.masses), [1.0, 16.0], "values");
         weights.masses.iter().for_each(|&value| within("weights", "masses", value, [0.001, 5.0], "kg"));
         within("weights", "ramp", weights.ramp, [0.01, MAX_TIME], "s");
         within("weights", "interval", weights.interval, [weights.ramp, MAX_TIME], "s");
         for (section, motion) in [("motion", motion), ("joint_control", joint_control)] {
-            within(section, "turns", motion.turns.len() as f64, [0.0, 16.0], "values");
+            within(section, "turns", count(&motion.turns), [0.0, 16.0], "values");
             motion.turns.iter().for_each(|turn| within(section, "turns", turn.abs(), [0.001, 0.5], "rad"));
-            within(section, "shifts", motion.shifts.len() as f64, [0.0, 16.0], "values");
+            within(section, "shifts", count(&motion.shifts), [0.0, 16.0], "values");
             motion.shifts.iter().for_each(|shift| within(section, "shifts", shift.abs(), [1e-4, 0.05], "m"));
             within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
             within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");

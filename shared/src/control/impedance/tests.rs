@@ -68,6 +68,7 @@ type Coupled = (
     Matrix,
     Matrix,
 );
+#[allow(clippy::excessive_precision, reason = "the digits of the script")]
 const COUPLED: &[Coupled] = include!("../../../../tests/oracles/data/impedance_matrices.in");
 
 fn coupled(mass: &Matrix, damping: &Matrix, stiffness: &Matrix) -> Impedance {
