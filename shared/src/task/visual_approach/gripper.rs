@@ -111,7 +111,9 @@ impl Gripper {
             }
             GripperState::Opening | GripperState::Closing if is_jammed => {
                 self.state = GripperState::Jammed;
-                *joint.target = JointTarget::at(joint.position);
+                // The servo forgets what it has pressed with.
+                *joint.target = JointTarget { restart: true, ..JointTarget::at(joint.position) };
+                return;
             }
             // What gives way, or slips out, is not held.
             GripperState::Holding if at(closed) || joint.velocity * direction > speed => {
@@ -137,7 +139,9 @@ impl Gripper {
             return;
         }
         let end = match self.state {
-            GripperState::Still | GripperState::Empty | GripperState::Holding | GripperState::Jammed => {
+            GripperState::Still | GripperState::Empty | GripperState::Holding => return,
+            GripperState::Jammed => {
+                joint.target.restart = false;
                 return;
             }
             GripperState::Opening | GripperState::Open => open,
