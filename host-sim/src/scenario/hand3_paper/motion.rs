@@ -56,6 +56,8 @@ type Experiment = fn(&Law) -> &MotionExperiment;
 
 /// Pitch and position of the box [rad, m].
 type Pose = (f64, Vector3<f64>);
+/// The pose in a sample.
+type PoseOf = fn(&GraspSample) -> Pose;
 
 fn true_pose(sample: &GraspSample) -> Pose {
     (sample.angles()[1], sample.position())
@@ -163,7 +165,7 @@ fn shift_errors(experiment: &MotionExperiment, moved: &[Vector3<f64>]) -> impl I
 }
 
 fn add_metrics(summary: &mut Summary, laws: &[Law], part: &str, experiment: Experiment, records: &[Record]) {
-    let poses: [(&str, &str, fn(&GraspSample) -> Pose); 2] =
+    let poses: [(&str, &str, PoseOf); 2] =
         [("estimated", "as the hand estimates it", estimated_pose), ("true", "of the true box", true_pose)];
     for (law, record) in laws.iter().zip(records) {
         let mut metrics = Metrics::new(summary, law, part, &record.log);

@@ -269,6 +269,7 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
 }
 
 /// Center of a tip by the angles of its finger, from its root [mm] (Hand3 section 3.2, in closed form).
+#[allow(clippy::disallowed_methods, reason = "the independent formula")]
 fn center([swing, bend, curl]: [f32; 3]) -> [f32; 3] {
     let r = 46.0 * bend.sin() + 51.78 * (bend + curl).sin();
     [r * swing.cos(), r * swing.sin(), 39.0 + 46.0 * bend.cos() + 51.78 * (bend + curl).cos()]

@@ -11,6 +11,7 @@ type Seven = [f32; 7];
 /// Joint angles and velocities, acceleration of the tool, of the driven joint; joint accelerations as printed, with the
 /// term of the driven joint, by the pseudo-inverse. From numpy (`tests/oracles/arm_step4.py`).
 type Case = (Seven, Seven, [f32; 6], f32, Seven, Seven, Seven);
+#[allow(clippy::excessive_precision, reason = "the digits of the script")]
 const CASES: &[Case] = include!("../../../../../tests/oracles/data/arm_step4.in");
 
 /// Without impedance but for the set-point's acceleration: with damping and stiffness 0, step 3 gives that.
