@@ -274,11 +274,14 @@ impl Lead {
         }
     }
 
-    /// The board refused a set-point: it rests where the tool is.
+    /// The board refused a set-point: it comes to rest, the part that was refused where tool or elbow are.
     pub fn refused(&mut self, error: SetpointError) {
         self.stop(&format!("the board refused a set-point: {error}"));
         let tool = self.tool;
-        self.rest_at(&tool);
+        match error {
+            SetpointError::Elbow { .. } => self.state.reset_elbow(tool.elbow),
+            _ => self.rest_at(&tool),
+        }
     }
 
     /// State of clutch, source and tool.
