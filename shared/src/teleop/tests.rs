@@ -509,3 +509,19 @@ fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
         assert_eq!(refused.field, field);
     }
 }
+
+/// The elbow alone begins anew; the tool goes on.
+#[test]
+fn the_elbow_can_be_reset_while_the_tool_follows() {
+    let mut run = Run::new();
+    let hand = |time: f32| (Vector3::new(0.1 * (time - 0.5).max(0.0), 0.0, 0.0), UnitQuaternion::identity());
+    run.until(0.4, &hand, &|_| true);
+    run.close().unwrap();
+    run.until(1.0, &hand, &|_| true);
+    let velocity = run.point.velocity;
+    run.state.reset_elbow(-0.7);
+    let now = run.now();
+    let (point, elbow) = run.follower.tick(&mut run.state, now);
+    assert_eq!((elbow.angle, elbow.velocity, elbow.acceleration), (-0.7, 0.0, 0.0));
+    assert!(run.state.is_clutch_closed() && (point.velocity[0] - velocity[0]).abs() < 0.02);
+}

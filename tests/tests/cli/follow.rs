@@ -272,7 +272,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     }
     // Overtaken.
     let before = hand.sample();
-    hand.send();
+    (0..3).for_each(|_| hand.send());
     hand.say(&before);
     hand.send();
     stays(&leading, [x, border, z]);
@@ -296,7 +296,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
-/// Over links that lose one frame in fifty, repeat some and delay one in ten.
+/// Over links that lose one frame in twenty, repeat some and delay one in ten.
 #[test]
 fn an_arm_leads_another_over_a_bad_link() {
     let (master, slave) = (arm(), arm());
@@ -307,7 +307,7 @@ fn an_arm_leads_another_over_a_bad_link() {
     // Holds first, so that it does not fall.
     let held = master.start_command(&["enable"]);
     let held = master.wait_with(held, "enabled");
-    let faults = "seed=3,drop=2e-4,duplicate=1e-2,delay=30ms@0.1";
+    let faults = "seed=3,drop=5e-4,duplicate=1e-2,delay=30ms@0.1";
     let (leading, stdin) = Leading::start(&slave, &["--link-faults", faults, "--from", &from]);
     let wait = |what: &str, has_happened: &dyn Fn() -> bool| {
         let start = Instant::now();
@@ -333,7 +333,7 @@ fn an_arm_leads_another_over_a_bad_link() {
     let (code, values, error) = leading.finish();
     assert_eq!(code, 0, "{error}");
     let summary = values.last().unwrap();
-    assert!(summary["samples"].as_u64().unwrap() > 100, "{summary}");
+    assert!(summary["samples"].as_u64().unwrap() > 30, "{summary}");
     assert!(summary["lost"].as_u64().unwrap() > 0, "{summary}");
     drop(stdin);
     signal(&moved, Signal::SIGINT);
@@ -458,11 +458,9 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     signal(&leading.child, Signal::SIGCONT);
     hand.until("it ends", || leading.count(|value| value["error"].is_string()) == 1);
     let (code, _, error) = leading.finish();
-    assert!(
-        (code == 1 && error.contains("another program disabled the board"))
-            || (code == 7 && error.contains("has lost command")),
-        "{code}: {error}"
-    );
+    // Whichever it hears of first; a board that many programs have asked since has forgotten it.
+    let reasons = ["another program disabled the board", "has lost command", "it has forgotten"];
+    assert!(matches!(code, 1 | 7) && reasons.iter().any(|reason| error.contains(reason)), "{code}: {error}");
     server.wait_for("enabled");
     signal(&other, Signal::SIGINT);
     assert_eq!(said(&finish(other)).0, 0);

@@ -462,6 +462,11 @@ impl<'a> Motion<'a> {
                             .to_owned(),
                     ));
                 }
+                // A board that was reset is disabled; one that has forgotten this program may be another's.
+                Err(failure @ Failure::Board(BoardError::Reset)) => {
+                    self.enabled = false;
+                    return Err(failure);
+                }
                 Err(failure) => return Err(failure.named(&self.model)),
             }
         }

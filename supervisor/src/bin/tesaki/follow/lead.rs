@@ -20,6 +20,8 @@ use crate::output;
 const STOP: Duration = Duration::from_millis(500);
 /// A time without samples that the prediction does not bridge [s].
 const GAP: f64 = 0.06;
+/// By how much the time stamps of a source go back that has begun anew [s].
+const RESTART: f64 = 1.0;
 /// The clutch opens before the tool is as far from its set-point as the settings permit: at this fraction.
 const MAX_DEVIATION: f32 = 0.7;
 /// The set-point is at a border within the first distance, and off it beyond the second [m].
@@ -170,8 +172,10 @@ impl Lead {
     /// Counts what is missing before a sample with this time stamp [s].
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of samples")]
     fn count_missing(&mut self, time: f64) {
-        let passed = self.latest.map_or(0.0, |latest| time - latest);
-        if self.latest.is_none() || passed > 0.0 {
+        // Far back in time the source has begun anew.
+        let before = self.latest.filter(|latest| time > latest - RESTART);
+        let passed = before.map_or(0.0, |before| time - before);
+        if before.is_none() || passed > 0.0 {
             self.latest = Some(time);
             self.counts.gaps += u32::from(passed > GAP);
         }
@@ -270,11 +274,14 @@ impl Lead {
         }
     }
 
-    /// The board refused a set-point: it rests where the tool is.
+    /// The board refused a set-point: it comes to rest, the part that was refused where tool or elbow are.
     pub fn refused(&mut self, error: SetpointError) {
         self.stop(&format!("the board refused a set-point: {error}"));
         let tool = self.tool;
-        self.rest_at(&tool);
+        match error {
+            SetpointError::Elbow { .. } => self.state.reset_elbow(tool.elbow),
+            _ => self.rest_at(&tool),
+        }
     }
 
     /// State of clutch, source and tool.

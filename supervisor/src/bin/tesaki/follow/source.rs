@@ -1,5 +1,6 @@
 //! Poses of a hand: lines of JSON, rows of a table, and the tip of another board's robot.
 
+use std::f32::consts::TAU;
 use std::io;
 use std::path::Path;
 use std::sync::mpsc::{Sender, channel};
@@ -247,6 +248,8 @@ struct Master {
     model: RobotModel,
     chain: Chain,
     elbow: Elbow,
+    /// The last angle of the elbow [rad].
+    angle: Option<f32>,
 }
 
 /// What of the master leads the elbow.
@@ -300,7 +303,7 @@ impl Master {
         };
         let chain = Chain::of_model(tip, &model.joints);
         session.board.set_rate(Stream::Telemetry, 1)?;
-        Ok(Self { session, model, chain, elbow })
+        Ok(Self { session, model, chain, elbow, angle: None })
     }
 
     /// Puts in the pose of the tip after each tick of the board.
@@ -323,7 +326,7 @@ impl Master {
         }
     }
 
-    fn sample(&self, telemetry: &Telemetry) -> Result<Sample, String> {
+    fn sample(&mut self, telemetry: &Telemetry) -> Result<Sample, String> {
         if telemetry.mode == Mode::Fault {
             return Err("its board is in fault (`tesaki faults`)".to_owned());
         }
@@ -340,6 +343,8 @@ impl Master {
             }
             Elbow::Joint(joint) => angles.get(joint).copied(),
         };
+        let elbow = elbow.map(|angle| self.angle.map_or(angle, |before| unwrapped(angle, before)));
+        self.angle = elbow.or(self.angle);
         Ok(Sample {
             time: f64::from(telemetry.tick) * f64::from(tesaki::TICK),
             position: tip.translation.vector.into(),
@@ -350,9 +355,23 @@ impl Master {
     }
 }
 
+/// The angle within half a turn of the one `before`: the arm angle jumps at half a turn, the elbow does not.
+fn unwrapped(angle: f32, before: f32) -> f32 {
+    angle - TAU * math::round((angle - before) / TAU)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_elbow_that_turns_on_does_not_jump() {
+        for (angle, before, expected) in
+            [(-3.1, 3.1, TAU - 3.1), (3.1, -3.1, 3.1 - TAU), (0.5, 0.4, 0.5), (3.1, 9.3, 3.1 + TAU)]
+        {
+            assert!((unwrapped(angle, before) - expected).abs() < 1e-5, "{angle} after {before}");
+        }
+    }
 
     #[test]
     fn a_line_is_a_sample_or_a_request_to_the_clutch() {
