@@ -6,6 +6,7 @@
 //! [servo]                         # Hand3 section 4, figure 6: every joint steps
 //! mode = "bare_pid"               # or "pid", "observer"
 //! pid = { proportional = 400.0, integral = 4000.0, derivative = 75.0, cutoff = 30.0 } # else that of controller.toml
+//! knows_friction = true           # whether the controller is told the friction of the machine's joints, to compensate it
 //! following_error = 1.0           # rad, at which a joint is too far from its target; else that of controller.toml
 //! step = 0.3                      # rad
 //! duration = 3.0                  # s
@@ -113,6 +114,8 @@ pub struct ServoExperiment {
     pub mode: ServoMode,
     /// Gains per inertia [1/s², 1/s³, 1/s, rad/s]; `None`: those of the robot.
     pub pid: Option<PidGains>,
+    /// Whether the controller is told the nominal friction of the machine's joints; else it has that of the robot.
+    pub knows_friction: bool,
     /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
     pub following_error: Option<f32>,
     /// Angle [rad].
@@ -218,6 +221,7 @@ struct File {
 struct Servo {
     mode: Mode,
     pid: Option<Gains>,
+    knows_friction: bool,
     following_error: Option<f32>,
     step: f64,
     duration: f64,
@@ -353,6 +357,7 @@ impl File {
                     derivative,
                     cutoff,
                 }),
+                knows_friction: servo.knows_friction,
                 following_error: servo.following_error,
                 step: servo.step,
                 duration: servo.duration,
@@ -409,16 +414,16 @@ impl HandLaw {
         within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
         within("force", "hold", force.hold, [0.1, MAX_TIME], "s");
         within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");
-        within("force", "coulomb", force.coulomb.len() as f64, [0.0, 32.0], "values");
+        within("force", "coulomb", count(&force.coulomb), [0.0, 32.0], "values");
         force.coulomb.iter().for_each(|&value| within("force", "coulomb", value, [0.0, 1.0], "N·m"));
-        within("weights", "masses", weights.masses.len() as f64, [1.0, 16.0], "values");
+        within("weights", "masses", count(&weights.masses), [1.0, 16.0], "values");
         weights.masses.iter().for_each(|&value| within("weights", "masses", value, [0.001, 5.0], "kg"));
         within("weights", "ramp", weights.ramp, [0.01, MAX_TIME], "s");
         within("weights", "interval", weights.interval, [weights.ramp, MAX_TIME], "s");
         for (section, motion) in [("motion", motion), ("joint_control", joint_control)] {
-            within(section, "turns", motion.turns.len() as f64, [0.0, 16.0], "values");
+            within(section, "turns", count(&motion.turns), [0.0, 16.0], "values");
             motion.turns.iter().for_each(|turn| within(section, "turns", turn.abs(), [0.001, 0.5], "rad"));
-            within(section, "shifts", motion.shifts.len() as f64, [0.0, 16.0], "values");
+            within(section, "shifts", count(&motion.shifts), [0.0, 16.0], "values");
             motion.shifts.iter().for_each(|shift| within(section, "shifts", shift.abs(), [1e-4, 0.05], "m"));
             within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
             within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");
@@ -447,6 +452,11 @@ impl HandLaw {
         }
         wrong
     }
+}
+
+/// How many there are.
+fn count(values: &[f64]) -> f64 {
+    u32::try_from(values.len()).map_or(f64::INFINITY, f64::from)
 }
 
 /// The key of what is wrong with a plan.

@@ -200,6 +200,7 @@ pub const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
     (PlanField::Capacity, "capacity"),
     (PlanField::Strength, "strength"),
     (PlanField::Gain, "gain"),
+    (PlanField::Mass, "mass"),
 ];
 
 pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [

@@ -183,6 +183,9 @@ impl Seen {
                 if let GraspCommand::Grasp(plan) = command {
                     self.variant(&plan.internal);
                     self.variant(&plan.control);
+                    self.variant(&plan.object_frame);
+                    self.variant(&plan.load);
+                    self.variant(&plan.joint_targets);
                 }
             }
             TaskCommand::Impedance(command) => {
