@@ -82,7 +82,7 @@ fn what_is_wrong_is_named_with_its_line() {
         assert!(said.contains(&format!("own.toml:{}:", line(key))) && said.contains(word), "{to}: {said}");
     }
     // A gain of the control, with the line of the table in which it stands.
-    let said_of_gain = said("position = [", "position = [-1.0");
+    let said_of_gain = said("position = [1000.0", "position = [-1.0");
     assert!(said_of_gain.contains("the gain is -1"), "{said_of_gain}");
     assert!(said("cumulative = false", "cumulativ = false").contains("cumulativ"));
 }

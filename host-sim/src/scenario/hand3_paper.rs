@@ -45,11 +45,12 @@ fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, Scena
 }
 
 impl Law {
-    /// What the controller is told of a machine whose joints have the Coulomb friction `coulomb` [N·m], but for what
-    /// one machine differs from another.
+    /// What the controller is told of a machine whose joints have the nominal Coulomb friction `coulomb` [N·m].
     fn model(&self, coulomb: f64) -> RobotModel {
         let mut model = self.model.clone();
-        model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = coulomb as f32);
+        if self.law.servo.knows_friction {
+            model.joints.iter_mut().for_each(|joint| joint.friction.coulomb = coulomb as f32);
+        }
         model
     }
 }

@@ -6,6 +6,7 @@
 //! [servo]                         # Hand3 section 4, figure 6: every joint steps
 //! mode = "bare_pid"               # or "pid", "observer"
 //! pid = { proportional = 400.0, integral = 4000.0, derivative = 75.0, cutoff = 30.0 } # else that of controller.toml
+//! knows_friction = true           # whether the controller is told the friction of the machine's joints, to compensate it
 //! following_error = 1.0           # rad, at which a joint is too far from its target; else that of controller.toml
 //! step = 0.3                      # rad
 //! duration = 3.0                  # s
@@ -113,6 +114,8 @@ pub struct ServoExperiment {
     pub mode: ServoMode,
     /// Gains per inertia [1/s², 1/s³, 1/s, rad/s]; `None`: those of the robot.
     pub pid: Option<PidGains>,
+    /// Whether the controller is told the nominal friction of the machine's joints; else it has that of the robot.
+    pub knows_friction: bool,
     /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
     pub following_error: Option<f32>,
     /// Angle [rad].
@@ -218,6 +221,7 @@ struct File {
 struct Servo {
     mode: Mode,
     pid: Option<Gains>,
+    knows_friction: bool,
     following_error: Option<f32>,
     step: f64,
     duration: f64,
@@ -353,6 +357,7 @@ impl File {
                     derivative,
                     cutoff,
                 }),
+                knows_friction: servo.knows_friction,
                 following_error: servo.following_error,
                 step: servo.step,
                 duration: servo.duration,
@@ -448,6 +453,11 @@ impl HandLaw {
         }
         wrong
     }
+}
+
+/// How many there are.
+fn count(values: &[f64]) -> f64 {
+    u32::try_from(values.len()).map_or(f64::INFINITY, f64::from)
 }
 
 /// The key of what is wrong with a plan.

@@ -22,7 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          the support is removed. First nothing moves (section 6.1, figure 11). Then, in another grasp, weights of \
          50, 100, 200 and 300 g are put on the box, one in place of the other (section 6.2, figures 12 and 13). \
          Each experiment runs under each law on the same machine. Its joints have four times the Coulomb friction of \
-         our other experiments (`friction.paper` in robots/hand3/plant.toml); controllers are told the nominal value.",
+         our other experiments (`friction.paper` in robots/hand3/plant.toml); a law says whether its controller is told.",
         "The paper's law for figure 11: the joint torques are those of the commanded forces, (D_F J_F)ᵀ f_c, and \
          nothing else: weight and friction of the fingers are not compensated, and the pose of the box is not \
          controlled. f_c is the internal force and a third of the box's weight for each finger: 2 N along the x axis \

@@ -21,8 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
          7, figures 14 and 15). Each motion takes one second and is followed by two and a half seconds of rest. The \
          same is done by the PID of the joints (section 5.5). Before, all joints step through G(s) without an object \
          (section 4, figure 6). Each experiment runs under each law on the same machine. Its joints have four times the \
-         Coulomb friction of our other experiments (`friction.paper` in robots/hand3/plant.toml); controllers are told \
-         the nominal value.",
+         Coulomb friction of our other experiments (`friction.paper` in robots/hand3/plant.toml); a law says whether its \
+         controller is told.",
         "The paper's laws as printed: the pose of the box is the frame of the fingertips' triangle, as if tips did not \
          roll; PI control of that pose gives a wrench, which is converted to joint torques with some damping, and \
          weight and friction of the fingers are not compensated (equations 19 and 20); or the joints' targets are \
