@@ -406,7 +406,6 @@ impl HandLaw {
                 wrong.push(Wrong { section, key, message });
             }
         };
-        let count = |values: &[f64]| u32::try_from(values.len()).map_or(f64::INFINITY, f64::from);
         let Self { servo, force, weights, motion, joint_control, .. } = self;
         within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
         if let Some(error) = servo.following_error {
