@@ -404,7 +404,7 @@ fn a_gripper_that_something_keeps_from_opening_is_jammed() {
         board.gripper_held = true;
         let largest = open(&mut board, 350);
         assert_eq!(board.telemetry().gripper, GripperState::Jammed);
-        // 0.1 s beyond the torque, while it grows on.
+        // 0.1 s beyond half the torque, while it grows on.
         assert!(largest < 3.0 && (torque > 1.0 || largest < 1.8), "{largest} N·m");
         board.gripper_held = false;
         open(&mut board, 100);

@@ -128,19 +128,19 @@ impl Record {
 
     /// Error of the pitch at rest after a turn that began at `begin`, from that before the first [mrad]. NaN if the box
     /// was lost before.
-    fn turn_error(&self, begin: f64, pose: fn(&GraspSample) -> Pose) -> f64 {
+    fn turn_error(&self, begin: f64, pose: PoseOf) -> f64 {
         let rest = self.log.at(begin + self.duration + AFTER.min(self.rest));
         let (Some(start), Some(rest)) = (self.log.at(self.begin()), rest) else { return f64::NAN };
         1e3 * (pose(rest).0 - pose(start).0 - (rest.target[1].y - start.target[1].y)).abs()
     }
 
     /// Worst error of the pitch after the turns [mrad].
-    fn pitch_error(&self, pose: fn(&GraspSample) -> Pose) -> f64 {
+    fn pitch_error(&self, pose: PoseOf) -> f64 {
         worst(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
     }
 
     /// Displacements of the box by each shift, from rest to rest [mm].
-    fn displacements(&self, pose: fn(&GraspSample) -> Pose) -> Vec<Vector3<f64>> {
+    fn displacements(&self, pose: PoseOf) -> Vec<Vector3<f64>> {
         let rest = |time: f64| self.log.at(time).map_or(Vector3::repeat(f64::NAN), |sample| pose(sample).1);
         let Some(&first) = self.shifts.first() else { return Vec::new() };
         let mut before = rest(first);

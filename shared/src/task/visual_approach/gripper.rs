@@ -21,8 +21,9 @@ const LET_GO: f32 = 0.04;
 const DAMPING: f32 = 0.3;
 /// Time in which opening and closing reach their speed [s].
 const START: f32 = 0.1;
-/// It is jammed when it opens with more than the torque of the grip for this time [s], or opens or closes for twice the time
-/// that the way takes, and this one [s].
+/// It is jammed when it opens with more than this part of the torque of the grip for this time [s], or opens or closes for
+/// twice the time that the way takes, and this one [s].
+const RESISTANCE: f32 = 0.5;
 const OVERLOAD: f32 = 0.1;
 const DELAY: f32 = 1.0;
 /// Distance from an end of the gripper's range that counts as there [rad], as a share of the range.
@@ -161,12 +162,13 @@ impl Gripper {
         *joint.target =
             JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
     }
+
     /// Counts the time of opening or closing, and tells when that is too long.
     fn is_jammed(&mut self, settings: &GripperSettings, joint: &GripperJoint<'_>) -> bool {
         let GripperSettings { open, closed, speed, torque, .. } = *settings;
         // Closing ends at what is between the fingers.
         let opens = if closed > open { -1.0 } else { 1.0 };
-        let is_overloaded = self.opens && joint.effort * opens > torque;
+        let is_overloaded = self.opens && joint.effort * opens > RESISTANCE * torque;
         self.time = (self.time + TICK).min(1e3);
         self.overload = if is_overloaded { self.overload + TICK } else { 0.0 };
         self.overload > OVERLOAD || self.time > 2.0 * abs(closed - open) / speed + DELAY
