@@ -132,11 +132,14 @@ impl JointServo {
         measured: f32,
         model_torque: f32,
     ) -> ServoOutput {
-        self.compute::<true>(state, mode, reference, measured, model_torque, 0.0)
+        match mode {
+            ServoMode::BarePid => self.bare_pid::<true>(state, reference, measured, model_torque, 0.0),
+            mode => self.compute::<true>(state, mode, reference, measured, model_torque),
+        }
     }
 
-    /// As [`update`](Self::update), with the torque for `contact` forces [N·m], which every mode feeds forward. It
-    /// learns nothing of the disturbance, unless it `LEARNS`.
+    /// As [`update`](Self::update) but for [`ServoMode::BarePid`], which is [`bare_pid`](Self::bare_pid). It learns
+    /// nothing of the disturbance, unless it `LEARNS`.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -145,17 +148,13 @@ impl JointServo {
         reference: &JointPoint,
         measured: f32,
         model_torque: f32,
-        contact: f32,
     ) -> ServoOutput {
-        let feedforward = model_torque
-            + contact
-            + self.rotor_inertia * reference.acceleration
-            + self.friction.torque(&state.friction, reference.velocity);
+        let feedforward = self.feedforward(state, reference, model_torque);
         let error = reference.position - measured;
         let at_rest =
             !LEARNS || math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
         match mode {
-            ServoMode::Pid => {
+            ServoMode::Pid | ServoMode::BarePid => {
                 let requested = feedforward + self.pid.output(&mut state.pid, reference, measured);
                 let torque = self.limit(state, requested);
                 self.pid.integrate(&mut state.pid, requested, torque, at_rest);
@@ -173,13 +172,33 @@ impl JointServo {
                 state.observer.hand_over(taken);
                 ServoOutput { torque, effort: torque - feedforward }
             }
-            ServoMode::BarePid => {
-                let requested = contact + self.pid.output(&mut state.pid, reference, measured);
-                let torque = self.limit(state, requested);
-                self.pid.integrate(&mut state.pid, requested, torque, !LEARNS);
-                ServoOutput { torque, effort: torque - feedforward }
-            }
         }
+    }
+
+    /// [`ServoMode::BarePid`]: no torque but the PID's and that for `contact` forces [N·m]. As with the other modes, the
+    /// effort is what the model does not explain.
+    #[inline(never)]
+    pub(crate) fn bare_pid<const LEARNS: bool>(
+        &self,
+        state: &mut JointServoState,
+        reference: &JointPoint,
+        measured: f32,
+        model_torque: f32,
+        contact: f32,
+    ) -> ServoOutput {
+        let requested = contact + self.pid.output(&mut state.pid, reference, measured);
+        let torque = self.limit(state, requested);
+        self.pid.integrate(&mut state.pid, requested, torque, !LEARNS);
+        let explained = self.feedforward(state, reference, model_torque + contact);
+        ServoOutput { torque, effort: torque - explained }
+    }
+
+    /// Torque for the motion of `reference` [N·m]; `model_torque` is that of the inverse dynamics.
+    #[inline]
+    fn feedforward(&self, state: &JointServoState, reference: &JointPoint, model_torque: f32) -> f32 {
+        model_torque
+            + self.rotor_inertia * reference.acceleration
+            + self.friction.torque(&state.friction, reference.velocity)
     }
 
     /// Maximum torque: the lesser of the joint's limit and the current limit's torque [N·m].
@@ -228,8 +247,7 @@ mod tests {
         let mut state = JointServoState::at(0.0);
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 30.0 };
         for (measured, expected) in [(0.0, 2.25), (0.01, 2.254_082), (0.03, 2.218_463)] {
-            let mode = ServoMode::BarePid;
-            let output = servo.compute::<true>(&mut state, mode, &reference, measured, 5.0, 0.25);
+            let output = servo.bare_pid::<true>(&mut state, &reference, measured, 5.0, 0.25);
             assert!((output.torque - expected).abs() < 1e-5, "{measured}: {}", output.torque);
         }
     }
@@ -246,7 +264,7 @@ mod tests {
             let mut state = JointServoState::at(0.0);
             let mut torque = f32::NAN;
             for _ in 0..=100 {
-                torque = servo.compute::<true>(&mut state, mode, &reference, 0.0, 0.0, 0.0).torque;
+                torque = servo.update(&mut state, mode, &reference, 0.0, 0.0).torque;
             }
             assert!((torque - expected).abs() < 1e-6, "{mode:?}: {torque}");
         }

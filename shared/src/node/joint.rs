@@ -365,11 +365,19 @@ impl Joint<'_> {
     /// the inverse dynamics at the reference [N·m].
     #[inline]
     pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
-        let Self { config, state, reference, position, target, .. } = self;
-        let contact = target.feedforward;
-        let servo = &mut state.servo;
+        let feedforward = model_torque + self.target.feedforward;
+        let Self { config, state, reference, position, .. } = self;
         let output =
-            config.servo.compute::<LEARNS>(servo, mode, reference, **position, model_torque, contact);
+            config.servo.compute::<LEARNS>(&mut state.servo, mode, reference, **position, feedforward);
+        self.state.torque = output.torque;
+        self.state.effort = output.effort;
+    }
+
+    /// As [`control`](Self::control) for [`ServoMode::BarePid`].
+    pub fn control_bare<const LEARNS: bool>(&mut self, model_torque: f32) {
+        let Self { config, state, reference, position, target, .. } = self;
+        let (servo, contact) = (&mut state.servo, target.feedforward);
+        let output = config.servo.bare_pid::<LEARNS>(servo, reference, **position, model_torque, contact);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }

@@ -131,16 +131,7 @@ impl Node {
         let tick = sensors.sequence;
         let last = core::mem::replace(&mut self.state.tick, tick);
         if sensors.flags.silent() {
-            // Where the joints are and how fast is not known any more: the next frame is read like the first.
-            self.state.sensed = false;
-            self.robot.loaded()?;
-            return Some(Fault {
-                cause: FaultCause::SensorsSilent,
-                joint: None,
-                value: 1.0,
-                limit: 0.0,
-                tick,
-            });
+            return self.silent(tick);
         }
         self.state.supply = sensors.supply;
         let robot = self.robot.loaded()?;
@@ -169,6 +160,16 @@ impl Node {
         let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
         let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
+    }
+
+    /// Sensors that do not answer, unless there is no robot yet. Where the joints are and how fast is not known any
+    /// more: the next frame is read like the first.
+    #[cold]
+    #[inline(never)]
+    fn silent(&mut self, tick: u32) -> Option<Fault> {
+        self.state.sensed = false;
+        self.robot.loaded()?;
+        Some(Fault { cause: FaultCause::SensorsSilent, joint: None, value: 1.0, limit: 0.0, tick })
     }
 
     /// The fault of a sensor frame to react to: a state that lasts, such as a low supply, must not hide what a

@@ -4,7 +4,7 @@ use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
-use crate::control::{JointPoint, STALL_SPEED};
+use crate::control::{JointPoint, STALL_SPEED, ServoMode};
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
@@ -124,6 +124,8 @@ impl Node {
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             if let Actuation::Torque { damping, compensated } = actuation {
                 of_chain.for_each(|(mut joint, torque)| joint.push(damping, compensated, torque));
+            } else if mode == ServoMode::BarePid {
+                of_chain.for_each(|(mut joint, torque)| joint.control_bare::<LEARN>(torque));
             } else {
                 of_chain.for_each(|(mut joint, torque)| joint.control::<LEARN>(mode, torque));
             }
