@@ -1,7 +1,7 @@
 //! Laws of a hand: its joint servo, how it holds an object, and the experiments of the Hand3 paper.
 //!
 //! ```toml
-//! about = "what the law is"
+//! title = "what the law is"
 //!
 //! [servo]                         # Hand3 section 4, figure 6: every joint steps
 //! mode = "bare_pid"               # or "pid", "observer"
@@ -65,7 +65,7 @@ const MAX_TIME: f64 = 60.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandLaw {
     /// What it is, in a sentence.
-    pub about: String,
+    pub title: String,
     /// The joint servo, and the step that its joints make.
     pub servo: ServoExperiment,
     /// The object is held with a given force.
@@ -207,7 +207,7 @@ pub enum LawFileError {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    about: String,
+    title: String,
     servo: Servo,
     grasp: Grasp,
     force: Force,
@@ -335,7 +335,7 @@ struct Wrong {
 
 impl File {
     fn law(self) -> HandLaw {
-        let Self { about, servo, grasp, force, weights, motion, joint_control } = self;
+        let Self { title, servo, grasp, force, weights, motion, joint_control } = self;
         let moved = |motion: Motion| MotionExperiment {
             law: grasp.with(motion.own()),
             turns: motion.turns,
@@ -344,7 +344,7 @@ impl File {
             rest: motion.rest,
         };
         HandLaw {
-            about,
+            title,
             servo: ServoExperiment {
                 mode: match servo.mode {
                     Mode::Pid => ServoMode::Pid,

@@ -167,8 +167,16 @@ const HAND3_FIGURE11: &[Pair] = &[
         size(HAND3_FORCE, "paper_sensed_x"),
         size(HAND3_FORCE, "tesaki_sensed_x"),
     ),
-    both("along y, 0 N", size(HAND3_FORCE, "paper_sensed_y"), size(HAND3_FORCE, "tesaki_sensed_y")),
-    both("along z, −1.34 N", size(HAND3_FORCE, "paper_sensed_z"), size(HAND3_FORCE, "tesaki_sensed_z")),
+    both(
+        "magnitude along y, 0 N commanded",
+        size(HAND3_FORCE, "paper_sensed_y"),
+        size(HAND3_FORCE, "tesaki_sensed_y"),
+    ),
+    both(
+        "magnitude along z, 1.34 N commanded",
+        size(HAND3_FORCE, "paper_sensed_z"),
+        size(HAND3_FORCE, "tesaki_sensed_z"),
+    ),
     errors(
         "error of the force",
         size(HAND3_FORCE, "paper_force_error"),
@@ -290,7 +298,7 @@ const ARM7_FIGURE5: &[Pair] = &[
 
 const ARM7_ELBOWS: &[Pair] = &[
     both(
-        "pseudo-inverse: turn of the elbow",
+        "mismatched machine, pseudo-inverse: turn of the elbow",
         size(ARM7_ELBOW, "pseudo_inverse_mismatched_elbow_turn"),
         size(ARM7_ELBOW, "tesaki_mismatched_elbow_turn"),
     ),
@@ -300,7 +308,7 @@ const ARM7_ELBOWS: &[Pair] = &[
         size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
     ),
     errors(
-        "with the driven joint's term",
+        "model's machine, with the driven joint's term",
         size(ARM7_ELBOW, "corrected_matched_hand_displacement"),
         size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
     ),
@@ -378,7 +386,7 @@ const KNOB_FIGURE8: &[Pair] = &[
     ours(None, row("knob-grasp", "longest", "the longest of ten approaches")),
     ours(
         Some("grasped"),
-        Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, of ten") },
+        Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, share of ten") },
     ),
 ];
 

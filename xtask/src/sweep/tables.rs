@@ -119,7 +119,7 @@ fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
     let mut text = caption(sweeps);
     let both = pairs.iter().any(|pair| pair.papers_law.is_some());
     text += if both {
-        "\n| median (95th percentile) | the paper | its law here | ours | ours better by |\n|---|---|---|---|---|\n"
+        "\n| median (95th percentile) | the paper | its law here | ours | error: its law over ours |\n|---|---|---|---|---|\n"
     } else {
         "\n| median (95th percentile) | the paper | here |\n|---|---|---|\n"
     };
@@ -224,7 +224,12 @@ fn significant(value: f64, count: usize) -> String {
 }
 
 fn with_unit(text: &str, unit: &str) -> String {
-    if unit.is_empty() || text == "none" { text.to_owned() } else { format!("{text} {unit}") }
+    match unit {
+        "" => text.to_owned(),
+        _ if text == "none" => text.to_owned(),
+        "°" => format!("{text}°"),
+        _ => format!("{text} {unit}"),
+    }
 }
 
 #[cfg(test)]

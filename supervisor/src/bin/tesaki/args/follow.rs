@@ -111,8 +111,8 @@ fn udp(text: &str, address: &str) -> Result<PoseSource, String> {
     match numeric.parse::<SocketAddr>() {
         Ok(address) if address.ip().is_loopback() => Ok(PoseSource::Udp(address)),
         Ok(address) => Err(format!(
-            "{} is not this machine alone: who reaches a UDP port leads the arm, so it must be 127.0.0.1 or [::1]; \
-             forward the datagrams of other machines through a tunnel",
+            "{} is reachable from other machines, and whoever reaches the UDP port leads the arm: use 127.0.0.1 or \
+             [::1], and a tunnel for other machines",
             address.ip()
         )),
         Err(_) => Err(format!("{text:?}: expected udp://127.0.0.1:PORT, for example udp://127.0.0.1:7600")),
