@@ -111,7 +111,7 @@ fn udp(text: &str, address: &str) -> Result<PoseSource, String> {
     match numeric.parse::<SocketAddr>() {
         Ok(address) if address.ip().is_loopback() => Ok(PoseSource::Udp(address)),
         Ok(address) => Err(format!(
-            "{} is reachable from other machines, and whoever reaches the UDP port leads the arm: use 127.0.0.1 or \
+            "{} is reachable from other machines, and any program that reaches the UDP port leads the arm: use 127.0.0.1 or \
              [::1], and a tunnel for other machines",
             address.ip()
         )),
