@@ -38,7 +38,7 @@ pub enum LawError {
     },
     /// Two laws have the same name.
     #[error(
-        "--law {law}: a second law called {name:?}; rename one of the files, as results are told apart by name"
+        "--law {law}: a second law called {name:?}; results are told apart by name: give each law once, by a name of its own"
     )]
     SameName {
         /// As asked for.
