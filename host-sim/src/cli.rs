@@ -197,9 +197,9 @@ fn default_image() -> PathBuf {
     target.join("thumbv7em-none-eabihf/firmware/tesaki-firmware")
 }
 
-/// The checkout that this program was built from.
-fn workspace() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+/// The checkout that this program was built from, relative to the current folder.
+fn workspace() -> PathBuf {
+    shown(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")))
 }
 
 /// Runs the command of the command line; `false` if a metric failed.
@@ -543,7 +543,6 @@ fn example_command(options: &Serve, model: &RobotModel) -> String {
 }
 
 /// The path relative to the current folder.
-#[cfg(unix)]
 fn shown(path: &Path) -> PathBuf {
     let Ok(path) = path.canonicalize() else { return path.to_owned() };
     let here = std::env::current_dir().unwrap_or_default();

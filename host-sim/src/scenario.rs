@@ -35,7 +35,7 @@ use std::path::Path;
 use tesaki::protocol::LogRecord;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::grasp::GraspFileError;
-use tesaki_description::law::arm::ArmLawError;
+use tesaki_description::law::LawFileError;
 use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
@@ -131,15 +131,12 @@ pub enum ScenarioError {
     /// The robot's folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
-    /// A law of an arm.
+    /// A law of the robot.
     #[error(transparent)]
-    ArmLaw(#[from] ArmLawError),
+    Law(#[from] LawFileError),
     /// The grasp.
     #[error(transparent)]
     Grasp(#[from] GraspFileError),
-    /// A law of the hand.
-    #[error(transparent)]
-    HandLaw(#[from] tesaki_description::law::hand::LawFileError),
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),

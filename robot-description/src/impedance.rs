@@ -111,7 +111,10 @@ impl Default for Direct {
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(untagged, expecting = "expected a number, or three: for x, y and z")]
+#[serde(
+    untagged,
+    expecting = "expected a number, or three: for x, y and z; a matrix of all axes is `{ matrix = [[…], …] }`"
+)]
 enum Three {
     All(f32),
     Each([f32; 3]),

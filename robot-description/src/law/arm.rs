@@ -33,11 +33,9 @@ use serde::Deserialize;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::ImpedanceSettings;
 
-use crate::file::{self, FileError, read_text};
-use crate::finding::{Finding, Report};
+use super::{LawFileError, Wrong};
+use crate::finding::Finding;
 use crate::impedance::ImpedanceTable;
-use crate::line::line_of;
-use crate::urdf;
 
 /// What to do about a key that cannot be used.
 const ADVICE: &str = "correct it; robots/arm7/laws/paper.toml is an example";
@@ -121,17 +119,6 @@ pub struct ElbowExperiment {
     pub time: f64,
 }
 
-/// Why a law cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum ArmLawError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
-
 /// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -143,32 +130,22 @@ struct File {
     elbow: ElbowExperiment,
 }
 
-/// A key with its section, and what is wrong there.
-type Wrong = (String, String);
+/// Whether the robot is an arm: one chain.
+pub fn is_for(model: &RobotModel) -> bool {
+    model.chains.len() == 1
+}
 
 /// The law in a file, checked for the robot of `model`.
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(path: &Path, model: &RobotModel) -> Result<ArmLaw, ArmLawError> {
-    let text = read_text(path).map_err(|source| FileError::Read { path: path.to_path_buf(), source })?;
-    let (law, findings) = check(path, &text, model);
-    law.ok_or(ArmLawError::Wrong(findings))
+pub fn load(path: &Path, model: &RobotModel) -> Result<ArmLaw, LawFileError> {
+    super::load(path, model, (is_for, "an arm"), check)
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ArmLaw>, Vec<Finding>) {
-    let mut report = Report::new(path);
-    let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
-        return (None, report.findings);
-    };
-    match file.law(model) {
-        Ok(law) => (Some(law), report.findings),
-        Err((key, message)) => {
-            report.dynamics(line_of(text, &key), message, ADVICE);
-            (None, report.findings)
-        }
-    }
+    super::read(path, text, ADVICE, |file: File| file.law(model))
 }
 
 impl ArmLaw {
@@ -182,55 +159,53 @@ impl ArmLaw {
 }
 
 impl File {
-    fn law(self, model: &RobotModel) -> Result<ArmLaw, Wrong> {
+    fn law(self, model: &RobotModel) -> Result<ArmLaw, Vec<Wrong>> {
         let Self { title, control, release, follow, elbow } = self;
-        let settings =
-            control.settings(model).map_err(|(key, message)| (format!("control.{key}"), message))?;
+        let settings = control
+            .settings(model)
+            .map_err(|(key, message)| vec![Wrong::new(format!("control.{key}"), message)])?;
         let law = ArmLaw { title, settings, release, follow, elbow };
-        law.check_ranges()?;
-        law.check_dampings("release.damping", &law.release.damping, model)?;
-        law.check_dampings("follow.damping", &[law.follow.damping], model)?;
-        law.check_dampings("follow.curve", &law.follow.curve, model)?;
-        Ok(law)
+        let wrong = law.problems(model);
+        if wrong.is_empty() { Ok(law) } else { Err(wrong) }
     }
 }
 
 impl ArmLaw {
-    /// Checks the numbers of the experiments.
-    fn check_ranges(&self) -> Result<(), Wrong> {
+    fn problems(&self, model: &RobotModel) -> Vec<Wrong> {
         let Self { release, follow, elbow, .. } = self;
         let max_displacement = 0.5 * f64::from(self.settings.max_deviation[0]);
-        for (key, value, [min, max], unit) in [
+        let ranges = [
             ("release.displacement", release.displacement, [1e-3, max_displacement], "m"),
             ("follow.amplitude", follow.amplitude, [1e-3, 0.12], "m"),
             ("follow.frequency", follow.frequency, [0.1, 2.0], "Hz"),
-            ("follow.link", follow.link.delay, [0.0, 0.1], "s (delay)"),
-            ("follow.link", follow.link.jitter, [0.0, 0.1], "s (jitter)"),
-            ("follow.link", follow.link.loss, [0.0, 0.5], "(loss)"),
+            ("follow.link.delay", follow.link.delay, [0.0, 0.1], "s"),
+            ("follow.link.jitter", follow.link.jitter, [0.0, 0.1], "s"),
+            ("follow.link.loss", follow.link.loss, [0.0, 0.5], ""),
             ("follow.tremor", follow.tremor, [0.0, 1e-3], "m"),
             ("elbow.angle", elbow.angle, [0.05, 0.8], "rad"),
             ("elbow.time", elbow.time, [0.3, 3.0], "s"),
-        ] {
-            if !(min..=max).contains(&value) {
-                let message = format!("{key} is {value} {unit}; possible is {min} to {max}");
-                return Err((key.to_owned(), message));
-            }
-        }
-        Ok(())
+        ];
+        let ranges = ranges
+            .into_iter()
+            .filter_map(|(key, value, range, unit)| Wrong::outside(key, value, range, unit));
+        let dampings = [
+            ("release.damping", &release.damping[..]),
+            ("follow.damping", &[follow.damping]),
+            ("follow.curve", &follow.curve),
+        ];
+        let dampings =
+            dampings.into_iter().filter_map(|(key, values)| self.wrong_damping(key, values, model));
+        ranges.chain(dampings).collect()
     }
 
-    /// Checks a list of dampings along x, y and z.
-    fn check_dampings(&self, key: &str, values: &[f32], model: &RobotModel) -> Result<(), Wrong> {
+    /// What is wrong with a list of dampings along x, y and z.
+    fn wrong_damping(&self, key: &str, values: &[f32], model: &RobotModel) -> Option<Wrong> {
         if values.is_empty() || values.len() > MAX_VALUES {
             let message = format!("{key} has {} values; possible are 1 to {MAX_VALUES}", values.len());
-            return Err((key.to_owned(), message));
+            return Some(Wrong::new(key, message));
         }
-        for &value in values {
-            let settings = self.with_damping(value);
-            settings
-                .validate(model.joints.len())
-                .map_err(|problem| (key.to_owned(), format!("{key}: {problem}")))?;
-        }
-        Ok(())
+        let mut problems =
+            values.iter().filter_map(|&value| self.with_damping(value).validate(model.joints.len()).err());
+        problems.next().map(|problem| Wrong::new(key, format!("{key}: {problem}")))
     }
 }

@@ -40,7 +40,7 @@
 //! # as [motion]
 //! ```
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::control::ServoMode;
@@ -50,11 +50,9 @@ use tesaki::task::grasping::{
     PlanField, PlannedContact,
 };
 
-use crate::file::{self, read_text};
-use crate::finding::{Finding, Report};
+use super::{LawFileError, Wrong};
+use crate::finding::Finding;
 use crate::grasp::{Control, FrameName, Internal, LoadName, TargetsName};
-use crate::line::line_of;
-use crate::urdf;
 
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct it; robots/hand3/laws/paper.toml is an example";
@@ -187,22 +185,6 @@ pub struct MotionExperiment {
     pub rest: f64,
 }
 
-/// Why a law cannot be used.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum LawFileError {
-    /// It cannot be read.
-    #[error("cannot read {}: {reason}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
-
 /// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -305,32 +287,16 @@ pub fn is_for(model: &RobotModel) -> bool {
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
 pub fn load(path: &Path, model: &RobotModel) -> Result<HandLaw, LawFileError> {
-    let text = read_text(path)
-        .map_err(|error| LawFileError::Read { path: path.to_owned(), reason: error.to_string() })?;
-    let (law, findings) = check(path, &text, model);
-    law.ok_or(LawFileError::Wrong(findings))
+    super::load(path, model, (is_for, "a hand of three fingers with force sensors"), check)
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<HandLaw>, Vec<Finding>) {
-    let mut report = Report::new(path);
-    let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
-        return (None, report.findings);
-    };
-    let law = file.law();
-    for Wrong { section, key, message } in law.problems(model) {
-        let own = line_of(text, &format!("{section}.{key}"));
-        report.dynamics(own.or_else(|| line_of(text, &format!("grasp.{key}"))), message, ADVICE);
-    }
-    let is_good = report.findings.is_empty();
-    (is_good.then_some(law), report.findings)
-}
-
-/// A key, and what is wrong with its value.
-struct Wrong {
-    section: &'static str,
-    key: &'static str,
-    message: String,
+    super::read(path, text, ADVICE, |file: File| {
+        let law = file.law();
+        let wrong = law.problems(model);
+        if wrong.is_empty() { Ok(law) } else { Err(wrong) }
+    })
 }
 
 impl File {
@@ -397,14 +363,8 @@ impl Grasp {
 impl HandLaw {
     fn problems(&self, model: &RobotModel) -> Vec<Wrong> {
         let mut wrong = Vec::new();
-        let mut within = |section, key, value: f64, [lower, upper]: [f64; 2], unit: &str| {
-            if !(lower..=upper).contains(&value) {
-                let space = if unit.is_empty() { "" } else { " " };
-                let message = format!(
-                    "{section}.{key} is {value}{space}{unit}; the range is {lower} to {upper}{space}{unit}"
-                );
-                wrong.push(Wrong { section, key, message });
-            }
+        let mut within = |section: &str, key: &str, value: f64, range, unit: &str| {
+            wrong.extend(Wrong::outside(&format!("{section}.{key}"), value, range, unit));
         };
         let Self { servo, force, weights, motion, joint_control, .. } = self;
         within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
@@ -438,17 +398,15 @@ impl HandLaw {
             let mut plan = example();
             law.apply(&mut plan);
             if let Err(problem) = plan.validate() {
-                wrong.push(Wrong {
-                    section,
-                    key: key_of(&problem),
-                    message: format!("{section}: {problem}"),
-                });
+                let key = key_of(&problem);
+                let keys = vec![format!("{section}.{key}"), format!("grasp.{key}")];
+                wrong.push(Wrong { keys, message: format!("{section}: {problem}") });
             }
         }
         let mut model = model.clone();
         servo.apply(&mut model);
         if let Err(error) = model.validate() {
-            wrong.push(Wrong { section: "servo", key: "pid", message: error.to_string() });
+            wrong.push(Wrong::new("servo.pid", error.to_string()));
         }
         wrong
     }

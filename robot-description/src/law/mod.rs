@@ -4,22 +4,109 @@
 pub mod arm;
 pub mod hand;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use serde::de::DeserializeOwned;
 use tesaki::model::RobotModel;
 
-use crate::finding::Finding;
+use crate::file::{self, FileError, read_text};
+use crate::finding::{Finding, Report};
+use crate::line::line_of;
+use crate::urdf;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "laws";
+
+/// Why a law cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LawFileError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// What is wrong in it.
+    #[error("{}", urdf::list(.0))]
+    Wrong(Vec<Finding>),
+    /// It is for another kind of robot.
+    #[error("{}: a law of {needed}; the robot has {chains} chain(s): run it with a robot that it is for", path.display())]
+    OtherRobot {
+        /// The file.
+        path: PathBuf,
+        /// What the law is for.
+        needed: &'static str,
+        /// Number of the robot's chains.
+        chains: usize,
+    },
+}
 
 /// What is wrong with a law of a robot: of an arm, or of a hand.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> Vec<Finding> {
     if hand::is_for(model) {
         hand::check(path, text, model).1
-    } else if model.chains.len() == 1 {
+    } else if arm::is_for(model) {
         arm::check(path, text, model).1
     } else {
         Vec::new()
     }
+}
+
+/// The law in the file `path`, which `check` checks, for a robot that `fits`, as one that is `needed`.
+fn load<L>(
+    path: &Path,
+    model: &RobotModel,
+    (fits, needed): (fn(&RobotModel) -> bool, &'static str),
+    check: fn(&Path, &str, &RobotModel) -> (Option<L>, Vec<Finding>),
+) -> Result<L, LawFileError> {
+    if !fits(model) {
+        let chains = model.chains.len();
+        return Err(LawFileError::OtherRobot { path: path.to_owned(), needed, chains });
+    }
+    let text = read_text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+    let (law, findings) = check(path, &text, model);
+    law.ok_or(LawFileError::Wrong(findings))
+}
+
+/// A key that cannot be used.
+struct Wrong {
+    /// Where it may be, first choice first; with the sections.
+    keys: Vec<String>,
+    /// What is wrong there.
+    message: String,
+}
+
+impl Wrong {
+    fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { keys: vec![key.into()], message: message.into() }
+    }
+
+    /// That a value is outside its range, if it is.
+    fn outside(key: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Option<Self> {
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        (!(min..=max).contains(&value))
+            .then(|| Self::new(key, format!("{key} is {value}{unit}; the range is {min} to {max}{unit}")))
+    }
+}
+
+/// Reads `text`, the content of `path`, as a `File`, of which `law` makes the law or says what is wrong; `advice` is
+/// what to do about that.
+fn read<File: DeserializeOwned, L>(
+    path: &Path,
+    text: &str,
+    advice: &str,
+    law: impl FnOnce(File) -> Result<L, Vec<Wrong>>,
+) -> (Option<L>, Vec<Finding>) {
+    let mut report = Report::new(path);
+    let law = file::parse(text, advice, &mut report).and_then(|file| {
+        let wrong = match law(file) {
+            Ok(law) => return Some(law),
+            Err(wrong) => wrong,
+        };
+        for Wrong { keys, message } in wrong {
+            let line = keys.iter().find_map(|key| line_of(text, key));
+            // A key of an inline table has the line of the table.
+            let table = || line_of(text, keys.first()?.rsplit_once('.')?.0);
+            report.dynamics(line.or_else(table), message, advice);
+        }
+        None
+    });
+    (law, report.findings)
 }

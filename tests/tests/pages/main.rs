@@ -7,6 +7,7 @@ mod board;
 mod own_hand;
 mod page;
 mod reader;
+mod understood;
 
 use std::sync::Mutex;
 
