@@ -5,6 +5,7 @@ mod faults;
 mod firmware;
 mod footprint;
 mod fuzz;
+mod results;
 mod sweep;
 mod test;
 mod tools;

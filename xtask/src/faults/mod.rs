@@ -3,7 +3,6 @@
 mod record;
 
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -13,6 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 
+use crate::results::ResultsFile;
 use crate::sweep::{self, Partition, Simulator};
 use crate::test;
 use record::{CHECKED, FILE, Record, Run};
@@ -106,16 +106,13 @@ fn check(simulator: &Simulator) -> Result<()> {
 fn run_seeds(options: &FaultsOptions) -> Result<()> {
     let simulator = Simulator::build()?;
     let commit = sweep::commit()?;
-    let folder = test::out("faults");
-    std::fs::create_dir_all(&folder)?;
-    let path = folder.join(format!("{}.jsonl", options.partition));
-    let mut file = std::fs::File::create(&path).with_context(|| path.display().to_string())?;
+    let mut file = ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.partition)))?;
     let seeds = options.partition.select(options.seeds.clone().collect());
     let jobs = options.jobs.unwrap_or_else(sweep::cores);
     let runs = run_all(&simulator, seeds, jobs, |run| {
-        let run = Run { commit: Some(commit.clone()), ..run.clone() };
-        Ok(writeln!(file, "{}", serde_json::to_string(&run)?)?)
+        file.add(&Run { commit: Some(commit.clone()), ..run.clone() })
     })?;
+    let path = file.finish()?;
     let broken = print(&runs);
     println!("\nAll runs: {}", path.display());
     if options.record {

@@ -11,13 +11,13 @@ mod stats;
 mod tables;
 
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 
+use crate::results::ResultsFile;
 use crate::{test, tools};
 use merge::Run;
 pub use pool::Simulator;
@@ -146,7 +146,7 @@ fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
     Ok(())
 }
 
-/// Runs the sweep; fails when a machine misses a limit.
+/// Runs the sweep; a whole one fails when a machine misses a limit.
 fn sweep(options: &SweepOptions) -> Result<()> {
     let simulator = Simulator::build()?;
     let known = simulator.scenarios()?;
@@ -167,16 +167,16 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
     let runs = options.partition.select(set.seeds().into_iter().flat_map(each).collect());
     let commit = commit()?;
-    let path = test::out("sweep").join(format!("{}-{}.jsonl", set.name(), options.partition));
-    std::fs::create_dir_all(test::out("sweep"))?;
-    let mut file = std::fs::File::create(&path).with_context(|| path.display().to_string())?;
+    let name = format!("{}-{}.jsonl", set.name(), options.partition);
+    let mut file = ResultsFile::create(&test::out("sweep").join(name))?;
     let mut results = Vec::new();
     simulator.run_all(&runs, jobs, |mut run| {
         run.commit = Some(commit.clone());
-        writeln!(file, "{}", serde_json::to_string(&run)?)?;
+        file.add(&run)?;
         results.push(run);
         Ok(())
     })?;
+    let path = file.finish()?;
     if options.record {
         for told in merge::merge(Path::new(FOLDER), results.clone(), None)? {
             println!("{told}");
@@ -187,6 +187,8 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     println!("\nAll runs: {}", path.display());
     if !options.partition.is_whole() {
         println!("When all parts are done: `cargo xtask sweep merge` with their files.");
+        // A part is done when its machines were run; what they missed is in its file.
+        return Ok(());
     }
     ensure!(missed.is_empty(), "limits missed in {}", missed.join(", "));
     Ok(())

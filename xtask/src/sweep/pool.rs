@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
 use super::merge::Run;
-use crate::{firmware, test, tools};
+use crate::{firmware, tools};
 
 /// The program that runs scenarios.
 pub struct Simulator {
@@ -84,10 +84,11 @@ impl Simulator {
         let bar = progress(runs.len());
         let next = AtomicUsize::new(0);
         let done = Mutex::new(done);
-        let work = |worker: usize| -> Result<()> {
-            let out = test::out("sweep").join(format!("worker-{worker}"));
+        let work = || -> Result<()> {
+            // Other sweeps may run beside this one, on other machines with the same files too.
+            let out = tempfile::tempdir()?;
             while let Some((scenario, seed)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let told = self.run(scenario, *seed, &out).and_then(|run| {
+                let told = self.run(scenario, *seed, out.path()).and_then(|run| {
                     let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
                     done(run)
                 });
@@ -100,9 +101,7 @@ impl Simulator {
             Ok(())
         };
         std::thread::scope(|scope| {
-            let work = &work;
-            let workers = (0..jobs.max(1)).map(|worker| scope.spawn(move || work(worker)));
-            let workers: Vec<_> = workers.collect();
+            let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
             workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
         })?;
         bar.finish_and_clear();
