@@ -117,7 +117,7 @@ export class Charts {
       this.times.splice(0, stale);
       for (const { values: lines } of this.drawn) for (const line of lines) line.splice(0, stale);
     }
-    this.range = [time - span, time];
+    this.range = [Math.max(time - span, Math.min(this.times[0], time - 5)), time];
   }
 
   clear(): void {

@@ -59,7 +59,8 @@ export interface Sample {
 export interface Replay {
   scene: Scene;
   period: number;
-  objects: { name: string; shape: ObjectShape; pose: Pose }[];
+  /** The last ones by `since` are there, with their frame or, without one, at rest. */
+  objects: { since: number; frame: string | null; shape: ObjectShape; pose: Pose }[];
   notes: { time: number; text: string }[];
   samples: Sample[];
 }
@@ -114,6 +115,8 @@ export interface Status {
   /** Who commands the board. */
   commander: "nobody" | "you" | "page" | "program";
   /** Files with which the page may enable a task. */
+  /** What falls without power. */
+  falls: string | null;
   plans: { task: string; name: string }[];
   faults: Fault[];
   /** Why there is nothing to see, if so. */

@@ -139,9 +139,7 @@ export class Live {
       this.pending = true;
       requestAnimationFrame(() => {
         this.pending = false;
-        this.delays.push(state.delay[0] + state.delay[1] + performance.now() - arrived);
-        if (this.delays.length > WINDOW) this.delays.shift();
-        this.draw();
+        this.draw(arrived);
       });
     }
   }
@@ -199,7 +197,8 @@ export class Live {
     this.joints.append(el("label", { title: `${number(lower, 2)} to ${number(upper, 2)} rad` }, el("span", { class: "tv-joint" }, name), track, value));
   }
 
-  private draw(): void {
+  /** Draws the last state, which came at `arrived`. */
+  private draw(arrived: number): void {
     const { state, scene } = this;
     if (!state || !scene) return;
     const words = { disabled: "disabled", enabled: "enabled", fault: "fault" }[state.mode];
@@ -212,6 +211,9 @@ export class Live {
     this.drawForces(state);
     const report = state.mode === "enabled" ? state.report : null;
     this.stage?.setTaskFrame(report?.frame, report?.target);
+    this.stage?.draw();
+    this.delays.push(state.delay[0] + state.delay[1] + performance.now() - arrived);
+    if (this.delays.length > WINDOW) this.delays.shift();
     this.drawJoints(state, scene);
     this.drawValues(state);
     const now = performance.now();
@@ -258,7 +260,8 @@ export class Live {
     }
     rows.forEach(([name, value, unit], index) => {
       say(this.values.children[2 * index], name);
-      say(this.values.children[2 * index + 1], `${number(value, Math.abs(value) < 10 ? 3 : 1)} ${unit}`);
+      const digits = unit === "ticks" || unit === "ms" ? 0 : unit === "mm" || Math.abs(value) >= 10 ? 1 : 3;
+      say(this.values.children[2 * index + 1], `${number(value, digits)} ${unit}`);
     });
   }
 
@@ -307,7 +310,7 @@ export class Live {
     const { commander } = status;
     const mode = state?.mode ?? "disabled";
     const running = mode === "enabled" ? (state?.task ?? "") : "";
-    const layout = JSON.stringify([commander, mode, running, status.plans]);
+    const layout = JSON.stringify([commander, mode, running, status.plans, status.falls !== null]);
     if (layout === this.layout) return;
     this.layout = layout;
     const words = {
@@ -316,7 +319,8 @@ export class Live {
       page: "Another page commands the board. This page only looks.",
       program: "Another program commands the board. This page only looks.",
     }[commander];
-    say(this.commander, words);
+    const { falls } = status;
+    say(this.commander, falls && commander === "you" && mode !== "disabled" ? `${words} Mind: ${falls}.` : words);
     const buttons: HTMLElement[] = [];
     const add = (text: string, command: Command, primary = false) =>
       buttons.push(button(text, primary ? "tv-primary" : "", () => this.send(command)));
@@ -350,7 +354,7 @@ export class Live {
         const along = (size: number) => [0, 1, 2].map((part) => (part === index ? size : 0)) as Vec;
         return [step(`${axis} −5 mm`, along(-mm)), step(`${axis} +5 mm`, along(mm)), step(`turn ${axis} −`, [0, 0, 0], along(-rad)), step(`turn ${axis} +`, [0, 0, 0], along(rad))];
       }),
-      button("Put down", "tv-primary", () => this.send({ do: "put down" })),
+      button("Put down", "tv-primary", () => this.send({ do: "put_down" })),
       button("Open", "", () => this.send({ do: "open" })),
     );
   }

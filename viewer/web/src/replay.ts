@@ -1,7 +1,7 @@
 // The replay of a run in a report.
 
 import { Charts, type Panel } from "./charts";
-import type { Contact, Pose, Replay, Sample } from "./data";
+import type { Contact, Replay, Sample } from "./data";
 import { button, el, number, say } from "./dom";
 import { NoWebGL, Stage } from "./stage";
 
@@ -141,7 +141,7 @@ export class Player {
     // Between two trials the robot is at another place at once.
     const jumps = first.q.some((value, joint) => Math.abs((second.q[joint] ?? value) - value) > 12 * period);
     const between = (a: number[], b: number[]) => a.map((value, joint) => (jumps ? value : value + part * ((b[joint] ?? value) - value)));
-    this.stage.setFrames((part < 0.5 || jumps ? first : second).f ?? []);
+    this.stage.setFrames(time, (part < 0.5 || jumps ? first : second).f ?? []);
     this.stage.setJoints(between(first.q, second.q), first.r && second.r ? between(first.r, second.r) : null);
     this.stage.setContacts(first.c ?? []);
   }
@@ -184,7 +184,7 @@ function open(view: HTMLElement, replay: Replay): Stage | null {
     stage.load(replay.scene);
     stage.addObjects(replay.objects);
     const { f, q, r } = replay.samples[0] ?? { q: [] };
-    stage.setFrames((f ?? []) as [string, Pose][]);
+    stage.setFrames(0, f ?? []);
     stage.setJoints(q, r ?? null);
     stage.onLost(() => view.prepend(excuse("the browser has dropped its picture: reload the page")));
     view.append(button("Fit", "tv-fit", () => stage.fit()));

@@ -75,7 +75,7 @@ class Figure {
     }
     const size = extent(scene);
     for (const { joint, pose, radius } of scene.tips) {
-      const ball = new Mesh(new SphereGeometry(radius > 0 ? radius : 0.018 * size, 24, 16), tip);
+      const ball = new Mesh(new SphereGeometry(radius > 0 ? 1.02 * radius : 0.018 * size, 24, 16), tip);
       this.frame(joint).add(placed(ball, pose));
       this.tips.push(ball);
     }
@@ -158,7 +158,7 @@ export class Stage {
   private readonly paints: Paints;
   private readonly up = new Vector3(0, 0, 1);
   private readonly overlay = new Group();
-  private readonly objects = new Map<string, Group>();
+  private objects: { since: number; frame: string | null; group: Group }[] = [];
   private grid: GridHelper | null = null;
   private figure: Figure | null = null;
   private ghost: Figure | null = null;
@@ -247,7 +247,7 @@ export class Stage {
   /** Height of the lowest solid. */
   private floor(): number {
     const box = new Box3().setFromObject(this.figure!.root);
-    for (const object of this.objects.values()) if (object.visible) box.expandByObject(object);
+    for (const { group } of this.objects) if (group.visible) box.expandByObject(group);
     const corner = (high: boolean) => (high ? box.max : box.min);
     const lowest = new Vector3(
       corner(this.up.x < 0).x,
@@ -260,8 +260,8 @@ export class Stage {
   /** Shows a robot. */
   load(scene: Scene): void {
     for (const figure of [this.figure, this.ghost]) if (figure) this.graph.remove(figure.root);
-    for (const object of this.objects.values()) this.graph.remove(object);
-    this.objects.clear();
+    for (const { group } of this.objects) this.graph.remove(group);
+    this.objects = [];
     this.scene = scene;
     const gravity = new Vector3(...scene.gravity);
     if (gravity.length() > 1) this.up.copy(gravity).multiplyScalar(-1).normalize();
@@ -280,16 +280,15 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Adds bodies that are no links; they show once they have a pose. */
+  /** Adds bodies that are no links; they show when it is their time. */
   addObjects(objects: Replay["objects"]): void {
-    for (const { name, shape, pose } of objects) {
-      const group = this.objects.get(name) ?? new Group();
+    for (const { since, frame, shape, pose } of objects) {
       const geometry = solid(shape);
-      const mesh = placed(new Mesh(geometry, this.paints.object), pose);
+      const mesh = placed(new Mesh(geometry, frame === null ? this.paints.base : this.paints.object), pose);
       mesh.add(new LineSegments(new EdgesGeometry(geometry, 30), this.paints.edge));
-      group.add(mesh);
+      const group = new Group().add(mesh);
       group.visible = false;
-      this.objects.set(name, group);
+      this.objects.push({ since, frame, group });
       this.graph.add(group);
     }
   }
@@ -305,14 +304,13 @@ export class Stage {
     this.dirty = true;
   }
 
-  setFrames(frames: [string, Pose][]): void {
-    for (const object of this.objects.values()) object.visible = false;
-    for (const [name, pose] of frames) {
-      const object = this.objects.get(name);
-      if (object) {
-        placed(object, pose);
-        object.visible = true;
-      }
+  /** Shows the bodies of a time, those that move at their frames. */
+  setFrames(time: number, frames: [string, Pose][]): void {
+    const since = Math.max(...this.objects.map((object) => object.since).filter((other) => other <= time + 1e-9));
+    for (const object of this.objects) {
+      const frame = frames.find(([name]) => name === object.frame);
+      if (frame) placed(object.group, frame[1]);
+      object.group.visible = object.since === since && (object.frame === null || frame !== undefined);
     }
     this.dirty = true;
   }
@@ -324,7 +322,9 @@ export class Stage {
       old.traverse((part) => (part as Mesh).geometry?.dispose?.());
     }
     const colours = theme();
-    const largest = Math.max(1, ...contacts.map((contact) => Math.hypot(...contact.force)));
+    // Noise of a sensor is no long arrow: those of arms measure larger forces than those of fingers.
+    const floor = this.size > 0.5 ? 10 : 0.6;
+    const largest = Math.max(floor, ...contacts.map((contact) => Math.hypot(...contact.force)));
     const scale = (0.3 * this.size) / largest;
     for (const { point, force, normal, friction } of contacts) {
       this.arrow(point, force, scale, colours.force);
@@ -394,7 +394,7 @@ export class Stage {
   fit(): void {
     if (!this.figure || !this.scene || !this.controls) return;
     const box = new Box3().setFromObject(this.figure.root);
-    for (const object of this.objects.values()) if (object.visible) box.expandByObject(object);
+    for (const { group } of this.objects) if (group.visible) box.expandByObject(group);
     const center = box.getCenter(new Vector3());
     const radius = 0.5 * box.getSize(new Vector3()).length();
     const { clientWidth: width, clientHeight: height } = this.container;
@@ -423,7 +423,8 @@ export class Stage {
     this.draw();
   }
 
-  private draw(): void {
+  /** Draws at once; else it is drawn in the next frame if something has changed. */
+  draw(): void {
     this.dirty = false;
     this.renderer.render(this.graph, this.camera);
   }

@@ -40,7 +40,7 @@ const IDLE: Duration = Duration::from_millis(50);
 const SILENCE: Duration = Duration::from_millis(700);
 /// From one status to the next at most.
 const STATUS: Duration = Duration::from_millis(500);
-/// A page that has not seen so many states gets no more until it has.
+/// A page that is so many states behind gets no more until it has answered to all that it got.
 const MAX_UNSEEN: u64 = 25;
 /// Faults that the page shows.
 const MAX_FAULTS: usize = 4;
@@ -76,7 +76,8 @@ pub fn run(options: &Options, arguments: &Arguments) -> Result<(), Failure> {
 
 /// A page.
 struct Page {
-    /// Number of the last state that it has.
+    /// Number of the last state that it has got, and of the last one that it has answered to.
+    sent: u64,
     seen: u64,
     /// When it said something last.
     heard: Instant,
@@ -258,9 +259,10 @@ impl View {
         while self.departures.len() > 100 {
             self.departures.pop_first();
         }
-        for (&id, page) in &self.pages {
-            // Telemetry may be lost, its replacement comes soon: a slow page gets what it can take.
-            if self.sent.0 - page.seen <= MAX_UNSEEN {
+        for (&id, page) in &mut self.pages {
+            // The next state comes soon: a slow page gets what it can take.
+            if page.seen >= page.sent || self.sent.0 - page.seen <= MAX_UNSEEN {
+                page.sent = self.sent.0;
                 state.delay = [self.delay.of_board(), self.delay.of_page(id)];
                 self.server.send(id, &serde_json::to_string(&state).unwrap_or_default());
             }
@@ -276,7 +278,7 @@ impl View {
     }
 
     fn open(&mut self, id: u64) {
-        let page = Page { seen: self.sent.0, heard: Instant::now(), told: String::new() };
+        let page = Page { sent: 0, seen: 0, heard: Instant::now(), told: String::new() };
         self.pages.insert(id, page);
         if self.model.is_some() {
             self.server.send(id, &self.scene);

@@ -32,7 +32,7 @@ const POINT: Duration = motion::PERIOD;
 /// From one renewal of the lease to the next while disabled; it lasts longer.
 const RENEWAL: Duration = Duration::from_millis(300);
 /// A page that commands and says nothing for so long has gone. It answers to every state, 50 times a second.
-const SILENT_PAGE: Duration = Duration::from_millis(600);
+const SILENT_PAGE: Duration = Duration::from_secs(1);
 /// How long the board is told to stop before that counts as failed.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Duration of a step of the object or of the tool [s].
@@ -173,6 +173,7 @@ impl View {
                 return Ok(());
             }
         };
+        let changes_commander = matches!(command, Command::Take | Command::Release);
         match self.execute(id, command) {
             Ok(done) => self.answer(id, true, &done),
             // The link is gone for good, or the program itself fails.
@@ -182,9 +183,10 @@ impl View {
                 self.answer(id, false, &text);
             }
         }
-        // It may show at once what the command has changed.
-        self.board_commander =
-            self.session.board.status().map_or(self.board_commander, |status| status.node.commander);
+        if changes_commander && let Ok(status) = self.session.board.status() {
+            // The page shows it at once.
+            self.board_commander = status.node.commander;
+        }
         self.tell_status();
         Ok(())
     }
@@ -247,7 +249,7 @@ impl View {
     fn stop(&mut self) -> Result<String, Failure> {
         self.session.board.post(Request::Stop)?;
         self.commander.stopping = Some(Instant::now() + STOP_PATIENCE);
-        Ok("stop".to_owned())
+        Ok("the board was told to stop".to_owned())
     }
 
     fn take_command(&mut self, id: u64) -> Result<String, Failure> {
