@@ -132,28 +132,52 @@ impl Scene {
     }
 
     /// The same with the solids of its URDF: boxes, cylinders and spheres of `<visual>`. Meshes are left out.
+    /// Joints that follow one of the model, as those of a gripper's fingers, come along.
     #[must_use]
     pub fn with_solids(mut self, urdf: &Urdf) -> Self {
-        let mut solids = Vec::new();
-        self.collect(urdf, urdf.base(), None, &mut solids);
-        self.solids = solids;
+        self.collect(urdf, urdf.base(), None);
         self
     }
 
     /// Adds the solids of the body of `link`, which `joint` moves, and of all behind it.
-    fn collect(&self, urdf: &Urdf, link: &str, joint: Option<usize>, solids: &mut Vec<Solid>) {
+    fn collect(&mut self, urdf: &Urdf, link: &str, joint: Option<usize>) {
         let body = RigidBody::new(&urdf.robot, link);
         for (link, place) in &body.links {
             for visual in &link.visual {
                 let Some(shape) = shape(&visual.geometry) else { continue };
-                solids.push(Solid { joint, pose: of_isometry(&(place * isometry(&visual.origin))), shape });
+                let pose = of_isometry(&(place * isometry(&visual.origin)));
+                self.solids.push(Solid { joint, pose, shape });
             }
         }
-        for (behind, _) in &body.joints {
-            if let Some(index) = self.index(urdf, behind) {
-                self.collect(urdf, &behind.child.link, Some(index), solids);
+        for (behind, place) in &body.joints {
+            let index = self.index(urdf, behind).or_else(|| self.add_follower(behind, joint, place));
+            if let Some(index) = index {
+                self.collect(urdf, &behind.child.link, Some(index));
             }
         }
+    }
+
+    /// Adds a joint of the URDF that the model leaves out, if it follows one of the model.
+    #[expect(clippy::cast_possible_truncation, reason = "a page shows single precision")]
+    fn add_follower(
+        &mut self,
+        joint: &urdf_rs::Joint,
+        parent: Option<usize>,
+        place: &Isometry3<f64>,
+    ) -> Option<usize> {
+        let mimic = joint.mimic.as_ref()?;
+        let leader = self.joints.iter().take(self.driven).position(|other| other.name == mimic.joint)?;
+        let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+        self.joints.push(SceneJoint {
+            name: joint.name.clone(),
+            parent,
+            origin: of_isometry(&(place * isometry(&joint.origin))),
+            axis: joint.axis.xyz.0.map(|part| part as f32),
+            limits: [0.0; 2],
+            torque: 0.0,
+            follows: Some((leader, multiplier as f32, offset as f32)),
+        });
+        Some(self.joints.len() - 1)
     }
 
     /// The joint of the model for one of the URDF. A mimic joint has no name there: it is the one that carries
@@ -203,17 +227,26 @@ mod tests {
     #[test]
     fn every_chain_hangs_on_the_base_and_every_solid_on_a_joint() {
         // Joints, mimic joints, tips and <visual>s counted in the URDFs.
-        for (name, driven, all, tips, solids) in
-            [("hand3", 9, 9, 3, 16), ("arm7", 7, 7, 1, 9), ("hand5", 14, 15, 5, 22)]
-        {
+        for (name, driven, all, tips, solids) in [
+            ("hand3", 9, 9, 3, 16),
+            ("arm7", 7, 7, 1, 9),
+            ("hand5", 16, 19, 5, 22),
+            ("knob-arm", 7, 9, 1, 10),
+        ] {
             let robot = folder(name);
             let scene = Scene::new(&robot.model).with_solids(&robot.urdf);
             assert_eq!((scene.driven, scene.joints.len()), (driven, all), "{name}");
             assert_eq!((scene.tips.len(), scene.solids.len()), (tips, solids), "{name}");
             let bases = scene.joints.iter().filter(|joint| joint.parent.is_none()).count();
             assert_eq!(bases, tips, "{name}");
+            assert_eq!(
+                scene.joints.iter().filter(|joint| joint.follows.is_some()).count(),
+                all - driven,
+                "{name}"
+            );
             for (index, joint) in scene.joints.iter().enumerate() {
                 assert!(joint.parent.is_none_or(|parent| parent < index || parent >= driven), "{name}");
+                assert!(joint.follows.is_none_or(|(leader, ..)| leader < driven), "{name}");
             }
         }
     }

@@ -7,7 +7,7 @@ import gifenc from "gifenc";
 import { browser } from "./test/harness.mjs";
 
 const { GIFEncoder, quantize, applyPalette } = gifenc;
-const [WIDTH, HEIGHT, RATE, COLOURS] = [420, 320, 12.5, 64];
+const [WIDTH, HEIGHT, RATE, COLOURS] = [420, 320, 10, 63];
 const [report, out, from = "0", to = "Infinity", speed = "1"] = process.argv.slice(2);
 if (!out) {
   console.error("usage: node film.mjs REPORT.html OUT.gif [FROM TO [SPEED]]");
@@ -19,7 +19,7 @@ await page.goto(`file://${resolve(report)}`);
 await page.waitForFunction(() => window.tesaki?.players.length > 0);
 const length = await page.evaluate(() => Number(document.querySelector(".tv-track input").max));
 const gif = GIFEncoder();
-let palette;
+let [palette, last] = [];
 const end = Math.min(Number(to), length);
 for (let time = Number(from); time <= end; time += Number(speed) / RATE) {
   const pixels = await page.evaluate(
@@ -43,7 +43,18 @@ for (let time = Number(from); time <= end; time += Number(speed) / RATE) {
   const rgba = new Uint8Array(Buffer.from(pixels, "base64"));
   // One palette for all pictures: what stands still must not flicker.
   palette ??= quantize(rgba, COLOURS);
-  gif.writeFrame(applyPalette(rgba, palette), WIDTH, HEIGHT, { palette, delay: 1000 / RATE });
+  while (palette.length < COLOURS) palette.push([255, 255, 255]);
+  const picture = applyPalette(rgba, palette);
+  // What is as before is left out.
+  const change = last ? picture.map((colour, at) => (colour === last[at] ? COLOURS : colour)) : picture;
+  last = picture;
+  gif.writeFrame(change, WIDTH, HEIGHT, {
+    palette: [...palette, [255, 255, 255]],
+    delay: 1000 / RATE,
+    transparent: true,
+    transparentIndex: COLOURS,
+    dispose: 1,
+  });
 }
 gif.finish();
 writeFileSync(out, gif.bytes());

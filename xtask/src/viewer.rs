@@ -60,7 +60,7 @@ fn film() -> Result<()> {
     tools::run(Command::new(host_sim).args(["run", "hand3-turn", "--seed", "1", "--out"]).arg(&folder))?;
     let report = std::path::absolute(folder.join("hand3-turn/index.html"))?;
     let mut node = Command::new("node");
-    node.arg(format!("{WEB}/film.mjs")).arg(report).arg("docs/hand3-turn.gif");
+    node.arg(format!("{WEB}/film.mjs")).arg(report).args(["docs/hand3-turn.gif", "1", "21", "2"]);
     tools::run(&mut node)
 }
 

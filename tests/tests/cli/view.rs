@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use tungstenite::protocol::{Role, WebSocket};
 use tungstenite::{Error, Message};
 
-use super::server::{Server, hand3};
+use super::server::{Server, finish, hand3, said, signal};
 
 /// `tesaki view`, ended with the test.
 struct View {
@@ -71,7 +71,7 @@ impl View {
 
 impl Drop for View {
     fn drop(&mut self) {
-        super::server::signal(&self.child, nix::sys::signal::Signal::SIGINT);
+        signal(&self.child, nix::sys::signal::Signal::SIGINT);
         let _ = self.child.wait();
     }
 }
@@ -157,12 +157,13 @@ fn one_page_commands_and_every_page_stops() {
     second.wait("another page", |value| value["commander"] == "page");
     second.fails(json!({ "do": "take" }), "another page commands");
     second.fails(json!({ "do": "goal", "joint": 0, "angle": 0.0 }), "another page commands");
-    // Another program is kept out by the board's lease.
-    server.fails(&["move", "finger1_swing=0"], 7, &["another client commands"]);
-    for _ in 0..30 {
-        // The first goes on answering, or it would be stopped.
+    // Another program is kept out by the board's lease. Meanwhile the page goes on answering, or it would be stopped.
+    let mut other = server.start_command(&["move", "finger1_swing=0"]);
+    while other.try_wait().unwrap().is_none() {
         assert!(moved(&first.mode("enabled")));
     }
+    let (code, text) = said(&finish(other));
+    assert!(code == 7 && text.contains("another client"), "{code}: {text}");
     second.succeeds(json!({ "do": "stop" }));
     let fault =
         second.wait("the fault", |value| value["faults"].as_array().is_some_and(|faults| !faults.is_empty()));
@@ -238,4 +239,21 @@ fn nonsense_gets_an_answer_or_the_door() {
 
     server.fails(&["view", "--listen", "0.0.0.0:0"], 2, &["ssh -L"]);
     server.fails(&["view", "--listen", host], 1, &["another program listens there"]);
+}
+
+#[test]
+fn a_page_outlives_a_reset_of_the_board() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    server.make_trouble("reset");
+    page.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("was reset")));
+    let no_model =
+        |value: &Value| value["trouble"].as_str().is_some_and(|text| text.contains("no robot model"));
+    page.wait("no model", no_model);
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    page.wait("the robot", |value| value["kind"] == "scene" && value["scene"].is_object());
+    page.mode("disabled");
 }

@@ -198,7 +198,7 @@ export class Charts {
 
   private build({ panel, values, host }: Drawn): uPlot {
     const colours = theme();
-    const font = "11.5px system-ui, sans-serif";
+    const font = "12px system-ui, sans-serif";
     const axis = (extra: uPlot.Axis): uPlot.Axis => ({
       stroke: colours.muted,
       font,

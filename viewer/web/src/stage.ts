@@ -170,7 +170,7 @@ export class Stage {
 
   constructor(private readonly container: HTMLElement) {
     try {
-      this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+      this.renderer = new WebGLRenderer({ antialias: true });
     } catch (error) {
       throw new NoWebGL(String(error instanceof Error ? error.message : error));
     }
@@ -183,10 +183,10 @@ export class Stage {
       link: plain({}),
       base: plain({}),
       tip: plain({}),
-      object: plain({ transparent: true, opacity: 0.86 }),
+      object: plain({ transparent: true, opacity: 0.5, depthWrite: false }),
       ghost: plain({ transparent: true, opacity: 0.26, depthWrite: false }),
       goal: new MeshBasicMaterial({ transparent: true, opacity: 0.6, depthWrite: false }),
-      cone: new MeshBasicMaterial({ transparent: true, opacity: 0.2, depthWrite: false }),
+      cone: new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false, depthTest: false }),
       edge: new LineBasicMaterial({ transparent: true, opacity: 0.5 }),
       line: new LineBasicMaterial({}),
     };
@@ -247,7 +247,7 @@ export class Stage {
   /** Height of the lowest solid. */
   private floor(): number {
     const box = new Box3().setFromObject(this.figure!.root);
-    for (const { group } of this.objects) if (group.visible) box.expandByObject(group);
+    for (const { group, frame } of this.objects) if (group.visible && frame !== null) box.expandByObject(group);
     const corner = (high: boolean) => (high ? box.max : box.min);
     const lowest = new Vector3(
       corner(this.up.x < 0).x,
@@ -336,6 +336,7 @@ export class Stage {
         cone.geometry.translate(0, -height / 2, 0);
         cone.quaternion.setFromUnitVectors(new Vector3(0, -1, 0), axis.normalize());
         cone.position.set(...point);
+        cone.renderOrder = 1;
         cone.userData.contact = true;
         this.overlay.add(cone);
       }
@@ -352,7 +353,7 @@ export class Stage {
     const arrow = new ArrowHelper(vector.normalize(), new Vector3(...point), length, colour, head, 0.6 * head);
     // Readable although it is inside of an object.
     for (const part of [arrow.line, arrow.cone]) {
-      (part.material as MeshBasicMaterial).depthTest = false;
+      Object.assign(part.material as MeshBasicMaterial, { depthTest: false, transparent: true });
       part.renderOrder = 2;
     }
     arrow.userData.contact = true;
@@ -394,7 +395,8 @@ export class Stage {
   fit(): void {
     if (!this.figure || !this.scene || !this.controls) return;
     const box = new Box3().setFromObject(this.figure.root);
-    for (const { group } of this.objects) if (group.visible) box.expandByObject(group);
+    // What stands around, as a door, may be much larger than the robot.
+    for (const { group, frame } of this.objects) if (group.visible && frame !== null) box.expandByObject(group);
     const center = box.getCenter(new Vector3());
     const radius = 0.5 * box.getSize(new Vector3()).length();
     const { clientWidth: width, clientHeight: height } = this.container;

@@ -25,6 +25,8 @@ export async function until(what, test, patience = 8000) {
   throw new Error(`not within ${patience / 1000} s: ${what}`);
 }
 
+/** A test that takes longer has failed [ms]. */
+const PATIENCE = 90_000;
 const started = [];
 
 function start(program, args, env = {}) {
@@ -67,14 +69,22 @@ export function cpu(child) {
 
 export async function run(test) {
   const begin = Date.now();
+  const limit = setTimeout(() => {
+    console.error(`not done after ${PATIENCE / 1000} s`);
+    started.forEach((child) => child.kill("SIGKILL"));
+    process.exit(1);
+  }, PATIENCE);
+  limit.unref();
   try {
     await test();
     console.log(`passed in ${((Date.now() - begin) / 1000).toFixed(1)} s`);
   } catch (error) {
     console.error(error);
     process.exitCode = 1;
-  } finally {
-    for (const child of started) child.kill("SIGINT");
-    setTimeout(() => started.forEach((child) => child.kill("SIGKILL")), 2000).unref();
   }
+  for (const child of started) child.kill("SIGINT");
+  await new Promise((resolve) => setTimeout(resolve, 500));
+  for (const child of started) child.kill("SIGKILL");
+  // Also when a browser is still open.
+  process.exit();
 }

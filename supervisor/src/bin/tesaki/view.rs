@@ -35,7 +35,7 @@ const STREAMS: &[(Stream, u16)] =
 /// How long the board is listened to before the pages are served, and the other way round.
 const TURN: Duration = Duration::from_millis(4);
 /// Without pages.
-const IDLE: Duration = Duration::from_millis(50);
+const IDLE: Duration = Duration::from_millis(20);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 /// From one status to the next at most.
@@ -158,7 +158,7 @@ impl View {
         for event in self.server.turn() {
             match event {
                 Event::Opened(id) => self.open(id),
-                Event::Said(id, text) => self.obey(id, &text)?,
+                Event::Said(id, text) => self.obey(id, &text),
                 Event::Closed(id) => {
                     self.pages.remove(&id);
                     self.page_gone(id)?;
@@ -324,7 +324,8 @@ impl View {
             folder.map_or(scene.clone(), |folder| scene.with_solids(&folder.urdf))
         });
         self.plans = folder.map(commands::plans).unwrap_or_default();
-        self.scene = serde_json::json!({ "kind": "scene", "scene": scene }).to_string();
+        let scene = serde_json::to_string(&scene).unwrap_or_default();
+        self.scene = format!(r#"{{"kind":"scene","scene":{scene}}}"#);
         self.pages.keys().for_each(|&id| self.server.send(id, &self.scene));
     }
 

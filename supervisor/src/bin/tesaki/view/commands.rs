@@ -155,9 +155,9 @@ pub fn plans(folder: &RobotFolder) -> Vec<Plan> {
 
 impl View {
     /// Carries out what a page says.
-    pub fn obey(&mut self, id: u64, text: &str) -> Result<(), Failure> {
+    pub fn obey(&mut self, id: u64, text: &str) {
         let now = Instant::now();
-        let Some(page) = self.pages.get_mut(&id) else { return Ok(()) };
+        let Some(page) = self.pages.get_mut(&id) else { return };
         page.heard = now;
         let command = match serde_json::from_str(text) {
             Ok(Command::Seen { n }) => {
@@ -165,19 +165,17 @@ impl View {
                 if let Some(sent) = self.departures.get(&n) {
                     self.delay.page(id, now - *sent);
                 }
-                return Ok(());
+                return;
             }
             Ok(command) => command,
             Err(error) => {
                 self.answer(id, false, &format!("not understood: {error}"));
-                return Ok(());
+                return;
             }
         };
         let changes_commander = matches!(command, Command::Take | Command::Release);
         match self.execute(id, command) {
             Ok(done) => self.answer(id, true, &done),
-            // The link is gone for good, or the program itself fails.
-            Err(failure @ Failure::Port(_)) => return Err(failure),
             Err(failure) => {
                 let text = self.words(failure);
                 self.answer(id, false, &text);
@@ -188,7 +186,6 @@ impl View {
             self.board_commander = status.node.commander;
         }
         self.tell_status();
-        Ok(())
     }
 
     fn execute(&mut self, id: u64, command: Command) -> Result<String, Failure> {
@@ -366,6 +363,7 @@ impl View {
     pub fn drive(&mut self, now: Instant) -> Result<(), Failure> {
         if let Some(page) = self.commander.page
             && self.commander.enabled.is_some()
+            && self.silent.is_none()
             && self.pages.get(&page).is_none_or(|page| now - page.heard > SILENT_PAGE)
         {
             self.answer(page, false, "this page did not answer any more: the robot was stopped");
