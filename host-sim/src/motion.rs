@@ -115,20 +115,25 @@ impl Motion {
     pub fn forces(&mut self, plant: &Plant) {
         let Some(sample) = self.samples.last_mut() else { return };
         let friction = plant.object().map_or(0.0, |object| object.friction);
-        let on_object = plant.contacts().into_iter().map(|contact| {
-            let inwards = contact.normal.map(|part| -part);
-            (contact.force, contact.point, inwards, friction)
+        let on_object = plant.contacts().into_iter().enumerate().map(|(tip, contact)| Contact {
+            tip,
+            point: contact.point,
+            force: contact.force,
+            normal: contact.normal.map(|part| -part),
+            friction,
         });
-        let mut forces: Vec<_> = on_object.collect();
-        if forces.is_empty() {
-            forces = plant.tips().into_iter().map(|tip| (tip.force, tip.position, [0.0; 3], 0.0)).collect();
+        sample.contacts = on_object.collect();
+        if sample.contacts.is_empty() {
+            let on_tips = plant.tips().into_iter().enumerate().map(|(tip, truth)| Contact {
+                tip,
+                point: truth.position,
+                force: truth.force,
+                normal: [0.0; 3],
+                friction: 0.0,
+            });
+            sample.contacts = on_tips.collect();
         }
-        let contact =
-            |(tip, (force, point, normal, friction)): (usize, ([f64; 3], [f64; 3], [f64; 3], f64))| {
-                let shown = Vector3::from(force).norm() > SHOWN_FORCE;
-                shown.then_some(Contact { tip, point, force, normal, friction })
-            };
-        sample.contacts = forces.into_iter().enumerate().filter_map(contact).collect();
+        sample.contacts.retain(|contact| Vector3::from(contact.force).norm() > SHOWN_FORCE);
     }
 
     /// The object that is grasped from here on, in the frame `object` of each tick, with its support.
@@ -287,6 +292,54 @@ mod tests {
         assert!(bytes.windows(11).any(|part| part == b"grasped box"));
         let error = motion.write(file.path(), "<robot>").expect_err("half a robot").to_string();
         assert!(error.starts_with("the URDF of the recording: "), "{error}");
+    }
+
+    #[test]
+    fn a_replay_shows_bodies_and_notes_at_their_times() {
+        let robot = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let robot = tesaki_description::robot::RobotFolder::load(&robot).expect("it is a robot folder");
+        let support = Some(crate::plant::Support {
+            size: [0.1, 0.1, 0.02],
+            position: [0.0, 0.0, -0.04],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        });
+        let cylinder = ObjectValues {
+            shape: Solid::Cylinder,
+            size: [0.06, 0.06, 0.1],
+            mass: 0.1,
+            friction: 0.5,
+            friction_spread: 0.0,
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            support,
+        };
+        let mut motion = Motion::new(["joint"]);
+        motion.object(&cylinder, true);
+        for tick in 0..40 {
+            let positions = vec![f64::from(tick)];
+            motion.tick(&Truth {
+                positions,
+                velocities: vec![0.0],
+                torques: vec![0.0],
+                homing_errors: vec![0.0],
+            });
+            if tick == 20 {
+                motion.note("lifted");
+                motion.object(&cylinder, false);
+            }
+        }
+        let replay = motion.replay(Scene::new(&robot.model));
+        let angles: Vec<f64> = replay.samples.iter().map(|sample| sample.positions[0]).collect();
+        assert_eq!((replay.period, angles[..3].to_vec(), angles.len()), (0.02, vec![0.0, 2.0, 4.0], 20));
+        assert_eq!(replay.notes, [Note { time: 0.2, text: "lifted".to_owned() }]);
+        let bodies: Vec<(f64, bool)> =
+            replay.objects.iter().map(|object| (object.since, object.frame.is_some())).collect();
+        assert_eq!(
+            bodies,
+            [(0.0, true), (0.0, false), (0.21, true)],
+            "the support goes in the tick after the note"
+        );
+        assert_eq!(replay.objects[0].shape, Shape::Cylinder([0.03, 0.1]));
     }
 
     #[test]

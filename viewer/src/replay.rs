@@ -3,7 +3,7 @@ use serde::Serialize;
 use crate::scene::Scene;
 
 /// Samples of a replay at most: beyond, it is resampled, so that a report stays small.
-const MAX_SAMPLES: usize = 3000;
+const MAX_SAMPLES: usize = 2000;
 
 /// The motion of a run, for the page of a report. Lengths in m, angles in rad, forces in N.
 #[derive(Clone, Debug, Serialize)]
@@ -153,9 +153,9 @@ mod tests {
             .map(|tick| Sample { positions: vec![f64::from(tick) + 0.123_456], ..Sample::default() })
             .collect();
         let replay = Replay::new(scene.clone(), 0.01, &samples);
-        // 12 001 samples, five of which become one: 2401 of them, 50 ms apart.
-        assert_eq!((replay.samples.len(), replay.period), (2401, 0.05));
-        assert_eq!(replay.samples[2].positions, [10.123_5]);
+        // 12 001 samples, seven of which become one: 1715 of them, 70 ms apart.
+        assert_eq!((replay.samples.len(), replay.period), (1715, 0.07));
+        assert_eq!(replay.samples[2].positions, [14.123_5]);
         let short = Replay::new(scene, 0.01, &samples[..100]);
         assert_eq!((short.samples.len(), short.period), (50, 0.02));
     }

@@ -18,8 +18,7 @@ const page = await chrome.newPage();
 await page.goto(`file://${resolve(report)}`);
 await page.waitForFunction(() => window.tesaki?.players.length > 0);
 const length = await page.evaluate(() => Number(document.querySelector(".tv-track input").max));
-const gif = GIFEncoder();
-let [palette, last] = [];
+const pictures = [];
 const end = Math.min(Number(to), length);
 for (let time = Number(from); time <= end; time += Number(speed) / RATE) {
   const pixels = await page.evaluate(
@@ -40,21 +39,31 @@ for (let time = Number(from); time <= end; time += Number(speed) / RATE) {
     },
     [time, WIDTH, HEIGHT],
   );
-  const rgba = new Uint8Array(Buffer.from(pixels, "base64"));
-  // One palette for all pictures: what stands still must not flicker.
-  palette ??= quantize(rgba, COLOURS);
-  while (palette.length < COLOURS) palette.push([255, 255, 255]);
-  const picture = applyPalette(rgba, palette);
+  pictures.push(new Uint8Array(Buffer.from(pixels, "base64")));
+}
+
+// One palette for all pictures: what stands still must not flicker. Bright colours are few and have a part of their own.
+const grouped = { grey: [], bright: [] };
+for (const rgba of pictures) {
+  for (let at = 0; at < rgba.length; at += 4 * 7) {
+    const pixel = rgba.subarray(at, at + 4);
+    const [r, g, b] = pixel;
+    grouped[Math.max(r, g, b) - Math.min(r, g, b) > 60 ? "bright" : "grey"].push(...pixel);
+  }
+}
+const BRIGHT = 12;
+const colours = (pixels, count) => (pixels.length > 0 ? quantize(Uint8Array.from(pixels), count) : []);
+const palette = [...colours(grouped.bright, BRIGHT), ...colours(grouped.grey, COLOURS - BRIGHT)];
+while (palette.length <= COLOURS) palette.push([255, 255, 255]);
+
+const gif = GIFEncoder();
+let last;
+for (const rgba of pictures) {
+  const picture = applyPalette(rgba, palette.slice(0, COLOURS));
   // What is as before is left out.
   const change = last ? picture.map((colour, at) => (colour === last[at] ? COLOURS : colour)) : picture;
   last = picture;
-  gif.writeFrame(change, WIDTH, HEIGHT, {
-    palette: [...palette, [255, 255, 255]],
-    delay: 1000 / RATE,
-    transparent: true,
-    transparentIndex: COLOURS,
-    dispose: 1,
-  });
+  gif.writeFrame(change, WIDTH, HEIGHT, { palette, delay: 1000 / RATE, transparent: true, transparentIndex: COLOURS, dispose: 1 });
 }
 gif.finish();
 writeFileSync(out, gif.bytes());

@@ -78,7 +78,7 @@ export class Live {
 
   private openStage(): void {
     try {
-      this.stage = new Stage(this.view);
+      this.stage = new Stage(this.view, true);
       this.stage.onLost(() => this.view.prepend(excuse("the browser has dropped its picture: reload the page")));
       this.view.append(button("Fit", "tv-fit", () => this.stage?.fit()));
     } catch (error) {

@@ -147,6 +147,15 @@ function solid(shape: SolidShape | ObjectShape): BufferGeometry {
   return new ExtrudeGeometry(outline, { depth: y, bevelEnabled: false }).rotateX(Math.PI / 2).translate(0, y / 2, 0);
 }
 
+/** Whether the processor draws, for want of a graphics card. */
+function isSoftware(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
+}
+
 /** Thrown where there is no WebGL. */
 export class NoWebGL extends Error {}
 
@@ -168,13 +177,15 @@ export class Stage {
   private fitted = false;
   private frames: { measured: AxesHelper; target: AxesHelper; line: Line } | null = null;
 
-  constructor(private readonly container: HTMLElement) {
+  /** With `isLive` a picture that is in time matters more than smooth edges. */
+  constructor(private readonly container: HTMLElement, isLive = false) {
+    const isSlow = isLive && isSoftware();
     try {
-      this.renderer = new WebGLRenderer({ antialias: true });
+      this.renderer = new WebGLRenderer({ antialias: !isSlow });
     } catch (error) {
       throw new NoWebGL(String(error instanceof Error ? error.message : error));
     }
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(isSlow ? 1 : Math.min(devicePixelRatio, 2));
     container.append(this.renderer.domElement);
     this.renderer.domElement.setAttribute("role", "img");
     this.renderer.domElement.setAttribute("aria-label", "The robot in three dimensions. Drag to turn it, scroll to zoom.");

@@ -28,10 +28,13 @@ await run(async () => {
   const still = await picture();
   check((await time()) === 0, "it begins at the beginning");
   await page.getByRole("button", { name: "Play" }).click();
+  const [from, begin] = await page.evaluate(() => [Number(document.querySelector(".tv-track input").value), performance.now()]);
   await page.waitForTimeout(1000);
+  const [to, end] = await page.evaluate(() => [Number(document.querySelector(".tv-track input").value), performance.now()]);
   await page.getByRole("button", { name: "Pause" }).click();
-  const played = await time();
-  check(played > 0.7 && played < 1.4, `a second of play is ${played} s of the run`);
+  const [played, passed] = [to - from, (end - begin) / 1000];
+  // A frame that is drawn without a graphics card may take a while.
+  check(Math.abs(played - passed) < 0.4, `${passed.toFixed(2)} s of play are ${played.toFixed(2)} s of the run`);
   check(await page.evaluate((seconds) => {
     const slider = document.querySelector(".tv-track input");
     slider.value = String(seconds);
