@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn a_replay_shows_bodies_and_notes_at_their_times() {
-        let robot = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
         let robot = tesaki_description::robot::RobotFolder::load(&robot).expect("it is a robot folder");
         let support = Some(crate::plant::Support {
             size: [0.1, 0.1, 0.02],

@@ -201,6 +201,17 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     std::thread::sleep(Duration::from_millis(2000));
     assert!(server.json(&["info"]).to_string().contains("Fault"));
     watcher.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
+    // Also when it was the last page; command is then free at once.
+    watcher.succeeds(json!({ "do": "take" }));
+    watcher.succeeds(json!({ "do": "clear" }));
+    watcher.mode("disabled");
+    watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    watcher.mode("enabled");
+    drop(watcher);
+    server.wait_for("in fault");
+    std::thread::sleep(Duration::from_millis(200));
+    let info = server.json(&["info"]);
+    assert!(info["status"]["node"]["commander"].is_null(), "{info}");
 }
 
 #[test]

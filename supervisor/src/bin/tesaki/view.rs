@@ -81,6 +81,7 @@ struct Page {
     seen: u64,
     /// When it said something last.
     heard: Instant,
+    /// The last status that it was sent.
     told: String,
 }
 
@@ -107,13 +108,16 @@ struct View {
     /// When the last states were sent, by number.
     departures: BTreeMap<u64, Instant>,
     delay: Delay,
+    /// When telemetry came last, and when a status was sent.
     heard: Instant,
     told: Instant,
     known_faults: Option<u32>,
     faults: Vec<FaultText>,
-    /// Why there is nothing to see: no model, or no telemetry.
+    /// Whether the board has a model, by its last status.
     has_model: bool,
+    /// Why there is no telemetry.
     silent: Option<&'static str>,
+    /// Whether the streams are wanted.
     streams: bool,
 }
 
@@ -152,7 +156,8 @@ impl View {
 
     /// Listens to the board for a while, then to the pages.
     fn turn(&mut self) -> Result<(), Failure> {
-        self.want_streams(!self.pages.is_empty())?;
+        // Whether the robot has stopped is of interest even after the last page has gone.
+        self.want_streams(!self.pages.is_empty() || self.commander.is_stopping())?;
         let wait = if self.pages.is_empty() { IDLE } else { TURN };
         self.listen(Instant::now() + wait)?;
         for event in self.server.turn() {

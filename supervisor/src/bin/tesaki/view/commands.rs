@@ -107,6 +107,11 @@ impl Commander {
         self.page
     }
 
+    /// Whether a robot whose page has gone is still to be stopped, or command to be released.
+    pub const fn is_stopping(&self) -> bool {
+        self.stopping.is_some() || self.releases
+    }
+
     /// Notices that the task has ended.
     pub fn follow(&mut self, telemetry: Option<&Telemetry>) {
         let is_enabled = telemetry.is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)));
