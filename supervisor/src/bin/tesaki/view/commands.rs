@@ -35,6 +35,8 @@ const RENEWAL: Duration = Duration::from_millis(300);
 const SILENT_PAGE: Duration = Duration::from_secs(1);
 /// How long the board is told to stop before that counts as failed.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
+/// Age at which telemetry still says where the joints are.
+const FRESH: Duration = Duration::from_millis(200);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
 /// How long the board may take for an answer at the end.
@@ -273,8 +275,10 @@ impl View {
         self.commander.tool = None;
         match kind {
             Some(TaskKind::JointServo) => {
-                let telemetry = self.telemetry.as_ref().ok_or_else(|| {
-                    Failure::Late("no telemetry yet: where the joints are is not known".to_owned())
+                // Old angles would be goals to which the joints move.
+                let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
+                let telemetry = telemetry.ok_or_else(|| {
+                    Failure::Late("no telemetry: where the joints are is not known".to_owned())
                 })?;
                 let joints = telemetry.joints.iter().zip(&model.joints);
                 // A joint at its stop may measure slightly outside.
@@ -357,7 +361,7 @@ impl View {
         if now < tool.begun + Duration::from_secs_f32(STEP) && tool.step.norm() > 0.0 {
             return Err(Failure::Refused("the tool still moves: wait until it has arrived".to_owned()));
         }
-        if !(step.norm() <= 0.05) {
+        if !step.norm().is_finite() || step.norm() > 0.05 {
             return Err(Failure::Usage("a step of the tool is at most 50 mm".to_owned()));
         }
         *tool = ToolPath { from: tool.at(now), step, begun: now, elbow: tool.elbow };

@@ -142,7 +142,10 @@ mod tests {
     #[test]
     fn the_set_point_of_the_tool_is_where_the_error_points_away_from() {
         // 0.2 rad about z beyond a set-point that stands 0.5 rad about z, and 10 mm along x.
-        let half = |angle: f32| [0.0, 0.0, (0.5 * angle).sin(), (0.5 * angle).cos()];
+        let half = |angle: f32| {
+            let (sin, cos) = tesaki::math::sin_cos(0.5 * angle);
+            [0.0, 0.0, sin, cos]
+        };
         let tool = ImpedanceTelemetry {
             position: [0.41, 0.0, 0.3],
             rotation: half(0.7),
