@@ -210,7 +210,7 @@ export class Charts {
     const options: uPlot.Options = {
       width: host.clientWidth,
       height: 150,
-      padding: [8, 8, 0, 0],
+      padding: [8, 22, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: "tesaki" }, points: { show: false }, drag: { x: false, y: false } },
       scales: { x: { time: false, min: this.range[0], max: this.range[1] } },

@@ -75,7 +75,7 @@ class Figure {
     }
     const size = extent(scene);
     for (const { joint, pose, radius } of scene.tips) {
-      const ball = new Mesh(new SphereGeometry(radius > 0 ? 1.02 * radius : 0.018 * size, 24, 16), tip);
+      const ball = new Mesh(new SphereGeometry(radius > 0 ? 1.02 * radius : 0.01 * size, 24, 16), tip);
       this.frame(joint).add(placed(ball, pose));
       this.tips.push(ball);
     }
