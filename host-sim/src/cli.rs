@@ -9,6 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
+use tesaki_description::robot::RobotFolder;
 use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
@@ -447,7 +448,6 @@ impl Door<'_> {
 #[cfg(unix)]
 fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
-    use tesaki_description::robot::RobotFolder;
     use tesaki_sim::plant::{Drive, Plant, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
     use tesaki_sim::virtual_board::VirtualBoard;
@@ -629,6 +629,16 @@ fn commit() -> Option<String> {
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
+/// The motion of a run for its page; `None` where nothing moved.
+fn replay(robot: &Path, outcome: &Outcome) -> Result<Option<String>, Box<dyn Error>> {
+    if outcome.motion.ticks() == 0 {
+        return Ok(None);
+    }
+    let robot = RobotFolder::load(robot)?;
+    let scene = tesaki_viewer::Scene::new(&robot.model).with_solids(&robot.urdf);
+    Ok(Some(tesaki_viewer::script_json(&outcome.motion.replay(scene))?))
+}
+
 fn save(
     scenario: &Scenario,
     options: &Run,
@@ -664,13 +674,16 @@ fn save(
         .figures(&outcome.figures)
         .command(&command)
         .files(&names);
+    let folder = robot_folder(scenario, options);
+    let replay = replay(&folder, outcome)?;
+    let page = replay.as_deref().map_or(page.clone(), |replay| page.replay(replay));
     let html = commit.as_deref().map_or(page.clone(), |commit| page.commit(commit)).html();
     let mut files = vec![("summary.json", json.as_str()), ("index.html", html.as_str())];
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
     write(&dir.join("figures"), &figure_files(&outcome.figures))?;
     std::fs::write(dir.join("frames.log"), record)?;
-    let urdf = std::fs::read_to_string(robot_folder(scenario, options).join("robot.urdf"))?;
+    let urdf = std::fs::read_to_string(folder.join("robot.urdf"))?;
     outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;
     Ok(std::path::absolute(dir.join("index.html"))?)
 }

@@ -29,16 +29,24 @@ use urdf_rs::{Joint, JointType};
 
 pub use tesaki_recording::Transform;
 
-use crate::plant::Truth;
+use tesaki_viewer::{Contact, Frame, Note, Object, Replay, Scene, Shape};
+
+use crate::plant::{Fixture, FixtureShape, ObjectValues, Plant, Shape as Solid, Truth};
+
+/// Smaller forces are not shown [N].
+const SHOWN_FORCE: f64 = 0.01;
 
 /// One control period [ns].
 const PERIOD: u64 = 10_000_000;
+/// The same [s].
+const SECONDS: f64 = 0.01;
 
 /// What moved in a run, one sample a tick.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     names: Vec<String>,
     samples: Vec<Sample>,
+    objects: Vec<Object>,
 }
 
 #[derive(Clone, Debug)]
@@ -48,6 +56,7 @@ struct Sample {
     reference: Vec<f64>,
     frames: Vec<Transform>,
     notes: Vec<String>,
+    contacts: Vec<Contact>,
 }
 
 /// Why the recording could not be written.
@@ -64,14 +73,20 @@ pub enum MotionError {
 impl Motion {
     /// Of the joints with these names, in the order in which all values come.
     pub fn new(names: impl IntoIterator<Item: Into<String>>) -> Self {
-        Self { names: names.into_iter().map(Into::into).collect(), samples: Vec::new() }
+        Self { names: names.into_iter().map(Into::into).collect(), ..Self::default() }
     }
 
     /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor
     /// frames carry it.
     pub fn tick(&mut self, truth: &Truth) -> u32 {
         let truth = truth.clone();
-        self.samples.push(Sample { truth, reference: Vec::new(), frames: Vec::new(), notes: Vec::new() });
+        self.samples.push(Sample {
+            truth,
+            reference: Vec::new(),
+            frames: Vec::new(),
+            notes: Vec::new(),
+            contacts: Vec::new(),
+        });
         self.ticks()
     }
 
@@ -94,6 +109,92 @@ impl Motion {
         if let Some(sample) = self.samples.last_mut() {
             sample.notes.push(text.into());
         }
+    }
+
+    /// What acts on the tips, in the last tick: contacts with the object, else walls, holds and pushes.
+    pub fn forces(&mut self, plant: &Plant) {
+        let Some(sample) = self.samples.last_mut() else { return };
+        let friction = plant.object().map_or(0.0, |object| object.friction);
+        let on_object = plant.contacts().into_iter().enumerate().map(|(tip, contact)| Contact {
+            tip,
+            point: contact.point,
+            force: contact.force,
+            normal: contact.normal.map(|part| -part),
+            friction,
+        });
+        sample.contacts = on_object.collect();
+        if sample.contacts.is_empty() {
+            let on_tips = plant.tips().into_iter().enumerate().map(|(tip, truth)| Contact {
+                tip,
+                point: truth.position,
+                force: truth.force,
+                normal: [0.0; 3],
+                friction: 0.0,
+            });
+            sample.contacts = on_tips.collect();
+        }
+        sample.contacts.retain(|contact| Vector3::from(contact.force).norm() > SHOWN_FORCE);
+    }
+
+    /// The object that is grasped from here on, in the frame `object` of each tick, with its support.
+    pub fn object(&mut self, object: &ObjectValues, is_supported: bool) {
+        let [x, y, z] = object.size;
+        let shape = match object.shape {
+            Solid::Box => Shape::Box(object.size),
+            Solid::Cylinder => Shape::Cylinder([x / 2.0, z]),
+            Solid::Wedge { top } => Shape::Wedge([x, y, z, top]),
+        };
+        let frame = Some("object".to_owned());
+        let pose = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        self.objects.push(Object { since: self.now(), frame, shape, pose });
+        if let Some(support) = object.support.filter(|_| is_supported) {
+            let ([x, y, z], [a, b, c, d]) = (support.position, support.orientation);
+            let (shape, pose) = (Shape::Box(support.size), [x, y, z, a, b, c, d]);
+            self.objects.push(Object { since: self.now(), frame: None, shape, pose });
+        }
+    }
+
+    /// The fixed bodies that are there from here on.
+    pub fn fixtures(&mut self, fixtures: &[Fixture]) {
+        for fixture in fixtures {
+            let shape = match fixture.shape {
+                FixtureShape::Box { size } => Shape::Box(size),
+                FixtureShape::Cylinder { radius, length }
+                | FixtureShape::BevelledCylinder { radius, length, .. } => Shape::Cylinder([radius, length]),
+            };
+            let pose = flat(fixture.pose.translation.vector.into(), fixture.pose.rotation.coords.into());
+            self.objects.push(Object { since: self.now(), frame: None, shape, pose });
+        }
+    }
+
+    /// Time of the next tick in a replay [s].
+    fn now(&self) -> f64 {
+        f64::from(self.ticks()) * SECONDS
+    }
+
+    /// The motion for the page of a report.
+    pub fn replay(&self, scene: Scene) -> Replay {
+        let sample = |sample: &Sample| tesaki_viewer::Sample {
+            positions: sample.truth.positions.clone(),
+            velocities: sample.truth.velocities.clone(),
+            torques: sample.truth.torques.clone(),
+            references: sample.reference.clone(),
+            frames: sample
+                .frames
+                .iter()
+                .map(|frame| Frame(frame.child.clone(), flat(frame.translation, frame.rotation_xyzw)))
+                .collect(),
+            contacts: sample.contacts.clone(),
+        };
+        let samples: Vec<_> = self.samples.iter().map(sample).collect();
+        let mut replay = Replay::new(scene, SECONDS, &samples);
+        replay.objects.clone_from(&self.objects);
+        replay.notes = (0u32..)
+            .zip(&self.samples)
+            .flat_map(|(tick, sample)| sample.notes.iter().map(move |text| (tick, text)))
+            .map(|(tick, text)| Note { time: f64::from(tick) * SECONDS, text: text.clone() })
+            .collect();
+        replay
     }
 
     /// How many there are.
@@ -137,6 +238,11 @@ impl Motion {
         };
         joints.iter().filter_map(|joint| Some(link(joint, value(joint)?))).collect()
     }
+}
+
+/// Position and quaternion in one.
+const fn flat([x, y, z]: [f64; 3], [a, b, c, d]: [f64; 4]) -> [f64; 7] {
+    [x, y, z, a, b, c, d]
 }
 
 /// The link behind a joint at `value` [rad or m].
@@ -186,6 +292,54 @@ mod tests {
         assert!(bytes.windows(11).any(|part| part == b"grasped box"));
         let error = motion.write(file.path(), "<robot>").expect_err("half a robot").to_string();
         assert!(error.starts_with("the URDF of the recording: "), "{error}");
+    }
+
+    #[test]
+    fn a_replay_shows_bodies_and_notes_at_their_times() {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let robot = tesaki_description::robot::RobotFolder::load(&robot).expect("it is a robot folder");
+        let support = Some(crate::plant::Support {
+            size: [0.1, 0.1, 0.02],
+            position: [0.0, 0.0, -0.04],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        });
+        let cylinder = ObjectValues {
+            shape: Solid::Cylinder,
+            size: [0.06, 0.06, 0.1],
+            mass: 0.1,
+            friction: 0.5,
+            friction_spread: 0.0,
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            support,
+        };
+        let mut motion = Motion::new(["joint"]);
+        motion.object(&cylinder, true);
+        for tick in 0..40 {
+            let positions = vec![f64::from(tick)];
+            motion.tick(&Truth {
+                positions,
+                velocities: vec![0.0],
+                torques: vec![0.0],
+                homing_errors: vec![0.0],
+            });
+            if tick == 20 {
+                motion.note("lifted");
+                motion.object(&cylinder, false);
+            }
+        }
+        let replay = motion.replay(Scene::new(&robot.model));
+        let angles: Vec<f64> = replay.samples.iter().map(|sample| sample.positions[0]).collect();
+        assert_eq!((replay.period, angles[..3].to_vec(), angles.len()), (0.02, vec![0.0, 2.0, 4.0], 20));
+        assert_eq!(replay.notes, [Note { time: 0.2, text: "lifted".to_owned() }]);
+        let bodies: Vec<(f64, bool)> =
+            replay.objects.iter().map(|object| (object.since, object.frame.is_some())).collect();
+        assert_eq!(
+            bodies,
+            [(0.0, true), (0.0, false), (0.21, true)],
+            "the support goes in the tick after the note"
+        );
+        assert_eq!(replay.objects[0].shape, Shape::Cylinder([0.03, 0.1]));
     }
 
     #[test]

@@ -266,6 +266,42 @@ fn a_page_stays_below_two_megabytes() {
 }
 
 #[test]
+fn a_page_with_a_replay_stays_below_five_megabytes() {
+    let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
+    let robot = tesaki_description::robot::RobotFolder::load(&robot).expect("it is a robot folder");
+    let noisy = |k: u32| f64::from(k.wrapping_mul(2_654_435_761) >> 8) / -1e6;
+    let contact = |tip: u32| tesaki_viewer::Contact {
+        tip: tip as usize,
+        point: [noisy(tip); 3],
+        force: [noisy(tip + 1); 3],
+        normal: [noisy(tip + 2); 3],
+        friction: 0.51234,
+    };
+    let samples: Vec<tesaki_viewer::Sample> = (0..30_000)
+        .map(|tick| tesaki_viewer::Sample {
+            positions: (0..16).map(|joint| noisy(tick + joint)).collect(),
+            velocities: (0..16).map(|joint| noisy(tick + joint + 1)).collect(),
+            torques: (0..16).map(|joint| noisy(tick + joint + 2)).collect(),
+            references: (0..16).map(|joint| noisy(tick + joint + 3)).collect(),
+            frames: Vec::new(),
+            contacts: (0..3).map(contact).collect(),
+        })
+        .collect();
+    let scene = tesaki_viewer::Scene::new(&robot.model).with_solids(&robot.urdf);
+    let replay = tesaki_viewer::Replay::new(scene, 0.01, &samples);
+    let json = tesaki_viewer::script_json(&replay).expect("it is data");
+    let page = Page::new("Long", &[]).replay(&json).html();
+    // Figures take 2 MB at most.
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+    let (_, rest) = page.split_once(r#"<script type="application/json">"#).expect("the data are there");
+    let (data, rest) = rest.split_once("</script>").expect("they end");
+    assert_eq!(data, json);
+    // The script of the page ends with the page.
+    assert_eq!(rest.matches("</script>").count(), 1);
+    assert!(!Page::new("Without", &[]).html().contains("<script"));
+}
+
+#[test]
 fn files_are_written_whole_and_errors_say_where() {
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("deep/er");
     let paths = write(&dir, &[("a.csv", "1"), ("b.json", "2")]).expect("the target directory can be written");

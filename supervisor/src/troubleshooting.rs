@@ -18,6 +18,30 @@ pub fn fault(cause: FaultCause) -> String {
     entry("FaultCause", &cause)
 }
 
+/// What the document says of a fault, each part as one line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Explanation {
+    /// What has happened.
+    pub what: String,
+    /// What usually causes it.
+    pub likely: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+/// The text of the entry of a fault.
+pub fn explanation(cause: FaultCause) -> Explanation {
+    let heading = format!("### Fault {}: ", cause.number());
+    let entry = TEXT.split_once(&heading).map_or("", |(_, rest)| rest);
+    let entry = entry.split_once('\n').map_or("", |(_, body)| body);
+    let entry = entry.split("\n#").next().unwrap_or_default();
+    // Markdown's line breaks and its signs for code mean nothing on a line.
+    let line = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ").replace('`', "");
+    let (entry, remedy) = entry.split_once("- *Do:*").unwrap_or((entry, ""));
+    let (what, likely) = entry.split_once("- *Likely:*").unwrap_or((entry, ""));
+    Explanation { what: line(what), likely: line(likely), remedy: line(remedy) }
+}
+
 /// The entry of a refusal. For a refusal that contains another one, or a fault, the entry of the inner one.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
@@ -117,6 +141,20 @@ mod tests {
         assert_eq!(refusal(&Refusal::Task(grasping)), "docs/troubleshooting.md#notfinite-1");
         let impedance = TaskRefusal::Impedance(ImpedanceRefusal::NoForceSensor);
         assert_eq!(refusal(&Refusal::Task(impedance)), "docs/troubleshooting.md#noforcesensor-1");
+    }
+
+    #[test]
+    fn every_fault_says_what_to_do() {
+        let stop = explanation(FaultCause::FollowingError);
+        assert_eq!(stop.what, "A joint is more than limits.following_error from its reference.");
+        assert!(stop.likely.starts_with("a blocked or overloaded joint, a torque limit"), "{stop:?}");
+        assert!(stop.remedy.starts_with("move the joint by hand;"), "{stop:?}");
+        for number in 0..=30 {
+            let cause: FaultCause =
+                postcard::from_bytes(&[number]).expect("causes are numbered without gaps");
+            let Explanation { what, remedy, .. } = explanation(cause);
+            assert!(!what.is_empty() && !remedy.is_empty(), "{cause:?}");
+        }
     }
 
     #[test]

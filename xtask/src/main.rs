@@ -9,6 +9,7 @@ mod results;
 mod sweep;
 mod test;
 mod tools;
+mod viewer;
 
 use clap::{Parser, Subcommand};
 
@@ -32,6 +33,8 @@ enum Task {
     Faults(faults::Options),
     /// Let libFuzzer look for inputs that break the control core or the readers of files
     Fuzz(fuzz::Options),
+    /// Make the page that shows a robot from its sources, or try it in a browser
+    Viewer(viewer::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -46,5 +49,6 @@ fn main() -> anyhow::Result<()> {
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),
         Task::Fuzz(options) => fuzz::run(&options),
+        Task::Viewer(options) => viewer::run(&options),
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, faults, firmware, fuzz, sweep};
+use crate::{bench, faults, firmware, fuzz, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
@@ -104,6 +104,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("the host suite", host)?;
     steps.run("recorded sweeps against the simulator", sweep::check_built)?;
     steps.run("recorded fault schedules against the simulator", faults::check_built)?;
+    steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
     on_the_board(steps, compiler)
 }

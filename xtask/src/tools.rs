@@ -1,4 +1,4 @@
-//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, and rosbags. Each is taken where
+//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, rosbags, node and Chromium. Each is taken where
 //! it is, or installed in the first way that works.
 
 use std::path::{Path, PathBuf};
@@ -183,6 +183,29 @@ pub fn provide_qemu() -> Result<()> {
         eprintln!("qemu-system-arm is missing: trying Debian's package.");
         install(&["qemu-system-arm"])?;
         ensure!(works(), "qemu-system-arm still does not run after its installation");
+    }
+    Ok(())
+}
+
+/// Makes sure that node and npm are there, from which the page of the viewer is made.
+pub fn provide_node() -> Result<()> {
+    let works = || ["node", "npm"].iter().all(|name| succeeds(Command::new(name).arg("--version")));
+    if !works() {
+        eprintln!("node or npm is missing: trying Debian's packages.");
+        install(&["nodejs", "npm"])?;
+        ensure!(works(), "node and npm still do not run after their installation");
+    }
+    Ok(())
+}
+
+/// Makes sure that a Chromium is there, in which the page is tried. `CHROMIUM` may name another one.
+pub fn provide_chromium() -> Result<()> {
+    let named = std::env::var_os("CHROMIUM").unwrap_or_else(|| "chromium".into());
+    let works = || succeeds(Command::new(&named).arg("--version"));
+    if !works() {
+        eprintln!("{} is missing: trying Debian's package chromium.", named.display());
+        install(&["chromium"])?;
+        ensure!(works(), "{} still does not run after the installation of chromium", named.display());
     }
     Ok(())
 }

@@ -20,6 +20,7 @@ pub struct Page<'a> {
     title: &'a str,
     summaries: &'a [Summary],
     lead: &'a [&'a str],
+    replay: Option<&'a str>,
     figures: &'a [Figure],
     reading: &'a [&'a str],
     command: Option<&'a str>,
@@ -34,6 +35,7 @@ impl<'a> Page<'a> {
             title,
             summaries,
             lead: &[],
+            replay: None,
             figures: &[],
             reading: &[],
             command: None,
@@ -46,6 +48,13 @@ impl<'a> Page<'a> {
     #[must_use]
     pub fn lead(mut self, paragraphs: &'a [&'a str]) -> Self {
         self.lead = paragraphs;
+        self
+    }
+
+    /// The replay of the run, as JSON that may stand in HTML ([`tesaki_viewer::script_json`]).
+    #[must_use]
+    pub fn replay(mut self, replay: &'a str) -> Self {
+        self.replay = Some(replay);
         self
     }
 
@@ -95,21 +104,38 @@ impl<'a> Page<'a> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     title { (self.title) }
                     style { (PreEscaped(include_str!("page.css"))) }
+                    @if self.replay.is_some() { style { (PreEscaped(tesaki_viewer::STYLE)) } }
                 }
                 body {
                     main {
                         h1 { (self.title) }
                         @for text in self.lead { p class="lead" { (text) } }
                         @for group in &groups { (section(group, groups.len() > 1)) }
+                        (self.replay_section())
                         (self.figure_section())
                         (self.how_to_read())
                         (self.how_it_was_made())
                         footer { "Written by tesaki " (env!("CARGO_PKG_VERSION")) "." }
                     }
+                    @if self.replay.is_some() { script { (PreEscaped(tesaki_viewer::SCRIPT)) } }
                 }
             }
         };
         page.into_string()
+    }
+
+    fn replay_section(&self) -> Markup {
+        html! {
+            @if let Some(replay) = self.replay {
+                section {
+                    h2 { "The run" }
+                    noscript { p { "The replay needs JavaScript; the figures below do not." } }
+                    div class="tv-replay" {
+                        script type="application/json" { (PreEscaped(replay)) }
+                    }
+                }
+            }
+        }
     }
 
     fn figure_section(&self) -> Markup {

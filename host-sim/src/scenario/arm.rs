@@ -267,6 +267,7 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
     pub fn tick(&mut self) -> Result<(), ScenarioError> {
         let truth = self.plant.truth();
         let sequence = self.rig.motion.tick(&truth);
+        self.rig.motion.forces(&self.plant);
         if let (true, Some(tool)) = (self.enabled, self.plant.tips().into_iter().next()) {
             self.log.0.push(ArmSample {
                 time: self.log.now(),

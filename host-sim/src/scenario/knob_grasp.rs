@@ -197,6 +197,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         options.fixtures = fixtures(&scene, &door);
         let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
         motion.note(format!("door {}", number + 1));
+        motion.fixtures(&options.fixtures);
         let log = Log {
             phase: Phase::Look,
             gripped: false,

@@ -24,3 +24,4 @@ mod recording;
 mod retarget;
 mod retarget_hands;
 mod server;
+mod view;

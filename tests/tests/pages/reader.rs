@@ -27,6 +27,11 @@ const EXCUSED: &[(&str, &str)] = &[
     ("tesaki --port /dev/ttyUSB0 share", "it needs a serial port; cli/network.rs shares a simulated board"),
     ("tesaki --port /dev/ttyUSB0 share unix:///tmp/hand", "likewise"),
     ("tesaki --port unix:///tmp/hand monitor", "likewise"),
+    (
+        "tesaki view --robot robots/hand3",
+        "it takes a port of the machine; cli/view.rs opens the page at another",
+    ),
+    ("cargo tesaki view --robot robots/hand3", "likewise"),
     ("scp -p lab.key robot:", "it needs another machine"),
     ("tesaki --key lab.key --port /dev/ttyUSB0 share tcp://0.0.0.0:7400", "likewise"),
     ("tesaki --key lab.key --port tcp://robot:7400 monitor", "likewise"),

@@ -75,15 +75,22 @@ impl GraspRig {
         Ok(hand::load(&path, &self.robot.model)?.motion.law)
     }
 
-    /// The grasp plan, and a machine with the object on its support.
-    pub fn set_up(&self, held: &GraspedObject<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
+    /// The grasp of an object, and the object on its support.
+    pub fn placed(&self, held: &GraspedObject<'_>) -> Result<(PlacedGrasp, ObjectValues), ScenarioError> {
         let mut grasp = self.grasp(held.object)?;
         (held.change)(&mut grasp);
         let path = self.robot.path.join(format!("objects/{}.toml", held.object));
         let text = std::fs::read_to_string(&path)
             .map_err(|error| PlantError::Read { path, reason: error.to_string() })?;
+        let object = self.place_object(ObjectValues::from_toml(&text)?, &grasp);
+        Ok((grasp, object))
+    }
+
+    /// The grasp plan, and a machine with the object on its support.
+    pub fn set_up(&self, held: &GraspedObject<'_>) -> Result<(GraspPlan, Plant), ScenarioError> {
+        let (grasp, object) = self.placed(held)?;
         let mut options = PlantOptions::mismatched(self.seed);
-        options.object = Some(self.place_object(ObjectValues::from_toml(&text)?, &grasp));
+        options.object = Some(object);
         options.posture = Some(open_posture(&self.robot.model, &grasp.plan)?);
         options.coulomb = held.coulomb;
         let plant = Plant::new(&self.robot.urdf, &self.drives, &self.values, &options)?;

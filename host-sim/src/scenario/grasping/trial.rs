@@ -12,7 +12,7 @@ use super::rig::{GraspRig, GraspedObject};
 use super::{GraspEstimates, GraspLog, GraspSample, LIFT};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
-use crate::plant::Plant;
+use crate::plant::{ObjectValues, Plant};
 use crate::scenario::common::{T, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
@@ -58,6 +58,7 @@ pub struct GraspTrial<'a, 'b> {
     records_forces: bool,
     trajectory: ObjectTrajectory,
     note: Option<String>,
+    object: ObjectValues,
 }
 
 impl<'a, 'b> GraspTrial<'a, 'b> {
@@ -68,6 +69,8 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         held: &GraspedObject<'_>,
     ) -> Result<Self, ScenarioError> {
         let (plan, plant) = rig.set_up(held)?;
+        let (_, object) = rig.placed(held)?;
+        rig.motion.object(&object, true);
         let zero = [Vector3::zeros(); 2];
         let mut grasp_trial = Self {
             controller: &mut *setting.controller,
@@ -82,6 +85,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             records_forces: held.records_forces,
             trajectory: ObjectTrajectory { from: zero, to: zero, begin: 0.0, duration: MOVE },
             note: Some(held.label.to_owned()),
+            object,
         };
         introduce(grasp_trial.controller, &grasp_trial.rig.robot.model)?;
         if held.records_forces {
@@ -111,6 +115,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         let mut grasp_trial = Self::begin(setting, rig, held)?;
         grasp_trial.note("the support is removed");
         grasp_trial.plant.remove_support();
+        grasp_trial.rig.motion.object(&grasp_trial.object, false);
         Ok(grasp_trial)
     }
 
@@ -150,6 +155,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         let parent = self.rig.base().to_owned();
         let frame = Transform { parent, child: "object".to_owned(), translation, rotation_xyzw };
         self.rig.motion.frame(frame);
+        self.rig.motion.forces(&self.plant);
         let time = self.log.now();
         self.log.samples.push(GraspSample {
             time,

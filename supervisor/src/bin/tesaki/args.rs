@@ -10,6 +10,7 @@ mod identify;
 mod impedance;
 mod init;
 mod retarget;
+mod view;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -28,6 +29,7 @@ pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 pub use init::Init;
 pub use retarget::Retarget;
+pub use view::View;
 
 use crate::failure::Failure;
 use crate::output;
@@ -100,6 +102,9 @@ pub enum Command {
     /// Show the joints live
     #[command(after_help = examples::MONITOR)]
     Monitor,
+    /// Show the robot on a page in a browser, and command it from there
+    #[command(after_help = examples::VIEW)]
+    View(View),
     /// Enable the outputs and hold the joints where they are, until Ctrl-C
     #[command(after_help = examples::ENABLE)]
     Enable(Enable),

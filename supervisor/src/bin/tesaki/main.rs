@@ -27,6 +27,7 @@ mod recording;
 mod replay;
 mod retarget;
 mod share;
+mod view;
 mod watch;
 
 use std::process::ExitCode;
@@ -61,6 +62,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Info => board::info(options),
         Command::Doctor { robot } => return doctor::run(options, robot.as_deref()),
         Command::Monitor => watch::run(options),
+        Command::View(args) => view::run(options, args),
         Command::Enable(args) => motion::enable(options, args),
         Command::Disable => board::disable(options),
         Command::Stop => board::stop(options),

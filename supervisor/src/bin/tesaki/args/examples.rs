@@ -16,6 +16,15 @@ Examples:
   tesaki monitor                                # space stops the robot, q quits
   tesaki --json monitor                         # a line for each telemetry, 25 in a second";
 
+pub const VIEW: &str = "\
+Examples:
+  tesaki view                                   # then open http://localhost:7480
+  tesaki view --robot robots/hand3              # with what its URDF draws, and its grasps
+  tesaki --port tcp://robot:7400 --key lab.key view    # of a board on another machine
+
+A page only looks until it takes command, and one page commands at a time; its stop button works always.
+The robot is stopped when the page that commands it goes away.";
+
 pub const ENABLE: &str = "\
 Examples:
   tesaki enable                                 # until Ctrl-C

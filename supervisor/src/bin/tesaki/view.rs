@@ -1,0 +1,415 @@
+//! `view`: the board on a page in a browser.
+
+mod commands;
+mod delay;
+mod message;
+mod report;
+mod server;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, Mode, Reply, Request, Status, Stream, Telemetry, Tips};
+use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::{Board, BoardError, troubleshooting};
+use tesaki_viewer::{LIVE_PAGE, SCRIPT, STYLE, Scene};
+
+use crate::args::{Options, View as Arguments};
+use crate::board_session::{BoardSession, describe, interrupted, version};
+use crate::failure::Failure;
+use crate::gravity::Load;
+use crate::output;
+use commands::Commander;
+use delay::Delay;
+use message::{FaultText, Plan, Report, State, Tip};
+use report::report;
+use server::{Event, File, Server};
+
+/// Ticks from one state to the next: 50 a second.
+const EVERY: u16 = 2;
+/// What the page shows.
+const STREAMS: &[(Stream, u16)] =
+    &[(Stream::Telemetry, EVERY), (Stream::Tips, EVERY), (Stream::Task, EVERY), (Stream::Status, 20)];
+/// How long the board is listened to before the pages are served, and the other way round.
+const TURN: Duration = Duration::from_millis(4);
+/// Without pages.
+const IDLE: Duration = Duration::from_millis(20);
+/// Without telemetry for this time, the streams are requested again.
+const SILENCE: Duration = Duration::from_millis(700);
+/// From one status to the next at most.
+const STATUS: Duration = Duration::from_millis(500);
+/// A page that is so many states behind gets no more until it has answered to all that it got.
+const MAX_UNSEEN: u64 = 25;
+/// Faults that the page shows.
+const MAX_FAULTS: usize = 4;
+
+const FILES: &[File] = &[
+    ("/", "text/html; charset=utf-8", LIVE_PAGE),
+    ("/viewer.js", "text/javascript; charset=utf-8", SCRIPT),
+    ("/viewer.css", "text/css; charset=utf-8", STYLE),
+];
+
+pub fn run(options: &Options, arguments: &Arguments) -> Result<(), Failure> {
+    let interrupted = interrupted()?;
+    let folder = arguments.robot.as_deref().map(RobotFolder::load).transpose()?;
+    let server = Server::listen(arguments.listen, FILES).map_err(|error| match error.kind() {
+        std::io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
+        _ => Failure::Other(error.to_string()),
+    })?;
+    let session = BoardSession::open(options)?;
+    let mut view = View::new(session, server, folder, options.take_over);
+    let url = format!("http://{}", view.server.address());
+    output::result(options, &serde_json::json!({ "url": url }), || format!("{url}\nCtrl-C ends the page"))?;
+    let result = loop {
+        if interrupted.load(Ordering::Relaxed) {
+            break Ok(());
+        }
+        if let Err(failure) = view.turn() {
+            break Err(failure);
+        }
+    };
+    view.leave();
+    result
+}
+
+/// A page.
+struct Page {
+    /// Number of the last state that it has got, and of the last one that it has answered to.
+    sent: u64,
+    seen: u64,
+    /// When it said something last.
+    heard: Instant,
+    /// The last status that it was sent.
+    told: String,
+}
+
+struct View {
+    session: BoardSession,
+    server: Server,
+    folder: Option<RobotFolder>,
+    pages: BTreeMap<u64, Page>,
+    commander: Commander,
+    /// The model on the board, its checksum, and its scene as JSON.
+    model: Option<(RobotModel, u32)>,
+    scene: String,
+    plans: Vec<Plan>,
+    firmware: String,
+    supply: f32,
+    homed: u16,
+    /// Who commands the board by its own account.
+    board_commander: Option<u32>,
+    telemetry: Option<Telemetry>,
+    tips: Option<Tips>,
+    report: Option<Report>,
+    /// Number of the last state, and its tick.
+    sent: (u64, u32),
+    /// When the last states were sent, by number.
+    departures: BTreeMap<u64, Instant>,
+    delay: Delay,
+    /// When telemetry came last, and when a status was sent.
+    heard: Instant,
+    told: Instant,
+    known_faults: Option<u32>,
+    faults: Vec<FaultText>,
+    /// Whether the board has a model, by its last status.
+    has_model: bool,
+    /// Why there is no telemetry.
+    silent: Option<&'static str>,
+    /// Whether the streams are wanted.
+    streams: bool,
+}
+
+impl View {
+    fn new(session: BoardSession, server: Server, folder: Option<RobotFolder>, take_over: bool) -> Self {
+        let now = Instant::now();
+        let firmware = version(session.identity.firmware);
+        Self {
+            session,
+            server,
+            folder,
+            pages: BTreeMap::new(),
+            commander: Commander::new(take_over),
+            model: None,
+            scene: String::new(),
+            plans: Vec::new(),
+            firmware,
+            supply: 0.0,
+            homed: 0,
+            board_commander: None,
+            telemetry: None,
+            tips: None,
+            report: None,
+            sent: (0, 0),
+            departures: BTreeMap::new(),
+            delay: Delay::default(),
+            heard: now,
+            told: now,
+            known_faults: None,
+            faults: Vec::new(),
+            has_model: true,
+            silent: None,
+            streams: false,
+        }
+    }
+
+    /// Listens to the board for a while, then to the pages.
+    fn turn(&mut self) -> Result<(), Failure> {
+        // Whether the robot has stopped is of interest even after the last page has gone.
+        self.want_streams(!self.pages.is_empty() || self.commander.is_stopping())?;
+        let wait = if self.pages.is_empty() { IDLE } else { TURN };
+        self.listen(Instant::now() + wait)?;
+        for event in self.server.turn() {
+            match event {
+                Event::Opened(id) => self.open(id),
+                Event::Said(id, text) => self.obey(id, &text),
+                Event::Closed(id) => {
+                    self.pages.remove(&id);
+                    self.page_gone(id)?;
+                }
+            }
+        }
+        self.drive(Instant::now())?;
+        self.check_silence()?;
+        if self.told.elapsed() > STATUS {
+            self.tell_status();
+        }
+        Ok(())
+    }
+
+    /// Asks for the streams while somebody looks.
+    fn want_streams(&mut self, wanted: bool) -> Result<(), Failure> {
+        if wanted != self.streams {
+            for &(stream, every) in STREAMS {
+                let every = if wanted { every } else { 0 };
+                self.session.board.post(Request::SetRate { stream, every })?;
+            }
+            self.streams = wanted;
+            self.heard = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// Receives until `deadline`, or until a state is complete.
+    fn listen(&mut self, deadline: Instant) -> Result<(), Failure> {
+        while let Some(event) = self.session.board.next_event(deadline)? {
+            match event {
+                FromBoard::Telemetry(telemetry) => {
+                    (self.heard, self.silent) = (Instant::now(), None);
+                    self.delay.telemetry(telemetry.tick, self.heard, self.session.board.round_trip());
+                    self.telemetry = Some(telemetry);
+                }
+                FromBoard::Tips(tips) => self.tips = Some(tips),
+                FromBoard::Task(task) => {
+                    self.report = Some(report(&task.telemetry, self.commander.grasped.as_mut()));
+                }
+                FromBoard::Status(status) => self.take_status(&status)?,
+                FromBoard::Reply(reply) => {
+                    if let Reply::Refused(refusal) = reply.reply {
+                        self.refused(refusal);
+                    }
+                }
+                FromBoard::Log(_) => {}
+            }
+            let ticks =
+                (self.telemetry.as_ref().map(|state| state.tick), self.tips.as_ref().map(|tips| tips.tick));
+            if ticks.0 == ticks.1 && self.is_due() {
+                break;
+            }
+        }
+        if self.is_due() {
+            self.send_state();
+        }
+        Ok(())
+    }
+
+    /// Whether the telemetry is new. Other programs may ask for more than the page needs.
+    fn is_due(&self) -> bool {
+        let step = self.telemetry.as_ref().map(|telemetry| telemetry.tick.wrapping_sub(self.sent.1));
+        step.is_some_and(|step| step >= u32::from(EVERY))
+    }
+
+    fn send_state(&mut self) {
+        let Some(telemetry) = &self.telemetry else { return };
+        self.sent = (self.sent.0 + 1, telemetry.tick);
+        let task = match telemetry.mode {
+            Mode::Enabled(task) => Some(task.to_string()),
+            Mode::Disabled | Mode::Fault => None,
+        };
+        let tips = self.tips.iter().flat_map(|tips| &tips.tips);
+        let mut state = State {
+            kind: "state",
+            n: self.sent.0,
+            tick: telemetry.tick,
+            mode: match telemetry.mode {
+                Mode::Disabled => "disabled",
+                Mode::Enabled(_) => "enabled",
+                Mode::Fault => "fault",
+            },
+            // The stream goes on with the last task.
+            report: self.report.clone().filter(|report| Some(&report.task) == task.as_ref()),
+            task,
+            joints: telemetry
+                .joints
+                .iter()
+                .map(|j| [j.position, j.velocity, j.reference, j.torque])
+                .collect(),
+            tips: tips
+                .map(|tip| Tip { position: tip.position, force: tip.force, tared: tip.tared })
+                .collect(),
+            delay: [0.0; 2],
+        };
+        self.departures.insert(self.sent.0, Instant::now());
+        while self.departures.len() > 100 {
+            self.departures.pop_first();
+        }
+        for (&id, page) in &mut self.pages {
+            // The next state comes soon: a slow page gets what it can take.
+            if page.seen >= page.sent || self.sent.0 - page.seen <= MAX_UNSEEN {
+                page.sent = self.sent.0;
+                state.delay = [self.delay.of_board(), self.delay.of_page(id)];
+                self.server.send(id, &serde_json::to_string(&state).unwrap_or_default());
+            }
+        }
+        if self
+            .known_faults
+            .is_none_or(|known| Some(known) != self.telemetry.as_ref().map(|state| state.faults))
+        {
+            // An error comes again with the next telemetry.
+            let _ = self.read_faults();
+        }
+        self.commander.follow(self.telemetry.as_ref());
+    }
+
+    fn open(&mut self, id: u64) {
+        let page = Page { sent: 0, seen: 0, heard: Instant::now(), told: String::new() };
+        self.pages.insert(id, page);
+        if self.model.is_some() {
+            self.server.send(id, &self.scene);
+        }
+        self.tell_status();
+    }
+
+    fn take_status(&mut self, status: &Status) -> Result<(), Failure> {
+        let node = &status.node;
+        (self.supply, self.homed, self.board_commander) = (node.supply, node.homed, node.commander);
+        let known = self.model.as_ref().map(|(_, checksum)| *checksum);
+        self.has_model = !node.model.is_empty();
+        if !self.has_model {
+            if self.model.take().is_some() {
+                self.show_scene(None);
+            }
+        } else if known != Some(node.model_checksum) {
+            match self.session.model() {
+                Ok(model) => {
+                    self.show_scene(Some(&model));
+                    self.model = Some((model, node.model_checksum));
+                    self.known_faults = None;
+                }
+                // The next status comes soon.
+                Err(
+                    Failure::NoModel
+                    | Failure::Board(
+                        BoardError::Timeout { .. } | BoardError::ExportDisturbed | BoardError::Reset,
+                    ),
+                ) => {}
+                Err(failure) => return Err(failure),
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the pages a robot. With the folder of this very robot they see its solids.
+    fn show_scene(&mut self, model: Option<&RobotModel>) {
+        let own = |folder: &&RobotFolder| model.is_some_and(|model| folder.model.name == model.name);
+        let folder = self.folder.as_ref().filter(own);
+        let scene = model.map(|model| {
+            let scene = Scene::new(model);
+            folder.map_or(scene.clone(), |folder| scene.with_solids(&folder.urdf))
+        });
+        self.plans = folder.map(commands::plans).unwrap_or_default();
+        let scene = serde_json::to_string(&scene).unwrap_or_default();
+        self.scene = format!(r#"{{"kind":"scene","scene":{scene}}}"#);
+        self.pages.keys().for_each(|&id| self.server.send(id, &self.scene));
+    }
+
+    fn check_silence(&mut self) -> Result<(), Failure> {
+        if self.streams && self.heard.elapsed() > SILENCE {
+            let is_open = self.session.board.link().get_ref().is_open();
+            self.silent = Some(if is_open {
+                "no telemetry from the board: is its control loop running? Try `tesaki doctor`"
+            } else {
+                "the board's port has disappeared: connect it again, and this page goes on"
+            });
+            self.tell_status();
+            self.session.reconnect(STREAMS)?;
+            // Not at once again.
+            self.heard = Instant::now();
+        }
+        Ok(())
+    }
+
+    fn read_faults(&mut self) -> Result<(), BoardError> {
+        let log = self.session.board.faults()?;
+        self.known_faults = Some(log.total);
+        let model = self.model.as_ref().map(|(model, _)| model);
+        let text = |fault: &tesaki::fault::Fault| {
+            let entry = troubleshooting::explanation(fault.cause);
+            FaultText {
+                text: describe(fault, model),
+                title: entry.what,
+                likely: entry.likely,
+                remedy: entry.remedy,
+            }
+        };
+        self.faults = log.faults.iter().rev().take(MAX_FAULTS).map(text).collect();
+        self.tell_status();
+        Ok(())
+    }
+
+    /// Sends each page its status, as it depends on who it is.
+    fn tell_status(&mut self) {
+        self.told = Instant::now();
+        let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
+        let joints = self.model.as_ref().map_or(0, |(model, _)| model.joints.len());
+        let own = self.session.board.client();
+        let falls = self.model.as_ref().zip(self.telemetry.as_ref()).and_then(|((model, _), telemetry)| {
+            let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+            Load::at(model, &angles).map(|load| load.to_string())
+        });
+        let trouble =
+            if self.has_model { self.silent.map(str::to_owned) } else { Some(Failure::NoModel.to_string()) };
+        for (&id, page) in &mut self.pages {
+            let commander = match (self.commander.page(), self.board_commander) {
+                (Some(other), _) if other == id => "you",
+                (Some(_), _) => "page",
+                (None, Some(client)) if client != own => "program",
+                (None, _) => "nobody",
+            };
+            let status = message::Status {
+                kind: "status",
+                port: &self.session.port,
+                firmware: &self.firmware,
+                supply: self.supply,
+                homed: (0..joints).map(|joint| self.homed >> joint & 1 != 0).collect(),
+                commander,
+                falls: falls.clone(),
+                plans: &self.plans,
+                faults: if is_fault { &self.faults } else { &[] },
+                trouble: trouble.as_deref(),
+            };
+            let text = serde_json::to_string(&status).unwrap_or_default();
+            if page.told != text {
+                self.server.send(id, &text);
+                page.told = text;
+            }
+        }
+    }
+
+    /// Tells a page whether its command was carried out.
+    fn answer(&mut self, id: u64, ok: bool, text: &str) {
+        let answer = serde_json::json!({ "kind": "answer", "ok": ok, "text": text });
+        self.server.send(id, &answer.to_string());
+    }
+}

@@ -1,0 +1,485 @@
+//! What pages may command, and who of them.
+//!
+//! One page commands at a time, as one program does; this program then holds the board's lease for it. A page
+//! that goes away, or does not answer, while the robot is enabled is a reason to stop it.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use nalgebra::{UnitQuaternion, Vector3};
+use tesaki::control::ServoMode;
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::protocol::{Mode, Refusal, Request, Telemetry};
+use tesaki::task::grasping::GraspCommand;
+use tesaki::task::impedance::ImpedanceCommand;
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
+use tesaki_description::robot::RobotFolder;
+use tesaki_description::{grasp, impedance};
+use tesaki_supervisor::trajectory::minimum_jerk;
+use tesaki_supervisor::{Board, BoardError};
+
+use super::View;
+use super::message::{Command, Plan};
+use super::report::Grasped;
+use crate::failure::Failure;
+use crate::motion;
+
+/// From one set-point of a task to the next, as in all other commands.
+const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;
+/// From one point of the tool's path to the next.
+const POINT: Duration = motion::PERIOD;
+/// From one renewal of the lease to the next while disabled; it lasts longer.
+const RENEWAL: Duration = Duration::from_millis(300);
+/// A page that commands and says nothing for so long has gone. It answers to every state, 50 times a second.
+const SILENT_PAGE: Duration = Duration::from_secs(1);
+/// How long the board is told to stop before that counts as failed.
+const STOP_PATIENCE: Duration = Duration::from_secs(2);
+/// Age at which telemetry still says where the joints are.
+const FRESH: Duration = Duration::from_millis(200);
+/// Duration of a step of the object or of the tool [s].
+const STEP: f32 = 1.0;
+/// How long the board may take for an answer at the end.
+const LAST_WORD: Duration = Duration::from_millis(500);
+
+/// The page that commands, and what it has enabled.
+pub struct Commander {
+    page: Option<u64>,
+    take_over: bool,
+    /// What it has enabled, and whether the telemetry has shown that.
+    enabled: Option<(TaskKind, bool)>,
+    /// Goals of the joint servo [rad].
+    goal: Vec<f32>,
+    /// What it grasped.
+    pub grasped: Option<Grasped>,
+    /// Displacement and rotation of the object since the grasp.
+    object: (Vector3<f32>, UnitQuaternion<f32>),
+    tool: Option<ToolPath>,
+    /// When the next set-point is due.
+    next: Instant,
+    /// Until when the board is told to stop.
+    stopping: Option<Instant>,
+    /// Whether command is to be released once the robot is stopped.
+    releases: bool,
+}
+
+/// The way of an arm's tool from one place to the next.
+#[derive(Clone, Copy)]
+struct ToolPath {
+    from: PosePoint,
+    step: Vector3<f32>,
+    begun: Instant,
+    elbow: ElbowSetpoint,
+}
+
+impl ToolPath {
+    fn at(&self, now: Instant) -> PosePoint {
+        let fraction = (now - self.begun).as_secs_f64() / f64::from(STEP);
+        #[expect(clippy::cast_possible_truncation, reason = "single precision on the wire")]
+        let [s, v, a] = minimum_jerk(fraction).map(|value| value as f32);
+        let (position, speed) = (Vector3::from(self.from.position) + self.step * s, self.step * (v / STEP));
+        let change = self.step * (a / (STEP * STEP));
+        PosePoint {
+            position: position.into(),
+            velocity: [speed.x, speed.y, speed.z, 0.0, 0.0, 0.0],
+            acceleration: [change.x, change.y, change.z, 0.0, 0.0, 0.0],
+            ..self.from
+        }
+    }
+}
+
+impl Commander {
+    pub fn new(take_over: bool) -> Self {
+        Self {
+            page: None,
+            take_over,
+            enabled: None,
+            goal: Vec::new(),
+            grasped: None,
+            object: (Vector3::zeros(), UnitQuaternion::identity()),
+            tool: None,
+            next: Instant::now(),
+            stopping: None,
+            releases: false,
+        }
+    }
+
+    /// The page that commands.
+    pub const fn page(&self) -> Option<u64> {
+        self.page
+    }
+
+    /// Whether a robot whose page has gone is still to be stopped, or command to be released.
+    pub const fn is_stopping(&self) -> bool {
+        self.stopping.is_some() || self.releases
+    }
+
+    /// Notices that the task has ended.
+    pub fn follow(&mut self, telemetry: Option<&Telemetry>) {
+        let is_enabled = telemetry.is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)));
+        match &mut self.enabled {
+            Some((_, seen)) if is_enabled => *seen = true,
+            Some((_, true)) => (self.enabled, self.grasped, self.tool) = (None, None, None),
+            _ => {}
+        }
+        if !is_enabled {
+            self.stopping = None;
+        }
+    }
+
+    /// What keeps the task running.
+    fn set_point(&self, task: TaskKind, now: Instant) -> Request {
+        match (task, &self.tool) {
+            (TaskKind::JointServo, _) => {
+                let positions = heapless::Vec::from_slice(&self.goal).unwrap_or_default();
+                Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
+            }
+            (TaskKind::Impedance, Some(tool)) => {
+                let command = ImpedanceCommand::SetTarget { point: tool.at(now), elbow: tool.elbow };
+                Request::Task(TaskCommand::Impedance(command))
+            }
+            _ => Request::Keep,
+        }
+    }
+}
+
+/// The files of a robot folder with which a page can enable a task.
+pub fn plans(folder: &RobotFolder) -> Vec<Plan> {
+    let files = |task: TaskKind, name: &str| {
+        let mut plans: Vec<Plan> = std::fs::read_dir(folder.path.join(name))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter_map(|file| file.file_name().into_string().ok())
+            .filter(|name| Path::new(name).extension().is_some_and(|extension| extension == "toml"))
+            .map(|name| Plan { task: task.to_string(), name })
+            .collect();
+        plans.sort_by(|a, b| a.name.cmp(&b.name));
+        plans
+    };
+    [files(TaskKind::Grasping, "grasps"), files(TaskKind::Impedance, "impedances")].concat()
+}
+
+impl View {
+    /// Carries out what a page says.
+    pub fn obey(&mut self, id: u64, text: &str) {
+        let now = Instant::now();
+        let Some(page) = self.pages.get_mut(&id) else { return };
+        page.heard = now;
+        let command = match serde_json::from_str(text) {
+            Ok(Command::Seen { n }) => {
+                page.seen = page.seen.max(n.min(self.sent.0));
+                if let Some(sent) = self.departures.get(&n) {
+                    self.delay.page(id, now - *sent);
+                }
+                return;
+            }
+            Ok(command) => command,
+            Err(error) => {
+                self.answer(id, false, &format!("not understood: {error}"));
+                return;
+            }
+        };
+        let changes_commander = matches!(command, Command::Take | Command::Release);
+        match self.execute(id, command) {
+            Ok(done) => self.answer(id, true, &done),
+            Err(failure) => {
+                let text = self.words(failure);
+                self.answer(id, false, &text);
+            }
+        }
+        if changes_commander && let Ok(status) = self.session.board.status() {
+            // The page shows it at once.
+            self.board_commander = status.node.commander;
+        }
+        self.tell_status();
+    }
+
+    fn execute(&mut self, id: u64, command: Command) -> Result<String, Failure> {
+        match command {
+            Command::Stop => return self.stop(),
+            Command::Take => return self.take_command(id),
+            _ if self.commander.page != Some(id) => {
+                let who = if self.commander.page.is_some() {
+                    "another page commands"
+                } else {
+                    "this page does not command"
+                };
+                return Err(Failure::Refused(format!(
+                    "{who} the board: nothing was done. Take command first"
+                )));
+            }
+            _ => {}
+        }
+        let board = &mut self.session.board;
+        match command {
+            Command::Release => {
+                board.ask("release command", Request::ReleaseCommand)?;
+                self.commander.page = None;
+                Ok("command given back".to_owned())
+            }
+            Command::Disable => {
+                board.disable()?;
+                Ok("outputs off".to_owned())
+            }
+            Command::Clear => {
+                let total = board.faults()?.total;
+                board.ask("clear the faults", Request::ClearFaults { total })?;
+                Ok("faults cleared, outputs off".to_owned())
+            }
+            Command::Tare => {
+                board.tare()?;
+                Ok("force sensors zeroed".to_owned())
+            }
+            Command::Enable { task, plan } => self.enable(&task, plan.as_deref()),
+            Command::Goal { joint, angle } => self.set_goal(joint, angle),
+            Command::Object { translation, rotation } => {
+                self.move_object(translation.into(), rotation.into())
+            }
+            Command::PutDown => {
+                board.grasp(GraspCommand::PutDown)?;
+                Ok("the object is put down".to_owned())
+            }
+            Command::Open => {
+                board.grasp(GraspCommand::Open)?;
+                Ok("the hand opens".to_owned())
+            }
+            Command::Tool { translation } => self.move_tool(translation.into()),
+            Command::Seen { .. } | Command::Stop | Command::Take => Ok(String::new()),
+        }
+    }
+
+    /// Stops, whoever commands. It is repeated until the telemetry shows it.
+    fn stop(&mut self) -> Result<String, Failure> {
+        self.session.board.post(Request::Stop)?;
+        self.commander.stopping = Some(Instant::now() + STOP_PATIENCE);
+        Ok("the board was told to stop".to_owned())
+    }
+
+    fn take_command(&mut self, id: u64) -> Result<String, Failure> {
+        if self.commander.page.is_some_and(|page| page != id) {
+            return Err(Failure::Refused(
+                "another page commands the board: give command back there, or close it".to_owned(),
+            ));
+        }
+        self.session.board.take_command(self.commander.take_over)?;
+        (self.commander.page, self.commander.releases) = (Some(id), false);
+        Ok("this page commands the board".to_owned())
+    }
+
+    fn enable(&mut self, task: &str, plan: Option<&str>) -> Result<String, Failure> {
+        let kind = TaskKind::ALL.iter().copied().find(|kind| kind.to_string() == task);
+        let (model, _) = self.model.as_ref().ok_or(Failure::NoModel)?;
+        let board = &mut self.session.board;
+        let file = plan_file(self.folder.as_ref(), &self.plans, task, plan);
+        self.commander.tool = None;
+        match kind {
+            Some(TaskKind::JointServo) => {
+                // Old angles would be goals to which the joints move.
+                let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
+                let telemetry = telemetry.ok_or_else(|| {
+                    Failure::Late("no telemetry: where the joints are is not known".to_owned())
+                })?;
+                let joints = telemetry.joints.iter().zip(&model.joints);
+                // A joint at its stop may measure slightly outside.
+                let within =
+                    |(now, joint): (&tesaki::protocol::JointTelemetry, &tesaki::model::JointModel)| {
+                        now.position.clamp(joint.limits.lower, joint.limits.upper)
+                    };
+                self.commander.goal = joints.map(within).collect();
+                board.enable(TaskConfig::JointServo(ServoMode::Observer))?;
+            }
+            Some(TaskKind::Grasping) => {
+                let plan = grasp::load(&file?)?;
+                board.enable(TaskConfig::Grasping(()))?;
+                self.commander.grasped = Some(Grasped::new(plan));
+                self.commander.object = (Vector3::zeros(), UnitQuaternion::identity());
+                if let Err(error) = board.grasp(GraspCommand::Grasp(plan)) {
+                    // Enabled for nothing.
+                    let _ = board.disable();
+                    return Err(error.into());
+                }
+            }
+            Some(TaskKind::Impedance) => {
+                let settings = impedance::load(&file?, model)?;
+                board.enable(TaskConfig::Impedance(settings))?;
+                let tool = board.read_impedance()?;
+                let from = PosePoint {
+                    position: tool.position,
+                    rotation: tool.rotation,
+                    velocity: [0.0; 6],
+                    acceleration: [0.0; 6],
+                };
+                let elbow = ElbowSetpoint { angle: tool.elbow, ..ElbowSetpoint::default() };
+                let begun = Instant::now();
+                self.commander.tool = Some(ToolPath { from, step: Vector3::zeros(), begun, elbow });
+            }
+            _ => return Err(Failure::Usage(format!("this page cannot enable {task:?}"))),
+        }
+        self.commander.enabled = kind.map(|kind| (kind, false));
+        self.commander.next = Instant::now();
+        Ok("enabled".to_owned())
+    }
+
+    fn set_goal(&mut self, joint: usize, angle: f32) -> Result<String, Failure> {
+        if !matches!(self.commander.enabled, Some((TaskKind::JointServo, _))) {
+            return Err(Failure::Refused(
+                "the joints are not enabled by this page: nothing was done".to_owned(),
+            ));
+        }
+        let (model, _) = self.model.as_ref().ok_or(Failure::NoModel)?;
+        let count = model.joints.len();
+        let (Some(goal), Some(joint)) = (self.commander.goal.get_mut(joint), model.joints.get(joint)) else {
+            return Err(Failure::Usage(format!(
+                "joint {joint}: {} has {count} joints, from 0 on",
+                model.name
+            )));
+        };
+        motion::check(joint, angle)?;
+        *goal = angle;
+        self.commander.next = Instant::now();
+        Ok(String::new())
+    }
+
+    fn move_object(&mut self, translation: Vector3<f32>, rotation: Vector3<f32>) -> Result<String, Failure> {
+        let (place, turn) = self.commander.object;
+        let object = (place + translation, UnitQuaternion::from_scaled_axis(rotation) * turn);
+        self.session.board.grasp(GraspCommand::Move {
+            translation: object.0.into(),
+            rotation: object.1.scaled_axis().into(),
+            duration: STEP,
+        })?;
+        self.commander.object = object;
+        Ok(String::new())
+    }
+
+    fn move_tool(&mut self, step: Vector3<f32>) -> Result<String, Failure> {
+        let now = Instant::now();
+        let Some(tool) = &mut self.commander.tool else {
+            return Err(Failure::Refused("no arm is enabled by this page: nothing was done".to_owned()));
+        };
+        if now < tool.begun + Duration::from_secs_f32(STEP) && tool.step.norm() > 0.0 {
+            return Err(Failure::Refused("the tool still moves: wait until it has arrived".to_owned()));
+        }
+        if !step.norm().is_finite() || step.norm() > 0.05 {
+            return Err(Failure::Usage("a step of the tool is at most 50 mm".to_owned()));
+        }
+        *tool = ToolPath { from: tool.at(now), step, begun: now, elbow: tool.elbow };
+        Ok(String::new())
+    }
+
+    /// What is due now: set-points, the lease, a stop that was not seen yet.
+    pub fn drive(&mut self, now: Instant) -> Result<(), Failure> {
+        if let Some(page) = self.commander.page
+            && self.commander.enabled.is_some()
+            && self.silent.is_none()
+            && self.pages.get(&page).is_none_or(|page| now - page.heard > SILENT_PAGE)
+        {
+            self.answer(page, false, "this page did not answer any more: the robot was stopped");
+            self.page_gone(page)?;
+        }
+        if now < self.commander.next {
+            return Ok(());
+        }
+        self.commander.next = now + KEEP_ALIVE;
+        if let Some(until) = self.commander.stopping {
+            self.session.board.post(Request::Stop)?;
+            if now > until {
+                self.commander.stopping = None;
+                let text =
+                    "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power";
+                let pages: Vec<u64> = self.pages.keys().copied().collect();
+                pages.into_iter().for_each(|id| self.answer(id, false, text));
+            }
+            return Ok(());
+        }
+        match (self.commander.enabled, self.commander.page) {
+            (Some((task, _)), Some(_)) => {
+                let request = self.commander.set_point(task, now);
+                self.session.board.post(request)?;
+                if self.commander.tool.is_some() {
+                    self.commander.next = now + POINT;
+                }
+            }
+            (None, Some(_)) => {
+                self.session.board.post(Request::TakeCommand { by_force: false })?;
+                self.commander.next = now + RENEWAL;
+            }
+            (_, None) if self.commander.releases && !self.is_enabled() => {
+                self.commander.releases = false;
+                self.session.board.post(Request::ReleaseCommand)?;
+            }
+            (_, None) => {}
+        }
+        Ok(())
+    }
+
+    fn is_enabled(&self) -> bool {
+        self.telemetry.as_ref().is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)))
+    }
+
+    /// A page has gone. If it commanded an enabled robot, the robot is stopped.
+    pub fn page_gone(&mut self, id: u64) -> Result<(), Failure> {
+        if self.commander.page != Some(id) {
+            return Ok(());
+        }
+        if self.commander.enabled.take().is_some() {
+            self.stop()?;
+        }
+        (self.commander.page, self.commander.releases) = (None, true);
+        (self.commander.grasped, self.commander.tool) = (None, None);
+        self.tell_status();
+        Ok(())
+    }
+
+    /// The board has refused a set-point.
+    pub fn refused(&mut self, refusal: Refusal) {
+        let Some(page) = self.commander.page else { return };
+        if matches!(
+            refusal,
+            Refusal::Commanded { .. } | Refusal::NotCommander | Refusal::SchemaMismatch { .. }
+        ) {
+            // What another program has enabled since is its own.
+            (self.commander.page, self.commander.enabled) = (None, None);
+        }
+        let text = self.words(BoardError::refused("go on", refusal).into());
+        self.answer(page, false, &text);
+    }
+
+    /// A failure with the names of joints, where they are known.
+    fn words(&self, failure: Failure) -> String {
+        match &self.model {
+            Some((model, _)) => failure.named(model).to_string(),
+            None => failure.to_string(),
+        }
+    }
+
+    /// The program ends: what a page has enabled is disabled.
+    pub fn leave(mut self) {
+        self.session.board.set_timeout(LAST_WORD);
+        if self.commander.enabled.is_some() {
+            let _ = self.session.board.disable();
+        }
+        if self.commander.page.is_some() || self.commander.releases {
+            let _ = self.session.board.ask("release command", Request::ReleaseCommand);
+        }
+    }
+}
+
+/// The file of a plan; only those that the page was offered.
+fn plan_file(
+    folder: Option<&RobotFolder>,
+    plans: &[Plan],
+    task: &str,
+    plan: Option<&str>,
+) -> Result<PathBuf, Failure> {
+    let unknown = || {
+        Failure::Usage(format!(
+            "{task} needs a file of the robot folder: start `tesaki view` with --robot DIR"
+        ))
+    };
+    let found = plans.iter().find(|other| other.task == task && Some(other.name.as_str()) == plan);
+    let (folder, plan) = folder.zip(found).ok_or_else(unknown)?;
+    let kind = if task == TaskKind::Grasping.to_string() { "grasps" } else { "impedances" };
+    Ok(folder.path.join(kind).join(&plan.name))
+}

@@ -1,0 +1,349 @@
+//! Pages in browsers: a few fixed files over HTTP, and a WebSocket for each page.
+//!
+//! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page makes
+//! it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of this machine
+//! (`Host`), which keeps out names of others that lead here (DNS rebinding).
+
+use std::collections::BTreeMap;
+use std::io::{self, Read as _, Write as _};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use sha1::{Digest as _, Sha1};
+use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
+use tungstenite::{Error, Message};
+
+/// Longest head of a request [bytes].
+const MAX_HEAD: usize = 8192;
+/// Longest message of a page [bytes].
+const MAX_MESSAGE: usize = 4096;
+/// What may wait for a page [bytes].
+const MAX_WAITING: usize = 1 << 20;
+/// Connections at most: further ones are dropped.
+const MAX_CONNECTIONS: usize = 32;
+/// How long a request, and sending the answer, may take.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Of every WebSocket (RFC 6455, 1.3).
+const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
+
+/// A file that is served: its path, its type, its content.
+pub type File = (&'static str, &'static str, &'static str);
+
+/// What happened since the last turn.
+pub enum Event {
+    /// A page has come.
+    Opened(u64),
+    /// A page says something.
+    Said(u64, String),
+    /// A page has gone.
+    Closed(u64),
+}
+
+/// A connection before it is a page.
+struct Visitor {
+    stream: TcpStream,
+    begun: Instant,
+    head: Vec<u8>,
+    /// The answer, and how much of it was sent.
+    answer: Option<(Vec<u8>, usize)>,
+    /// Whether it is a page once the answer is sent.
+    is_page: bool,
+}
+
+/// Serves pages.
+pub struct Server {
+    listener: TcpListener,
+    address: SocketAddr,
+    files: &'static [File],
+    visitors: Vec<Visitor>,
+    pages: BTreeMap<u64, WebSocket<TcpStream>>,
+    next: u64,
+}
+
+impl Server {
+    /// Listens at an address that only this machine reaches.
+    pub fn listen(address: SocketAddr, files: &'static [File]) -> io::Result<Self> {
+        if !address.ip().to_canonical().is_loopback() {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                format!(
+                    "cannot show the page at {address}: other machines reach that address, and a browser has no key. \
+                     Use 127.0.0.1:{0} here and, on the other machine, `ssh -L {0}:localhost:{0} THIS-MACHINE`",
+                    address.port()
+                ),
+            ));
+        }
+        let listener = TcpListener::bind(address).map_err(|error| {
+            let hint = if error.kind() == io::ErrorKind::AddrInUse {
+                ": another program listens there, perhaps another `tesaki view`; choose another with --listen"
+            } else {
+                ""
+            };
+            io::Error::new(error.kind(), format!("cannot listen at {address}: {error}{hint}"))
+        })?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        Ok(Self { listener, address, files, visitors: Vec::new(), pages: BTreeMap::new(), next: 1 })
+    }
+
+    /// Where it listens.
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Does what can be done at once.
+    pub fn turn(&mut self) -> Vec<Event> {
+        while let Ok((stream, _)) = self.listener.accept() {
+            let ready = stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok();
+            if ready && self.visitors.len() + self.pages.len() < MAX_CONNECTIONS {
+                let begun = Instant::now();
+                self.visitors.push(Visitor { stream, begun, head: Vec::new(), answer: None, is_page: false });
+            }
+        }
+        let mut events = Vec::new();
+        for mut visitor in std::mem::take(&mut self.visitors) {
+            match visitor.advance(self.files, self.address) {
+                Progress::Waits if visitor.begun.elapsed() < PATIENCE => self.visitors.push(visitor),
+                Progress::Waits | Progress::Gone => {}
+                Progress::IsPage => {
+                    events.push(Event::Opened(self.next));
+                    self.pages.insert(self.next, page(visitor.stream));
+                    self.next += 1;
+                }
+            }
+        }
+        let mut gone = Vec::new();
+        for (&id, page) in &mut self.pages {
+            if !read_page(id, page, &mut events) {
+                gone.push(id);
+            }
+        }
+        gone.into_iter().for_each(|id| self.drop_page(id, &mut events));
+        events
+    }
+
+    fn drop_page(&mut self, id: u64, events: &mut Vec<Event>) {
+        if let Some(mut page) = self.pages.remove(&id) {
+            let _ = page.close(None);
+            let _ = page.flush();
+            events.push(Event::Closed(id));
+        }
+    }
+
+    /// Sends a message. A page that does not take it is closed in the next turn.
+    pub fn send(&mut self, id: u64, text: &str) {
+        if let Some(page) = self.pages.get_mut(&id)
+            && !survives(page.send(Message::text(text)))
+        {
+            let _ = page.get_ref().shutdown(std::net::Shutdown::Both);
+        }
+    }
+}
+
+fn page(stream: TcpStream) -> WebSocket<TcpStream> {
+    let limits = WebSocketConfig::default()
+        .max_message_size(Some(MAX_MESSAGE))
+        .max_frame_size(Some(MAX_MESSAGE))
+        .max_write_buffer_size(MAX_WAITING);
+    WebSocket::from_raw_socket(stream, Role::Server, Some(limits))
+}
+
+/// Reads what a page says, and sends what waits for it. False when it has gone.
+fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) -> bool {
+    loop {
+        match page.read() {
+            Ok(Message::Text(text)) => events.push(Event::Said(id, text.to_string())),
+            Ok(Message::Binary(_)) => events.push(Event::Said(id, String::new())),
+            Ok(_) => {}
+            Err(Error::Io(error)) if error.kind() == io::ErrorKind::WouldBlock => break,
+            Err(_) => return false,
+        }
+    }
+    survives(page.flush())
+}
+
+/// Whether the connection goes on. What cannot be written now waits.
+fn survives(result: Result<(), Error>) -> bool {
+    match result {
+        Err(Error::Io(error)) => error.kind() == io::ErrorKind::WouldBlock,
+        other => other.is_ok(),
+    }
+}
+
+enum Progress {
+    Waits,
+    Gone,
+    IsPage,
+}
+
+impl Visitor {
+    fn advance(&mut self, files: &[File], address: SocketAddr) -> Progress {
+        if self.answer.is_none() {
+            let mut buffer = [0; 1024];
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return Progress::Gone,
+                Ok(length) => self.head.extend_from_slice(buffer.get(..length).unwrap_or_default()),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Progress::Waits,
+                Err(_) => return Progress::Gone,
+            }
+            let Some(answer) = answer(&self.head, files, address) else { return Progress::Waits };
+            self.is_page = answer.starts_with(b"HTTP/1.1 101");
+            self.answer = Some((answer, 0));
+        }
+        let Some((answer, sent)) = &mut self.answer else { return Progress::Waits };
+        while *sent < answer.len() {
+            match self.stream.write(answer.get(*sent..).unwrap_or_default()) {
+                Ok(length) => *sent += length,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Progress::Waits,
+                Err(_) => return Progress::Gone,
+            }
+        }
+        if self.is_page { Progress::IsPage } else { Progress::Gone }
+    }
+}
+
+/// The answer to a request; `None` until its head is complete.
+fn answer(head: &[u8], files: &[File], address: SocketAddr) -> Option<Vec<u8>> {
+    let mut headers = [httparse::EMPTY_HEADER; 64];
+    let mut request = httparse::Request::new(&mut headers);
+    match request.parse(head) {
+        Ok(httparse::Status::Complete(_)) => {}
+        Ok(httparse::Status::Partial) if head.len() < MAX_HEAD => return None,
+        Ok(httparse::Status::Partial) => {
+            return Some(refuse("431 Request Header Fields Too Large", "too long"));
+        }
+        Err(error) => return Some(refuse("400 Bad Request", &error.to_string())),
+    }
+    let header = |name: &str| {
+        let found = request.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name))?;
+        std::str::from_utf8(found.value).ok()
+    };
+    let host = header("host").unwrap_or_default();
+    if !is_ours(host, address) {
+        return Some(refuse("403 Forbidden", &format!("this is http://{address}, not {host:?}")));
+    }
+    if request.method != Some("GET") {
+        return Some(refuse("405 Method Not Allowed", "only GET"));
+    }
+    // From behind a tunnel (ssh -L) the page has the name that the browser knows.
+    if header("origin").is_some_and(|origin| origin != format!("http://{host}")) {
+        return Some(refuse("403 Forbidden", "pages of other servers may not look at this board"));
+    }
+    let path = request.path.unwrap_or_default();
+    if path == "/live" {
+        return Some(upgrade(
+            header("upgrade"),
+            header("sec-websocket-version"),
+            header("sec-websocket-key"),
+        ));
+    }
+    let file = files.iter().find(|(name, ..)| *name == path);
+    Some(file.map_or_else(|| refuse("404 Not Found", path), |(_, kind, text)| respond("200 OK", kind, text)))
+}
+
+/// Whether a `Host` is a name of this machine: with any port, as that of a tunnel is another one.
+fn is_ours(host: &str, address: SocketAddr) -> bool {
+    let name =
+        host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name);
+    let own = match address.ip() {
+        std::net::IpAddr::V4(ip) => ip.to_string(),
+        std::net::IpAddr::V6(ip) => format!("[{ip}]"),
+    };
+    ["localhost", "127.0.0.1", "[::1]", &own].contains(&name)
+}
+
+/// Agrees to a WebSocket (RFC 6455, 4.2).
+fn upgrade(upgrade: Option<&str>, version: Option<&str>, key: Option<&str>) -> Vec<u8> {
+    let (Some(key), Some("13")) = (key, version) else {
+        return refuse("426 Upgrade Required", "this is for WebSockets of version 13");
+    };
+    if !upgrade.is_some_and(|kind| kind.eq_ignore_ascii_case("websocket")) {
+        return refuse("426 Upgrade Required", "this is for WebSockets of version 13");
+    }
+    let accept = accept_key(key);
+    format!(
+        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+         Sec-WebSocket-Accept: {accept}\r\n\r\n"
+    )
+    .into_bytes()
+}
+
+fn accept_key(key: &str) -> String {
+    STANDARD.encode(Sha1::digest(format!("{key}{GUID}")))
+}
+
+fn refuse(status: &str, why: &str) -> Vec<u8> {
+    respond(status, "text/plain; charset=utf-8", &format!("{status}: {why}\n"))
+}
+
+fn respond(status: &str, kind: &str, text: &str) -> Vec<u8> {
+    format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\n\
+         Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nX-Frame-Options: DENY\r\n\
+         Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
+         connect-src 'self'; img-src data:\r\n\r\n{text}",
+        text.len()
+    )
+    .into_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILES: &[File] = &[("/", "text/html", "hello")];
+
+    fn status(request: &str) -> String {
+        let address = SocketAddr::from(([127, 0, 0, 1], 7480));
+        let bytes = answer(request.as_bytes(), FILES, address).expect("the head is complete");
+        String::from_utf8(bytes).expect("it is text").lines().next().expect("it has a line").to_owned()
+    }
+
+    #[test]
+    fn the_accepted_key_is_that_of_the_standard() {
+        // RFC 6455, 1.3.
+        assert_eq!(accept_key("dGhlIHNhbXBsZSBub25jZQ=="), "s3pPLMBiTxaQ9kYGzzhZRbK+xOo=");
+    }
+
+    #[test]
+    fn pages_of_others_are_kept_out() {
+        let get = |path: &str, rest: &str| status(&format!("GET {path} HTTP/1.1\r\n{rest}\r\n"));
+        assert_eq!(get("/", "Host: localhost:7480\r\n"), "HTTP/1.1 200 OK");
+        assert_eq!(get("/", "Host: [::1]:9\r\n"), "HTTP/1.1 200 OK");
+        assert_eq!(get("/other", "Host: localhost\r\n"), "HTTP/1.1 404 Not Found");
+        for host in
+            ["", "Host: evil.example\r\n", "Host: evil.example:7480\r\n", "Host: localhost.evil.example\r\n"]
+        {
+            assert_eq!(get("/", host), "HTTP/1.1 403 Forbidden", "{host}");
+        }
+        let socket = "Host: localhost:7480\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+                      Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+        assert!(get("/live", socket).starts_with("HTTP/1.1 101"));
+        assert!(
+            get("/live", &format!("{socket}Origin: http://localhost:7480\r\n")).starts_with("HTTP/1.1 101")
+        );
+        for origin in ["http://evil.example", "http://localhost:8080", "https://localhost:7480", "null"] {
+            assert_eq!(
+                get("/live", &format!("{socket}Origin: {origin}\r\n")),
+                "HTTP/1.1 403 Forbidden",
+                "{origin}"
+            );
+        }
+        assert_eq!(get("/live", "Host: localhost\r\n"), "HTTP/1.1 426 Upgrade Required");
+        assert_eq!(status("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n"), "HTTP/1.1 405 Method Not Allowed");
+        assert_eq!(status("\u{1}\u{2} nonsense\r\n\r\n"), "HTTP/1.1 400 Bad Request");
+        let long = format!("GET / HTTP/1.1\r\nX: {}", "a".repeat(MAX_HEAD));
+        assert_eq!(status(&long), "HTTP/1.1 431 Request Header Fields Too Large");
+    }
+
+    #[test]
+    fn addresses_that_others_reach_are_refused() {
+        for address in ["0.0.0.0:0", "192.0.2.1:0", "[::]:0"] {
+            let address: SocketAddr = address.parse().expect("it is an address");
+            let error = Server::listen(address, FILES).err().expect("it is refused").to_string();
+            assert!(error.contains("ssh -L"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! `tesaki view`: what pages are told, what they may command, and what becomes of nonsense.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tungstenite::protocol::{Role, WebSocket};
+use tungstenite::{Error, Message};
+
+use super::server::{Server, finish, hand3, said, signal};
+
+/// `tesaki view`, ended with the test.
+struct View {
+    child: Child,
+    host: String,
+}
+
+impl View {
+    fn start(server: &Server, arguments: &[&str]) -> Self {
+        let folder = hand3();
+        let listen = ["--json", "view", "--listen", "localhost:0", "--robot", folder.to_str().unwrap()];
+        let mut command = server.command(&[&listen[..], arguments].concat());
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = Vec::new();
+        let output = child.stdout.as_mut().unwrap();
+        while !line.ends_with(b"\n") {
+            let mut byte = [0];
+            assert_eq!(output.read(&mut byte).unwrap(), 1, "it ended: {}", String::from_utf8_lossy(&line));
+            line.push(byte[0]);
+        }
+        let value: Value = serde_json::from_slice(&line).unwrap();
+        let host = value["url"].as_str().unwrap().strip_prefix("http://").unwrap().to_owned();
+        Self { child, host }
+    }
+
+    /// What the server answers to a request.
+    fn request(&self, text: &str) -> String {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        stream.write_all(text.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    fn open(&self) -> Page {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
+        let host = &self.host;
+        let request = format!(
+            "GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nConnection: Upgrade\r\n\
+             Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        );
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut head = Vec::new();
+        let deadline = Instant::now() + Duration::from_secs(5);
+        while !head.ends_with(b"\r\n\r\n") {
+            let mut byte = [0];
+            if stream.read(&mut byte).is_ok_and(|length| length == 1) {
+                head.push(byte[0]);
+            }
+            assert!(Instant::now() < deadline, "no answer: {}", String::from_utf8_lossy(&head));
+        }
+        let head = String::from_utf8(head).unwrap();
+        assert!(head.contains("101") && head.contains("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="), "{head}");
+        Page(WebSocket::from_raw_socket(stream, Role::Client, None))
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        signal(&self.child, nix::sys::signal::Signal::SIGINT);
+        let _ = self.child.wait();
+    }
+}
+
+/// A page that answers to every state, as a browser does.
+struct Page(WebSocket<TcpStream>);
+
+impl Page {
+    fn send(&mut self, value: &Value) {
+        self.0.send(Message::text(value.to_string())).unwrap();
+    }
+
+    /// The next message that `wanted` accepts.
+    #[track_caller]
+    fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let deadline = Instant::now() + Duration::from_secs(8);
+        while Instant::now() < deadline {
+            let text = match self.0.read() {
+                Ok(Message::Text(text)) => text,
+                Ok(_) => continue,
+                Err(Error::Io(_)) => continue,
+                Err(error) => panic!("{what}: {error}"),
+            };
+            let value: Value = serde_json::from_str(&text).unwrap();
+            if value["kind"] == "state" {
+                self.send(&json!({ "do": "seen", "n": value["n"] }));
+            }
+            if wanted(&value) {
+                return value;
+            }
+        }
+        panic!("not in time: {what}");
+    }
+
+    /// The answer to a command: whether it was carried out, and the text.
+    #[track_caller]
+    fn command(&mut self, value: &Value) -> (bool, String) {
+        self.send(value);
+        let answer = self.wait(&value.to_string(), |value| value["kind"] == "answer");
+        (answer["ok"].as_bool().unwrap(), answer["text"].as_str().unwrap().to_owned())
+    }
+
+    #[track_caller]
+    fn succeeds(&mut self, value: Value) {
+        let (ok, text) = self.command(&value);
+        assert!(ok, "{value}: {text}");
+    }
+
+    #[track_caller]
+    fn fails(&mut self, value: Value, words: &str) {
+        let (ok, text) = self.command(&value);
+        assert!(!ok && text.contains(words), "{value}: {text}");
+    }
+
+    #[track_caller]
+    fn mode(&mut self, mode: &str) -> Value {
+        self.wait(mode, |value| value["kind"] == "state" && value["mode"] == mode)
+    }
+}
+
+#[test]
+fn one_page_commands_and_every_page_stops() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut first = view.open();
+    let scene = first.wait("scene", |value| value["kind"] == "scene");
+    assert_eq!(scene["scene"]["joints"].as_array().unwrap().len(), 9);
+    assert_eq!(scene["scene"]["solids"].as_array().unwrap().len(), 16, "the <visual>s of hand3");
+
+    first.fails(json!({ "do": "enable", "task": "joint servo" }), "this page does not command");
+    first.succeeds(json!({ "do": "take" }));
+    first.fails(json!({ "do": "goal", "joint": 0, "angle": 0.2 }), "not enabled by this page");
+    first.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    first.mode("enabled");
+    first.succeeds(json!({ "do": "goal", "joint": 0, "angle": 0.3 }));
+    let moved = |value: &Value| (value["joints"][0][0].as_f64().unwrap() - 0.3).abs() < 0.01;
+    first.wait("the joint at its goal", |value| value["kind"] == "state" && moved(value));
+    // Limits of finger1_swing: ±1 rad.
+    first.fails(json!({ "do": "goal", "joint": 0, "angle": 1.01 }), "outside its limits -1 to 1 rad");
+    first.fails(json!({ "do": "goal", "joint": 9, "angle": 0.0 }), "hand3 has 9 joints");
+
+    let mut second = view.open();
+    second.wait("another page", |value| value["commander"] == "page");
+    second.fails(json!({ "do": "take" }), "another page commands");
+    second.fails(json!({ "do": "goal", "joint": 0, "angle": 0.0 }), "another page commands");
+    // Another program is kept out by the board's lease. Meanwhile the page goes on answering, or it would be stopped.
+    let mut other = server.start_command(&["move", "finger1_swing=0"]);
+    while other.try_wait().unwrap().is_none() {
+        assert!(moved(&first.mode("enabled")));
+    }
+    let (code, text) = said(&finish(other));
+    assert!(code == 7 && text.contains("another client"), "{code}: {text}");
+    second.succeeds(json!({ "do": "stop" }));
+    let fault =
+        second.wait("the fault", |value| value["faults"].as_array().is_some_and(|faults| !faults.is_empty()));
+    let fault = &fault["faults"][0];
+    assert!(fault["remedy"].as_str().unwrap().contains("clear the fault"), "{fault}");
+    first.mode("fault");
+    first.succeeds(json!({ "do": "clear" }));
+    first.mode("disabled");
+    first.succeeds(json!({ "do": "release" }));
+    second.wait("nobody commands", |value| value["commander"] == "nobody");
+    second.succeeds(json!({ "do": "take" }));
+}
+
+#[test]
+fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    page.mode("enabled");
+    let mut watcher = view.open();
+    watcher.mode("enabled");
+    drop(page);
+    watcher.mode("fault");
+    watcher.wait("nobody commands", |value| value["commander"] == "nobody");
+    // A suspended page keeps its connection, and answers nothing.
+    watcher.succeeds(json!({ "do": "take" }));
+    watcher.succeeds(json!({ "do": "clear" }));
+    watcher.mode("disabled");
+    watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    watcher.mode("enabled");
+    std::thread::sleep(Duration::from_millis(2000));
+    assert!(server.json(&["info"]).to_string().contains("Fault"));
+    watcher.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
+    // Also when it was the last page; command is then free at once.
+    watcher.succeeds(json!({ "do": "take" }));
+    watcher.succeeds(json!({ "do": "clear" }));
+    watcher.mode("disabled");
+    watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    watcher.mode("enabled");
+    drop(watcher);
+    server.wait_for("in fault");
+    std::thread::sleep(Duration::from_millis(200));
+    let info = server.json(&["info"]);
+    assert!(info["status"]["node"]["commander"].is_null(), "{info}");
+}
+
+#[test]
+fn nonsense_gets_an_answer_or_the_door() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let host = &view.host;
+    assert!(view.request(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")).contains("tv-live"));
+    let other = view.request("GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n");
+    assert!(other.starts_with("HTTP/1.1 403"), "{other}");
+    assert!(view.request("\0\0nonsense\r\n\r\n").starts_with("HTTP/1.1 400"));
+
+    let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
+    for nonsense in [
+        json!(7),
+        json!({ "do": "fly" }),
+        json!({ "do": "goal", "joint": -1, "angle": 0 }),
+        json!({ "do": "goal", "joint": 0, "angle": null }),
+        json!({ "do": "enable" }),
+        json!({ "do": "tool", "translation": [0, 0] }),
+        json!({ "do": "seen", "n": 1, "more": 2 }),
+    ] {
+        page.fails(nonsense, "not understood");
+    }
+    page.succeeds(json!({ "do": "take" }));
+    page.fails(json!({ "do": "enable", "task": "fly" }), "cannot enable \"fly\"");
+    page.fails(json!({ "do": "enable", "task": "grasping", "plan": "../../../Cargo.toml" }), "--robot DIR");
+    page.fails(json!({ "do": "tool", "translation": [0, 0, 0.01] }), "no arm is enabled");
+    let mut large = view.open();
+    large.0.send(Message::text("x".repeat(10_000))).unwrap();
+    let ended = (0..1000).any(|_| matches!(large.0.read(), Err(error) if !matches!(&error, Error::Io(io) if io.kind() == std::io::ErrorKind::WouldBlock)));
+    assert!(ended, "a message of 10 kB was taken");
+    // The others do not notice.
+    page.mode("disabled");
+
+    server.fails(&["view", "--listen", "0.0.0.0:0"], 2, &["ssh -L"]);
+    server.fails(&["view", "--listen", host], 1, &["another program listens there"]);
+}
+
+#[test]
+fn a_page_outlives_a_reset_of_the_board() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    server.make_trouble("reset");
+    page.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("was reset")));
+    let no_model =
+        |value: &Value| value["trouble"].as_str().is_some_and(|text| text.contains("no robot model"));
+    page.wait("no model", no_model);
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    page.wait("the robot", |value| value["kind"] == "scene" && value["scene"].is_object());
+    page.mode("disabled");
+}

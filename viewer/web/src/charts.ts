@@ -1,0 +1,271 @@
+// Strip charts of any signal, one panel for each quantity.
+
+import uPlot from "uplot";
+import { el, number, say } from "./dom";
+import { lineColour, onThemeChange, theme } from "./theme";
+
+/** A quantity with a line for each of its signals. */
+export interface Panel {
+  title: string;
+  unit: string;
+  /** Digits after the point. */
+  digits: number;
+  lines: { label: string; colour: number; dashed?: boolean }[];
+  /** Shown at first. */
+  shown: boolean;
+}
+
+interface Drawn {
+  panel: Panel;
+  values: (number | null)[][];
+  plot: uPlot | null;
+  box: HTMLElement;
+  host: HTMLElement;
+  readout: HTMLElement;
+}
+
+interface Options {
+  /** What a click on a chart at a time does. */
+  seek?: (time: number) => void;
+  /** Where phases begin. */
+  marks?: { time: number; text: string }[];
+}
+
+export class Charts {
+  private times: number[] = [];
+  private readonly drawn: Drawn[];
+  private readonly labels: string[];
+  private readonly hidden = new Set<string>();
+  private cursor: number | null = null;
+  private range: [number, number] = [0, 1];
+
+  constructor(private readonly root: HTMLElement, panels: Panel[], private readonly options: Options = {}) {
+    this.labels = [...new Set(panels.flatMap((panel) => panel.lines.map((line) => line.label)))];
+    this.drawn = panels.map((panel) => {
+      const host = el("div", { class: "tv-plot" });
+      const readout = el("output", { class: "tv-readout" });
+      const heading = el("h3", {}, panel.title, " ", el("small", {}, panel.unit));
+      const box = el("section", { class: "tv-panel" }, el("header", {}, heading, readout), host);
+      return { panel, values: panel.lines.map(() => []), plot: null, box, host, readout };
+    });
+    this.root.append(this.picker(), el("div", { class: "tv-panels" }, ...this.drawn.map(({ box }) => box)));
+    for (const drawn of this.drawn) drawn.box.hidden = !drawn.panel.shown;
+    new ResizeObserver(() => this.resize()).observe(this.root);
+    onThemeChange(() => this.rebuild());
+  }
+
+  /** Which quantities, and which of their signals. */
+  private picker(): HTMLElement {
+    const quantities = this.drawn.map(({ panel, box }) => {
+      const input = el("input", { type: "checkbox" });
+      input.checked = panel.shown;
+      input.addEventListener("change", () => {
+        box.hidden = !input.checked;
+        this.rebuild();
+      });
+      return el("label", { class: "tv-chip" }, input, el("span", {}, panel.title));
+    });
+    const first = (label: string) =>
+      this.drawn.flatMap(({ panel }) => panel.lines).find((line) => line.label === label)!.colour;
+    const signals = this.labels.map((label) => {
+      const input = el("input", { type: "checkbox", "aria-label": label });
+      input.checked = true;
+      const swatch = el("i", { class: "tv-swatch", "data-colour": String(first(label)) });
+      const only = () => {
+        // As in other viewers: a double click leaves this signal alone, or shows all again.
+        const alone = this.labels.every((other) => (other === label) !== this.hidden.has(other));
+        this.hidden.clear();
+        if (!alone) for (const other of this.labels) if (other !== label) this.hidden.add(other);
+        inputs.forEach((box, index) => (box.checked = !this.hidden.has(this.labels[index])));
+        this.rebuild();
+      };
+      input.addEventListener("change", () => {
+        if (input.checked) this.hidden.delete(label);
+        else this.hidden.add(label);
+        this.rebuild();
+      });
+      const chip = el("label", { class: "tv-chip", title: "Double click: this one alone" }, input, swatch, el("span", {}, label));
+      chip.addEventListener("dblclick", only);
+      return { chip, input };
+    });
+    const inputs = signals.map(({ input }) => input);
+    return el(
+      "div",
+      { class: "tv-picker" },
+      el("div", { class: "tv-chips", role: "group", "aria-label": "Quantities" }, ...quantities),
+      el("details", { open: "" }, el("summary", {}, "Signals"), el("div", { class: "tv-chips" }, ...signals.map(({ chip }) => chip))),
+    );
+  }
+
+  /** All values at once, one row for each line of each panel. */
+  load(times: number[], values: (number | null)[][][]): void {
+    this.times = times;
+    this.range = [times[0] ?? 0, times.at(-1) ?? 1];
+    this.drawn.forEach((drawn, index) => (drawn.values = values[index] ?? drawn.values));
+    this.rebuild();
+  }
+
+  /** One value more for each line; what is older than `span` goes. */
+  push(time: number, values: (number | null)[][], span: number): void {
+    // Time went back: the board was reset.
+    if (time < (this.times.at(-1) ?? -Infinity)) this.clear();
+    this.times.push(time);
+    this.drawn.forEach((drawn, panel) => drawn.values.forEach((line, index) => line.push(values[panel]?.[index] ?? null)));
+    const stale = this.times.findIndex((other) => other >= time - span);
+    // In portions, as it costs a copy of the rest.
+    if (stale > 200) {
+      this.times.splice(0, stale);
+      for (const { values: lines } of this.drawn) for (const line of lines) line.splice(0, stale);
+    }
+    this.range = [Math.max(time - span, Math.min(this.times[0], time - 5)), time];
+  }
+
+  clear(): void {
+    this.times = [];
+    for (const { values } of this.drawn) for (const line of values) line.length = 0;
+  }
+
+  /** Draws what was pushed. */
+  refresh(): void {
+    for (const { plot, box, values, panel } of this.drawn) {
+      if (box.hidden) continue;
+      if (!plot) {
+        this.rebuild();
+        return;
+      }
+      plot.setData(this.data(values, panel), false);
+      plot.setScale("x", { min: this.range[0], max: this.range[1] });
+    }
+    this.tell();
+  }
+
+  /** Puts the line of the present time. */
+  setCursor(time: number): void {
+    this.cursor = time;
+    for (const { plot } of this.drawn) plot?.redraw(false);
+    this.tell();
+  }
+
+  private data(values: (number | null)[][], panel: Panel): uPlot.AlignedData {
+    const shown = values.filter((_, index) => !this.hidden.has(panel.lines[index].label));
+    return [this.times, ...shown];
+  }
+
+  /** The present values in words, as long as they are few. */
+  private tell(): void {
+    const at = this.cursor === null ? this.times.length - 1 : this.nearest(this.cursor);
+    for (const { panel, values, readout, box } of this.drawn) {
+      if (box.hidden) continue;
+      const lines = panel.lines
+        .map((line, index) => ({ line, value: values[index][at] }))
+        .filter(({ line }) => !line.dashed && !this.hidden.has(line.label));
+      const text = lines.length <= 3 ? lines.map(({ value }) => (value == null ? "–" : number(value, panel.digits))).join("   ") : "";
+      say(readout, text && `${text} ${panel.unit}`);
+    }
+  }
+
+  private nearest(time: number): number {
+    let [low, high] = [0, this.times.length - 1];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.times[middle] < time) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  private resize(): void {
+    for (const { plot, host } of this.drawn) {
+      if (plot && host.clientWidth > 0 && plot.width !== host.clientWidth) {
+        plot.setSize({ width: host.clientWidth, height: plot.height });
+      }
+    }
+    if (this.times.length > 0 && this.drawn.some(({ plot, box }) => !plot && !box.hidden)) this.rebuild();
+  }
+
+  private rebuild(): void {
+    for (const swatch of this.root.querySelectorAll<HTMLElement>("[data-colour]")) {
+      swatch.style.background = lineColour(Number(swatch.dataset.colour));
+    }
+    for (const drawn of this.drawn) {
+      drawn.plot?.destroy();
+      drawn.plot = null;
+      if (drawn.box.hidden || drawn.host.clientWidth === 0) continue;
+      drawn.plot = this.build(drawn);
+    }
+    this.tell();
+  }
+
+  private build({ panel, values, host }: Drawn): uPlot {
+    const colours = theme();
+    const font = "12px system-ui, sans-serif";
+    const axis = (extra: uPlot.Axis): uPlot.Axis => ({
+      stroke: colours.muted,
+      font,
+      grid: { stroke: colours.grid, width: 1 },
+      ticks: { stroke: colours.grid, width: 1, size: 4 },
+      ...extra,
+    });
+    const lines = panel.lines.filter((line) => !this.hidden.has(line.label));
+    const options: uPlot.Options = {
+      width: host.clientWidth,
+      height: 150,
+      padding: [8, 22, 0, 0],
+      legend: { show: false },
+      cursor: { sync: { key: "tesaki" }, points: { show: false }, drag: { x: false, y: false } },
+      scales: { x: { time: false, min: this.range[0], max: this.range[1] } },
+      series: [
+        {},
+        ...lines.map((line) => ({
+          label: line.label,
+          stroke: lineColour(line.colour),
+          width: line.dashed ? 1 : 1.5,
+          dash: line.dashed ? [5, 4] : undefined,
+          points: { show: false },
+        })),
+      ],
+      axes: [
+        axis({ size: 26, values: (_, ticks) => ticks.map((tick) => `${number(tick, tick % 1 === 0 ? 0 : 1)} s`) }),
+        axis({ size: 52, values: (_, ticks) => ticks.map((tick) => short(tick)) }),
+      ],
+      hooks: { draw: [(plot) => this.drawMarks(plot)] },
+    };
+    const plot = new uPlot(options, this.data(values, panel), host);
+    const { seek } = this.options;
+    if (seek) {
+      const at = (event: PointerEvent) => {
+        const { left } = plot.over.getBoundingClientRect();
+        seek(plot.posToVal(event.clientX - left, "x"));
+      };
+      plot.over.addEventListener("pointerdown", at);
+      plot.over.addEventListener("pointermove", (event) => event.buttons & 1 && at(event));
+    }
+    return plot;
+  }
+
+  /** Beginnings of phases, and the present time. */
+  private drawMarks(plot: uPlot): void {
+    const { ctx, bbox } = plot;
+    const colours = theme();
+    const rule = (time: number, colour: string, width: number) => {
+      const x = Math.round(plot.valToPos(time, "x", true)) + 0.5;
+      if (x < bbox.left || x > bbox.left + bbox.width) return;
+      ctx.strokeStyle = colour;
+      ctx.lineWidth = width;
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+    };
+    ctx.save();
+    for (const { time } of this.options.marks ?? []) rule(time, colours.grid, 2 * devicePixelRatio);
+    if (this.cursor !== null) rule(this.cursor, colours.accent, 1.5 * devicePixelRatio);
+    ctx.restore();
+  }
+}
+
+/** As few digits as tell ticks apart. */
+function short(value: number): string {
+  const text = Math.abs(value) >= 1e4 || (value !== 0 && Math.abs(value) < 1e-3) ? value.toExponential(0) : String(Number(value.toPrecision(4)));
+  return text.replace("-", "−");
+}

@@ -1,0 +1,130 @@
+// What the page is given: the JSON of `tesaki-viewer` (Rust) and of `tesaki view`.
+
+/** Position [m] and unit quaternion x, y, z, w. */
+export type Pose = [number, number, number, number, number, number, number];
+export type Vec = [number, number, number];
+
+export interface SceneJoint {
+  name: string;
+  parent: number | null;
+  origin: Pose;
+  axis: Vec;
+  limits: [number, number];
+  torque: number;
+  /** For a mimic joint: the joint that it follows, multiplier, offset. */
+  follows: [number, number, number] | null;
+}
+
+export interface Tip {
+  name: string;
+  joint: number;
+  pose: Pose;
+  radius: number;
+  sensor: boolean;
+}
+
+export type SolidShape = { box: Vec } | { cylinder: [number, number] } | { sphere: number };
+
+export interface Scene {
+  name: string;
+  gravity: Vec;
+  joints: SceneJoint[];
+  driven: number;
+  tips: Tip[];
+  solids: { joint: number | null; pose: Pose; shape: SolidShape }[];
+}
+
+export type ObjectShape =
+  | { box: Vec }
+  | { cylinder: [number, number] }
+  | { wedge: [number, number, number, number] };
+
+export interface Contact {
+  tip: number;
+  point: Vec;
+  force: Vec;
+  normal: Vec;
+  friction: number;
+}
+
+export interface Sample {
+  q: number[];
+  v: number[];
+  u: number[];
+  r?: number[];
+  f?: [string, Pose][];
+  c?: Contact[];
+}
+
+export interface Replay {
+  scene: Scene;
+  period: number;
+  /** The last ones by `since` are there, with their frame or, without one, at rest. */
+  objects: { since: number; frame: string | null; shape: ObjectShape; pose: Pose }[];
+  notes: { time: number; text: string }[];
+  samples: Sample[];
+}
+
+/** The state of a board after a tick. */
+export interface State {
+  kind: "state";
+  /** Number of this message, to be sent back. */
+  n: number;
+  tick: number;
+  mode: "disabled" | "enabled" | "fault";
+  /** The task that runs. */
+  task: string | null;
+  /** For each joint: angle, velocity, reference, torque. */
+  joints: [number, number, number, number][];
+  /** For each tip: position, force on it, and whether its sensor was tared. */
+  tips: { position: Vec; force: Vec; tared: boolean }[];
+  report: TaskReport | null;
+  /** From the tick to the server, at most; from server to page and back, half of it [ms]. */
+  delay: [number, number];
+}
+
+export interface TaskReport {
+  task: string;
+  /** What it does, in words. */
+  phase: string | null;
+  /** A frame that it controls, and the set-point of it. */
+  frame?: Pose;
+  target?: Pose;
+  /** Forces that a grasp aims at, on the object. */
+  forces?: Vec[];
+  /** Directions of the contacts, into the object, and the friction there. */
+  normals?: Vec[];
+  friction?: number;
+  /** Further numbers with their names and units. */
+  values: [string, number, string][];
+}
+
+export interface Fault {
+  text: string;
+  title: string;
+  likely: string;
+  remedy: string;
+}
+
+export interface Status {
+  kind: "status";
+  port: string;
+  firmware: string;
+  supply: number;
+  homed: boolean[];
+  /** Who commands the board. */
+  commander: "nobody" | "you" | "page" | "program";
+  /** Files with which the page may enable a task. */
+  /** What falls without power. */
+  falls: string | null;
+  plans: { task: string; name: string }[];
+  faults: Fault[];
+  /** Why there is nothing to see, if so. */
+  trouble: string | null;
+}
+
+export type FromServer =
+  | { kind: "scene"; scene: Scene | null }
+  | State
+  | Status
+  | { kind: "answer"; ok: boolean; text: string };
