@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use super::Node;
 use super::force_sensor::ForceSensorState;
 use super::handle::joints;
+use super::joint::Situation;
 use super::state::State;
+use super::tick::weight;
 use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
@@ -214,17 +216,22 @@ impl Node {
     pub(super) fn check_control(&mut self) -> Option<Fault> {
         let enabled = matches!(self.state.mode, Mode::Enabled(_));
         if !enabled {
-            let gained = if self.is_stopping() { self.check_stop_energy() } else { None };
-            if gained.is_some() || !self.is_holding() {
-                return gained;
+            let found = if self.is_stopping() { self.check_stop() } else { None };
+            if found.is_some() || !self.is_holding() {
+                return found;
             }
         }
         let robot = self.robot.loaded()?;
-        let (tick, actuation) = (self.state.tick, self.state.targets.actuation);
+        let tick = self.state.tick;
+        let mut resists = false;
         for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_control(actuation) {
+            if let Some((cause, value, limit)) = joint.check_control() {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
+            resists |= joint.resists();
+        }
+        if resists && let Some(fault) = check_encoders(robot, &mut self.state) {
+            return Some(fault);
         }
         if !enabled {
             return None;
@@ -288,6 +295,27 @@ impl Node {
             &gravity,
         )
     }
+}
+
+/// Checks the encoders of joints that stand still while their efforts grow.
+#[cold]
+#[inline(never)]
+fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
+    let tick = state.tick;
+    let accelerates = matches!(state.targets.actuation, Actuation::Acceleration { .. });
+    // Servos that stop may press: a hand keeps its object.
+    let situation = Situation { stops: accelerates && state.mode == Mode::Fault, accelerates };
+    let mut all = joints(robot, state);
+    let weight = weight(&all);
+    for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
+        if joint.resists()
+            && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)
+            && let Some((cause, value, limit)) = joint.check_encoder(effort, excess, situation)
+        {
+            return Some(Fault { cause, joint: Some(index), value, limit, tick });
+        }
+    }
+    None
 }
 
 /// Checks the measurements of all joints. Returns the worst fault.

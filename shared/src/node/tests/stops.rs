@@ -53,10 +53,7 @@ fn a_stop_while_streaming_brakes_within_the_joint_limits() {
 
 #[test]
 fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_most() {
-    // A slow reference lets the effort grow; a fast one leaves the joint first.
-    for (speed, cause, reaction) in
-        [(2.0, FaultCause::EncoderStuck, Reaction::Off), (4.0, FaultCause::FollowingError, Reaction::Damp)]
-    {
+    for speed in [2.0, 4.0] {
         let mut model = model();
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::enabled(&model);
@@ -74,8 +71,8 @@ fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_mos
             assert!(beyond_friction <= 3, "{effort}");
         }
         let fault = rig.node.faults().faults.last().unwrap();
-        assert_eq!((fault.cause, fault.joint, rig.node.state.reaction), (cause, Some(2), reaction));
-        assert_eq!(rig.node.faults().total, 2);
+        assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
+        assert_eq!((rig.node.faults().total, rig.node.state.reaction), (2, Reaction::Off));
     }
 }
 
