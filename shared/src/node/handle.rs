@@ -224,14 +224,16 @@ impl Node {
         }
     }
 
+    /// Stops the robot. Also with the outputs off this is a fault: whoever is about to enable them does not know of it.
     fn stop(&mut self) {
-        self.fail(Fault {
-            cause: FaultCause::Stop,
-            joint: None,
-            value: 0.0,
-            limit: 0.0,
-            tick: self.state.tick,
-        });
+        let tick = self.state.tick;
+        let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
+        if self.state.mode == Mode::Disabled && self.robot.loaded().is_some() {
+            self.state.faults.record(fault);
+            (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
+        } else {
+            self.fail(fault);
+        }
     }
 
     fn require_disabled(&self) -> Result<(), Refusal> {

@@ -283,8 +283,25 @@ fn an_enable_that_a_disable_or_a_stop_overtook_enables_nothing() {
         let latest = rig.sequence;
         assert_eq!(refusal(rig.send(7, late, enable)), Refusal::Stale { latest });
         assert!(!rig.tick().enabled);
+        if overtaking == Request::Stop {
+            rig.clear_faults();
+        }
         assert_eq!(rig.enable(), Reply::Done, "a new request");
     }
+}
+
+#[test]
+fn a_stop_of_a_disabled_board_by_another_client_is_known_before_it_is_enabled() {
+    let mut rig = Rig::ready(&model());
+    assert_eq!(rig.send(99, 1, Request::Stop), Reply::Done);
+    assert_eq!(refusal(rig.enable()), Refusal::WrongMode(Mode::Fault));
+    assert!(!rig.tick().enabled);
+    assert_eq!(rig.node.faults().faults.last().unwrap().cause, FaultCause::Stop);
+    // A second one is no second fault.
+    assert_eq!(rig.send(99, 2, Request::Stop), Reply::Done);
+    assert_eq!(rig.node.faults().total, 1);
+    rig.clear_faults();
+    assert_eq!(rig.enable(), Reply::Done);
 }
 
 #[test]
