@@ -59,6 +59,8 @@ pub(super) struct Situation {
     pub stops: bool,
     /// The efforts are those of accelerations, without weight and contact forces.
     pub accelerates: bool,
+    /// The force sensor of the joint's chain reads a contact, which may hold the joint.
+    pub presses: bool,
 }
 
 /// Configuration, state and targets of one joint.
@@ -336,7 +338,14 @@ impl Joint<'_> {
         let (config, state) = (self.config, &mut *self.state);
         let grown = effort - state.moving_effort;
         let moved = abs(state.last_change) >= config.moving;
-        let growth = if moved || situation.stops { config.growth } else { config.held_growth };
+        let growth = if situation.presses {
+            // Forces that are fed forward are balanced with an error of their own.
+            if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
+        } else if moved || situation.stops {
+            config.growth
+        } else {
+            config.held_growth
+        };
         let limit = if situation.stops { config.stop_excess } else { config.excess };
         let moves = abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
         let accelerates = situation.accelerates && abs(grown) > config.accelerating_growth;
@@ -352,7 +361,7 @@ impl Joint<'_> {
             (state.last_change, state.moving_effort, state.unchanged) = (state.change, excess, 0);
             return None;
         }
-        self.check_encoder(excess, excess, Situation { stops: true, accelerates: false })
+        self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false` for

@@ -19,6 +19,9 @@ use crate::task::Halt;
 /// A stop begins anew after missed ticks so many times; then the robot is damped.
 const MAX_RESTARTS: u8 = 10;
 
+/// Share of the force limit of a sensor above which it reads a contact.
+const CONTACT_SHARE: f32 = 0.02;
+
 /// A fault of the sensors: joint, cause, value, limit.
 type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
 
@@ -304,10 +307,13 @@ fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
     let tick = state.tick;
     let accelerates = matches!(state.targets.actuation, Actuation::Acceleration { .. });
     // Servos that stop may press: a hand keeps its object.
-    let situation = Situation { stops: accelerates && state.mode == Mode::Fault, accelerates };
+    let stops = accelerates && state.mode == Mode::Fault;
+    let pressing = pressing(robot, &state.measured);
     let mut all = joints(robot, state);
     let weight = weight(&all);
     for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
+        let presses = !accelerates && pressing >> index & 1 != 0;
+        let situation = Situation { stops, accelerates, presses };
         if joint.resists()
             && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)
             && let Some((cause, value, limit)) = joint.check_encoder(effort, excess, situation)
@@ -316,6 +322,21 @@ fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
         }
     }
     None
+}
+
+/// The joints of the chains whose force sensors read a contact, one bit each.
+#[cold]
+fn pressing(robot: &Robot, measured: &Measured) -> u16 {
+    let chains = robot.chains().iter().zip(&robot.model().chains).zip(&measured.wrenches);
+    let mut joints = 0;
+    for (index, ((config, chain), &[x, y, z, ..])) in chains.enumerate() {
+        let Some(sensor) = chain.force_sensor.as_ref().filter(|_| measured.is_tared(index)) else { continue };
+        let contact = CONTACT_SHARE * sensor.force_limit;
+        if x * x + y * y + z * z > contact * contact {
+            config.joints().for_each(|joint| joints |= 1 << joint);
+        }
+    }
+    joints
 }
 
 /// Checks the measurements of all joints. Returns the worst fault.
