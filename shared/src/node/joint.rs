@@ -343,6 +343,9 @@ impl Joint<'_> {
             if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
         } else if moved || situation.stops {
             config.growth
+        } else if state.last_change == 0.0 {
+            // It has not moved since it was enabled: what holds it is not known.
+            config.breakaway
         } else {
             config.held_growth
         };
@@ -350,8 +353,13 @@ impl Joint<'_> {
         let moves = abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
         let accelerates = situation.accelerates && abs(grown) > config.accelerating_growth;
         state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
-        let found = if moves { (excess, limit) } else { (grown, config.accelerating_growth) };
-        (state.unchanged >= STUCK_TICKS).then_some((FaultCause::EncoderStuck, found.0, found.1))
+        // Accelerations are noisy: one tick more.
+        let (ticks, value, limit) = if moves {
+            (STUCK_TICKS, excess, limit)
+        } else {
+            (STUCK_TICKS + 1, grown, config.accelerating_growth)
+        };
+        (state.unchanged >= ticks).then_some((FaultCause::EncoderStuck, value, limit))
     }
 
     /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
