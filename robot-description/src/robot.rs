@@ -3,6 +3,7 @@
 
 mod build;
 mod chain;
+mod limits;
 mod plausible;
 pub(crate) mod settings;
 pub(crate) mod tree;
@@ -12,6 +13,7 @@ use std::path::{Path, PathBuf};
 use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
+pub use limits::{ImplausibleLimit, implausible_limits};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
 use crate::file::read_text;

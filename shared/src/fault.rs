@@ -170,7 +170,7 @@ impl FaultCause {
             Self::ToolPositionError => "the tool is too far from its set-point",
             Self::ToolOrientationError => "the tool is rotated too far from its set-point",
             Self::ForceMismatch => {
-                "pushed by what its force sensor does not see: sensor wrong, or a link touched"
+                "pushed by what its force sensor does not see: sensor wrong, a link touched, or a joint at its stop"
             }
             Self::EnergyGained => {
                 "drove the robot that was to stop: encoder or drive wrong, or its load is gone"

@@ -27,8 +27,8 @@ const FORCE_RISE: f64 = 1.05;
 const BEFORE: usize = 20;
 /// Above this force there is a contact [N].
 const CONTACT: f64 = 1.0;
-/// A dead encoder is detectable after this many ticks, and after as many more its joint is pushed no more. So is
-/// an encoder that lies otherwise, or a drive that does not what it is told, by the motion that follows.
+/// Ticks in which a joint with a dead encoder may be pushed. An encoder that lies otherwise, or a drive that does not
+/// what it is told, is found by the motion that follows, in twice this time.
 const STUCK_TICKS: u32 = 3;
 /// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
 const FADING_TICKS: u32 = 2;
@@ -294,8 +294,8 @@ impl Oracle {
         }
     }
 
-    /// A dead encoder is detectable when the joint moves and its count does not, for three ticks under a
-    /// torque that moves it.
+    /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves it.
+    /// One against the motion takes energy out of it: something else moves the joint.
     fn check_encoders(&mut self, sample: &Sample) {
         let Some(before) = self.before.back() else { return };
         let mut found = Vec::new();
@@ -308,13 +308,17 @@ impl Oracle {
                 continue;
             };
             let excess = f64::from(torque) - weight;
-            let breakaway = f64::from(2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque)
-                + WEIGHT_ERROR * weight.abs();
+            let coulomb = self.machine.coulomb.get(index).copied().unwrap_or_default();
+            let breakaway =
+                2.0 * coulomb + 0.1 * f64::from(joint.limits.torque) + WEIGHT_ERROR * weight.abs();
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
-            let dead = was_read == Some(read) && moved && sample.enabled && excess.abs() > breakaway;
+            let ends =
+                [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
+            let pushed = excess.abs() > breakaway && excess * (ends[0] - ends[1]) > 0.0;
+            let dead = was_read == Some(read) && moved && sample.enabled && pushed;
             if let Some(ticks) = self.stuck.get_mut(index) {
                 *ticks = if dead { *ticks + 1 } else { 0 };
-                if *ticks > 2 * STUCK_TICKS {
+                if *ticks > STUCK_TICKS {
                     found.push(format!(
                         "{}: {excess:.3} N·m beyond its weight for {ticks} ticks, its count stands at {read}",
                         joint.name

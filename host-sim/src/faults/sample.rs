@@ -102,6 +102,8 @@ pub struct Machine {
     pub model: RobotModel,
     /// True end stops [rad].
     pub stops: Vec<Option<[f64; 2]>>,
+    /// True Coulomb friction of the joints [N·m].
+    pub coulomb: Vec<f64>,
     /// Mass of all links [kg].
     pub mass: f64,
     /// Noise of a contact force [N].

@@ -62,6 +62,7 @@ impl Intervention for SharedRig {
         let machine = Machine {
             model: rig.model.clone(),
             stops: plant.stops(),
+            coulomb: plant.coulomb_frictions(),
             mass: plant.mass(),
             force_noise: noise.map_or(1.0, |(_, noise)| *noise),
         };

@@ -25,7 +25,8 @@ fn robots() -> &'static Path {
 fn oracle() -> Oracle {
     let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
     let stops = model.joints.iter().map(|_| Some([-1.0, 1.0])).collect();
-    let mut oracle = Oracle::new(Machine { model, stops, mass: 0.5, force_noise: 0.5 });
+    let coulomb = model.joints.iter().map(|joint| joint.friction.coulomb.into()).collect();
+    let mut oracle = Oracle::new(Machine { model, stops, coulomb, mass: 0.5, force_noise: 0.5 });
     oracle.reply(1, 1, &Request::TakeCommand { by_force: false }, &Reply::Done, 0);
     oracle.reply(1, 2, &enable(), &Reply::Done, 0);
     oracle
@@ -189,16 +190,21 @@ fn a_lost_cause_is_unsafe() {
 
 #[test]
 fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
-    let mut oracle = oracle();
-    for tick in 0..12_u8 {
-        let mut dead = sample(tick.into(), ENABLED, true);
-        dead.torques[2] = 0.4;
-        // The truth moves, what is read does not.
-        dead.counts[1][2] = 50 * i32::from(tick);
-        oracle.tick(dead);
-    }
-    let found = broken(&oracle);
-    assert!(found.contains(&(Rule::DeadEncoder, 7)), "{found:?}");
+    let found = |motion: f64| {
+        let mut oracle = oracle();
+        for tick in 0..12_u8 {
+            let mut dead = sample(tick.into(), ENABLED, true);
+            dead.torques[2] = 0.4;
+            // The truth moves, what is read does not.
+            dead.counts[1][2] = 50 * i32::from(tick);
+            dead.positions[2] = motion * f64::from(tick);
+            oracle.tick(dead);
+        }
+        broken(&oracle)
+    };
+    assert!(found(5e-3).contains(&(Rule::DeadEncoder, 4)), "{:?}", found(5e-3));
+    // Something else moves it, against its torque.
+    assert!(!found(-5e-3).iter().any(|(rule, _)| *rule == Rule::DeadEncoder));
 }
 
 #[test]

@@ -75,6 +75,11 @@ impl Plant {
         in_drive_order(&self.drive_of, self.world.weight_torques().into_iter())
     }
 
+    /// The true Coulomb friction of the joints [N·m].
+    pub fn coulomb_frictions(&self) -> Vec<f64> {
+        in_drive_order(&self.drive_of, self.world.coulomb_frictions())
+    }
+
     /// Mass of all moving links [kg].
     pub fn mass(&self) -> f64 {
         self.world.inertials().map(|(inertial, _)| inertial.mass).sum()

@@ -200,6 +200,17 @@ impl World {
         }
     }
 
+    /// Coulomb friction of the joints [N·m].
+    pub fn coulomb_frictions(&self) -> impl Iterator<Item = f64> {
+        self.joints
+            .iter()
+            .map(|joint| {
+                let (chain, link) = self.physics.multibody_joints.get(joint.handle)?;
+                chain.frictions().get(first_dof(chain, link)?).copied()
+            })
+            .map(|friction| friction.map_or(0.0, f64::from))
+    }
+
     /// One sub-step under the given motor torques [N·m].
     pub fn step(&mut self, torques: impl Iterator<Item = f64>) {
         let of_linkages = self.linkage_torques();

@@ -7,6 +7,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{ChainModel, JointModel, Pose, RobotModel};
 
 use super::RobotFolder;
+use super::limits::{ImplausibleLimit, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::load::{JointLoad, gravity_torques, joint_loads};
@@ -65,6 +66,9 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
     for (chain, range) in folder.model.chains.iter().zip(folder.model.chain_ranges()) {
         let joints = folder.model.joints.get(range).unwrap_or_default();
         of_chain(chain, joints, &folder.model.gravity, start.as_ref(), &mut reports);
+    }
+    for limit in implausible_limits(&folder.model) {
+        of_limit(&folder.model, limit, &mut reports);
     }
     links(&folder.urdf, &mut reports.urdf);
     if plant.is_some() {
@@ -228,6 +232,15 @@ fn key(joint: &JointModel) -> String {
 
 fn torque_limit(joint: &JointModel) -> f32 {
     joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
+}
+
+/// A limit that protects nothing, or is a fault at once.
+fn of_limit(model: &RobotModel, limit: ImplausibleLimit, reports: &mut Reports<'_>) {
+    let ImplausibleLimit { joint, key, message, advice } = limit;
+    match joint.and_then(|joint| model.joints.get(joint)) {
+        Some(joint) => reports.error(joint, reports.line(joint, key), message, advice),
+        None => reports.settings.dynamics(line_of(reports.text, key), message, advice),
+    }
 }
 
 /// A rotor that accelerates faster than any.

@@ -163,8 +163,13 @@ impl Node {
         configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
     ) -> Result<(), Refusal> {
         self.require_disabled()?;
-        let Committed { checksum, same_encoders } = self.transfer.commit(&mut self.robot, configure)?;
+        let Committed { checksum, same_encoders, others } =
+            self.transfer.commit(&mut self.robot, configure)?;
         self.model_checksum = checksum;
+        // By its number, a fault of before would be told of another joint.
+        for fault in &mut self.state.faults.faults {
+            fault.joint = fault.joint.filter(|&joint| others.checked_shr(joint.into()).unwrap_or(0) & 1 == 0);
+        }
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
             *state = state.configured(config, same_encoders >> index & 1 != 0);
         }
@@ -224,14 +229,16 @@ impl Node {
         }
     }
 
+    /// Stops the robot. Also with the outputs off this is a fault: whoever is about to enable them does not know of it.
     fn stop(&mut self) {
-        self.fail(Fault {
-            cause: FaultCause::Stop,
-            joint: None,
-            value: 0.0,
-            limit: 0.0,
-            tick: self.state.tick,
-        });
+        let tick = self.state.tick;
+        let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
+        if self.state.mode == Mode::Disabled && self.robot.loaded().is_some() {
+            self.state.faults.record(fault);
+            (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
+        } else {
+            self.fail(fault);
+        }
     }
 
     fn require_disabled(&self) -> Result<(), Refusal> {

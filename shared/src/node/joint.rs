@@ -6,15 +6,13 @@ use crate::control::{JointPoint, JointServoState, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
-use crate::robot::{Actuation, Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+use crate::robot::{Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// Ticks without a change of the angle, under a torque that overcomes stiction, after which the encoder is
-/// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
-const STUCK_TICKS: u16 = 3;
-/// Of the effort that overcomes stiction, by which the effort has changed since the angle did when the encoder is dead.
-const GROWN: f32 = 0.25;
+/// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is stuck. More
+/// ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
+const STUCK_TICKS: u8 = 2;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -39,10 +37,12 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Effort when the angle last changed [N·m].
+    /// The last change of the angle in a tick [rad], and the effort then; of a damped joint, the torque beyond
+    /// the weight [N·m].
+    last_change: f32,
     moving_effort: f32,
-    /// Ticks in a row without a change under an effort that overcomes stiction.
-    unchanged: u16,
+    /// Ticks in a row without a change under a torque that moves the joint.
+    unchanged: u8,
     /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so against
     /// its effort.
     gained_in: u32,
@@ -50,6 +50,17 @@ pub(super) struct JointState {
     /// How far the joint has been lifted against its weight since a stop began [rad].
     pub rise: f32,
     pub servo: JointServoState,
+}
+
+/// What a standing joint's effort is judged by.
+#[derive(Clone, Copy)]
+pub(super) struct Situation {
+    /// The robot is brought to rest, and nothing has to press.
+    pub stops: bool,
+    /// The efforts are those of accelerations, without weight and contact forces.
+    pub accelerates: bool,
+    /// The force sensor of the joint's chain reads a contact, which may hold the joint.
+    pub presses: bool,
 }
 
 /// Configuration, state and targets of one joint.
@@ -119,6 +130,7 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
+            last_change: 0.0,
             moving_effort: 0.0,
             unchanged: 0,
             gained_in: 0,
@@ -131,7 +143,7 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u16::MAX, gained_in: u32::MAX, ..Self::new() }
+        Self { zero: i32::MIN, count: i32::MIN, unchanged: u8::MAX, gained_in: u32::MAX, ..Self::new() }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -292,32 +304,72 @@ impl Joint<'_> {
 
     /// Checks the control. Returns a fault: cause, value, limit.
     #[inline]
-    pub fn check_control(&mut self, actuation: Actuation) -> Option<(FaultCause, f32, f32)> {
-        let (config, state) = (self.config, &mut *self.state);
+    pub fn check_control(&self) -> Option<(FaultCause, f32, f32)> {
         let error = self.reference.position - *self.position;
-        if abs(error) > config.limits.following_error {
-            return Some((FaultCause::FollowingError, error, config.limits.following_error));
-        }
-        if state.change != 0.0 {
-            (state.moving_effort, state.unchanged) = (state.effort, 0);
-            return None;
-        }
-        // A contact force, or errors of the model, may balance the effort: what counts is its change.
-        let (effort, breakaway) = match actuation {
-            Actuation::Acceleration { .. } => (state.effort - state.moving_effort, 2.0 * config.stiction),
-            _ if self.target.feedforward != 0.0 => {
-                (state.effort - state.moving_effort, 2.0 * config.breakaway)
-            }
-            _ => (state.effort, config.breakaway),
-        };
-        // An error of the model may hold the joint where it stands: the effort has grown since.
-        let is_driven =
-            abs(effort) > breakaway && abs(state.effort - state.moving_effort) > GROWN * breakaway;
-        state.unchanged = if is_driven { state.unchanged.saturating_add(1) } else { 0 };
-        if state.unchanged >= STUCK_TICKS {
-            return Some((FaultCause::EncoderStuck, effort, breakaway));
+        let limit = self.config.limits.following_error;
+        if abs(error) > limit {
+            return Some((FaultCause::FollowingError, error, limit));
         }
         None
+    }
+
+    /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or an
+    /// error of the model, may balance an effort, but not its growth: what it presses on yields by some counts.
+    #[inline]
+    pub fn resists(&mut self) -> bool {
+        let (config, state) = (self.config, &mut *self.state);
+        if state.change != 0.0 {
+            (state.last_change, state.moving_effort) = (state.change, state.effort);
+        } else if abs(state.effort - state.moving_effort) > config.least_growth {
+            return true;
+        }
+        state.unchanged = 0;
+        false
+    }
+
+    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was `excess` beyond
+    /// the weight [N·m]. Returns a fault: cause, value, limit.
+    pub fn check_encoder(
+        &mut self,
+        effort: f32,
+        excess: f32,
+        situation: Situation,
+    ) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &mut *self.state);
+        let grown = effort - state.moving_effort;
+        let moved = abs(state.last_change) >= config.moving;
+        let growth = if situation.presses {
+            // Forces that are fed forward are balanced with an error of their own.
+            if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
+        } else if moved || situation.stops {
+            config.growth
+        } else if state.last_change == 0.0 {
+            // It has not moved since it was enabled: what holds it is not known.
+            config.breakaway
+        } else {
+            config.held_growth
+        };
+        let limit = if situation.stops { config.stop_excess } else { config.excess };
+        let moves = abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
+        let accelerates = situation.accelerates && abs(grown) > config.accelerating_growth;
+        state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
+        // Accelerations are noisy: one tick more.
+        let (ticks, value, limit) = if moves {
+            (STUCK_TICKS, excess, limit)
+        } else {
+            (STUCK_TICKS + 1, grown, config.accelerating_growth)
+        };
+        (state.unchanged >= ticks).then_some((FaultCause::EncoderStuck, value, limit))
+    }
+
+    /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
+    pub fn check_damped_encoder(&mut self, excess: f32) -> Option<(FaultCause, f32, f32)> {
+        let state = &mut *self.state;
+        if state.change != 0.0 {
+            (state.last_change, state.moving_effort, state.unchanged) = (state.change, excess, 0);
+            return None;
+        }
+        self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false` for
@@ -421,6 +473,11 @@ impl Joint<'_> {
     /// together it is `driving` the robot. When damping `begins`, the feed-forward becomes what the torque has
     /// balanced so far, such as a contact force; of torques that were `driving` the robot, nothing.
     pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
+        if begins {
+            // What the effort has grown by so far goes on as torque beyond the weight.
+            let state = &mut *self.state;
+            state.moving_effort += state.torque - gravity - state.effort;
+        }
         let gravity = self.state.borne_weight() * gravity;
         if begins && driving {
             self.target.feedforward = 0.0;
@@ -444,7 +501,8 @@ impl Joint<'_> {
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
         state.servo.restart_under_torque(position);
-        (state.effort, state.unchanged, state.running_away) = (0.0, 0, 0);
+        (state.effort, state.last_change, state.moving_effort) = (0.0, 0.0, 0.0);
+        (state.unchanged, state.running_away) = (0, 0);
     }
 
     /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps

@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use super::Node;
 use super::force_sensor::ForceSensorState;
 use super::handle::joints;
+use super::joint::Situation;
 use super::state::State;
+use super::tick::weight;
 use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
@@ -16,6 +18,9 @@ use crate::task::Halt;
 
 /// A stop begins anew after missed ticks so many times; then the robot is damped.
 const MAX_RESTARTS: u8 = 10;
+
+/// Share of the force limit of a sensor above which it reads a contact.
+const CONTACT_SHARE: f32 = 0.02;
 
 /// A fault of the sensors: joint, cause, value, limit.
 type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
@@ -214,17 +219,22 @@ impl Node {
     pub(super) fn check_control(&mut self) -> Option<Fault> {
         let enabled = matches!(self.state.mode, Mode::Enabled(_));
         if !enabled {
-            let gained = if self.is_stopping() { self.check_stop_energy() } else { None };
-            if gained.is_some() || !self.is_holding() {
-                return gained;
+            let found = if self.is_stopping() { self.check_stop() } else { None };
+            if found.is_some() || !self.is_holding() {
+                return found;
             }
         }
         let robot = self.robot.loaded()?;
-        let (tick, actuation) = (self.state.tick, self.state.targets.actuation);
+        let tick = self.state.tick;
+        let mut resists = false;
         for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_control(actuation) {
+            if let Some((cause, value, limit)) = joint.check_control() {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
+            resists |= joint.resists();
+        }
+        if resists && let Some(fault) = check_encoders(robot, &mut self.state) {
+            return Some(fault);
         }
         if !enabled {
             return None;
@@ -288,6 +298,45 @@ impl Node {
             &gravity,
         )
     }
+}
+
+/// Checks the encoders of joints that stand still while their efforts grow.
+#[cold]
+#[inline(never)]
+fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
+    let tick = state.tick;
+    let accelerates = matches!(state.targets.actuation, Actuation::Acceleration { .. });
+    // Servos that stop may press: a hand keeps its object.
+    let stops = accelerates && state.mode == Mode::Fault;
+    let pressing = pressing(robot, &state.measured);
+    let mut all = joints(robot, state);
+    let weight = weight(&all);
+    for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
+        let presses = !accelerates && pressing >> index & 1 != 0;
+        let situation = Situation { stops, accelerates, presses };
+        if joint.resists()
+            && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)
+            && let Some((cause, value, limit)) = joint.check_encoder(effort, excess, situation)
+        {
+            return Some(Fault { cause, joint: Some(index), value, limit, tick });
+        }
+    }
+    None
+}
+
+/// The joints of the chains whose force sensors read a contact, one bit each.
+#[cold]
+fn pressing(robot: &Robot, measured: &Measured) -> u16 {
+    let chains = robot.chains().iter().zip(&robot.model().chains).zip(&measured.wrenches);
+    let mut joints = 0;
+    for (index, ((config, chain), &[x, y, z, ..])) in chains.enumerate() {
+        let Some(sensor) = chain.force_sensor.as_ref().filter(|_| measured.is_tared(index)) else { continue };
+        let contact = CONTACT_SHARE * sensor.force_limit;
+        if x * x + y * y + z * z > contact * contact {
+            config.joints().for_each(|joint| joints |= 1 << joint);
+        }
+    }
+    joints
 }
 
 /// Checks the measurements of all joints. Returns the worst fault.

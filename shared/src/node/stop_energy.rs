@@ -31,7 +31,7 @@ const MEMORY: f32 = 0.996;
 /// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct StopEnergy {
-    work: f32,
+    pub work: f32,
     allowed: f32,
 }
 
@@ -41,7 +41,7 @@ impl StopEnergy {
 
 impl Node {
     /// Energy that is tolerated at any time [J].
-    fn tolerated_energy(&self) -> f32 {
+    pub(super) fn tolerated_energy(&self) -> f32 {
         0.5 * self.robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED
     }
 
@@ -73,21 +73,27 @@ impl Node {
         self.state.stop_energy = StopEnergy { work: 0.0, allowed };
     }
 
-    /// Adds the work of the drives in the last period of a stop. Returns a fault when it exceeds what is allowed.
+    /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints. Returns a
+    /// fault when the work exceeds what is allowed, or when an encoder is dead.
     #[cold]
     #[inline(never)]
-    pub(super) fn check_stop_energy(&mut self) -> Option<Fault> {
+    pub(super) fn check_stop(&mut self) -> Option<Fault> {
         let tolerated = self.tolerated_energy();
         let damps = self.state.reaction == Reaction::Damp;
+        let tick = self.state.tick;
         let mut all = joints(&self.robot, &mut self.state);
         let weight = weight(&all);
         let [mut work, mut allowed] = [0.0; 2];
         let (mut hardest, mut largest) = (0, 0.0);
-        for (index, (joint, weight)) in (0..).zip(all.each().zip(weight)) {
+        for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
+            let excess = joint.state.torque - weight;
+            if damps && let Some((cause, value, limit)) = joint.check_damped_encoder(excess) {
+                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            }
             let moved = joint.state.change;
             joint.state.rise += if weight > 0.0 { moved } else { -moved };
             let unborne = if damps { 1.0 - joint.state.borne_weight() } else { 0.0 };
-            let own = (joint.state.torque - weight) * moved;
+            let own = excess * moved;
             work += own;
             // What damping does not bear lets the robot sink.
             allowed += WEIGHT_ERROR * abs(weight * moved)
@@ -101,13 +107,7 @@ impl Node {
         energy.work = MEMORY * energy.work + work;
         energy.allowed = tolerated + MEMORY * (energy.allowed - tolerated) + allowed;
         let (value, limit) = (energy.work, energy.allowed);
-        let fault = Fault {
-            cause: FaultCause::EnergyGained,
-            joint: Some(hardest),
-            value,
-            limit,
-            tick: self.state.tick,
-        };
+        let fault = Fault { cause: FaultCause::EnergyGained, joint: Some(hardest), value, limit, tick };
         (value > limit).then_some(fault)
     }
 }

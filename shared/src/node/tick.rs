@@ -12,8 +12,10 @@ use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
 /// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed [m/s]. Below
-/// it the robot may be coming to rest in a contact.
+/// it the robot may be coming to rest in a contact, unless they have brought in a share of the energy that is tolerated
+/// in a stop.
 const DRIVEN_SPEED: f32 = 0.2;
+const DRIVEN_SHARE: f32 = 0.5;
 
 /// Time in which the servos learn the disturbance of a stop [ticks].
 const SETTLING_TICKS: u32 = 30;
@@ -139,6 +141,7 @@ impl Node {
         let begins = !core::mem::replace(&mut self.state.damped, true);
         let drove =
             self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
+        let has_driven = self.state.stop_energy.work > DRIVEN_SHARE * self.tolerated_energy();
         let mut all = joints(robot, &mut self.state);
         let [mut power, mut energy] = [0.0; 2];
         for joint in all.each() {
@@ -147,7 +150,7 @@ impl Node {
             energy += 0.5 * joint.config.inertia * velocity * velocity;
         }
         let moves = energy > 0.5 * robot.mass() * DRIVEN_SPEED * DRIVEN_SPEED;
-        let driving = if begins { drove } else { power > 0.0 && moves };
+        let driving = if begins { drove } else { power > 0.0 && (moves || has_driven) };
         let weight = weight(&all);
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }

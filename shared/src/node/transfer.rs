@@ -63,12 +63,14 @@ impl Transfer {
         }
         match postcard::take_from_bytes::<RobotModel>(&self.bytes) {
             Ok((model, [])) => {
-                let mut same_encoders = 0;
-                for (index, (old, new)) in robot.model().joints.iter().zip(&model.joints).enumerate() {
-                    same_encoders |= u16::from(old.name == new.name && old.encoder == new.encoder) << index;
+                let (mut same_encoders, mut others) = (0, 0);
+                for (index, old) in robot.model().joints.iter().enumerate() {
+                    let new = model.joints.get(index).filter(|new| new.name == old.name);
+                    others |= u16::from(new.is_none()) << index;
+                    same_encoders |= u16::from(new.is_some_and(|new| new.encoder == old.encoder)) << index;
                 }
                 robot.configure_on(&model, board).map_err(Refusal::Model)?;
-                Ok(Committed { checksum: received, same_encoders })
+                Ok(Committed { checksum: received, same_encoders, others })
             }
             _ => Err(Refusal::ModelUnreadable { length, limit: MAX_MODEL as u32 }),
         }
@@ -81,4 +83,6 @@ pub(super) struct Committed {
     pub checksum: u32,
     /// Bit `i` is set when name and encoder of joint `i` are unchanged.
     pub same_encoders: u16,
+    /// Bit `i` is set when the model before had another joint `i`.
+    pub others: u16,
 }

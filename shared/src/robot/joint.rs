@@ -52,20 +52,44 @@ pub struct JointConfig {
     pub(crate) damping: f32,
     /// Inertia about the axis [kg·m²].
     pub(crate) inertia: f32,
-    /// Torque that overcomes stiction, and effort of a servo, whose feed-forward has errors, that does [N·m].
-    pub(crate) stiction: f32,
+    /// Effort of a servo, whose feed-forward has errors, that overcomes stiction [N·m].
     pub(crate) breakaway: f32,
+    /// The encoder of a joint that stands still is dead when the torque beyond the weight is larger than `excess`, and
+    /// the effort has grown by more than `growth` if the joint moved before, by more than `held_growth` if not; or by
+    /// more than `accelerating_growth` if it is that of an acceleration, without weight and contact [N·m]. A stop in
+    /// which nothing has to press has the smaller `stop_excess`.
+    pub(crate) excess: f32,
+    pub(crate) stop_excess: f32,
+    pub(crate) growth: f32,
+    pub(crate) held_growth: f32,
+    pub(crate) accelerating_growth: f32,
+    /// The least of them.
+    pub(crate) least_growth: f32,
+    /// The change of the angle per tick of a joint that moves [rad].
+    pub(crate) moving: f32,
     /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle per
     /// tick of one that does [rad].
     pub(crate) deviation: f32,
     pub(crate) fast: f32,
 }
 
+/// Shares of the torque limit beyond twice the Coulomb friction, from which on a torque beyond the weight, and the
+/// growth of one, move a joint whatever the errors of the model. Smaller ones find a dead encoder sooner, and
+/// mistake a grip for it: `docs/fault-schedules.md` has the trade.
+const EXCESS_SHARE: f32 = 0.08;
+const GROWTH_SHARE: f32 = 0.015;
+const HELD_GROWTH_SHARE: f32 = 0.05;
+/// A joint moves when its angle changes by so much per tick [counts]. Slower ones may come to rest in a grip.
+const MOVING_COUNTS: f32 = 8.0;
+
 impl JointConfig {
     /// `damping` is that of the robot after a fault [N·m·s/rad].
     pub(super) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
+        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * joint.limits.torque;
+        let growth = beyond_friction(GROWTH_SHARE);
+        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * joint.limits.torque;
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
             inertia: 1.0 / servo.acceleration(1.0),
@@ -79,8 +103,14 @@ impl JointConfig {
             max_angle: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
-            stiction: 5.0 * joint.friction.coulomb + 0.005 * joint.limits.torque,
-            breakaway: 2.0 * joint.friction.coulomb + 0.1 * joint.limits.torque,
+            breakaway: beyond_friction(0.1),
+            excess: beyond_friction(EXCESS_SHARE),
+            stop_excess: beyond_friction(0.5 * EXCESS_SHARE),
+            growth,
+            held_growth: beyond_friction(HELD_GROWTH_SHARE),
+            accelerating_growth,
+            least_growth: growth.min(accelerating_growth),
+            moving: MOVING_COUNTS * radians_per_count,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }

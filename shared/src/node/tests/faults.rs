@@ -28,7 +28,8 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     rig.tick();
     let fault = rig.tick_until_fault([0.0, 0.0, 0.19], 400);
     assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)));
-    assert!(fault.value > fault.limit && (fault.limit - 0.1).abs() < 1e-6, "{fault:?}");
+    // Twice the friction of 0.02 N·m and 8 % of 0.6 N·m.
+    assert!(fault.value > fault.limit && (fault.limit - 0.088).abs() < 1e-6, "{fault:?}");
     assert!(!rig.tick().enabled);
 }
 

@@ -39,6 +39,33 @@ fn invalid_models_are_refused_by_joint_and_field() {
 }
 
 #[test]
+fn a_fault_of_before_a_push_is_not_told_of_another_joint() {
+    let mut rig = Rig::enabled(&model());
+    rig.sensors.encoders[2] += 10_000;
+    rig.tick();
+    let joint = |rig: &Rig| rig.node.faults().faults.last().unwrap().joint;
+    rig.clear_faults();
+    let mut stiffer = model();
+    stiffer.joints[2].limits.velocity = 5.0;
+    assert_eq!(rig.push(&stiffer), Reply::Done);
+    assert_eq!(joint(&rig), Some(2), "the same joints");
+    let mut other = model();
+    other.joints[2].name = "another".try_into().unwrap();
+    assert_eq!(rig.push(&other), Reply::Done);
+    assert_eq!((joint(&rig), rig.node.faults().total), (None, 1));
+    // After a reset nobody knows the model of before.
+    let mut rig = Rig::enabled(&model());
+    rig.sensors.encoders[2] += 10_000;
+    rig.tick();
+    let log = rig.node.faults().clone();
+    let mut reset = Rig::new();
+    reset.node.restore_faults(log);
+    reset.command();
+    assert_eq!(reset.push(&other), Reply::Done);
+    assert_eq!(joint(&reset), Some(2));
+}
+
+#[test]
 fn a_model_that_the_board_cannot_serve_is_refused_with_the_boards_reason() {
     let mut rig = Rig::ready(&model());
     let bytes = postcard::to_stdvec(&model()).unwrap();

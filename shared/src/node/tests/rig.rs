@@ -102,6 +102,12 @@ impl Rig {
         self.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Pid)))
     }
 
+    /// Reads the faults and clears them.
+    pub fn clear_faults(&mut self) {
+        let Reply::Faults(log) = self.ask(Request::ReadFaults) else { panic!() };
+        assert_eq!(self.ask(Request::ClearFaults { total: log.total }), Reply::Done);
+    }
+
     pub fn goal(&mut self, positions: [f32; 3]) -> Reply {
         self.ask(Request::Task(TaskCommand::JointServo(JointCommand::Goal {
             positions: Vec::from_slice(&positions).unwrap(),

@@ -178,6 +178,32 @@ impl Failure {
 mod tests {
     use super::*;
 
+    /// The rows of the table in docs/supervisor.md, and a failure of each; 0 is that of a closed output.
+    #[test]
+    fn the_exit_codes_are_those_of_the_document() {
+        let document = include_str!("../../../../docs/supervisor.md");
+        let table = document.lines().skip_while(|line| !line.starts_with("| code |")).skip(2);
+        let codes: Vec<u8> =
+            table.map_while(|line| line.strip_prefix("| ")?.split(' ').next()?.parse().ok()).collect();
+        let refused = BoardError::Refused { action: "move", refusal: Refusal::NoModel };
+        let timeout = || Failure::Late("no telemetry".to_owned());
+        let failures = [
+            Failure::Pipe,
+            Failure::Other("the recordings differ".to_owned()),
+            Failure::Usage("no such joint".to_owned()),
+            Failure::Board(BoardError::Link(io::Error::other("gone"))),
+            Failure::Board(BoardError::SchemaMismatch { board: 1, here: 2, firmware: [0, 1, 0] }),
+            Failure::Fault("stopped".to_owned()),
+            timeout(),
+            Failure::Board(refused),
+            Failure::Grasp("dropped".to_owned()),
+        ];
+        let numbers: Vec<u8> = failures.iter().map(Failure::number).collect();
+        assert_eq!(codes, numbers);
+        // The failure of one board of many.
+        assert_eq!(Failure::OtherBoard("b".to_owned(), Box::new(timeout())).number(), 6);
+    }
+
     #[test]
     fn a_robot_that_still_moves_is_to_be_waited_for() {
         let fault =

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 use tesaki::model::RobotModel;
+use tesaki_description::robot::implausible_limits;
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -99,6 +100,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
     })?;
     check_stops(&model, &changed)?;
+    check_limits(&model, &changed)?;
     let tared = tared(&mut session, &model)?;
     session.push(&changed)?;
     output::result(options, &json!({ "set": names, "no_longer_tared": tared }), || {
@@ -131,6 +133,16 @@ fn tared(session: &mut BoardSession, model: &RobotModel) -> Result<Vec<String>, 
     let chains = model.chains.iter().zip(&tips);
     let tared = chains.filter(|(chain, tip)| chain.force_sensor.is_some() && tip.tared);
     Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
+}
+
+/// Limits that protect nothing, or are a fault at once, are not set. Those of the present model are not judged.
+fn check_limits(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
+    let before = implausible_limits(model);
+    let Some(limit) = implausible_limits(changed).into_iter().find(|limit| !before.contains(limit)) else {
+        return Ok(());
+    };
+    let joint = limit.joint.map_or_else(String::new, |joint| format!("{}: ", model.joint_name(joint)));
+    Err(Failure::Usage(format!("{joint}{}; give {}", limit.message, limit.advice)))
 }
 
 /// The limits of an angle are those of the mechanism: they may be narrowed here, not widened.

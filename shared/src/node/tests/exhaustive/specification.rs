@@ -207,10 +207,13 @@ impl Specification {
 
     /// `Stop`, from anybody.
     pub fn stop(&mut self, rules: &Rules) {
-        if let Mode::Enabled { .. } = self.mode {
-            self.mode = Mode::Fault { held: rules.holds };
-            self.total += 1;
-        }
+        let held = match self.mode {
+            Mode::Enabled { .. } => rules.holds,
+            Mode::Disabled => false,
+            Mode::Fault { .. } => return,
+        };
+        self.mode = Mode::Fault { held };
+        self.total += 1;
     }
 
     /// 10 ms pass.

@@ -1,0 +1,200 @@
+//! Limits that are within what a model may hold, but protect nothing, or are faults at once. Each bound is
+//! physics: how far a joint goes before the limit acts.
+
+use tesaki::TICK;
+use tesaki::model::{JointModel, RobotModel};
+
+/// Of its range, that a joint may travel until its torque has turned round, or without a command.
+const TRAVEL: f32 = 0.5;
+/// Of its range, beyond which an error is never reached, however far the joint leaves its reference.
+const NEVER: f32 = 1.5;
+/// Losing so many commands in a row is no rarity on a busy PC or a serial line [ticks].
+const LOST_COMMANDS: f32 = 3.0;
+/// Below this share of the largest voltage a drive has less than half of its speed.
+const MIN_VOLTAGE: f32 = 0.5;
+
+/// A limit that protects nothing, or is a fault at once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImplausibleLimit {
+    /// Index of its joint, of its chain for a force sensor; `None`: of the whole robot.
+    pub joint: Option<usize>,
+    /// Its name in `controller.toml`, below `joint`.
+    pub key: &'static str,
+    /// Its value, and why it is not plausible.
+    pub message: String,
+    /// A value that is.
+    pub advice: String,
+}
+
+/// The limits of a valid model that are not plausible.
+pub fn implausible_limits(model: &RobotModel) -> Vec<ImplausibleLimit> {
+    let mut found = Vec::new();
+    for (index, joint) in model.joints.iter().enumerate() {
+        let mut add = |key, (message, advice)| {
+            found.push(ImplausibleLimit { joint: Some(index), key, message, advice });
+        };
+        torque_rate(joint).into_iter().for_each(|text| add("limits.torque_rate", text));
+        following_error(joint).into_iter().for_each(|text| add("limits.following_error", text));
+    }
+    let mut add = |key, (message, advice)| {
+        found.push(ImplausibleLimit { joint: None, key, message, advice });
+    };
+    timeout(model).into_iter().for_each(|text| add("safety.command_timeout", text));
+    let (min, max) = (model.safety.supply_min, model.safety.supply_max);
+    if min < MIN_VOLTAGE * max {
+        let message = format!(
+            "safety.supply_min = {min} V is below half of supply_max, {max} V: with it a drive has less than half of \
+             its speed, and no fault"
+        );
+        add("safety.supply_min", (message, format!("{} V or more", MIN_VOLTAGE * max)));
+    }
+    for chain in &model.chains {
+        let Some(sensor) = &chain.force_sensor else { continue };
+        #[expect(clippy::cast_precision_loss, reason = "for a comparison")]
+        let largest = sensor.force_resolution * sensor.saturation as f32;
+        if sensor.force_limit > largest {
+            let message = format!(
+                "force_sensor.force_limit = {} N is beyond what the sensor of {} measures, {largest} N: it is \
+                 never reached",
+                sensor.force_limit, chain.name
+            );
+            add("force_sensor.force_limit", (message, format!("below {largest} N")));
+            break;
+        }
+    }
+    found
+}
+
+type Text = Option<(String, String)>;
+
+fn range(joint: &JointModel) -> f32 {
+    joint.limits.upper - joint.limits.lower
+}
+
+/// At its velocity limit a joint goes on until its torque has turned round.
+fn torque_rate(joint: &JointModel) -> Text {
+    let limits = &joint.limits;
+    let torque = limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant);
+    let time = 2.0 * torque / limits.torque_rate;
+    let travel = limits.velocity * time;
+    (travel > TRAVEL * range(joint)).then(|| {
+        let message = format!(
+            "limits.torque_rate = {} N·m/s turns the torque of {torque} N·m round in {time:.2} s; at the velocity \
+             limit the joint goes {travel:.2} rad meanwhile, of a range of {:.2} rad",
+            limits.torque_rate,
+            range(joint)
+        );
+        let least = 2.0 * torque * limits.velocity / (TRAVEL * range(joint));
+        (message, format!("{least:.1} N·m/s or more: a gear bears a full torque within some 10 ms"))
+    })
+}
+
+/// An error that every fast motion makes, or none.
+fn following_error(joint: &JointModel) -> Text {
+    let (error, velocity) = (joint.limits.following_error, joint.limits.velocity);
+    let (step, largest) = (velocity * TICK, NEVER * range(joint));
+    if error < step {
+        let message = format!(
+            "limits.following_error = {error} rad is less than the joint moves in a tick at its velocity limit, {step} \
+             rad: a fault at once"
+        );
+        return Some((message, format!("some times {step} rad")));
+    }
+    (error > largest).then(|| {
+        let message = format!(
+            "limits.following_error = {error} rad is more than the joint can leave its reference in a range of {:.2} \
+             rad: never a fault",
+            range(joint)
+        );
+        (message, format!("at most {largest:.2} rad"))
+    })
+}
+
+/// Without a command the fastest joint goes on, and no command may be late.
+fn timeout(model: &RobotModel) -> Text {
+    let time = model.safety.command_timeout;
+    if time < LOST_COMMANDS * TICK {
+        let message = format!(
+            "safety.command_timeout = {time} s: {LOST_COMMANDS} lost commands in a row would be a fault"
+        );
+        return Some((message, "0.05 to 0.2 s".to_owned()));
+    }
+    let travels = |joint: &JointModel| joint.limits.velocity * time / range(joint);
+    let (_, joint) = model
+        .joints
+        .iter()
+        .map(|joint| (travels(joint), joint))
+        .max_by(|one, other| one.0.total_cmp(&other.0))?;
+    (travels(joint) > 2.0 * TRAVEL).then(|| {
+        let message = format!(
+            "safety.command_timeout = {time} s: a program that died lets joint {} go {:.2} rad at its velocity limit, \
+             more than its range of {:.2} rad",
+            joint.name,
+            joint.limits.velocity * time,
+            range(joint)
+        );
+        (message, format!("{:.2} s or less", time / travels(joint)))
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use crate::robot::RobotFolder;
+
+    fn robot(name: &str) -> RobotModel {
+        let robots = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"));
+        RobotFolder::load(&robots.join(name)).unwrap().model
+    }
+
+    #[test]
+    fn the_limits_of_our_robots_are_plausible() {
+        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap"] {
+            assert_eq!(implausible_limits(&robot(name)), [], "{name}");
+        }
+    }
+
+    /// One of hand3: finger1_bend, from −1.2 to 1.7 rad at 6 rad/s with 0.6 N·m; its sensors measure up to 20 N.
+    #[test]
+    fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
+        type Change = fn(&mut RobotModel, f32);
+        let cases: [(&str, Change, f32, f32); 6] = [
+            // 6 rad/s · 2 · 0.6 N·m / rate is half of 2.9 rad at 4.966 N·m/s.
+            ("limits.torque_rate", |robot, value| robot.joints[1].limits.torque_rate = value, 4.9, 5.0),
+            // 6 rad/s · 10 ms.
+            (
+                "limits.following_error",
+                |robot, value| robot.joints[1].limits.following_error = value,
+                0.059,
+                0.061,
+            ),
+            // 1.5 times 2 rad of finger1_swing is 3 rad.
+            (
+                "limits.following_error",
+                |robot, value| robot.joints[0].limits.following_error = value,
+                3.01,
+                2.99,
+            ),
+            // 2 rad of finger1_swing at 6 rad/s.
+            ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 0.34, 0.33),
+            ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 0.02, 0.04),
+            ("safety.supply_min", |robot, value| robot.safety.supply_min = value, 13.9, 14.1),
+        ];
+        for (key, change, wrong, right) in cases {
+            let mut changed = robot("hand3");
+            change(&mut changed, wrong);
+            let keys: Vec<&str> = implausible_limits(&changed).iter().map(|limit| limit.key).collect();
+            assert_eq!(keys, [key], "{wrong}");
+            change(&mut changed, right);
+            assert_eq!(implausible_limits(&changed), [], "{key} = {right}");
+        }
+        let mut deaf = robot("hand3");
+        deaf.chains[1].force_sensor.as_mut().unwrap().force_limit = 20.1;
+        let found = implausible_limits(&deaf);
+        assert_eq!(found.len(), 1);
+        assert!(found[0].message.contains("20 N") && found[0].joint.is_none(), "{found:?}");
+    }
+}
