@@ -113,6 +113,21 @@ impl Chip {
         }
     }
 
+    /// What the datasheet forbids, and the chip is set up for.
+    pub fn violation(&self) -> Option<String> {
+        let (hclk, wait_states) = (self.rcc.hclk(), self.kept.get(&0x4002_3C00).copied().unwrap_or(0) & 7);
+        let converters = self.adc_clock();
+        // A wait state for each 30 MHz that have begun after the first (RM0090, table 10, 2.7 to 3.6 V).
+        if u64::from(wait_states) + 1 < hclk.div_ceil(30_000_000) {
+            return Some(format!("{wait_states} wait states at {hclk} Hz"));
+        }
+        if converters > 36_000_000 {
+            return Some(format!("converters at {converters} Hz: 36 MHz at most"));
+        }
+        (self.rcc.pclk(1) > 42_000_000 || self.rcc.pclk(2) > 84_000_000)
+            .then(|| "a bus is too fast".to_owned())
+    }
+
     fn hold_timers(&mut self, now: u64) {
         let clocks = [self.rcc.timers(1), self.rcc.timers(2)];
         self.timers.iter_mut().for_each(|timer| timer.hold(now, clocks[0]));

@@ -2,7 +2,10 @@
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
-use tesaki::protocol::{FromBoard, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY, Status, Telemetry};
+use tesaki::protocol::{
+    FromBoard, LogEntry, LogRecord, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFrame,
+    Status,
+};
 
 use crate::SECOND;
 use crate::cpu::Machine;
@@ -15,15 +18,15 @@ pub struct Client {
     decoder: Decoder,
     sequence: u16,
     reply: Option<(u16, Reply)>,
-    /// The last telemetry of the joints.
-    pub telemetry: Option<Telemetry>,
+    /// The last sensor values that were logged.
+    pub sensors: Option<SensorFrame>,
     /// Messages that were damaged.
     pub damaged: u32,
 }
 
 impl Default for Client {
     fn default() -> Self {
-        Self { decoder: Decoder::new(), sequence: 0, reply: None, telemetry: None, damaged: 0 }
+        Self { decoder: Decoder::new(), sequence: 0, reply: None, sensors: None, damaged: 0 }
     }
 }
 
@@ -33,7 +36,9 @@ impl Client {
         for byte in std::mem::take(&mut machine.chip.usart[0].outgoing) {
             match self.decoder.push::<FromBoard>(byte) {
                 Some(Ok(FromBoard::Reply(reply))) => self.reply = Some((reply.sequence, reply.reply)),
-                Some(Ok(FromBoard::Telemetry(telemetry))) => self.telemetry = Some(telemetry),
+                Some(Ok(FromBoard::Log(LogEntry { record: LogRecord::Sensors(frame), .. }))) => {
+                    self.sensors = Some(frame);
+                }
                 Some(Err(_)) => self.damaged += 1,
                 _ => {}
             }

@@ -46,15 +46,23 @@ impl Shared {
     }
 }
 
+/// What a handler has executed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Work {
+    pub times: u64,
+    pub instructions: u64,
+    /// Instructions of the longest run.
+    pub longest: u64,
+}
+
 pub struct Machine {
     uc: *mut uc_engine,
     shared: *mut Shared,
     pub instructions: u64,
-    pub entries: [u64; 256],
-    pub fp_entries: u64,
-    pub it_entries: u64,
-    pub slices: u64,
-    pub masked_waits: u64,
+    /// What the handlers have executed, by number of the exception.
+    pub work: Vec<Work>,
+    /// Handlers that run: number, instructions at the entry, those of others since.
+    running: Vec<(u32, u64, u64)>,
     pub resets: Vec<&'static str>,
     pub sleeping: bool,
     /// 1: handlers find garbage in the float registers, as they may; 2: and leave it there, as a check of the check.
@@ -121,11 +129,8 @@ impl Machine {
             uc,
             shared,
             instructions: 0,
-            entries: [0; 256],
-            fp_entries: 0,
-            it_entries: 0,
-            slices: 0,
-            masked_waits: 0,
+            work: vec![Work::default(); 256],
+            running: Vec::new(),
             resets: Vec::new(),
             sleeping: false,
             scribble: 0,
@@ -222,6 +227,7 @@ impl Machine {
     pub fn reset(&mut self, flag: u32, why: &'static str) {
         self.resets.push(why);
         self.chip.reset(flag);
+        self.running.clear();
         self.start_from_vectors();
     }
 
@@ -249,10 +255,7 @@ impl Machine {
                     (self.get(R::PRIMASK), self.get(R::FAULTMASK), self.get(R::BASEPRI));
                 match self.chip.nvic.due(primask & 1 == 1, faultmask & 1 == 1, basepri as u8) {
                     Some(number) => self.enter(number)?,
-                    None => {
-                        self.masked_waits += 1;
-                        self.watch = true;
-                    }
+                    None => self.watch = true,
                 }
             }
             let next = self.chip.next().min(until);
@@ -271,12 +274,24 @@ impl Machine {
         }
     }
 
+    /// Time passes, and the CPU executes nothing: what the hardware does alone.
+    pub fn pass(&mut self, duration: u64) {
+        let until = self.now() + duration;
+        loop {
+            let time = self.chip.next().clamp(self.now(), until);
+            (self.start, self.calls) = (time, 0);
+            self.chip.advance(time);
+            if time == until {
+                return;
+            }
+        }
+    }
+
     fn slice(&mut self, instructions: u64) -> Result<(), String> {
         let pc = self.get(RegisterARM::R15);
         let shared = &mut **self;
         (shared.left, shared.calls, shared.stopped, shared.other_exception) =
             (instructions as i64, 0, false, None);
-        self.slices += 1;
         // SAFETY: the engine lives; callbacks only touch `self` through the pointer given at `load`.
         let error = unsafe { uc_emu_start(self.uc, u64::from(pc) | 1, u64::MAX >> 1, 0, 0) };
         let after = self.get(RegisterARM::R15);
@@ -317,12 +332,10 @@ impl Machine {
 
     fn enter(&mut self, number: u32) -> Result<(), String> {
         use RegisterARM as R;
+        self.running.push((number, self.instructions, 0));
         self.chip.nvic.enter(number);
-        self.entries[number as usize] += 1;
         let xpsr = self.get(R::XPSR);
         let control = self.get(R::CONTROL);
-        // Bits 25, 26 and 10 to 15: within an IT block, which happens where one translated block ends inside it.
-        self.it_entries += u64::from(xpsr & 0x0600_FC00 != 0);
         let handler = xpsr & 0x1FF != 0;
         let float = control & 4 != 0;
         let sp = self.get(R::R13);
@@ -331,7 +344,6 @@ impl Machine {
         let mut frame = [R::R0, R::R1, R::R2, R::R3, R::R12, R::R14, R::R15].map(|r| self.get(r)).to_vec();
         frame.push(xpsr & !(1 << 9) | pad << 9 | 1 << 24);
         if float {
-            self.fp_entries += 1;
             frame.extend((0..16).map(|i| self.get_single(i)));
             frame.extend([self.get(R::FPSCR), 0]);
         }
@@ -365,6 +377,7 @@ impl Machine {
         let value = self.get(R::R15);
         let number = self.get(R::XPSR) & 0x1FF;
         self.chip.nvic.leave(number);
+        self.count(number);
         let float = value & 0x10 == 0;
         let sp = self.get(R::R13);
         let frame: Vec<u32> = (0..if float { 26 } else { 8 }).map(|i| self.word(sp + 4 * i)).collect();
@@ -389,6 +402,18 @@ impl Machine {
         self.set(R::XPSR_NZCVQG, xpsr & !(1 << 9));
         self.set(R::R15, frame[6] | 1);
         Ok(())
+    }
+
+    /// Adds up the instructions of a handler, without those of what preempted it.
+    fn count(&mut self, number: u32) {
+        let Some((_, since, others)) = self.running.pop() else { return };
+        let all = self.instructions - since;
+        let work = &mut self.work[number as usize];
+        (work.times, work.instructions) = (work.times + 1, work.instructions + all - others);
+        work.longest = work.longest.max(all - others);
+        if let Some((_, _, others)) = self.running.last_mut() {
+            *others += all;
+        }
     }
 
     fn get_single(&self, i: i32) -> u32 {

@@ -43,6 +43,14 @@ fn joints_step_by_0_3_rad_through_the_registers() {
     }
     eprintln!("largest {worst:.5} rad, late {late:.5} rad");
     assert!(worst < 5e-3 && late < 1e-3, "{worst} {late}");
-    assert_eq!(rig.status().node.mode, rig.running());
+    assert_eq!(rig.status().node.mode, Rig::running());
     assert_eq!(rig.faults(), []);
+}
+
+#[test]
+fn the_board_does_all_that_it_must() {
+    let mut rig = Rig::boot();
+    rig::acceptance::accept(&mut rig).unwrap();
+    let [adc, timer, control] = [16 + 18, 16 + 28, 16 + 6].map(|number| rig.machine.work[number]);
+    eprintln!("ADC {adc:?}\nTIM2 {timer:?}\nEXTI0 {control:?}");
 }

@@ -1,5 +1,7 @@
 //! A board with three joints, and a supervisor.
 
+pub mod acceptance;
+
 use std::path::PathBuf;
 
 use tesaki::control::ServoMode;
@@ -62,7 +64,8 @@ impl Rig {
         let mut machine = Machine::load(&elf, Bench::new([MOTOR; 3], 1));
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default() };
-        rig.run(0.1);
+        // A board that cannot even start shows in what follows.
+        let _ = rig.try_run(0.1);
         rig
     }
 
@@ -83,14 +86,33 @@ impl Rig {
     pub fn enable(&mut self) -> Result<(), String> {
         self.client.push(&mut self.machine, &model())?;
         self.try_run(0.03)?;
-        let positions = [0.0; 3].into_iter().collect();
+        self.switch_on()
+    }
+
+    fn switch_on(&mut self) -> Result<(), String> {
+        let positions = self.machine.chip.bench.states.map(|state| state.angle as f32).into_iter().collect();
         self.client.demand(&mut self.machine, Request::Home { positions })?;
         let config = TaskConfig::JointServo(ServoMode::Observer);
         self.client.demand(&mut self.machine, Request::Enable(config))?;
         self.try_run(0.05)
     }
 
-    pub fn running(&self) -> Mode {
+    /// Leaves the fault, and enables again.
+    pub fn recover(&mut self) -> Result<(), String> {
+        let total = match self.client.ask(&mut self.machine, Request::ReadFaults)? {
+            Reply::Faults(log) => log.total,
+            other => return Err(format!("{other:?}")),
+        };
+        self.client.demand(&mut self.machine, Request::ClearFaults { total })?;
+        self.switch_on()
+    }
+
+    /// The interrupt of the control task is off: the timer goes on, and nobody commands the motors.
+    pub fn stop_control(&mut self) {
+        self.machine.chip.nvic.enabled[0] &= !(1 << 6);
+    }
+
+    pub fn running() -> Mode {
         Mode::Enabled(TaskKind::JointServo)
     }
 
@@ -124,9 +146,13 @@ impl Rig {
         self.faults().into_iter().map(|fault| fault.cause).collect()
     }
 
-    pub fn goal(&mut self, positions: [f32; 3]) {
+    pub fn goal_request(positions: [f32; 3]) -> Request {
         let positions = positions.into_iter().collect();
-        let reply = self.ask(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })));
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
+    }
+
+    pub fn goal(&mut self, positions: [f32; 3]) {
+        let reply = self.ask(Self::goal_request(positions));
         assert_eq!(reply, Reply::Done, "{:?}", self.faults());
     }
 
