@@ -74,7 +74,8 @@ impl Tim1 {
         if !self.runs() {
             return self.phase;
         }
-        let passed = u128::from(now - self.since) * u128::from(clock) / u128::from(SECOND * self.prescaler);
+        let passed = u128::from(now.saturating_sub(self.since)) * u128::from(clock)
+            / u128::from(SECOND * self.prescaler);
         self.phase + passed as u64
     }
 

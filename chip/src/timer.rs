@@ -61,7 +61,8 @@ impl Timer {
         if !self.counts_clock() {
             return self.count;
         }
-        let ticks = u128::from(now - self.since) * u128::from(clock) / u128::from(SECOND * self.prescaler);
+        let ticks = u128::from(now.saturating_sub(self.since)) * u128::from(clock)
+            / u128::from(SECOND * self.prescaler);
         self.count + ticks as u64
     }
 
@@ -107,7 +108,7 @@ impl Timer {
         };
         let edges = 1_u64 << (self.registers[CCMR1] >> 2 & 3);
         let interval = u128::from(SECOND) * u128::from(divider * edges) / u128::from(crystal);
-        let taken = (u128::from(now - self.running_since) / interval) as u64;
+        let taken = (u128::from(now.saturating_sub(self.running_since)) / interval) as u64;
         if taken > self.captures {
             let waiting = self.registers[SR] & 2 != 0;
             if waiting || taken > self.captures + 1 {

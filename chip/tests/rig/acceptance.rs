@@ -75,7 +75,7 @@ fn moves(rig: &mut Rig) -> Result<(), String> {
 /// The currents of the sensor frames are those of the motors.
 fn tells_currents(rig: &mut Rig) -> Result<(), String> {
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 })?;
-    for (joint, load) in [0.15, -0.1, 0.1].into_iter().enumerate() {
+    for (joint, load) in [0.05, -0.04, 0.04].into_iter().enumerate() {
         bench(rig).motors[joint].load = load;
     }
     for _ in 0..60 {
@@ -157,7 +157,7 @@ fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
 
 /// No control tick any more: no voltage after 20 ms, a reset within 200 ms.
 fn is_watched(rig: &mut Rig) -> Result<(), String> {
-    bench(rig).motors[0].load = 0.15;
+    bench(rig).motors[0].load = 0.05;
     for _ in 0..10 {
         rig.keep();
         rig.try_run(0.01)?;
