@@ -110,7 +110,7 @@ CAUSES = """command timeout; position limit; velocity limit; following error; en
 torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog
 reset; panic; CPU fault; clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
 object lost; object moved; tool away; tool turned; runaway; force mismatch; stop gained energy;
-sensors silent; crystal stopped; wrong crystal""".replace("\n", " ").split("; ")
+sensors silent; crystal stopped; wrong crystal; power stage""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
@@ -126,7 +126,7 @@ def read_fault(r):
 
 def read_model_error(r):
     joint, field, value, problem = r.option(r.u8), r.uint(), r.f32(), r.uint()
-    limit = r.f32() if problem in (1, 2, 3, 6) else None
+    limit = r.f32() if problem in (1, 2, 3, 6, 10) else None
     return {"joint": joint, "field": field, "value": value, "problem": problem, "limit": limit}
 
 

@@ -20,10 +20,12 @@ pub trait Board: Sized {
 
     /// The part that the timer's interrupt calls.
     type Latch: Latch;
+    /// The part that the interrupt of the converters calls.
+    type CurrentControl: CurrentControl;
 
     /// Takes all pins. The power stages are off when it returns. The line of the supervisor (USART1) is connected,
     /// with a pull-up on its input; that of the plant link is not.
-    fn start(peripherals: Peripherals) -> (Self, Self::Latch);
+    fn start(peripherals: Peripherals) -> (Self, Self::Latch, Self::CurrentControl);
 
     /// Whether the strap asks for the plant link.
     fn is_strapped(&mut self) -> bool;
@@ -62,6 +64,21 @@ pub trait Latch {
     fn latch(&mut self) -> Self::Sample;
 }
 
+/// Controls the currents, as often as the converters have sampled them.
+///
+/// It runs above everything but the latch, and must take less than 10 µs, as the UARTs wait meanwhile.
+pub trait CurrentControl {
+    /// A sample is complete.
+    fn on_sample(&mut self);
+}
+
+/// Of a board that controls no currents; its converters never interrupt.
+pub struct NoCurrents;
+
+impl CurrentControl for NoCurrents {
+    fn on_sample(&mut self) {}
+}
+
 /// What the boards have in common leaves these peripherals to them.
 #[allow(missing_docs, reason = "the names are those of the chip")]
 pub struct Peripherals {
@@ -80,6 +97,7 @@ pub struct Peripherals {
     pub adc1: pac::ADC1,
     pub adc2: pac::ADC2,
     pub adc3: pac::ADC3,
+    pub adc_common: pac::ADC_COMMON,
     pub spi1: pac::SPI1,
     pub spi2: pac::SPI2,
     pub spi3: pac::SPI3,

@@ -25,6 +25,7 @@ pub struct Started {
     pub watchdog: Watchdog,
     pub board: ThisBoard,
     pub latch: <ThisBoard as Board>::Latch,
+    pub current_control: <ThisBoard as Board>::CurrentControl,
     /// Whether sensors and drives are on the plant link; until the next reset.
     pub plant_link: bool,
     pub status: BoardStatus,
@@ -44,7 +45,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
 
     let mut identity = identity(&device.RCC, Identity::TASKS);
 
-    let (mut board, latch) = ThisBoard::start(Peripherals {
+    let (mut board, latch, current_control) = ThisBoard::start(Peripherals {
         rcc: device.RCC.constrain(),
         syst,
         gpioa: device.GPIOA,
@@ -59,6 +60,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         adc1: device.ADC1,
         adc2: device.ADC2,
         adc3: device.ADC3,
+        adc_common: device.ADC_COMMON,
         spi1: device.SPI1,
         spi2: device.SPI2,
         spi3: device.SPI3,
@@ -130,6 +132,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         watchdog,
         board,
         latch,
+        current_control,
         plant_link,
         status,
     }

@@ -4,7 +4,8 @@
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
-//! | 4 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
+//! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
+//! | 4 | `ADC` | 20 kHz, on boards with motors: the current loops |
 //! | 3 | `USART1`, `USART2` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
@@ -13,6 +14,8 @@
 //! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud
 //! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
 //! byte, which delays a tick by less than 3 %.
+//!
+//! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling does not
 //! wait: the timer's interrupt, which has the highest priority, latches the sensors ([`board::Latch`]).
@@ -23,6 +26,8 @@ pub mod board;
 pub mod boards;
 pub mod clock;
 pub mod control;
+#[cfg(feature = "board-weact")]
+pub mod drivers;
 pub mod identity;
 pub mod link;
 pub mod retained;

@@ -17,7 +17,7 @@ mod app {
     use tesaki::protocol::{
         ActuatorFrame, BoardStatus, FromBoard, LogEntry, LogRecord, RequestFrame, SensorFrame, Stream,
     };
-    use tesaki_firmware::board::{Board, Latch, ThisBoard};
+    use tesaki_firmware::board::{Board, CurrentControl, Latch, ThisBoard};
     use tesaki_firmware::control::Periods;
     use tesaki_firmware::link::{Endpoint, Storage, UartIsr};
     use tesaki_firmware::watchdog::Watchdog;
@@ -52,6 +52,7 @@ mod app {
     struct Local {
         timer: pac::TIM2,
         latch: BoardLatch,
+        current_control: <ThisBoard as Board>::CurrentControl,
         samples_in: Producer<'static, Sample>,
         samples_out: Consumer<'static, Sample>,
         supervisor_uart_isr: UartIsr<pac::USART1>,
@@ -74,7 +75,17 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
         let started = boot::start(cx.device, cx.core.SYST, cx.local.node);
-        let boot::Started { usart1, usart2, timer, watchdog, board, latch, plant_link, status } = started;
+        let boot::Started {
+            usart1,
+            usart2,
+            timer,
+            watchdog,
+            board,
+            latch,
+            current_control,
+            plant_link,
+            status,
+        } = started;
         let (supervisor_uart_isr, supervisor) = cx.local.supervisor_link.split(usart1);
         let (plant_uart_isr, plant) = cx.local.plant_storage.split(usart2);
         defmt::info!(
@@ -91,6 +102,7 @@ mod app {
             Local {
                 timer,
                 latch,
+                current_control,
                 samples_in,
                 samples_out,
                 supervisor_uart_isr,
@@ -118,7 +130,7 @@ mod app {
     }
 
     /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle loop.
-    #[task(binds = TIM2, priority = 4, shared = [&plant_link],
+    #[task(binds = TIM2, priority = 5, shared = [&plant_link],
            local = [timer, latch, samples_in, period: u32 = 0])]
     fn instant(cx: instant::Context) {
         cx.local.timer.sr().modify(|_, w| w.uif().clear_bit());
@@ -130,6 +142,11 @@ mod app {
         // A queue that is full shows in the numbers of the periods.
         let _ = cx.local.samples_in.enqueue((*cx.local.period, sample));
         rtic::pend(Interrupt::EXTI0);
+    }
+
+    #[task(binds = ADC, priority = 4, local = [current_control])]
+    fn currents(cx: currents::Context) {
+        cx.local.current_control.on_sample();
     }
 
     #[task(binds = USART1, priority = 3, local = [supervisor_uart_isr])]

@@ -24,6 +24,8 @@ fn model() -> Option<RobotModel> {
             current_resolution: 1e-3,
             bandwidth: 300.0,
             delay: 0.0,
+            resistance: None,
+            inductance: None,
         },
         friction: Friction { coulomb: 0.0, viscous: 0.0 },
         encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },

@@ -88,6 +88,8 @@ pub enum FaultCause {
     /// 30: at boot, the crystal ran at another frequency than the board's and was not used. Value: the measured
     /// frequency, 0 if none could be measured; limit: the board's [Hz].
     WrongCrystal,
+    /// 31: a power stage reported a fault, or the board switched one off by itself. Value: 1.
+    PowerStage,
 }
 
 impl FaultCause {
@@ -110,6 +112,7 @@ impl FaultCause {
                 | Self::SupplyHigh
                 | Self::OverCurrent
                 | Self::SensorsSilent
+                | Self::PowerStage
         )
     }
 
@@ -179,6 +182,7 @@ impl FaultCause {
             Self::SensorsSilent => "the board could not read its sensors",
             Self::CrystalStopped => "the crystal stopped and the board was reset",
             Self::WrongCrystal => "the crystal is not the board's and is not used",
+            Self::PowerStage => "a power stage switched itself off",
         }
     }
 }

@@ -27,6 +27,8 @@ pub fn joint(name: &str) -> JointModel {
             current_resolution: 1e-3,
             bandwidth: 300.0,
             delay: 3e-4,
+            resistance: None,
+            inductance: None,
         },
         friction: Friction { coulomb: 0.02, viscous: 0.002 },
         encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },

@@ -217,7 +217,8 @@ counts-per-turn limit-lower limit-upper limit-velocity limit-torque limit-torque
 filter-time proportional integral derivative cutoff servo-inertia bandwidth observer-bandwidth command-timeout
 damping supply-min supply-max rest-error
 chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
-tip-center-of-mass tip-radius mimic-joint mimic-multiplier mimic-offset mimic-force-sensor encoder-relative""".split()
+tip-center-of-mass tip-radius mimic-joint mimic-multiplier mimic-offset mimic-force-sensor encoder-relative
+motor-resistance motor-inductance""".split()
 
 
 def refusals():
@@ -244,6 +245,7 @@ def refusals():
         "model-not-another-chains": error(8, 48, 7.0, uint(8)),
         "model-not-supported": error(8, 49, 0.0, uint(9)),
         "model-board-limit": error(3, 0, 9.0, uint(10) + real(3.0)),
+        "model-missing": error(2, 53, 0.0, uint(11)),
         "model-transfer": uint(8) + uint(192) + uint(220),
         "model-checksum": uint(9) + uint(0x01020304) + uint(0xDEADBEEF),
         "model-unreadable": uint(10) + uint(5000) + uint(4096),
@@ -299,8 +301,8 @@ def from_board():
     first = [fault(cause, cause if cause % 2 else None, cause + 0.5, 0.25, 100 + cause)
              for cause in range(16)]
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
-    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 31)]
-    golden("board-faults-16-to-30", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 32)]
+    golden("board-faults-16-to-31", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     exported = uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)
     golden("board-exported", reply(9, 1234, exported))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))

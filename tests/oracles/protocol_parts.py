@@ -84,7 +84,7 @@ def model(reaction):
         + reals([0.0, 0.0, 0.1]) + reals([0.0, 0.0, 0.0, 1.0])  # origin
         + reals([0.0, 0.0, 1.0])  # axis
         + real(0.02) + reals([0.02, 0.0, 0.0]) + reals([1e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0])  # link
-        + reals([2e-4, 0.5, 1.5, 1e-3, 300.0, 3e-4])  # motor
+        + reals([2e-4, 0.5, 1.5, 1e-3, 300.0, 3e-4]) + option(real(6.0)) + option(None)  # motor
         + reals([0.02, 0.002])  # friction
         + real(65536.0) + boolean(False) + sint(-40) + boolean(True)  # encoder
         + reals([-1.5, 1.5, 8.0, 0.6, 200.0, 0.25])  # limits

@@ -18,7 +18,7 @@ use tesaki::model::{Field, ForceSensor, ModelError, Problem, RobotModel};
 use tesaki::node::Node;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{ActuatorFrame, ClockSource, SensorFrame};
-use tesaki_firmware::board::{Board, Equipment, Latch, Peripherals};
+use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals};
 use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, Storage, Uart};
@@ -239,9 +239,10 @@ impl Board for FakeBoard {
     const CRYSTAL: u32 = 8_000_000;
     const OWNS_GATE_DRIVERS: bool = true;
     type Latch = FakeLatch;
+    type CurrentControl = NoCurrents;
 
-    fn start(_: Peripherals) -> (Self, FakeLatch) {
-        (Self { silent: false, enabled: false }, FakeLatch)
+    fn start(_: Peripherals) -> (Self, FakeLatch, NoCurrents) {
+        (Self { silent: false, enabled: false }, FakeLatch, NoCurrents)
     }
     fn is_strapped(&mut self) -> bool {
         false

@@ -11,7 +11,7 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
-use crate::board::{Board, Latch, Peripherals};
+use crate::board::{Board, Latch, NoCurrents, Peripherals};
 
 /// See the module.
 pub struct Bare {
@@ -24,15 +24,16 @@ impl Board for Bare {
     const OWNS_GATE_DRIVERS: bool = false;
 
     type Latch = NoSensors;
+    type CurrentControl = NoCurrents;
 
-    fn start(mut peripherals: Peripherals) -> (Self, NoSensors) {
+    fn start(mut peripherals: Peripherals) -> (Self, NoSensors, NoCurrents) {
         let gpio_a = peripherals.gpioa.split(&mut peripherals.rcc);
         let gpio_b = peripherals.gpiob.split(&mut peripherals.rcc);
         gpio_a.pa9.into_alternate::<7>();
         gpio_a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
         let strap = gpio_b.pb12.into_pull_up_input();
         cortex_m::asm::delay(1000); // settling time of the pull-up
-        (Self { strap, plant_link: Some((gpio_a.pa2, gpio_a.pa3)) }, NoSensors)
+        (Self { strap, plant_link: Some((gpio_a.pa2, gpio_a.pa3)) }, NoSensors, NoCurrents)
     }
 
     fn is_strapped(&mut self) -> bool {

@@ -21,7 +21,7 @@ use tesaki::TICK;
 use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 
-use crate::board::{Board, Equipment, Latch, Peripherals};
+use crate::board::{Board, Equipment, Latch, NoCurrents, Peripherals};
 
 /// Enabled periods after which something goes wrong.
 const HEALTHY_PERIODS: u32 = 50;
@@ -58,8 +58,9 @@ impl Board for Emulated {
     const OWNS_GATE_DRIVERS: bool = true;
 
     type Latch = Instants;
+    type CurrentControl = NoCurrents;
 
-    fn start(mut peripherals: Peripherals) -> (Self, Instants) {
+    fn start(mut peripherals: Peripherals) -> (Self, Instants, NoCurrents) {
         let gpio_a = peripherals.gpioa.split(&mut peripherals.rcc);
         gpio_a.pa9.into_alternate::<7>();
         gpio_a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
@@ -71,7 +72,7 @@ impl Board for Emulated {
         let (angle, velocity, torque) = (0.0, 0.0, 0.0);
         let board =
             Self { defect: Defect::None, enabled: 0, counts: 0.0, inertia: 1.0, angle, velocity, torque };
-        (board, Instants { last: None, shortest: u32::MAX, longest: 0 })
+        (board, Instants { last: None, shortest: u32::MAX, longest: 0 }, NoCurrents)
     }
 
     fn is_strapped(&mut self) -> bool {

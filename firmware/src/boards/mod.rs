@@ -4,17 +4,23 @@
 //! |---|---|
 //! | `board-bare` (default) | the microcontroller alone, with the plant link |
 //! | `board-emulated` | a joint in software, for tests in QEMU |
+//! | `board-weact` | WeAct STM32F405 with three DRV8874: three brushed motors |
 
 pub mod bare;
 #[cfg(feature = "board-emulated")]
 pub mod emulated;
+#[cfg(feature = "board-weact")]
+pub mod weact;
 
-#[cfg(not(any(feature = "board-bare", feature = "board-emulated")))]
+#[cfg(not(any(feature = "board-bare", feature = "board-emulated", feature = "board-weact")))]
 compile_error!("choose a board: one feature of those that firmware/src/boards/mod.rs lists");
 
 /// The board of this image. A board that is asked for replaces the default one.
-#[cfg(not(feature = "board-emulated"))]
+#[cfg(not(any(feature = "board-emulated", feature = "board-weact")))]
 pub type ThisBoard = bare::Bare;
 /// The board of this image.
 #[cfg(feature = "board-emulated")]
 pub type ThisBoard = emulated::Emulated;
+/// The board of this image.
+#[cfg(all(feature = "board-weact", not(feature = "board-emulated")))]
+pub type ThisBoard = weact::Weact;

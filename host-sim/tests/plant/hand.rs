@@ -36,6 +36,8 @@ impl Hand {
                     current_resolution: 1e-3,
                     bandwidth: 300.0,
                     delay: 3e-4,
+                    resistance: None,
+                    inductance: None,
                 },
                 encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: 0, relative: false },
             })

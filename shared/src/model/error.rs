@@ -77,6 +77,8 @@ pub enum Field {
     MimicOffset,
     MimicForceSensor,
     EncoderRelative,
+    MotorResistance,
+    MotorInductance,
 }
 
 impl Field {
@@ -136,6 +138,8 @@ impl Field {
             Self::MimicOffset => "mimic offset",
             Self::MimicForceSensor => "force_sensor of a chain with a mimic joint",
             Self::EncoderRelative => "encoder.relative",
+            Self::MotorResistance => "motor.resistance",
+            Self::MotorInductance => "motor.inductance",
         }
     }
 }
@@ -167,6 +171,8 @@ pub enum Problem {
     NotSupported,
     /// 10: more than this board has or bears: the limit given.
     BoardLimit(f32),
+    /// 11: not given, and this board needs it.
+    Missing,
 }
 
 impl fmt::Display for Problem {
@@ -184,6 +190,7 @@ impl fmt::Display for Problem {
             Self::NotUnique => write!(f, "must be a name of its own"),
             Self::NotAnotherChains => write!(f, "must be a joint of another chain"),
             Self::NotSupported => write!(f, "is not supported"),
+            Self::Missing => write!(f, "is not given: this board cannot do without"),
             Self::BoardLimit(limit) => write!(f, "is more than this board can do: {limit}"),
         }
     }
@@ -193,6 +200,9 @@ impl fmt::Display for ModelError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(joint) = self.joint {
             write!(f, "joint {joint}: ")?;
+        }
+        if self.problem == Problem::Missing {
+            return write!(f, "{} {}", self.field.path(), self.problem);
         }
         write!(f, "{} = {} {}", self.field.path(), self.value, self.problem)
     }

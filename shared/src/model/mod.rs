@@ -166,6 +166,10 @@ pub struct Motor {
     pub bandwidth: f32,
     /// Delay from sampling the sensors to the onset of the new torque [s].
     pub delay: f32,
+    /// Resistance of the winding, with brushes and power stage [Ω]; needed by boards that control the current.
+    pub resistance: Option<f32>,
+    /// Inductance of the winding [H]; needed by boards that control the current.
+    pub inductance: Option<f32>,
 }
 
 /// Friction of a joint.

@@ -36,6 +36,10 @@ const MAX_ERROR: f32 = core::f32::consts::PI;
 const MAX_BANDWIDTH: f32 = core::f32::consts::PI / TICK;
 /// Of the bandwidth of a current loop [Hz].
 const MAX_MOTOR_BANDWIDTH: f32 = 1e5;
+/// Of the resistance of a winding [Ω].
+const MAX_RESISTANCE: f32 = 1e3;
+/// Of its inductance [H].
+const MAX_INDUCTANCE: f32 = 1.0;
 /// Of encoder counts in a turn: an `i32` then holds two turns.
 const MAX_COUNTS: f32 = 1e9;
 /// Of the time without a command [s].
@@ -186,7 +190,14 @@ impl Motor {
         check.positive(Field::CurrentLimit, self.current_limit, MAX_EFFORT)?;
         check.positive(Field::CurrentResolution, self.current_resolution, MAX_EFFORT)?;
         check.positive(Field::MotorBandwidth, self.bandwidth, MAX_MOTOR_BANDWIDTH)?;
-        check.within(Field::MotorDelay, self.delay, 0.0, TICK)
+        check.within(Field::MotorDelay, self.delay, 0.0, TICK)?;
+        if let Some(resistance) = self.resistance {
+            check.positive(Field::MotorResistance, resistance, MAX_RESISTANCE)?;
+        }
+        if let Some(inductance) = self.inductance {
+            check.positive(Field::MotorInductance, inductance, MAX_INDUCTANCE)?;
+        }
+        Ok(())
     }
 }
 

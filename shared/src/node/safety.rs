@@ -200,6 +200,9 @@ impl Node {
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
         }
+        if sensors.flags.power_stage() {
+            return fault(FaultCause::PowerStage, None, 1.0, 0.0);
+        }
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
         }

@@ -38,9 +38,17 @@ impl SensorFlags {
     /// Bit 1: the sensors could not be read; all other values mean nothing.
     pub const SILENT: u8 = 2;
 
+    /// Bit 2: a power stage is off by itself, because of its own fault or of a current that was too high.
+    pub const POWER_STAGE: u8 = 4;
+
     /// Whether the emergency stop is pressed.
     pub const fn emergency_stop(self) -> bool {
         self.0 & Self::EMERGENCY_STOP != 0
+    }
+
+    /// Whether a power stage is off by itself.
+    pub const fn power_stage(self) -> bool {
+        self.0 & Self::POWER_STAGE != 0
     }
 
     /// Whether the sensors could not be read.

@@ -45,7 +45,7 @@ impl Messages {
             limit: 0.0,
             tick: 0,
         });
-        self.reply("faults-16-to-30", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
+        self.reply("faults-16-to-31", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
         let (length, checksum, index) = (220, 0xdead_beef, 2469);
         self.reply("exported", Reply::Exported { length, checksum, index, key: STATE });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });

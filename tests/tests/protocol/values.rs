@@ -80,6 +80,8 @@ pub fn finger(reaction: Reaction) -> RobotModel {
             current_resolution: 1e-3,
             bandwidth: 300.0,
             delay: 3e-4,
+            resistance: Some(6.0),
+            inductance: None,
         },
         friction: Friction { coulomb: 0.02, viscous: 0.002 },
         encoder: Encoder { counts_per_turn: 65536.0, reversed: false, zero: -40, relative: true },
@@ -446,6 +448,8 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::MimicOffset, "mimic-offset"),
     (Field::MimicForceSensor, "mimic-force-sensor"),
     (Field::EncoderRelative, "encoder-relative"),
+    (Field::MotorResistance, "motor-resistance"),
+    (Field::MotorInductance, "motor-inductance"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
@@ -480,6 +484,7 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::SensorsSilent,
     FaultCause::CrystalStopped,
     FaultCause::WrongCrystal,
+    FaultCause::PowerStage,
 ];
 
 pub fn quiet_board() -> BoardStatus {

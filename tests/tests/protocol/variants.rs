@@ -120,11 +120,11 @@ variants! {
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
         TipMass, TipCenterOfMass, TipRadius, MimicJoint, MimicMultiplier, MimicOffset, MimicForceSensor,
-        EncoderRelative,
+        EncoderRelative, MotorResistance, MotorInductance,
     }
     Problem {
         NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NotAnotherChains, NotSupported,
-        BoardLimit,
+        BoardLimit, Missing,
     }
     Mode { Disabled, Enabled, Fault }
     FaultCause {
@@ -133,6 +133,7 @@ variants! {
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
         ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
         ForceMismatch, EnergyGained, SensorsSilent, CrystalStopped, WrongCrystal,
+        PowerStage,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software, CrystalStopped }

@@ -1,0 +1,227 @@
+//! What is at the pins of the board `board-weact`: three power stages DRV8874 in PH/EN mode with a brushed motor and an
+//! encoder each, a supply, an emergency stop.
+//!
+//! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver. No analogue
+//! effects: switches switch at once, the current mirror is exact but for noise of the converter.
+
+use crate::gpio::Gpio;
+use crate::pins::Pin;
+use crate::tim1::{Level, Tim1};
+
+/// Current at IPROPI per current of the motor.
+const MIRROR: f64 = 450e-6;
+const RESISTOR: f64 = 2490.0;
+const REFERENCE: f64 = 3.3;
+/// Of the divider at the supply.
+const DIVIDER: f64 = 11.0;
+/// Time to wake [s].
+const WAKE: f64 = 1e-3;
+/// Of the body diodes through which a sleeping stage lets the current decay [V].
+const DIODES: f64 = 1.4;
+
+const ENABLE: [(Pin, &str); 3] = [(Pin(1, 13), "CH1N"), (Pin(1, 14), "CH2N"), (Pin(1, 15), "CH3N")];
+const PHASE: [Pin; 3] = [Pin(1, 0), Pin(1, 1), Pin(1, 10)];
+const SLEEP: Pin = Pin(2, 5);
+const TRIP: Pin = Pin(0, 6);
+const STOP: Pin = Pin(2, 8);
+
+/// A brushed motor with what it moves, seen from the joint.
+#[derive(Clone, Copy, Debug)]
+pub struct Motor {
+    /// [Ω], [H].
+    pub resistance: f64,
+    pub inductance: f64,
+    /// [N·m/A] and [V·s/rad].
+    pub constant: f64,
+    /// [kg·m²].
+    pub inertia: f64,
+    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad].
+    pub coulomb: f64,
+    pub viscous: f64,
+    /// Counts of the encoder for a turn of the joint.
+    pub counts: f64,
+    /// A torque from outside [N·m].
+    pub load: f64,
+    /// The joint cannot move.
+    pub blocked: bool,
+}
+
+/// State of a motor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct State {
+    /// [A], [rad/s], [rad].
+    pub current: f64,
+    pub velocity: f64,
+    pub angle: f64,
+    /// Whether the power stage drives: a voltage is at the motor.
+    pub driven: bool,
+    /// Its direction.
+    positive: bool,
+}
+
+pub struct Bench {
+    pub motors: [Motor; 3],
+    pub states: [State; 3],
+    /// Voltage and inner resistance of the supply [V], [Ω].
+    pub supply: f64,
+    pub supply_resistance: f64,
+    /// The emergency stop is pressed.
+    pub stop: bool,
+    /// A power stage pulls its nFAULT down.
+    pub fault: bool,
+    /// The encoders' cables are unplugged: their counts stay.
+    pub unplugged: [bool; 3],
+    /// Current into the terminals is added to the measured one, such as by a short [A].
+    pub leak: [f64; 3],
+    counts: [i64; 3],
+    /// When the stages are awake; `None`: asleep.
+    awake: Option<u64>,
+    now: u64,
+    noise: std::cell::Cell<u32>,
+    /// The last time at which any stage drove.
+    pub last_driven: u64,
+}
+
+impl Bench {
+    pub fn new(motors: [Motor; 3], seed: u32) -> Self {
+        Self {
+            motors,
+            states: [State::default(); 3],
+            supply: 24.0,
+            supply_resistance: 0.1,
+            stop: false,
+            fault: false,
+            unplugged: [false; 3],
+            leak: [0.0; 3],
+            counts: [0; 3],
+            awake: None,
+            now: 0,
+            noise: std::cell::Cell::new(seed),
+            last_driven: 0,
+        }
+    }
+
+    /// Whether the power stages are awake.
+    pub fn is_awake(&self) -> bool {
+        self.awake.is_some()
+    }
+
+    /// Counts of an encoder since power-on.
+    pub fn counts(&self, motor: usize) -> i64 {
+        self.counts[motor]
+    }
+
+    /// What the chip's inputs show: the resistors at the emergency stop, and open drains at the trip.
+    pub fn inputs(&self) -> [(Pin, bool); 2] {
+        [(STOP, !self.stop), (TRIP, !self.stop && !self.fault)]
+    }
+
+    /// Supply voltage at the stages [V].
+    fn voltage(&self) -> f64 {
+        let drawn: f64 =
+            self.states.iter().filter(|state| state.driven).map(|state| state.current.abs()).sum();
+        self.supply - self.supply_resistance * drawn
+    }
+
+    /// The part of full scale at a converter's channel.
+    pub fn analogue(&self, gpio: &Gpio, channel: u32) -> f64 {
+        let Some(port_pin) = channel.checked_sub(10).map(|number| Pin(2, number)) else { return 0.0 };
+        if gpio.mode(port_pin) != crate::gpio::Mode::Analog {
+            return 0.0;
+        }
+        let volts = match channel {
+            10..=12 => {
+                let motor = channel as usize - 10;
+                let State { current, driven, positive, .. } = self.states[motor];
+                // The low sides' currents from drain to source: all of it while shorted, and of a driven motor what
+                // flows with the voltage.
+                let along = if positive { current } else { -current };
+                let current = if driven { along.max(0.0) } else { current.abs() };
+                let seen = if self.awake.is_some() { current + self.leak[motor] } else { 0.0 };
+                seen * MIRROR * RESISTOR
+            }
+            13 => self.voltage() / DIVIDER,
+            _ => 0.0,
+        };
+        // Even noise of a count and a half to either side.
+        let random = self.noise.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        self.noise.set(random);
+        volts / REFERENCE + (f64::from(random >> 8) / f64::from(1 << 23) - 1.0) * 1.5 / 4095.0
+    }
+
+    /// Motors up to `now`, with what the chip's outputs are since the last call.
+    pub fn advance(&mut self, timer: &Tim1, gpio: &Gpio, now: u64, clock: u64) {
+        if now <= self.now {
+            return;
+        }
+        // An external resistor holds the line low while nothing drives it.
+        let awake = gpio.output(SLEEP).unwrap_or(false);
+        match (awake, self.awake) {
+            (true, None) => self.awake = Some(self.now + (WAKE * 1e12) as u64),
+            (false, _) => self.awake = None,
+            _ => {}
+        }
+        let pulsed = ENABLE.map(|(pin, channel)| gpio.signal(pin) == Some(("TIM1", channel)));
+        while self.now < now {
+            let end = timer.next_edge(self.now, clock).min(now).max(self.now + 1);
+            let middle = self.now + (end - self.now) / 2;
+            let works = self.awake.is_some_and(|since| since <= middle);
+            let seconds = (end - self.now) as f64 * 1e-12;
+            let voltage = self.voltage();
+            for motor in 0..3 {
+                // Without a level the stage's own resistor keeps the input low.
+                let on = pulsed[motor] && timer.complementary(motor, middle, clock) == Level::High
+                    || gpio.output(ENABLE[motor].0) == Some(true);
+                let positive = gpio.output(PHASE[motor]).unwrap_or(false);
+                let sign = if positive { 1.0 } else { -1.0 };
+                let driven = works && on;
+                let volts = if driven {
+                    Some(sign * voltage)
+                } else if works {
+                    Some(0.0)
+                } else {
+                    None
+                };
+                self.step(motor, volts, seconds);
+                (self.states[motor].driven, self.states[motor].positive) = (driven, positive);
+                if driven {
+                    self.last_driven = end;
+                }
+            }
+            self.now = end;
+        }
+    }
+
+    /// A motor with a voltage, or with a stage that sleeps.
+    fn step(&mut self, motor: usize, volts: Option<f64>, seconds: f64) {
+        let supply = self.voltage();
+        let Motor { resistance, inductance, constant, inertia, coulomb, viscous, load, blocked, counts } =
+            self.motors[motor];
+        let state = &mut self.states[motor];
+        let before = state.current;
+        let emf = constant * state.velocity;
+        // A sleeping stage feeds the current back through its diodes until there is none.
+        let applied = volts.unwrap_or_else(|| -before.signum() * (supply + DIODES));
+        let remains = (-resistance * seconds / inductance).exp();
+        state.current = remains * before + (1.0 - remains) / resistance * (applied - emf);
+        if volts.is_none() && (before == 0.0 || state.current * before < 0.0) {
+            state.current = 0.0;
+        }
+        let torque = constant * 0.5 * (before + state.current) + load;
+        if blocked {
+            state.velocity = 0.0;
+        } else if state.velocity == 0.0 && torque.abs() <= coulomb {
+            // It sticks.
+        } else {
+            let direction = if state.velocity == 0.0 { torque.signum() } else { state.velocity.signum() };
+            let next = state.velocity
+                + seconds * (torque - direction * coulomb - viscous * state.velocity) / inertia;
+            // Friction stops a joint; it does not turn it back.
+            state.velocity = if next * state.velocity < 0.0 { 0.0 } else { next };
+        }
+        state.angle += seconds * state.velocity;
+        if !self.unplugged[motor] {
+            self.counts[motor] = (state.angle / std::f64::consts::TAU * counts).floor() as i64;
+        }
+    }
+}

@@ -1,0 +1,322 @@
+//! The peripherals at their addresses, with their clocks, their interrupts and what is at the pins.
+//!
+//! Time is in picoseconds since power-on. A peripheral without clock takes no write and reads as 0.
+
+use std::collections::BTreeMap;
+
+use crate::adc::Adc;
+use crate::bench::Bench;
+use crate::gpio::Gpio;
+use crate::iwdg::Iwdg;
+use crate::mistake::Mistake;
+use crate::nvic::Nvic;
+use crate::pins::Pin;
+use crate::rcc::Rcc;
+use crate::tim1::Tim1;
+use crate::timer::Timer;
+use crate::usart::Usart;
+
+/// Interrupts.
+const IRQ_ADC: u32 = 18;
+const IRQ_TIM1_UP: u32 = 25;
+const IRQ_TIMERS: [u32; 4] = [28, 29, 30, 50];
+const IRQ_USARTS: [u32; 2] = [37, 38];
+const IRQ_TIM11: u32 = 26;
+
+/// The encoders' pins, and the timers that should count them.
+const ENCODERS: [(Pin, Pin, &str); 3] =
+    [(Pin(2, 6), Pin(2, 7), "TIM3"), (Pin(1, 6), Pin(1, 7), "TIM4"), (Pin(0, 0), Pin(0, 1), "TIM5")];
+
+pub struct Chip {
+    pub nvic: Nvic,
+    pub rcc: Rcc,
+    pub gpio: Gpio,
+    pub usart: [Usart; 2],
+    pub tim1: Tim1,
+    /// TIM2 to TIM5.
+    timers: [Timer; 4],
+    tim11: Timer,
+    adc: [Adc; 3],
+    adc_prescaler: u32,
+    pub iwdg: Iwdg,
+    /// What is at the pins.
+    pub bench: Bench,
+    /// Registers that only keep what is written, such as those of FLASH and PWR.
+    kept: BTreeMap<u32, u32>,
+    /// Accesses to what is not there, by address.
+    pub unknown: BTreeMap<u32, u64>,
+    /// What goes wrong with writes to registers.
+    pub mistakes: Vec<Mistake>,
+    /// Counts of the encoders, as the timers have taken them.
+    turned: [i64; 3],
+    pub now: u64,
+}
+
+/// The enable register and bit of the peripheral at a base address; `None` if it always runs, or is not there.
+fn clock(base: u32) -> Option<(usize, u32)> {
+    Some(match base {
+        0x4002_0000..=0x4002_2000 => (0x30, (base - 0x4002_0000) >> 10),
+        0x4000_0000..=0x4000_0C00 => (0x40, base >> 10 & 3),
+        0x4000_4400 => (0x40, 17),
+        0x4001_0000 => (0x44, 0),
+        0x4001_1000 => (0x44, 4),
+        0x4001_4800 => (0x44, 18),
+        _ => return None,
+    })
+}
+
+impl Chip {
+    pub fn new(bench: Bench) -> Self {
+        Self {
+            nvic: Nvic::new(),
+            rcc: Rcc::new(Some(8_000_000)),
+            gpio: Gpio::new(),
+            usart: Default::default(),
+            tim1: Tim1::new(),
+            timers: [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new),
+            tim11: Timer::new(0xFFFF),
+            adc: Default::default(),
+            adc_prescaler: 0,
+            iwdg: Iwdg::new(),
+            bench,
+            kept: BTreeMap::new(),
+            unknown: BTreeMap::new(),
+            mistakes: Vec::new(),
+            turned: [0; 3],
+            now: 0,
+        }
+    }
+
+    /// A reset; `flag` tells its cause in RCC_CSR. Time, and what is outside, go on.
+    pub fn reset(&mut self, flag: u32) {
+        self.settle(self.now);
+        self.rcc.reset(flag);
+        self.gpio.reset();
+        self.usart.iter_mut().for_each(Usart::reset);
+        self.nvic = Nvic::new();
+        self.tim1 = Tim1::new();
+        self.timers = [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new);
+        self.tim11 = Timer::new(0xFFFF);
+        self.adc = Default::default();
+        self.adc_prescaler = 0;
+        self.iwdg = Iwdg::new();
+        self.kept.clear();
+    }
+
+    /// The crystal stops.
+    pub fn stop_crystal(&mut self) {
+        let now = self.now;
+        self.settle(now);
+        self.hold_timers(now);
+        if self.rcc.stop_crystal() {
+            self.nvic.pend_system(2);
+        }
+    }
+
+    /// What the datasheet forbids, and the chip is set up for.
+    pub fn violation(&self) -> Option<String> {
+        let (hclk, wait_states) = (self.rcc.hclk(), self.kept.get(&0x4002_3C00).copied().unwrap_or(0) & 7);
+        let converters = self.adc_clock();
+        // A wait state for each 30 MHz that have begun after the first (RM0090, table 10, 2.7 to 3.6 V).
+        if u64::from(wait_states) + 1 < hclk.div_ceil(30_000_000) {
+            return Some(format!("{wait_states} wait states at {hclk} Hz"));
+        }
+        if converters > 36_000_000 {
+            return Some(format!("converters at {converters} Hz: 36 MHz at most"));
+        }
+        (self.rcc.pclk(1) > 42_000_000 || self.rcc.pclk(2) > 84_000_000)
+            .then(|| "a bus is too fast".to_owned())
+    }
+
+    fn hold_timers(&mut self, now: u64) {
+        let clocks = [self.rcc.timers(1), self.rcc.timers(2)];
+        self.timers.iter_mut().for_each(|timer| timer.hold(now, clocks[0]));
+        self.tim11.hold(now, clocks[1]);
+        self.tim1.hold(now, clocks[1]);
+    }
+
+    fn adc_clock(&self) -> u64 {
+        self.rcc.pclk(2) / (2 * (u64::from(self.adc_prescaler) + 1))
+    }
+
+    /// The next time at which something happens in the chip.
+    pub fn next(&self) -> u64 {
+        let timers = self.timers.iter().map(|timer| timer.next(self.rcc.timers(1)));
+        let usarts = self.usart.iter().map(Usart::next);
+        let rest = [self.tim1.next(self.rcc.timers(2)), self.iwdg.end.unwrap_or(u64::MAX)];
+        timers.chain(usarts).chain(self.adc.iter().map(Adc::next)).chain(rest).min().unwrap_or(u64::MAX)
+    }
+
+    /// Brings what is outside up to `now`, with the outputs as they are.
+    fn settle(&mut self, now: u64) {
+        self.bench.advance(&self.tim1, &self.gpio, now, self.rcc.timers(2));
+        for (index, (first, second, timer)) in ENCODERS.into_iter().enumerate() {
+            let counts = self.bench.counts(index);
+            let edges = counts - std::mem::replace(&mut self.turned[index], counts);
+            let mapped = || {
+                self.gpio.signal(first) == Some((timer, "CH1"))
+                    && self.gpio.signal(second) == Some((timer, "CH2"))
+            };
+            if edges != 0 && mapped() {
+                self.timers[index + 1].turn(edges);
+            }
+        }
+        for (pin, level) in self.bench.inputs() {
+            self.gpio.drive(pin, level);
+        }
+        let trip =
+            [Pin(0, 6), Pin(1, 12)].into_iter().find(|pin| self.gpio.signal(*pin) == Some(("TIM1", "BKIN")));
+        let level = trip.map(|pin| self.gpio.input(pin));
+        self.tim1.set_break_input(level);
+    }
+
+    /// Everything up to `now`. Returns whether the watchdog bites.
+    pub fn advance(&mut self, now: u64) -> bool {
+        self.now = now;
+        self.settle(now);
+        let (slow, fast) = (self.rcc.timers(1), self.rcc.timers(2));
+        self.timers.iter_mut().for_each(|timer| timer.advance(now, slow));
+        self.tim1.advance(now, fast);
+        let (adc_clock, gpio, bench) = (self.adc_clock(), &self.gpio, &self.bench);
+        let inputs = |channel: u32| bench.analogue(gpio, channel);
+        for adc in &mut self.adc {
+            adc.advance(now, adc_clock, &inputs);
+        }
+        let triggers = self.tim1.take_triggers();
+        if triggers != (false, false) {
+            for adc in &mut self.adc {
+                adc.trigger(triggers, now, adc_clock, &inputs);
+            }
+        }
+        let usart_pins = [(Pin(0, 9), Pin(0, 10)), (Pin(0, 2), Pin(0, 3))];
+        for (index, (transmit, receive)) in usart_pins.into_iter().enumerate() {
+            let name = ["USART1", "USART2"][index];
+            let pins = (
+                self.gpio.signal(transmit) == Some((name, "TX")),
+                self.gpio.signal(receive) == Some((name, "RX")),
+            );
+            let clock = self.rcc.pclk(2 - index);
+            self.usart[index].pins = pins;
+            self.usart[index].advance(now, clock);
+        }
+        self.lines();
+        self.iwdg.end.is_some_and(|end| end <= now)
+    }
+
+    /// Level-sensitive lines: pending while high and not being served.
+    fn lines(&mut self) {
+        let timers = IRQ_TIMERS.into_iter().zip(self.timers.iter().map(Timer::line));
+        let usarts = IRQ_USARTS.into_iter().zip(self.usart.iter().map(Usart::line));
+        let adc = self.adc.iter().any(Adc::line);
+        let rest = [(IRQ_ADC, adc), (IRQ_TIM1_UP, self.tim1.line()), (IRQ_TIM11, self.tim11.line())];
+        for (number, high) in timers.chain(usarts).chain(rest) {
+            if high && !self.nvic.is_active(number) {
+                self.nvic.pend(number);
+            }
+        }
+        if self.rcc.nmi() && !self.nvic.is_system_active(2) {
+            self.nvic.pend_system(2);
+        }
+    }
+
+    pub fn read(&mut self, address: u32, now: u64) -> u32 {
+        self.now = now;
+        let (base, offset) = (address & !0x3FF, address & 0x3FF);
+        if clock(base).is_some_and(|(register, bit)| !self.rcc.enables(register, bit)) {
+            return 0;
+        }
+        let (slow, fast) = (self.rcc.timers(1), self.rcc.timers(2));
+        let crystal = (self.rcc.crystal, self.rcc.rtc_divider());
+        let value = match base {
+            0x4000_0000..=0x4000_0C00 => {
+                self.settle(now);
+                self.timers[base as usize >> 10 & 3].read(offset, now, slow, (None, 0))
+            }
+            0x4001_0000 => self.tim1.read(offset, now, fast),
+            0x4001_4800 => self.tim11.read(offset, now, fast, crystal),
+            0x4001_2000 if offset < 0x300 => {
+                let index = offset as usize >> 8;
+                if self.rcc.enables(0x44, 8 + index as u32) {
+                    self.adc[index].read(offset & 0xFF)
+                } else {
+                    Some(0)
+                }
+            }
+            0x4001_2000 if offset == 0x304 => Some(self.adc_prescaler << 16),
+            0x4000_3000 => self.iwdg.read(offset),
+            0x4000_4400 => self.usart[1].read(offset),
+            0x4001_1000 => self.usart[0].read(offset),
+            0x4002_0000..=0x4002_2000 => {
+                self.settle(now);
+                self.gpio.read((base as usize - 0x4002_0000) >> 10, offset)
+            }
+            0x4002_3800 => self.rcc.read(offset),
+            0x4002_3C00 | 0x4000_7000 | 0x4001_3800 => Some(self.kept.get(&address).copied().unwrap_or(0)),
+            0xE000_E000..=0xE000_EC00 => self.nvic.read(address & 0xFFF),
+            _ => None,
+        };
+        value.unwrap_or_else(|| {
+            *self.unknown.entry(address).or_default() += 1;
+            self.kept.get(&address).copied().unwrap_or(0)
+        })
+    }
+
+    pub fn write(&mut self, address: u32, size: u32, value: u32, now: u64) {
+        self.now = now;
+        let value = self.mistakes.iter().fold(value, |value, mistake| mistake.apply(address, value));
+        let (base, offset) = (address & !0x3FF, address & 0x3FF);
+        if clock(base).is_some_and(|(register, bit)| !self.rcc.enables(register, bit)) {
+            return;
+        }
+        let (slow, fast) = (self.rcc.timers(1), self.rcc.timers(2));
+        let done = match base {
+            0x4000_0000..=0x4000_0C00 => {
+                self.settle(now);
+                self.timers[base as usize >> 10 & 3].write(offset, value, now, slow)
+            }
+            0x4001_0000 => {
+                self.settle(now);
+                self.tim1.write(offset, value, now, fast)
+            }
+            0x4001_4800 => self.tim11.write(offset, value, now, fast),
+            0x4001_2000 if offset < 0x300 => {
+                let index = offset as usize >> 8;
+                if self.rcc.enables(0x44, 8 + index as u32) {
+                    let (clock, gpio, bench) = (self.adc_clock(), &self.gpio, &self.bench);
+                    self.adc[index]
+                        .write(offset & 0xFF, value, now, clock, &|channel| bench.analogue(gpio, channel))
+                } else {
+                    Some(())
+                }
+            }
+            0x4001_2000 if offset == 0x304 => {
+                self.adc_prescaler = value >> 16 & 3;
+                Some(())
+            }
+            0x4000_3000 => self.iwdg.write(offset, value, now),
+            0x4000_4400 => self.usart[1].write(offset, value, now, self.rcc.pclk(1)),
+            0x4001_1000 => self.usart[0].write(offset, value, now, self.rcc.pclk(2)),
+            0x4002_0000..=0x4002_2000 => {
+                self.settle(now);
+                let done = self.gpio.write((base as usize - 0x4002_0000) >> 10, offset, value);
+                self.settle(now);
+                done
+            }
+            0x4002_3800 => {
+                self.hold_timers(now);
+                self.rcc.write(offset, value)
+            }
+            0x4002_3C00 | 0x4000_7000 | 0x4001_3800 => {
+                self.kept.insert(address, value);
+                Some(())
+            }
+            0xE000_E000..=0xE000_EC00 => self.nvic.write(address & 0xFFF, size, value),
+            _ => None,
+        };
+        if done.is_none() {
+            *self.unknown.entry(address).or_default() += 1;
+            self.kept.insert(address, value);
+        }
+        self.lines();
+    }
+}

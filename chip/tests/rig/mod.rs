@@ -1,0 +1,163 @@
+//! A board with three joints, and a supervisor.
+
+pub mod acceptance;
+
+use std::path::PathBuf;
+
+use tesaki::control::ServoMode;
+use tesaki::fault::{Fault, FaultCause};
+use tesaki::model::{RobotModel, Safety};
+use tesaki::protocol::{Mode, Reply, Request, Status};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
+use tesaki_chip::SECOND;
+use tesaki_chip::bench::{Bench, Motor};
+use tesaki_chip::client::Client;
+use tesaki_chip::cpu::Machine;
+use tesaki_chip::mistake::Mistake;
+
+/// A gear motor at a joint of the finger of [`model`].
+pub const MOTOR: Motor = Motor {
+    resistance: 6.0,
+    inductance: 2.4e-3,
+    constant: 0.5,
+    inertia: 2.2e-4,
+    coulomb: 0.02,
+    viscous: 0.002,
+    counts: 65536.0,
+    load: 0.0,
+    blocked: false,
+};
+
+/// Three joints that move nothing but themselves.
+pub fn model() -> RobotModel {
+    let mut model = tesaki::test_support::finger();
+    model.gravity = [0.0; 3];
+    model.safety = Safety { command_timeout: 1.0, ..model.safety };
+    for joint in &mut model.joints {
+        joint.link.mass = 0.0;
+        joint.link.inertia = [0.0; 6];
+        joint.encoder.relative = true;
+        joint.motor.resistance = Some(6.0);
+        joint.motor.inductance = Some(2.4e-3);
+    }
+    model
+}
+
+pub struct Rig {
+    pub machine: Machine,
+    pub client: Client,
+}
+
+impl Rig {
+    /// A board that has just started.
+    pub fn boot() -> Self {
+        Self::boot_with(&[])
+    }
+
+    pub fn boot_with(mistakes: &[Mistake]) -> Self {
+        let image = std::env::var_os("TESAKI_WEACT_ELF").map_or_else(
+            || "../target/thumbv7em-none-eabihf/firmware/tesaki-firmware-board-weact".into(),
+            PathBuf::from,
+        );
+        let elf = std::fs::read(&image).unwrap_or_else(|error| panic!("{}: {error}", image.display()));
+        let mut machine = Machine::load(&elf, Bench::new([MOTOR; 3], 1));
+        machine.chip.mistakes = mistakes.to_vec();
+        let mut rig = Self { machine, client: Client::default() };
+        // A board that cannot even start shows in what follows.
+        let _ = rig.try_run(0.1);
+        rig
+    }
+
+    /// With a supervisor that has greeted.
+    pub fn greeted() -> Self {
+        let mut rig = Self::boot();
+        rig.client.demand(&mut rig.machine, Request::Hello { schema: tesaki::protocol::SCHEMA_KEY }).unwrap();
+        rig
+    }
+
+    /// With a model, homed, and enabled at rest.
+    pub fn enabled() -> Self {
+        let mut rig = Self::boot();
+        rig.enable().unwrap();
+        rig
+    }
+
+    pub fn enable(&mut self) -> Result<(), String> {
+        self.client.push(&mut self.machine, &model())?;
+        self.try_run(0.03)?;
+        self.switch_on()
+    }
+
+    fn switch_on(&mut self) -> Result<(), String> {
+        let positions = self.machine.chip.bench.states.map(|state| state.angle as f32).into_iter().collect();
+        self.client.demand(&mut self.machine, Request::Home { positions })?;
+        let config = TaskConfig::JointServo(ServoMode::Observer);
+        self.client.demand(&mut self.machine, Request::Enable(config))?;
+        self.try_run(0.05)
+    }
+
+    /// Leaves the fault, and enables again.
+    pub fn recover(&mut self) -> Result<(), String> {
+        let total = match self.client.ask(&mut self.machine, Request::ReadFaults)? {
+            Reply::Faults(log) => log.total,
+            other => return Err(format!("{other:?}")),
+        };
+        self.client.demand(&mut self.machine, Request::ClearFaults { total })?;
+        self.switch_on()
+    }
+
+    /// The interrupt of the control task is off: the timer goes on, and nobody commands the motors.
+    pub fn stop_control(&mut self) {
+        self.machine.chip.nvic.enabled[0] &= !(1 << 6);
+    }
+
+    pub fn running() -> Mode {
+        Mode::Enabled(TaskKind::JointServo)
+    }
+
+    pub fn try_run(&mut self, seconds: f64) -> Result<(), String> {
+        let until = self.machine.now() + (seconds * SECOND as f64) as u64;
+        self.machine.run(until)?;
+        self.client.receive(&mut self.machine);
+        Ok(())
+    }
+
+    pub fn run(&mut self, seconds: f64) {
+        self.try_run(seconds).unwrap();
+    }
+
+    pub fn ask(&mut self, request: Request) -> Reply {
+        self.client.ask(&mut self.machine, request).unwrap()
+    }
+
+    pub fn status(&mut self) -> Status {
+        self.client.status(&mut self.machine).unwrap()
+    }
+
+    pub fn faults(&mut self) -> Vec<Fault> {
+        match self.ask(Request::ReadFaults) {
+            Reply::Faults(log) => log.faults.into_iter().collect(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    pub fn causes(&mut self) -> Vec<FaultCause> {
+        self.faults().into_iter().map(|fault| fault.cause).collect()
+    }
+
+    pub fn goal_request(positions: [f32; 3]) -> Request {
+        let positions = positions.into_iter().collect();
+        Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
+    }
+
+    pub fn goal(&mut self, positions: [f32; 3]) {
+        let reply = self.ask(Self::goal_request(positions));
+        assert_eq!(reply, Reply::Done, "{:?}", self.faults());
+    }
+
+    /// Resets the command timeout, without waiting for the reply.
+    pub fn keep(&mut self) {
+        self.client.send(&mut self.machine, Request::Keep);
+    }
+}

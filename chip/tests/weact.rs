@@ -1,0 +1,56 @@
+//! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in one is found.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod rig;
+
+use rig::Rig;
+use tesaki::protocol::{ClockSource, Mode, ResetCause};
+
+#[test]
+fn boots_from_the_crystal() {
+    let mut rig = Rig::greeted();
+    let status = rig.status();
+    assert_eq!(status.board.clock, ClockSource::Crystal);
+    assert_eq!(status.board.reset, ResetCause::PowerOn);
+    assert_eq!(status.node.mode, Mode::Disabled);
+    assert_eq!(rig.machine.chip.rcc.hclk(), 168_000_000);
+    let supply = status.node.supply;
+    assert!((supply - 24.0).abs() < 0.05, "{supply}");
+    assert_eq!(rig.machine.chip.unknown, Default::default());
+}
+
+/// The servo's table: against the reference of the trajectory filter 5 mrad at most, and 1 mrad after a second; paper's
+/// values of the observer mode. The angle is that of the motor, not of the encoder.
+#[test]
+fn joints_step_by_0_3_rad_through_the_registers() {
+    let mut rig = Rig::enabled();
+    let goals = [0.3_f32, -0.3, 0.15];
+    rig.goal(goals);
+    let (mut worst, mut late) = (0.0_f64, 0.0_f64);
+    for tick in 1..=300 {
+        rig.run(0.01);
+        rig.keep();
+        let time = f64::from(tick) * 0.01;
+        let reference = 1.0 - (1.0 + time / 0.2) * (-time / 0.2).exp();
+        for (state, goal) in rig.machine.chip.bench.states.iter().zip(goals) {
+            // The filter runs in ticks: the reference may be one earlier or later.
+            let error = (state.angle - f64::from(goal) * reference).abs();
+            worst = worst.max(error);
+            if time > 2.0 {
+                late = late.max((state.angle - f64::from(goal)).abs());
+            }
+        }
+    }
+    eprintln!("largest {worst:.5} rad, late {late:.5} rad");
+    assert!(worst < 5e-3 && late < 1e-3, "{worst} {late}");
+    assert_eq!(rig.status().node.mode, Rig::running());
+    assert_eq!(rig.faults(), []);
+}
+
+#[test]
+fn the_board_does_all_that_it_must() {
+    let mut rig = Rig::boot();
+    rig::acceptance::accept(&mut rig).unwrap();
+    let [adc, timer, control] = [16 + 18, 16 + 28, 16 + 6].map(|number| rig.machine.work[number]);
+    eprintln!("ADC {adc:?}\nTIM2 {timer:?}\nEXTI0 {control:?}");
+}

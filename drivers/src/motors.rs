@@ -1,0 +1,241 @@
+//! Brushed motors on power stages with a direction and a pulse each: wake, current loops, trip, dead man.
+
+use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
+
+use crate::current_sign::CurrentSign;
+
+/// Supply that is taken for a voltage of 0 [V].
+const SUPPLY_MIN: f32 = 1.0;
+/// Part of an ampere in which currents are added up [A].
+pub const SUM_RESOLUTION: f32 = 1e-4;
+
+/// A motor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motor {
+    /// Its winding.
+    pub winding: Winding,
+    /// A larger current switches all motors off [A].
+    pub trip: f32,
+}
+
+/// What a power stage does until the next period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Output {
+    /// Direction of the voltage: positive.
+    pub positive: bool,
+    /// Duty in timer counts; 0 shorts the motor.
+    pub counts: u16,
+}
+
+/// The power stages of `N` motors, which sleep and wake together.
+pub trait PowerStages<const N: usize> {
+    /// Asleep: the motors coast, whatever the outputs are.
+    fn off(&mut self);
+    /// Awake, without pulses.
+    fn wake(&mut self);
+    /// Lets pulses pass until the hardware's trip stops them.
+    fn arm(&mut self);
+    /// Whether the hardware stopped the pulses.
+    fn has_tripped(&self) -> bool;
+    /// The next duties. They take effect in the middle between this sample and the next, the directions at once.
+    fn set(&mut self, outputs: &[Output; N]);
+}
+
+/// Currents of a control period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command<const N: usize> {
+    /// Currents [A].
+    pub currents: [f32; N],
+    /// Joint velocities, for the back-EMF [rad/s].
+    pub velocities: [f32; N],
+}
+
+/// What was measured since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Totals<const N: usize> {
+    /// Sums of the currents in [`SUM_RESOLUTION`]; they wrap.
+    pub currents: [i32; N],
+    /// Number of periods; it wraps.
+    pub periods: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    current_loop: CurrentLoop,
+    sign: CurrentSign,
+    trip: f32,
+    velocity: f32,
+    state: CurrentLoopState,
+    /// The last two duties [1], with the sign of the voltage.
+    duties: [f32; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Off,
+    /// Until the power stages work, in periods.
+    Waking(u16),
+    Running,
+    /// Off by itself, until the next command to be off.
+    Tripped,
+}
+
+/// Drives the motors, a sample of their currents at a time.
+///
+/// They are off until the first command. The power stages have their time to wake before the first pulse. A current
+/// beyond the trip, or a trip of the hardware, switches all of them off until [`Motors::command`] was told to be off.
+/// Without commands [`CurrentLoop`] brakes, and then they are off.
+#[derive(Clone, Copy, Debug)]
+pub struct Motors<const N: usize> {
+    axes: [Option<Axis>; N],
+    phase: Phase,
+    wake_periods: u16,
+    resolution: f32,
+    outputs: [Output; N],
+    totals: Totals<N>,
+}
+
+impl<const N: usize> Motors<N> {
+    /// Motors for these windings; a board may have more power stages than motors. `wake` is the time until a power stage
+    /// works [s].
+    ///
+    /// # Errors
+    /// The motor and the value for which there is no current loop.
+    pub fn try_new(
+        motors: &[Option<Motor>; N],
+        switching: &Switching,
+        wake: f32,
+    ) -> Result<Self, (usize, InvalidCurrentLoop)> {
+        let mut axes = [None; N];
+        for (index, (axis, motor)) in axes.iter_mut().zip(motors).enumerate() {
+            if let Some(Motor { winding, trip }) = *motor {
+                *axis = Some(Axis {
+                    current_loop: CurrentLoop::try_new(&winding, switching)
+                        .map_err(|error| (index, error))?,
+                    sign: CurrentSign::new(&winding, switching.period),
+                    trip,
+                    velocity: 0.0,
+                    state: CurrentLoopState::new(),
+                    duties: [0.0; 2],
+                });
+            }
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let wake_periods = (wake / switching.period) as u16 + 1;
+        Ok(Self {
+            axes,
+            phase: Phase::Off,
+            wake_periods,
+            resolution: switching.resolution.into(),
+            outputs: [Output::default(); N],
+            totals: Totals { currents: [0; N], periods: 0 },
+        })
+    }
+
+    /// Takes other motors into use; the counts of [`Totals`] go on.
+    pub const fn replace(&mut self, other: Self) {
+        let totals = self.totals;
+        *self = other;
+        self.totals = totals;
+    }
+
+    /// What was measured.
+    pub const fn totals(&self) -> Totals<N> {
+        self.totals
+    }
+
+    /// Whether the motors are off because of a trip.
+    pub fn has_tripped(&self) -> bool {
+        self.phase == Phase::Tripped
+    }
+
+    /// The command of a control period; `None`: off.
+    pub fn command(&mut self, command: Option<&Command<N>>, stages: &mut impl PowerStages<N>) {
+        let Some(Command { currents, velocities }) = command else {
+            self.switch_off(Phase::Off, stages);
+            return;
+        };
+        if self.phase == Phase::Off {
+            stages.wake();
+            self.phase = Phase::Waking(self.wake_periods);
+        }
+        for (axis, (&current, &velocity)) in self.axes.iter_mut().zip(currents.iter().zip(velocities)) {
+            if let Some(axis) = axis {
+                axis.velocity = velocity;
+                axis.state.command(current, velocity);
+            }
+        }
+    }
+
+    /// One period, from the magnitudes of the currents [A] and the supply [V].
+    pub fn update(&mut self, magnitudes: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
+        self.totals.periods = self.totals.periods.wrapping_add(1);
+        match self.phase {
+            Phase::Off | Phase::Tripped => {}
+            Phase::Waking(0) => {
+                stages.arm();
+                self.phase = Phase::Running;
+            }
+            Phase::Waking(periods) => self.phase = Phase::Waking(periods - 1),
+            Phase::Running => self.run(magnitudes, supply, stages),
+        }
+    }
+
+    fn run(&mut self, magnitudes: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
+        let mut off = false;
+        let mut tripped = stages.has_tripped();
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            let Some(axis) = axis else { continue };
+            let [before, last] = axis.duties;
+            let voltage = 0.5 * (before + last) * if supply > SUPPLY_MIN { supply } else { 0.0 };
+            let current = axis.sign.resolve(magnitudes[index], voltage, axis.velocity);
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "saturates; a converter measures some amperes"
+            )]
+            let counts = (current / SUM_RESOLUTION) as i32;
+            self.totals.currents[index] = self.totals.currents[index].wrapping_add(counts);
+            // Also for what is no number.
+            tripped |= !(magnitudes[index] <= axis.trip);
+            let output = &mut self.outputs[index];
+            let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
+                Drive::Duty(duty) => duty,
+                Drive::Brake => 0,
+                Drive::Off => {
+                    off = true;
+                    0
+                }
+            };
+            // The direction takes effect at once, in the pulse of the last duty: it changes when there is none.
+            if duty != 0 && (duty > 0) != output.positive && output.counts != 0 {
+                output.counts = 0;
+            } else {
+                output.positive = if duty == 0 { output.positive } else { duty > 0 };
+                output.counts = duty.unsigned_abs();
+            }
+            let magnitude = f32::from(output.counts) / self.resolution;
+            axis.duties = [last, if output.positive { magnitude } else { -magnitude }];
+        }
+        if tripped || off {
+            self.switch_off(if tripped { Phase::Tripped } else { Phase::Off }, stages);
+        } else {
+            stages.set(&self.outputs);
+        }
+    }
+
+    fn switch_off(&mut self, phase: Phase, stages: &mut impl PowerStages<N>) {
+        stages.off();
+        self.phase = phase;
+        self.outputs = [Output::default(); N];
+        stages.set(&self.outputs);
+        for axis in self.axes.iter_mut().flatten() {
+            axis.state.release();
+            axis.sign.reset();
+            axis.duties = [0.0; 2];
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "motors_tests.rs"]
+mod tests;

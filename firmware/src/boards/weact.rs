@@ -1,0 +1,395 @@
+//! WeAct STM32F405 core board with three carriers of the power stage DRV8874: three brushed motors with a quadrature encoder
+//! each.
+//!
+//! | pin | use |
+//! |---|---|
+//! | PB13, PB14, PB15 | TIM1 CH1N to CH3N: `EN/IN1` of the power stages |
+//! | PB0, PB1, PB10 | `PH/IN2` of the power stages: high for a positive torque |
+//! | PC5 | `nSLEEP` of all power stages; a resistor to ground keeps them asleep until the boot |
+//! | PA6 | TIM1 BKIN: low stops the pulses by hardware. `nFAULT` of all power stages, and the emergency stop |
+//! | PC8 | the emergency stop alone: low when pressed, or when its wire is broken |
+//! | PC6, PC7 | TIM3: encoder 1 |
+//! | PB6, PB7 | TIM4: encoder 2 |
+//! | PA0, PA1 | TIM5: encoder 3 |
+//! | PC0, PC1, PC2 | ADC1 to ADC3: currents, `CS` of the power stages (2.49 kΩ to ground) |
+//! | PC3 | ADC1: supply, through 100 kΩ and 10 kΩ |
+//! | PA9, PA10 | USART1 TX, RX: supervisor |
+//!
+//! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8; from there
+//! 4.7 kΩ go to which has 47 kΩ to ground. There is no plant link.
+
+use core::f32::consts::TAU;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use heapless::Vec;
+use heapless::spsc::{Consumer, Producer, Queue};
+use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
+use stm32f4xx_hal::hal_02::Qei as _;
+use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::qei::Qei;
+use tesaki::TICK;
+use tesaki::control::{InvalidCurrentLoop, Switching, Winding};
+use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
+use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki_drivers::counter::Counter;
+use tesaki_drivers::drv8874::{self, CurrentSense};
+use tesaki_drivers::handover::Handover;
+use tesaki_drivers::motors::{Command, Motor, Motors, Output, PowerStages, SUM_RESOLUTION};
+
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals};
+use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
+use crate::drivers::pulses::Pulses;
+
+/// Motors.
+const N: usize = 3;
+/// Frequency of TIM1 [Hz].
+const TIMER: f32 = 168e6;
+/// Counts of half a period: 20 kHz.
+const RESOLUTION: u16 = 4200;
+/// Duties end 2.5 µs before the sample: the current has its magnitude in `CS` while the motor is shorted.
+const SWITCHING: Switching =
+    Switching { period: 2.0 * RESOLUTION as f32 / TIMER, resolution: RESOLUTION, max_duty: 0.9 };
+/// Reference of the converters [V].
+const REFERENCE: f32 = 3.3;
+const CURRENT_SENSE: CurrentSense =
+    CurrentSense { resistor: 2490.0, reference: REFERENCE, counts: FULL_SCALE };
+/// Supply for a count [V]: the divider is 11.
+const SUPPLY_RESOLUTION: f32 = REFERENCE * 11.0 / FULL_SCALE as f32;
+/// A current of so many times its limit is a fault of the power stage.
+const TRIP: f32 = 1.15;
+/// Periods of the current loop in a control period.
+const PERIODS: u32 = 200;
+
+/// What the board has. A trip must lie within the range of the current sense, 2.94 A.
+const EQUIPMENT: Equipment =
+    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 2.5, supply: 36.0 };
+
+/// Currents and velocities of a control period, and whether the motors are on.
+static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
+/// Totals of the current loop, supply [counts], and whether it tripped.
+static MEASURED: Handover<{ N + 3 }> = Handover::new();
+/// Capacity plus one of the queue of settings.
+const SETTINGS: usize = 2;
+/// [`Board::start`] was called: the queue of settings is in use.
+static STARTED: AtomicBool = AtomicBool::new(false);
+
+/// See the module.
+pub struct Weact {
+    emergency_stop: PC8<Input>,
+    settings: Producer<'static, Motors<N>>,
+    joints: Vec<Joint, N>,
+    counters: [Counter; 2],
+    last: Option<Last>,
+}
+
+/// What the board must know of a joint.
+struct Joint {
+    torque_constant: f32,
+    current_resolution: f32,
+    /// Angle of a count [rad].
+    angle: f32,
+    velocity: f32,
+}
+
+/// The last control period.
+struct Last {
+    period: u32,
+    counts: [i32; N],
+    totals: [i32; N],
+    periods: u32,
+}
+
+impl Board for Weact {
+    const CRYSTAL: u32 = 8_000_000;
+    const OWNS_GATE_DRIVERS: bool = true;
+
+    type Latch = Encoders;
+    type CurrentControl = CurrentLoops;
+
+    fn start(mut peripherals: Peripherals) -> (Self, Encoders, CurrentLoops) {
+        let rcc = &mut peripherals.rcc;
+        let a = peripherals.gpioa.split(rcc);
+        let b = peripherals.gpiob.split(rcc);
+        let c = peripherals.gpioc.split(rcc);
+        // First of all: asleep.
+        c.pc5.into_push_pull_output();
+        a.pa9.into_alternate::<7>();
+        a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
+        a.pa6.into_alternate::<1>();
+        let emergency_stop = c.pc8.into_pull_down_input();
+        let directions =
+            (b.pb0.into_push_pull_output(), b.pb1.into_push_pull_output(), b.pb10.into_push_pull_output());
+
+        let up = Pull::Up;
+        let encoder_1 = (
+            c.pc6.into_alternate::<2>().internal_resistor(up),
+            c.pc7.into_alternate::<2>().internal_resistor(up),
+        );
+        let encoder_2 = (
+            b.pb6.into_alternate::<2>().internal_resistor(up),
+            b.pb7.into_alternate::<2>().internal_resistor(up),
+        );
+        let encoder_3 = (
+            a.pa0.into_alternate::<2>().internal_resistor(up),
+            a.pa1.into_alternate::<2>().internal_resistor(up),
+        );
+        let encoders = Encoders(
+            Qei::new(peripherals.tim3, encoder_1, rcc),
+            Qei::new(peripherals.tim4, encoder_2, rcc),
+            Qei::new(peripherals.tim5, encoder_3, rcc),
+        );
+
+        c.pc0.into_analog();
+        c.pc1.into_analog();
+        c.pc2.into_analog();
+        c.pc3.into_analog();
+        let converters = (peripherals.adc1, peripherals.adc2, peripherals.adc3, peripherals.adc_common);
+        let adc = CurrentAdc::start(converters, rcc, [10, 11, 12], 13);
+        let pulses = Pulses::start(peripherals.tim1, rcc, RESOLUTION);
+        // The outputs idle low before their pins show them.
+        b.pb13.into_alternate::<1>();
+        b.pb14.into_alternate::<1>();
+        b.pb15.into_alternate::<1>();
+
+        let (settings, new_settings) = queue();
+        let stages = Stages { pulses, directions };
+        let motors = no_motors();
+        let board =
+            Self { emergency_stop, settings, joints: Vec::new(), counters: [Counter::new(); 2], last: None };
+        (board, encoders, CurrentLoops { adc, stages, motors, new_settings, command: 0 })
+    }
+
+    fn is_strapped(&mut self) -> bool {
+        false
+    }
+
+    fn connect_plant_link(&mut self) {}
+
+    fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
+        EQUIPMENT.check(model)?;
+        let mut motors = [None; N];
+        for (index, (motor, joint)) in (0_u8..).zip(motors.iter_mut().zip(&model.joints)) {
+            *motor = Some(motor_of(index, joint)?);
+        }
+        let motors = Motors::try_new(&motors, &SWITCHING, drv8874::WAKE)
+            .map_err(|(index, error)| refusal(index as u8, error))?;
+        self.joints = model.joints.iter().take(N).map(Joint::new).collect();
+        self.last = None;
+        // Full only if the current loop does not run, which `read` reports. Then nothing moves.
+        let _ = self.settings.enqueue(motors);
+        Ok(())
+    }
+
+    fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
+        let (_, measured) = sample.measured?;
+        let [totals @ .., periods, supply, tripped] = measured;
+        let totals = totals.map(u32::cast_signed);
+        let [first, second, third] = sample.counts;
+        let counts = [
+            self.counters[0].extend(first as u16),
+            self.counters[1].extend(second as u16),
+            third.cast_signed(),
+        ];
+        let last = self.last.replace(Last { period, counts, totals, periods });
+        let mut currents = Vec::new();
+        for (index, joint) in self.joints.iter_mut().enumerate() {
+            let mut count = 0;
+            if let Some(last) = &last {
+                let elapsed = period.wrapping_sub(last.period) as f32;
+                let change = counts[index].wrapping_sub(last.counts[index]) as f32;
+                joint.velocity = change * joint.angle / (elapsed * TICK);
+                let samples = periods.wrapping_sub(last.periods);
+                // The loop has to run at its rate, or nobody controls the currents.
+                if samples.abs_diff(PERIODS * period.wrapping_sub(last.period)) > PERIODS / 10 {
+                    return None;
+                }
+                let sum = totals[index].wrapping_sub(last.totals[index]) as f32;
+                count = (sum * SUM_RESOLUTION / samples as f32 / joint.current_resolution) as i16;
+            }
+            // Cannot fail: a board has no more joints than a frame.
+            let _ = currents.push(count);
+        }
+        let stopped = self.emergency_stop.is_low();
+        let mut flags = SensorFlags(0);
+        flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
+        flags.0 |= if tripped != 0 || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
+        Some(SensorFrame {
+            sequence: period,
+            flags,
+            supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
+            encoders: counts.into_iter().take(self.joints.len()).collect(),
+            currents,
+            forces: Vec::new(),
+        })
+    }
+
+    fn write(&mut self, actuators: &ActuatorFrame) {
+        let mut words = [0; 2 * N + 1];
+        if actuators.enabled {
+            words[2 * N] = 1;
+            for (index, (joint, torque)) in self.joints.iter().zip(&actuators.torques).enumerate() {
+                words[index] = (torque / joint.torque_constant).to_bits();
+                words[N + index] = joint.velocity.to_bits();
+            }
+        } else {
+            Self::off();
+        }
+        COMMAND.write(words);
+    }
+
+    fn off() {
+        sleep();
+        Pulses::off();
+    }
+}
+
+/// Whether the line of the trip is active; the pin is the timer's, but its level can be read.
+fn trip_is_active() -> bool {
+    // SAFETY: reading this register has no effect.
+    unsafe { (*pac::GPIOA::ptr()).idr().read().bits() & 1 << 6 == 0 }
+}
+
+impl Joint {
+    fn new(joint: &JointModel) -> Self {
+        let sign = if joint.encoder.reversed { -1.0 } else { 1.0 };
+        Self {
+            torque_constant: joint.motor.torque_constant,
+            current_resolution: joint.motor.current_resolution,
+            angle: sign * TAU / joint.encoder.counts_per_turn,
+            velocity: 0.0,
+        }
+    }
+}
+
+fn motor_of(index: u8, joint: &JointModel) -> Result<Motor, ModelError> {
+    let needed = |field, value: Option<f32>| {
+        value.ok_or(ModelError { joint: Some(index), field, value: 0.0, problem: Problem::Missing })
+    };
+    let motor = &joint.motor;
+    let winding = Winding {
+        resistance: needed(Field::MotorResistance, motor.resistance)?,
+        inductance: needed(Field::MotorInductance, motor.inductance)?,
+        back_emf: motor.torque_constant,
+    };
+    Ok(Motor { winding, trip: TRIP * motor.current_limit })
+}
+
+/// What the current loop cannot do, by the field of the model.
+fn refusal(index: u8, error: InvalidCurrentLoop) -> ModelError {
+    let InvalidCurrentLoop { field, value, limits: (lower, upper) } = error;
+    let field = match field {
+        "resistance" => Field::MotorResistance,
+        "inductance" => Field::MotorInductance,
+        _ => Field::TorqueConstant,
+    };
+    let problem = if value < lower { Problem::Below(lower) } else { Problem::BoardLimit(upper) };
+    ModelError { joint: Some(index), field, value, problem }
+}
+
+fn no_motors() -> Motors<N> {
+    // Cannot fail: there is no winding that could be invalid.
+    Motors::try_new(&[None; N], &SWITCHING, drv8874::WAKE).unwrap_or_else(|_| unreachable!())
+}
+
+/// The queue of settings.
+///
+/// # Panics
+/// At the second call.
+fn queue() -> (Producer<'static, Motors<N>>, Consumer<'static, Motors<N>>) {
+    static mut QUEUE: Queue<Motors<N>, SETTINGS> = Queue::new();
+    assert!(!STARTED.swap(true, Ordering::Relaxed));
+    // SAFETY: the only reference, as this line is reached once.
+    unsafe { (*core::ptr::addr_of_mut!(QUEUE)).split() }
+}
+
+/// `nSLEEP` low.
+fn sleep() {
+    // SAFETY: a single store that resets PC5.
+    unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(1 << 21)) };
+}
+
+/// What is latched: the encoders, and the last measurement of the current loop.
+#[derive(Clone, Copy)]
+pub struct Sample {
+    counts: [u32; N],
+    measured: Option<(u32, [u32; N + 3])>,
+}
+
+/// The encoders' counters.
+pub struct Encoders(Qei<TIM3>, Qei<TIM4>, Qei<TIM5>);
+
+impl Latch for Encoders {
+    type Sample = Sample;
+
+    fn latch(&mut self) -> Sample {
+        let counts = [self.0.count().into(), self.1.count().into(), self.2.count()];
+        Sample { counts, measured: MEASURED.read(0) }
+    }
+}
+
+/// The power stages.
+struct Stages {
+    pulses: Pulses,
+    directions: (PB0<PinOutput>, PB1<PinOutput>, PB10<PinOutput>),
+}
+
+impl PowerStages<N> for Stages {
+    fn off(&mut self) {
+        Weact::off();
+    }
+
+    fn wake(&mut self) {
+        // SAFETY: a single store that sets PC5.
+        unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(1 << 5)) };
+    }
+
+    fn arm(&mut self) {
+        self.pulses.arm();
+    }
+
+    fn has_tripped(&self) -> bool {
+        self.pulses.has_tripped()
+    }
+
+    fn set(&mut self, outputs: &[Output; N]) {
+        let (first, second, third) = &mut self.directions;
+        first.set_state(outputs[0].positive.into());
+        second.set_state(outputs[1].positive.into());
+        third.set_state(outputs[2].positive.into());
+        self.pulses.set(outputs.map(|output| output.counts));
+    }
+}
+
+/// The current loops, a sample at a time.
+pub struct CurrentLoops {
+    adc: CurrentAdc,
+    stages: Stages,
+    motors: Motors<N>,
+    new_settings: Consumer<'static, Motors<N>>,
+    /// Number of the last command.
+    command: u32,
+}
+
+impl CurrentControl for CurrentLoops {
+    fn on_sample(&mut self) {
+        let sample = self.adc.sample();
+        if let Some(motors) = self.new_settings.dequeue() {
+            self.motors.command(None, &mut self.stages);
+            self.motors.replace(motors);
+        }
+        if let Some((number, words)) = COMMAND.read(self.command) {
+            self.command = number;
+            let value = |first: usize| core::array::from_fn(|index| f32::from_bits(words[first + index]));
+            let command = Command { currents: value(0), velocities: value(N) };
+            self.motors.command((words[2 * N] != 0).then_some(&command), &mut self.stages);
+        }
+        let magnitudes = sample.currents.map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
+        let supply = f32::from(sample.supply) * SUPPLY_RESOLUTION;
+        self.motors.update(&magnitudes, supply, &mut self.stages);
+        let totals = self.motors.totals();
+        let [first, second, third] = totals.currents.map(i32::cast_unsigned);
+        let tripped = self.motors.has_tripped().into();
+        MEASURED.write([first, second, third, totals.periods, sample.supply.into(), tripped]);
+    }
+}

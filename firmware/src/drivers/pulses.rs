@@ -1,0 +1,76 @@
+//! TIM1: three pulses in the middle of a period, a trip by hardware, and a trigger between the pulses.
+
+use crate::pac;
+use pac::TIM1;
+use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+/// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant at which the
+/// counter is 0, the trigger of the converters at the other end, as far from all switching as can be.
+pub struct Pulses(TIM1);
+
+impl Pulses {
+    /// Starts the counter, which counts to `resolution` and back. No pulse passes before [`Pulses::arm`].
+    ///
+    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::arm`]; this, its
+    /// polarity and the outputs' idle level (low) are locked until the next reset.
+    pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
+        TIM1::enable(rcc);
+        TIM1::reset(rcc);
+        timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
+        timer.psc().write(|w| w.psc().set(0));
+        timer.arr().write(|w| w.arr().set(resolution));
+        // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's middle.
+        timer.rcr().write(|w| w.rep().set(0));
+        timer.ccmr1_output().write(|w| {
+            w.oc1m().pwm_mode1().oc1pe().set_bit();
+            w.oc2m().pwm_mode1().oc2pe().set_bit()
+        });
+        timer.ccmr2_output().write(|w| {
+            w.oc3m().pwm_mode1().oc3pe().set_bit();
+            w.oc4m().pwm_mode2().oc4pe().set_bit()
+        });
+        for channel in 0..3 {
+            timer.ccr(channel).write(|w| w.ccr().set(0));
+        }
+        timer.ccr4().write(|w| w.ccr().set(resolution - 1));
+        // With its main output disabled, a complementary output is not inverted (RM0090, table 75: CCxE 0, CCxNE 1).
+        timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit().cc4e().set_bit());
+        timer.egr().write(|w| w.ug().set_bit());
+        // SAFETY: 1 is a level of this field: polarity and idle levels cannot be changed any more.
+        timer.bdtr().write(|w| unsafe {
+            w.ossi().set_bit().bke().set_bit().bkp().clear_bit().aoe().clear_bit().lock().bits(1)
+        });
+        timer.cr1().modify(|_, w| w.cen().set_bit());
+        Self(timer)
+    }
+
+    /// Lets pulses pass, unless the break input is active.
+    pub fn arm(&mut self) {
+        // SAFETY: all flags but the break's stay; zeros clear in this register.
+        self.0.sr().write(|w| unsafe { w.bits(!BREAK_FLAG) });
+        self.0.bdtr().modify(|_, w| w.moe().set_bit());
+    }
+
+    /// Whether no pulse passes: the break input was active since [`Pulses::arm`], or is.
+    pub fn has_tripped(&self) -> bool {
+        self.0.bdtr().read().moe().bit_is_clear() || self.0.sr().read().bits() & BREAK_FLAG != 0
+    }
+
+    /// Duties [timer counts], from the middle of the next pulse on.
+    pub fn set(&mut self, duties: [u16; 3]) {
+        for (channel, duty) in duties.into_iter().enumerate() {
+            self.0.ccr(channel).write(|w| w.ccr().set(duty));
+        }
+    }
+
+    /// Lets no pulse pass. Called from any context, also before the clock of the timer runs: then it has no effect, and no
+    /// pulse passes anyway.
+    pub fn off() {
+        // SAFETY: of what else changes this register, only [`Pulses::arm`] can interrupt or be interrupted here. If it is
+        // lost, the outputs stay off.
+        unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
+    }
+}
+
+/// BIF in TIM1_SR.
+const BREAK_FLAG: u32 = 1 << 7;
