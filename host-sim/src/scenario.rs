@@ -2,6 +2,7 @@
 
 mod arm;
 mod arm7_bilateral;
+mod arm7_contact;
 mod arm7_elbow;
 mod arm7_follow;
 mod arm7_paper;
@@ -81,6 +82,7 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_elbow::SCENARIO,
     arm7_straight::SCENARIO,
     arm7_wall::SCENARIO,
+    arm7_contact::SCENARIO,
     arm7_bilateral::SCENARIO,
     arm7_follow::SCENARIO,
     arm7_paper::SCENARIO,

@@ -288,6 +288,7 @@ const fn key(problem: &InvalidSettings) -> &'static str {
                 "stiffness"
             }
         },
+        InvalidSettings::MassInContact { .. } => "mass",
         InvalidSettings::Joint { .. } | InvalidSettings::NoArmAngle | InvalidSettings::NoRedundantJoint => {
             "redundancy"
         }

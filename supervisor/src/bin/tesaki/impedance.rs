@@ -94,8 +94,10 @@ fn list(values: &[f32], digits: usize) -> String {
 fn one_line(tool: &ImpedanceTelemetry) -> String {
     let contact = if tool.contact { "contact" } else { "free" };
     let singular = if tool.sigma_min < SINGULAR { "  nearly singular" } else { "" };
+    let derated =
+        if tool.derating > 1.0 { format!("  derated × {:.1}", tool.derating) } else { String::new() };
     format!(
-        "tool {} m, deviation {:.1} mm, force {:.1} N, {contact}  elbow {:.3} rad{singular}",
+        "tool {} m, deviation {:.1} mm, force {:.1} N, {contact}  elbow {:.3} rad{singular}{derated}",
         list(&tool.position, 4),
         1000.0 * norm(&tool.error),
         norm(&tool.wrench),
@@ -116,5 +118,8 @@ fn table(tool: &ImpedanceTelemetry) -> String {
     line("elbow", format!("{:.4} rad", tool.elbow));
     let singular = if tool.sigma_min < SINGULAR { ", nearly singular" } else { "" };
     line("sigma_min", format!("{:.3}{singular}", tool.sigma_min));
+    if tool.derating > 1.0 {
+        line("derating", format!("mass and damping × {:.1}: the surface is stiff", tool.derating));
+    }
     text
 }

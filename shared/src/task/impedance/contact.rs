@@ -1,0 +1,105 @@
+//! Stability of the sampled loop in contact: which surface an impedance can bear.
+
+use nalgebra::{Vector3, Vector6};
+
+use super::settings::{ImpedanceSettings, InvalidSettings, Law};
+use super::tuning::{MAX_MASS_RATIO, MAX_OWN_MASS_RATIO, OWN_MASS_MARGIN};
+use crate::TICK;
+use crate::kinematics::Chain;
+use crate::math::{self, Ldlt};
+
+/// Steps of the bisection for the limit: relative error 2⁻²⁴.
+const STEPS: usize = 24;
+/// Smallest pivot of the mass matrix [kg·m²].
+const MIN_INERTIA: f32 = 1e-9;
+/// Smallest mobility that is told from 0 [1/kg].
+const MIN_MOBILITY: f32 = 1e-6;
+
+/// Own mass of an arm at its tool along x, y and z of the base [kg] at joint `angles` [rad]: `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the
+/// force along an axis per acceleration along it while the tool is free otherwise (Khatib 1995). It grows without bound
+/// towards singular postures; at most five times the mean is returned.
+pub fn own_mass(chain: &Chain, angles: &[f32]) -> [f32; 3] {
+    let factors = Ldlt::new(&chain.mass_matrix(angles), MIN_INERTIA);
+    let jacobian = chain.posture(angles).jacobian();
+    let mobility = Vector3::from_fn(|axis, _| {
+        let row = jacobian.row(axis).transpose();
+        row.dot(&factors.solve(&row))
+    });
+    let min = (mobility.sum() / (3.0 * MAX_OWN_MASS_RATIO)).max(MIN_MOBILITY);
+    mobility.map(|mobility| 1.0 / mobility.max(min)).into()
+}
+
+impl ImpedanceSettings {
+    /// Checks the masses of the impedance against the arm's [own](own_mass) along the axes [kg]. With a mass far below
+    /// it the contact with a stiff surface cannot be made stable, also not by derating.
+    ///
+    /// # Errors
+    /// The first axis whose mass is too small.
+    pub fn check_mass(&self, own_mass: &[f32; 3]) -> Result<(), InvalidSettings> {
+        for ((axis, &value), own) in (0..).zip(&self.impedance.mass).zip(own_mass) {
+            let limit = own / MAX_MASS_RATIO;
+            if value < limit {
+                return Err(InvalidSettings::MassInContact { axis, value, own: *own, limit });
+            }
+        }
+        Ok(())
+    }
+
+    /// Largest stiffness [N/m] of a surface across `axis` (0 to 2) on which the sampled loop is stable for certain, for
+    /// an arm whose own mass along the axis is `own_mass` [kg]; 0 when there is none. Beyond it the impedance is derated.
+    /// Axes count without their coupling. docs/equations.md derives the condition.
+    pub fn max_contact_stiffness(&self, axis: usize, own_mass: f32) -> f32 {
+        let impedance = &self.impedance;
+        let (e, v, f) = match axis {
+            0 => (Vector6::x(), Vector6::x(), Vector6::x()),
+            1 => (Vector6::y(), Vector6::y(), Vector6::y()),
+            _ => (Vector6::z(), Vector6::z(), Vector6::z()),
+        };
+        let zero = Vector6::zeros();
+        let law = |error: &_, velocity: &_, force: &_| {
+            let acceleration = match self.law {
+                Law::Direct(_) => impedance.acceleration(error, velocity, force),
+                Law::ModelFollowing => impedance.held_acceleration(error, velocity, force),
+            };
+            acceleration.get(axis).copied().unwrap_or(0.0)
+        };
+        let loop_gains = ContactLoop {
+            error: -law(&e, &zero, &zero),
+            velocity: -law(&zero, &v, &zero),
+            force: law(&zero, &zero, &f),
+        };
+        loop_gains.max_stiffness(own_mass * OWN_MASS_MARGIN)
+    }
+}
+
+/// Gains of the held acceleration `a = force·F − error·e − velocity·ė` along an axis.
+struct ContactLoop {
+    error: f32,
+    velocity: f32,
+    force: f32,
+}
+
+impl ContactLoop {
+    /// Largest stiffness below which the loop is stable on every surface, for an own mass [kg].
+    fn max_stiffness(&self, own_mass: f32) -> f32 {
+        // Frequencies ω T/2 of the own mass on the surface; at π/2 the sampling ends.
+        let [mut stable, mut unstable] = [0.0_f32, core::f32::consts::FRAC_PI_2];
+        for _ in 0..STEPS {
+            let middle = 0.5 * (stable + unstable);
+            *if self.is_stable(own_mass, middle) { &mut stable } else { &mut unstable } = middle;
+        }
+        let frequency = stable * (2.0 / TICK);
+        own_mass * frequency * frequency
+    }
+
+    /// Jury's conditions at the surface on which the own mass has the frequency ω, with `half` = ω T/2:
+    /// `velocity < ω cot half` and `force·k + error < ω² + velocity·ω cot half`, `k = own_mass·ω²`.
+    fn is_stable(&self, own_mass: f32, half: f32) -> bool {
+        let (sine, cosine) = math::sin_cos(half);
+        let frequency = half * (2.0 / TICK);
+        let square = frequency * frequency;
+        let cotangent = if sine > 0.0 { frequency * cosine / sine } else { 2.0 / TICK };
+        self.velocity < cotangent
+            && self.force * own_mass * square + self.error < square + self.velocity * cotangent
+    }
+}
