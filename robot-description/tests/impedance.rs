@@ -1,12 +1,12 @@
 //! Impedance files: what is wrong with them is said in words, with the place.
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 
 use std::path::{Path, PathBuf};
 
 use tesaki::control::ImpedanceAxes;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
-use tesaki_description::impedance::load;
+use tesaki_description::impedance::{load, own_mass_at};
 use tesaki_description::robot::RobotFolder;
 
 const SOFT: &str = include_str!("../../robots/arm7/impedances/soft.toml");
@@ -155,4 +155,26 @@ fn other_mistakes_are_told_with_line_and_key() {
     assert!(missing.starts_with("nowhere/soft.toml: "), "{missing}");
     let said = load(&robots().join("arm7/impedances/soft.toml"), &model("hand3")).unwrap_err().to_string();
     assert!(said.contains("only an arm of seven joints has an arm angle"), "{said}");
+}
+
+#[test]
+fn the_arms_own_mass_is_that_of_pinocchio() {
+    const MASSES: &[([f64; 7], [f64; 3])] = include!("../../tests/oracles/data/own_mass.in");
+    let model = model("arm7");
+    for (angles, expected) in MASSES {
+        let own = own_mass_at(&model, &angles.map(|angle| angle as f32));
+        for (own, expected) in own.iter().zip(expected) {
+            assert!((f64::from(*own) / expected - 1.0).abs() < 1e-3, "{angles:?}: {own} {expected}");
+        }
+    }
+    // A stretched arm has no bound along itself: five times the mean counts.
+    let straight = own_mass_at(&model, &[0.0; 7]);
+    assert!(straight[2] > 3.5 && straight[2] < 5.0, "{straight:?}");
+}
+
+#[test]
+fn a_mass_far_below_the_arms_own_is_refused() {
+    let said = complaint("translation = 1.5", "translation = [0.1, 1.5, 1.5]");
+    assert!(said.contains("the mass along x is 0.1 kg and the arm's own there"), "{said}");
+    assert!(said.contains("take at least") && said.contains("soft.toml:"), "{said}");
 }

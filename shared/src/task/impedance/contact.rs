@@ -68,7 +68,10 @@ impl ImpedanceSettings {
             velocity: -law(&zero, &v, &zero),
             force: law(&zero, &zero, &f),
         };
-        loop_gains.max_stiffness(own_mass * OWN_MASS_MARGIN)
+        // A larger own mass is multiplied more; a smaller one moves too far in a period.
+        let [heavy, light] = [OWN_MASS_MARGIN, 1.0 / OWN_MASS_MARGIN]
+            .map(|factor| loop_gains.max_stiffness(factor * own_mass));
+        if heavy < light { heavy } else { light }
     }
 }
 
@@ -101,5 +104,44 @@ impl ContactLoop {
         let cotangent = if sine > 0.0 { frequency * cosine / sine } else { 2.0 / TICK };
         self.velocity < cotangent
             && self.force * own_mass * square + self.error < square + self.velocity * cotangent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::impedance::DirectLaw;
+    use crate::task::impedance::tests::SOFT;
+
+    /// Whether the law is direct; mass, damping and stiffness of the impedance, own mass, largest stiffness of the surface;
+    /// from `tests/oracles/contact_stability.py` (eigenvalues of the sampled loop).
+    const LIMITS: &[(bool, [f64; 4], f64)] = include!("../../../../tests/oracles/data/contact_stability.in");
+
+    #[test]
+    #[expect(clippy::cast_possible_truncation, reason = "settings are in single precision")]
+    fn the_limit_is_where_an_eigenvalue_leaves_the_unit_circle() {
+        for &(direct, values, limit) in LIMITS {
+            let [mass, damping, stiffness, own] = values.map(|value| value as f32);
+            let mut settings = SOFT;
+            settings.law = if direct { Law::Direct(DirectLaw::PRINTED) } else { Law::ModelFollowing };
+            (settings.impedance.mass[1], settings.impedance.damping[1], settings.impedance.stiffness[1]) =
+                (mass, damping, stiffness);
+            let found = f64::from(settings.max_contact_stiffness(1, own));
+            assert!((found / limit - 1.0).abs() < 2e-3, "{direct} {values:?}: {found} {limit}");
+        }
+    }
+
+    #[test]
+    fn a_mass_far_below_the_arms_own_is_refused_with_the_one_that_would_do() {
+        let own = [3.4, 0.6, 6.2];
+        let refusal = SOFT.check_mass(&own).unwrap_err();
+        assert_eq!(refusal, InvalidSettings::MassInContact { axis: 2, value: 1.5, own: 6.2, limit: 1.55 });
+        assert!(
+            refusal.to_string().contains("along z is 1.5 kg and the arm's own there 6.2 kg"),
+            "{refusal}"
+        );
+        let mut heavier = SOFT;
+        heavier.impedance.mass[2] = 1.56;
+        assert_eq!(heavier.check_mass(&own), Ok(()));
     }
 }

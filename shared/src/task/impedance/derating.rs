@@ -79,3 +79,48 @@ impl Derating {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(forces: impl IntoIterator<Item = f32>) -> f32 {
+        let mut derating = Derating::NONE;
+        forces.into_iter().for_each(|force| derating.update(force, force > 1.5, 1.5));
+        derating.factor()
+    }
+
+    /// A tool that bounces: in contact for one tick in eight.
+    fn bounces(peak: f32, kept: f32, count: usize) -> impl Iterator<Item = f32> {
+        let peaks = core::iter::successors(Some(peak), move |peak| Some(peak * kept)).take(count);
+        peaks.flat_map(|peak| core::iter::once(peak).chain([0.0; 7]))
+    }
+
+    #[test]
+    fn jumps_that_do_not_fade_raise_the_factor_to_its_limit() {
+        // Up and down, up and down: the fourth jump that follows another is the fifth. 1.3 for each from then on.
+        assert!((after(bounces(60.0, 1.0, 3)) - 1.3 * 1.3).abs() < 1e-5);
+        assert!((after(bounces(60.0, 1.0, 20)) - MAX_DERATING).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_no_oscillation_leaves_the_impedance_as_it_is() {
+        // A bounce that fades by itself, one push and release, and a person who shakes the tool by 20 N at 3 Hz.
+        assert!((after(bounces(60.0, 0.6, 10)) - 1.0).abs() < f32::EPSILON);
+        assert!((after(bounces(60.0, 1.0, 1)) - 1.0).abs() < f32::EPSILON);
+        let shaken = (0..500_u16).map(|tick| 20.0 * abs(crate::math::sin_cos(f32::from(tick) * 0.188).0));
+        assert!((after(shaken) - 1.0).abs() < f32::EPSILON);
+    }
+
+    #[test]
+    fn the_factor_fades_exactly_to_one_once_the_tool_is_free() {
+        let mut derating = Derating::NONE;
+        bounces(60.0, 1.0, 6).for_each(|force| derating.update(force, force > 1.5, 1.5));
+        let raised = derating.factor();
+        // Pressed, it keeps the factor.
+        (0..500).for_each(|_| derating.update(6.0, true, 1.5));
+        assert!(raised > 2.0 && (derating.factor() - raised).abs() < f32::EPSILON);
+        (0..600).for_each(|_| derating.update(0.0, false, 1.5));
+        assert!((derating.factor() - 1.0).abs() < f32::EPSILON);
+    }
+}
