@@ -145,6 +145,12 @@ const fn split(energy: f32) -> (i64, f32) {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "tests"
+)]
 mod tests {
     use super::*;
 
@@ -249,6 +255,11 @@ mod tests {
     }
 
     impl<M: Copy> Line<M> {
+        /// Up to 100 ms late, with a jitter of up to 50 ms.
+        fn random(draws: &mut Draws) -> Self {
+            Self { delay: 0.1 * draws.next(), jitter: 0.05 * draws.next(), transit: Vec::new() }
+        }
+
         fn pass(&mut self, draws: &mut Draws, tick: usize, message: M, mut deliver: impl FnMut(M)) {
             let late = (self.delay + self.jitter * draws.next()) / TICK;
             if draws.next() >= 0.2 {
@@ -268,17 +279,11 @@ mod tests {
     fn press(seed: u64) {
         const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
         let mut draws = Draws(seed);
-        let wall = 50.0 * 1000_f32.powf(draws.next());
-        let [mut forward, mut back] = [(); 2].map(|()| (0.1 * draws.next(), 0.05 * draws.next()));
+        // 50 to 50 000 N/m, evenly in the logarithm.
+        let wall = 50.0 * math::exp(6.907_755 * draws.next());
+        let mut forward = Line::random(&mut draws);
+        let mut back = Line::random(&mut draws);
         let stiffness = 300.0 * wall / (300.0 + wall);
-        let mut forward = {
-            let (delay, jitter) = core::mem::take(&mut forward);
-            Line { delay, jitter, transit: Vec::new() }
-        };
-        let mut back = {
-            let (delay, jitter) = core::mem::take(&mut back);
-            Line { delay, jitter, transit: Vec::new() }
-        };
         let (mut master, mut slave) = (PowerPort::new(), PowerPort::new());
         let [mut position, mut velocity, mut force, mut reference, mut target] = [Vector3::<f32>::zeros(); 5];
         let (mut from_master, mut from_slave) = (0_i64, 0_i64);

@@ -108,6 +108,7 @@ impl ContactLoop {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests {
     use super::*;
     use crate::task::impedance::DirectLaw;
