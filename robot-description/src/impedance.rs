@@ -244,7 +244,7 @@ impl ImpedanceTable {
         };
         settings
             .validate(model.joints.len())
-            .and_then(|()| settings.check_mass(&typical_mass(model)))
+            .and_then(|()| settings.check_mass(&typical_mass(model, settings.impedance.axes)))
             .map_err(|problem| (key(&problem), problem.to_string()))?;
         Ok(settings)
     }
@@ -284,19 +284,18 @@ impl ImpedanceTable {
     }
 }
 
-/// The arm's own mass along the axes of its base [kg], with its joints in the middle of their ranges. The controller
+/// The arm's own mass along `axes` [kg], with its joints in the middle of their ranges. The controller
 /// checks an impedance in the posture in which it is enabled.
-pub fn typical_mass(model: &RobotModel) -> [f32; 3] {
+fn typical_mass(model: &RobotModel, axes: ImpedanceAxes) -> [f32; 3] {
     let angles: Vec<f32> =
         model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
-    own_mass_at(model, &angles)
+    own_mass_at(model, &angles, axes)
 }
 
-/// The arm's own mass along the axes of its base [kg] at joint angles [rad]; 0 without a chain.
-pub fn own_mass_at(model: &RobotModel, angles: &[f32]) -> [f32; 3] {
-    let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
+/// The arm's own mass along `axes` [kg] at joint angles [rad]; 0 without a chain.
+pub fn own_mass_at(model: &RobotModel, angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
     model.chains.first().map_or([0.0; 3], |chain| {
-        own_mass(&Chain::of_model(chain, &model.joints).with_rotor_inertia(rotors), angles)
+        own_mass(&Chain::of_model(chain, &model.joints), &model.joints, angles, axes)
     })
 }
 

@@ -1,6 +1,7 @@
 //! Impedance files: what is wrong with them is said in words, with the place.
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 
+use core::f32::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
 
 use tesaki::control::ImpedanceAxes;
@@ -162,13 +163,16 @@ fn the_arms_own_mass_is_that_of_pinocchio() {
     const MASSES: &[([f64; 7], [f64; 3])] = include!("../../tests/oracles/data/own_mass.in");
     let model = model("arm7");
     for (angles, expected) in MASSES {
-        let own = own_mass_at(&model, &angles.map(|angle| angle as f32));
+        let own = own_mass_at(&model, &angles.map(|angle| angle as f32), ImpedanceAxes::Base);
         for (own, expected) in own.iter().zip(expected) {
             assert!((f64::from(*own) / expected - 1.0).abs() < 1e-3, "{angles:?}: {own} {expected}");
         }
     }
+    // With the elbow at 90° the tool's z points along the base's −x.
+    let tool = own_mass_at(&model, &[0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0], ImpedanceAxes::Tool);
+    assert!((f64::from(tool[2]) / MASSES[0].1[0] - 1.0).abs() < 1e-3, "{tool:?}");
     // A stretched arm has no bound along itself: five times the mean counts.
-    let straight = own_mass_at(&model, &[0.0; 7]);
+    let straight = own_mass_at(&model, &[0.0; 7], ImpedanceAxes::Base);
     assert!(straight[2] > 3.5 && straight[2] < 5.0, "{straight:?}");
 }
 

@@ -141,7 +141,7 @@ fn press(
     let mut arm_trial = ArmTrial::begin(setting, rig, label, Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
     let angles: Vec<f32> = arm_trial.plant.truth().positions.iter().map(|&angle| angle as f32).collect();
-    let own_mass = own_mass_at(&model, &angles)[axis];
+    let own_mass = own_mass_at(&model, &angles, settings.impedance.axes)[axis];
     let limit = settings.max_contact_stiffness(axis, own_mass).into();
     let [mut place, mut normal] = [[0.0; 3]; 2];
     (place[axis], normal[axis]) = (f64::from(point.position[axis]) + CLEARANCE, -1.0);

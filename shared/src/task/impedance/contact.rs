@@ -5,8 +5,10 @@ use nalgebra::{Vector3, Vector6};
 use super::settings::{ImpedanceSettings, InvalidSettings, Law};
 use super::tuning::{MAX_MASS_RATIO, MAX_OWN_MASS_RATIO, OWN_MASS_MARGIN};
 use crate::TICK;
+use crate::control::ImpedanceAxes;
 use crate::kinematics::Chain;
 use crate::math::{self, Ldlt};
+use crate::model::JointModel;
 
 /// Steps of the bisection for the limit: relative error 2⁻²⁴.
 const STEPS: usize = 24;
@@ -15,12 +17,22 @@ const MIN_INERTIA: f32 = 1e-9;
 /// Smallest mobility that is told from 0 [1/kg].
 const MIN_MOBILITY: f32 = 1e-6;
 
-/// Own mass of an arm at its tool along x, y and z of the base [kg] at joint `angles` [rad]: `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the
-/// force along an axis per acceleration along it while the tool is free otherwise (Khatib 1995). It grows without bound
-/// towards singular postures; at most five times the mean is returned.
-pub fn own_mass(chain: &Chain, angles: &[f32]) -> [f32; 3] {
-    let factors = Ldlt::new(&chain.mass_matrix(angles), MIN_INERTIA);
-    let jacobian = chain.posture(angles).jacobian();
+/// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]: `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the force
+/// along an axis per acceleration along it while the tool is free otherwise (Khatib 1995). It grows without bound towards
+/// singular postures; at most five times the mean is returned.
+///
+/// `chain` without the rotors, which are those of the `joints`.
+pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
+    let mut inertia = chain.mass_matrix(angles);
+    for (index, joint) in joints.iter().enumerate().take(chain.len()) {
+        inertia[(index, index)] += joint.motor.rotor_inertia;
+    }
+    let factors = Ldlt::new(&inertia, MIN_INERTIA);
+    let posture = chain.posture(angles);
+    let mut jacobian = posture.jacobian().fixed_rows::<3>(0).into_owned();
+    if axes == ImpedanceAxes::Tool {
+        jacobian = posture.tip().rotation.matrix().tr_mul(&jacobian);
+    }
     let mobility = Vector3::from_fn(|axis, _| {
         let row = jacobian.row(axis).transpose();
         row.dot(&factors.solve(&row))
@@ -30,7 +42,7 @@ pub fn own_mass(chain: &Chain, angles: &[f32]) -> [f32; 3] {
 }
 
 impl ImpedanceSettings {
-    /// Checks the masses of the impedance against the arm's [own](own_mass) along the axes [kg]. With a mass far below
+    /// Checks the masses of the impedance against the arm's [own](own_mass) along its axes [kg]. With a mass far below
     /// it the contact with a stiff surface cannot be made stable, also not by derating.
     ///
     /// # Errors

@@ -108,7 +108,8 @@ impl ImpedanceState {
     /// The first invalid setting; the state is unchanged then.
     pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
         settings.validate(arm.chain.len())?;
-        settings.check_mass(&own_mass(arm.chain, &self.angles))?;
+        let axes = settings.impedance.axes;
+        settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, axes))?;
         let before = core::mem::replace(&mut self.settings, *settings);
         if before.law != settings.law {
             // The direct law estimates no disturbance, so an earlier estimate is out of date.

@@ -57,7 +57,8 @@ impl Task for ImpedanceControl {
         let arm = Arm::of(robot).ok_or(ImpedanceRefusal::NotAnArm)?;
         check_source(robot, settings)?;
         settings.validate(arm.chain.len()).map_err(ImpedanceRefusal::Settings)?;
-        let own_mass = own_mass(arm.chain, &ArmMeasurement::of(measured).angles);
+        let (angles, axes) = (ArmMeasurement::of(measured).angles, settings.impedance.axes);
+        let own_mass = own_mass(arm.chain, arm.joints, &angles, axes);
         settings.check_mass(&own_mass).map_err(ImpedanceRefusal::Settings)?;
         match (settings.force, measured.untared(robot)) {
             (ForceSource::Sensor, Some(chain)) => Err(ImpedanceRefusal::NotTared { chain }),

@@ -43,7 +43,10 @@ fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
     )?;
     // Starts the telemetry, which reports faults.
     let angles = motion.positions()?;
-    output::notice(options, &surfaces(&settings, &impedance::own_mass_at(&motion.model, &angles)));
+    output::notice(
+        options,
+        &surfaces(&settings, &impedance::own_mass_at(&motion.model, &angles, settings.impedance.axes)),
+    );
     motion.enable(TaskConfig::Impedance(settings))?;
     output::notice(options, "enabled: push the tool; Ctrl-C disables");
     let begun = Instant::now();
@@ -84,7 +87,7 @@ fn surfaces(settings: &ImpedanceSettings, own_mass: &[f32; 3]) -> String {
     let bears = |axis: usize| settings.max_contact_stiffness(axis, own_mass[axis]);
     let [x, y, z] = [0, 1, 2].map(|axis| format!("{:.1}", bears(axis).min(MAX_SURFACE) / 1000.0));
     format!(
-        "stable on surfaces of up to {x}, {y} and {z} N/mm across x, y and z; on stiffer ones mass and damping are raised"
+        "stable on surfaces of up to {x}, {y} and {z} N/mm across its x, y and z; on stiffer ones mass and damping are raised"
     )
 }
 
