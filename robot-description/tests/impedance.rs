@@ -178,7 +178,12 @@ fn the_arms_own_mass_is_that_of_pinocchio() {
 
 #[test]
 fn a_mass_far_below_the_arms_own_is_refused() {
-    let said = complaint("translation = 1.5", "translation = [0.1, 1.5, 1.5]");
-    assert!(said.contains("the mass along x is 0.1 kg and the arm's own there"), "{said}");
+    let (mass, damping) =
+        ("translation = 1.5, rotation = 0.008 }          # kg, kg·m²\n", "damping = { translation = 30.0");
+    let said = complaint(
+        &format!("{mass}{damping}"),
+        &format!("{}{}", mass.replace("1.5", "0.2"), damping.replace("30.0", "10.0")),
+    );
+    assert!(said.contains("the mass along x is 0.2 kg and the arm's own there 0.93"), "{said}");
     assert!(said.contains("take at least") && said.contains("soft.toml:"), "{said}");
 }

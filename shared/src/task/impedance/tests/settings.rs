@@ -113,7 +113,7 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     let fixture = ArmFixture::new();
     let mut state = fixture.state(&SOFT, &POSTURES[0]);
     let mut light = SOFT;
-    light.impedance.mass[0] = 0.1;
+    (light.impedance.mass[0], light.impedance.damping[0]) = (0.2, 10.0);
     let refused = state.configure(&fixture.arm(), &light).unwrap_err();
     let inertia = fixture.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&POSTURES[0]);
     let jacobian = fixture.jacobian(&POSTURES[0]);
