@@ -75,6 +75,7 @@ pub const FIGURES: &[PaperFigure] = &[
     ),
     figure(Paper::Arm7, "arm7-follow.svg", ARM7, "The slave follows the master along x, directly"),
     figure(Paper::Arm7, "arm7-damping.svg", ARM7, "Error over the damping, directly"),
+    figure(Paper::Arm7, "arm7-bilateral.svg", "arm7-paper-bilateral", "Force felt and force on the wall"),
     figure(Paper::Hand5, "hand5-calibrate-paths.svg", "hand5-calibrate", "Five markers: paths"),
     figure(
         Paper::Hand5,

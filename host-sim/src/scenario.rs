@@ -2,9 +2,11 @@
 
 mod arm;
 mod arm7_bilateral;
+mod arm7_contact;
 mod arm7_elbow;
 mod arm7_follow;
 mod arm7_paper;
+mod arm7_paper_bilateral;
 mod arm7_paper_elbow;
 mod arm7_release;
 mod arm7_straight;
@@ -81,10 +83,12 @@ pub const SCENARIOS: &[Scenario] = &[
     arm7_elbow::SCENARIO,
     arm7_straight::SCENARIO,
     arm7_wall::SCENARIO,
+    arm7_contact::SCENARIO,
     arm7_bilateral::SCENARIO,
     arm7_follow::SCENARIO,
     arm7_paper::SCENARIO,
     arm7_paper_elbow::SCENARIO,
+    arm7_paper_bilateral::SCENARIO,
     hand5_calibrate::SCENARIO,
     hand5_reach::SCENARIO,
     hand5_teleop::SCENARIO,
@@ -134,6 +138,16 @@ pub enum ScenarioError {
     /// A law of the robot.
     #[error(transparent)]
     Law(#[from] LawFileError),
+    /// A law lacks the section of an experiment.
+    #[error(
+        "the law {law} has no {section}, which this scenario runs: add it as in robots/arm7/laws/paper.toml"
+    )]
+    LawWithout {
+        /// Its name.
+        law: String,
+        /// What is missing.
+        section: &'static str,
+    },
     /// The grasp.
     #[error(transparent)]
     Grasp(#[from] GraspFileError),

@@ -32,8 +32,11 @@ use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::control::{Coupling, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
+use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
-use tesaki::task::impedance::{DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use tesaki::task::impedance::{
+    DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
+};
 
 use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
@@ -242,7 +245,10 @@ impl ImpedanceTable {
             contact_force: self.contact_force,
             max_deviation: [self.max_deviation.translation, self.max_deviation.rotation],
         };
-        settings.validate(model.joints.len()).map_err(|problem| (key(&problem), problem.to_string()))?;
+        settings
+            .validate(model.joints.len())
+            .and_then(|()| settings.check_mass(&typical_mass(model, settings.impedance.axes)))
+            .map_err(|problem| (key(&problem), problem.to_string()))?;
         Ok(settings)
     }
 
@@ -281,6 +287,21 @@ impl ImpedanceTable {
     }
 }
 
+/// The arm's own mass along `axes` [kg], with its joints in the middle of their ranges. The controller
+/// checks an impedance in the posture in which it is enabled.
+fn typical_mass(model: &RobotModel, axes: ImpedanceAxes) -> [f32; 3] {
+    let angles: Vec<f32> =
+        model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
+    own_mass_at(model, &angles, axes)
+}
+
+/// The arm's own mass along `axes` [kg] at joint angles [rad]; 0 without a chain.
+pub fn own_mass_at(model: &RobotModel, angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
+    model.chains.first().map_or([0.0; 3], |chain| {
+        own_mass(&Chain::of_model(chain, &model.joints), &model.joints, angles, axes)
+    })
+}
+
 /// The key of an invalid setting.
 const fn key(problem: &InvalidSettings) -> &'static str {
     match problem {
@@ -291,6 +312,7 @@ const fn key(problem: &InvalidSettings) -> &'static str {
                 "stiffness"
             }
         },
+        InvalidSettings::MassInContact { .. } => "mass",
         InvalidSettings::Joint { .. } | InvalidSettings::NoArmAngle | InvalidSettings::NoRedundantJoint => {
             "redundancy"
         }

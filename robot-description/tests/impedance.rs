@@ -1,12 +1,13 @@
 //! Impedance files: what is wrong with them is said in words, with the place.
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 
+use core::f32::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
 
 use tesaki::control::ImpedanceAxes;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
-use tesaki_description::impedance::load;
+use tesaki_description::impedance::{load, own_mass_at};
 use tesaki_description::robot::RobotFolder;
 
 const SOFT: &str = include_str!("../../robots/arm7/impedances/soft.toml");
@@ -155,4 +156,34 @@ fn other_mistakes_are_told_with_line_and_key() {
     assert!(missing.starts_with("nowhere/soft.toml: "), "{missing}");
     let said = load(&robots().join("arm7/impedances/soft.toml"), &model("hand3")).unwrap_err().to_string();
     assert!(said.contains("only an arm of seven joints has an arm angle"), "{said}");
+}
+
+#[test]
+fn the_arms_own_mass_is_that_of_pinocchio() {
+    const MASSES: &[([f64; 7], [f64; 3])] = include!("../../tests/oracles/data/own_mass.in");
+    let model = model("arm7");
+    for (angles, expected) in MASSES {
+        let own = own_mass_at(&model, &angles.map(|angle| angle as f32), ImpedanceAxes::Base);
+        for (own, expected) in own.iter().zip(expected) {
+            assert!((f64::from(*own) / expected - 1.0).abs() < 1e-3, "{angles:?}: {own} {expected}");
+        }
+    }
+    // With the elbow at 90° the tool's z points along the base's −x.
+    let tool = own_mass_at(&model, &[0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0], ImpedanceAxes::Tool);
+    assert!((f64::from(tool[2]) / MASSES[0].1[0] - 1.0).abs() < 1e-3, "{tool:?}");
+    // A stretched arm has no bound along itself: five times the mean counts.
+    let straight = own_mass_at(&model, &[0.0; 7], ImpedanceAxes::Base);
+    assert!(straight[2] > 3.5 && straight[2] < 5.0, "{straight:?}");
+}
+
+#[test]
+fn a_mass_far_below_the_arms_own_is_refused() {
+    let (mass, damping) =
+        ("translation = 1.5, rotation = 0.008 }          # kg, kg·m²\n", "damping = { translation = 30.0");
+    let said = complaint(
+        &format!("{mass}{damping}"),
+        &format!("{}{}", mass.replace("1.5", "0.2"), damping.replace("30.0", "10.0")),
+    );
+    assert!(said.contains("the mass along x is 0.2 kg and the arm's own there 0.93"), "{said}");
+    assert!(said.contains("take at least") && said.contains("soft.toml:"), "{said}");
 }

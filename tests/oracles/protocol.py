@@ -347,9 +347,9 @@ def streams():
         golden("board-read-task-grasping-" + name, reply(9, 1234, uint(7) + report))
 
     pushed = [[0.5, 0.0, -0.25], [0.0, 0.0, 0.0, 1.0], [0.0625, 0.0, 0.0, 0.0, 0.0, -0.125],
-              [18.75, 0.0, 0.0, 0.0, 0.0, -1.0], True, 0.15625, 0.25]
+              [18.75, 0.0, 0.0, 0.0, 0.0, -1.0], True, 0.15625, 0.25, 1.5]
     golden("board-task-impedance", uint(5) + task(1234, impedance(*pushed)))
-    longest = impedance([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True, LOWEST, LOWEST)
+    longest = impedance([LOWEST] * 3, [LOWEST] * 4, [LOWEST] * 6, [LOWEST] * 6, True, LOWEST, LOWEST, LOWEST)
     golden("board-task-impedance-longest", uint(5) + task(4294967295, longest))
     golden("board-read-task-impedance", reply(9, 1234, uint(7) + task(1234, impedance(*pushed))))
 

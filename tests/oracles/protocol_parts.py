@@ -173,10 +173,10 @@ def target(position, rotation, velocity, acceleration, elbow):
             + reals(acceleration) + reals(elbow))
 
 
-def impedance(position, rotation, error, wrench, contact, sigma_min, elbow):
+def impedance(position, rotation, error, wrench, contact, sigma_min, elbow, derating):
     """What the supervisor sees of impedance control."""
     return (IMPEDANCE + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
-            + reals([sigma_min, elbow]))
+            + reals([sigma_min, elbow, derating]))
 
 
 def retargeting(follows, weights, numbers, speeds, tolerance, directions, servo, limits):
@@ -238,6 +238,7 @@ INVALID_SETTINGS = {
     "impedance-stiffness-matrix": uint(0) + uint(5) + byte(1) + reals([-1.0, 0.0]),
     "impedance-damping-to-mass": uint(0) + uint(6) + byte(3) + reals([-1.0, 0.0]),
     "impedance-stiffness-to-mass": uint(0) + uint(7) + byte(3) + reals([-1.0, 0.0]),
+    "mass-in-contact": uint(9) + byte(2) + reals([0.5, 4.0, 1.0]),
 }
 LIMITS = {
     "joint-count": uint(0) + byte(2) + byte(9),

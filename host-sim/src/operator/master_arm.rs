@@ -23,6 +23,24 @@ pub struct Impedance {
     pub stiffness: f64,
 }
 
+impl Impedance {
+    /// Deviation and its rate after a step under a force, by the implicit midpoint rule.
+    fn advance(
+        &self,
+        deviation: &mut Vector3<f64>,
+        rate: &mut Vector3<f64>,
+        force: &Vector3<f64>,
+        step: f64,
+    ) {
+        let Self { mass, damping, stiffness } = *self;
+        let inertia = mass + step / 2.0 * (damping + step / 2.0 * stiffness);
+        let before = *rate;
+        let pull = force - before * damping - (*deviation + before * (step / 2.0)) * stiffness;
+        *rate += pull * (step / inertia);
+        *deviation += (before + *rate) * (step / 2.0);
+    }
+}
+
 /// A master arm: shoulder of two joints, elbow, and a wrist of three whose axes meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MasterArmValues {
@@ -42,8 +60,12 @@ pub struct MasterArmValues {
     pub rate: f64,
     /// The operator's arm with the handle.
     pub impedance: Impedance,
+    /// The operator's hand with the handle, about each axis [kg·m², N·m·s/rad, N·m/rad].
+    pub rotation: Impedance,
     /// Largest force that the motors reflect [N].
     pub force_limit: f64,
+    /// Largest torque [N·m].
+    pub torque_limit: f64,
 }
 
 impl Default for MasterArmValues {
@@ -58,7 +80,9 @@ impl Default for MasterArmValues {
             zero_error: 3e-4,
             rate: 240.0,
             impedance: Impedance { mass: 1.5, damping: 15.0, stiffness: 300.0 },
+            rotation: Impedance { mass: 0.004, damping: 0.1, stiffness: 3.0 },
             force_limit: 30.0,
+            torque_limit: 3.0,
         }
     }
 }
@@ -74,9 +98,8 @@ pub struct MasterPose {
 
 /// A master arm with the operator's arm at its handle.
 ///
-/// In free motion the handle follows the intended motion of the hand exactly. A reflected force makes it
-/// deviate according to the operator's [`Impedance`]. The orientation does not deviate: no torque is
-/// reflected.
+/// In free motion the handle follows the intended motion of the hand exactly. A reflected force or torque makes it
+/// deviate according to the operator's [`Impedance`].
 #[derive(Clone, Debug)]
 pub struct MasterArm {
     values: MasterArmValues,
@@ -89,6 +112,10 @@ pub struct MasterArm {
     deviation: Vector3<f64>,
     deviation_rate: Vector3<f64>,
     force: Vector3<f64>,
+    /// The same of the orientation, a rotation vector in the axes of the base [rad], [rad/s].
+    turn: Vector3<f64>,
+    turn_rate: Vector3<f64>,
+    torque: Vector3<f64>,
 }
 
 impl MasterArm {
@@ -99,8 +126,20 @@ impl MasterArm {
         let zero_errors = [(); 6].map(|()| values.zero_error * rng.symmetric());
         let kinematics = Kinematics::new(&values, middle);
         let zero = Vector3::zeros();
-        let (deviation, deviation_rate, force) = (zero, zero, zero);
-        Self { values, kinematics, zero_errors, sampling, rng, time: 0.0, deviation, deviation_rate, force }
+        Self {
+            values,
+            kinematics,
+            zero_errors,
+            sampling,
+            rng,
+            time: 0.0,
+            deviation: zero,
+            deviation_rate: zero,
+            force: zero,
+            turn: zero,
+            turn_rate: zero,
+            torque: zero,
+        }
     }
 
     /// Sets the reflected force [N]; its magnitude saturates at [`MasterArmValues::force_limit`]. Returns the
@@ -110,11 +149,21 @@ impl MasterArm {
         self.force.into()
     }
 
+    /// Sets the reflected torque [N·m], as [`Self::reflect`] the force.
+    pub fn reflect_torque(&mut self, torque: [f64; 3]) -> [f64; 3] {
+        self.torque = Vector3::from(torque).cap_magnitude(self.values.torque_limit);
+        self.torque.into()
+    }
+
     /// True state of the handle while the operator intends `motion`.
     pub fn handle(&self, motion: &OperatorHandMotion) -> OperatorHandState {
         let mut state = motion.at(self.time);
         state.pose.translation.vector += self.deviation;
         state.velocity += self.deviation_rate;
+        if self.turn != Vector3::zeros() {
+            state.pose.rotation = UnitQuaternion::from_scaled_axis(self.turn) * state.pose.rotation;
+        }
+        state.angular_velocity += self.turn_rate;
         state
     }
 
@@ -131,16 +180,13 @@ impl MasterArm {
         samples
     }
 
-    /// Integrates the operator's impedance under the reflected force by the implicit midpoint rule.
+    /// Integrates the operator's impedances under the reflected force and torque.
     fn advance(&mut self, until: f64) {
-        let Impedance { mass, damping, stiffness } = self.values.impedance;
+        let MasterArmValues { impedance, rotation, .. } = self.values;
         while self.time < until {
             let step = STEP.min(until - self.time);
-            let inertia = mass + step / 2.0 * (damping + step / 2.0 * stiffness);
-            let rate = self.deviation_rate;
-            let pull = self.force - rate * damping - (self.deviation + rate * (step / 2.0)) * stiffness;
-            self.deviation_rate += pull * (step / inertia);
-            self.deviation += (rate + self.deviation_rate) * (step / 2.0);
+            impedance.advance(&mut self.deviation, &mut self.deviation_rate, &self.force, step);
+            rotation.advance(&mut self.turn, &mut self.turn_rate, &self.torque, step);
             // The last step ends exactly where it should.
             self.time = if step < STEP { until } else { self.time + step };
         }

@@ -40,20 +40,20 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// Distance of the wall from the start, and length of the operator's stroke [m].
-const CLEARANCE: f64 = 0.02;
-const STROKE: f64 = 0.05;
+pub(super) const CLEARANCE: f64 = 0.02;
+pub(super) const STROKE: f64 = 0.05;
 /// Start and duration of the stroke, and time that the operator stays [s].
-const BEGIN: f64 = 0.5;
-const TIME: f64 = 0.8;
-const STAY: f64 = 4.0;
+pub(super) const BEGIN: f64 = 0.5;
+pub(super) const TIME: f64 = 0.8;
+pub(super) const STAY: f64 = 4.0;
 /// Stiffness of the arm's impedance [N/m].
-const STIFFNESS: f64 = 300.0;
+const STIFFNESS: f32 = 300.0;
 /// Stiffness of the walls [N/m].
 const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
 /// Delay of the link in each direction [s].
 const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
 /// Damping of the walls [N·s/m].
-const DAMPING: f64 = 20.0;
+pub(super) const DAMPING: f64 = 20.0;
 /// Limit of the energy that the wall receives beyond the operator's input: the reserves of both ports, the
 /// arm's kinetic energy, and the deficit of a first contact [mJ].
 const MAX_ENERGY_GENERATED: f64 = 100.0;
@@ -66,26 +66,32 @@ const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_res
 
 /// State of master and link in a tick.
 #[derive(Clone, Copy)]
-struct LinkSample {
+pub(super) struct LinkSample {
     /// Displacement of the handle along x from the start [m].
-    handle: f64,
+    pub handle: f64,
     /// Force on the handle along x [N].
-    force: f64,
+    pub force: f64,
     /// Energy in the link [J].
-    energy: f64,
+    pub energy: f64,
 }
 
-struct Run {
+#[derive(Clone)]
+pub(super) struct Run {
     wall: f64,
-    delay: f64,
+    pub delay: f64,
     passivity_control: bool,
-    ticks: Vec<LinkSample>,
-    samples: Vec<ArmSample>,
+    pub ticks: Vec<LinkSample>,
+    pub samples: Vec<ArmSample>,
 }
 
 impl Run {
+    /// Nothing recorded yet, without passivity control.
+    pub const fn new(wall: f64, delay: f64) -> Self {
+        Self { wall, delay, passivity_control: false, ticks: Vec::new(), samples: Vec::new() }
+    }
+
     /// Time from the end of the stroke until the handle stays near its final position [s].
-    fn settling_time(&self) -> f64 {
+    pub fn settling_time(&self) -> f64 {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
         let outside = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > SETTLING_BAND);
@@ -99,7 +105,7 @@ impl Run {
 
     /// Largest energy that the wall has received beyond the operator's input, from the true forces and
     /// displacements [J].
-    fn energy_generated(&self) -> f64 {
+    pub fn energy_generated(&self) -> f64 {
         let handle = self.ticks.windows(2).map(|pair| -pair[0].force * (pair[1].handle - pair[0].handle));
         let wall = self.samples.windows(2).map(|pair| {
             let displacement = pair[1].tool.position[0] - pair[0].tool.position[0];
@@ -123,7 +129,7 @@ impl Run {
         format!("{} N/m, {} ms{control}", grouped(self.wall), (1e3 * self.delay).round())
     }
 
-    fn table(&self) -> String {
+    pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&LinkSample) -> f64| self.ticks.iter().map(value).collect::<Vec<f64>>();
         let time: Vec<f64> = (0..self.ticks.len()).map(|tick| tick as f64 * T).collect();
         let tool: Vec<f64> = self.samples.iter().map(|sample| sample.tool.position[0]).collect();
@@ -144,12 +150,13 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let mut runs = Vec::new();
+    let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS), ..settings(60.0) };
     for delay in DELAYS {
         for wall in WALLS {
-            runs.push(press_wall(setting, &mut rig, wall, delay, true)?);
+            runs.push(press_wall(setting, &mut rig, heavy, wall, delay, true)?);
         }
     }
-    runs.push(press_wall(setting, &mut rig, WALLS[1], DELAYS[2], false)?);
+    runs.push(press_wall(setting, &mut rig, heavy, WALLS[1], DELAYS[2], false)?);
     for run in &runs {
         add_metrics(&mut summary, run);
     }
@@ -164,17 +171,18 @@ type ForwardMessage = (Vector3<f64>, i64);
 /// Message to the master: force on the handle [N], and energy that has entered at the slave port [µJ].
 type BackwardMessage = (Vector3<f32>, i64);
 
-fn press_wall(
+pub(super) fn press_wall(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
+    settings: ImpedanceSettings,
     wall: f64,
     delay: f64,
     passivity_control: bool,
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
-    let mut recorded = Run { wall, delay, passivity_control, ticks: Vec::new(), samples: Vec::new() };
-    let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS as f32), ..settings(60.0) };
-    let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, heavy)?;
+    let mut recorded = Run { passivity_control, ..Run::new(wall, delay) };
+    let [stiffness, ..] = settings.impedance.stiffness;
+    let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
     let start = Vector3::from(point.position).map(f64::from);
     let surface_point = [start.x + CLEARANCE, 0.0, 0.0];
@@ -201,7 +209,7 @@ fn press_wall(
     let link = LinkValues { delay, ..LinkValues::default() };
     let mut forward = Link::<ForwardMessage>::new(link, seed);
     let mut backward = Link::<BackwardMessage>::new(link, seed + 1000);
-    let mut ends = Ends::new(start, elbow, point, passivity_control);
+    let mut ends = Ends::new(start, elbow, point, stiffness, passivity_control);
     for tick in 1..=((BEGIN + TIME + STAY) / T).round() as usize {
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
@@ -236,6 +244,8 @@ struct Ends {
     passivity_control: bool,
     elbow: ElbowSetpoint,
     point: PosePoint,
+    /// Of the arm's impedance [N/m].
+    stiffness: f32,
     /// Position [m] and velocity [m/s] of the handle.
     handle: Vector3<f64>,
     velocity: Vector3<f32>,
@@ -255,7 +265,13 @@ struct Ends {
 }
 
 impl Ends {
-    fn new(start: Vector3<f64>, elbow: ElbowSetpoint, point: PosePoint, passivity_control: bool) -> Self {
+    fn new(
+        start: Vector3<f64>,
+        elbow: ElbowSetpoint,
+        point: PosePoint,
+        stiffness: f32,
+        passivity_control: bool,
+    ) -> Self {
         let zero = Vector3::zeros();
         Self {
             master: PowerPort::new(),
@@ -263,6 +279,7 @@ impl Ends {
             passivity_control,
             elbow,
             point,
+            stiffness,
             handle: start,
             velocity: zero,
             force: zero,
@@ -286,7 +303,7 @@ impl Ends {
 
     /// The arm's set-point, limited by the passivity controller, and the force that is reflected.
     fn limit_setpoint(&mut self, error: &[f32; 6], contact: bool) -> (PosePoint, Vector3<f32>) {
-        let stiffness = STIFFNESS as f32;
+        let stiffness = self.stiffness;
         let [x, y, z, ..] = *error;
         // In contact the link acts on the arm through the spring of its impedance.
         let push = if contact { Vector3::new(x, y, z) * -stiffness } else { Vector3::zeros() };
@@ -422,7 +439,8 @@ fn by_wall(mut figure: Figure, runs: &[Run], value: Value) -> Figure {
                 panel = panel.line(line(run, format!("{} ms", (1e3 * delay).round()), colour, value));
             }
         }
-        let compliance = 1.0 / MasterArmValues::default().impedance.stiffness + 1.0 / STIFFNESS + 1.0 / wall;
+        let compliance =
+            1.0 / MasterArmValues::default().impedance.stiffness + 1.0 / f64::from(STIFFNESS) + 1.0 / wall;
         let force = vec![(STROKE - CLEARANCE) / compliance; 2];
         let time = vec![BEGIN + TIME, BEGIN + TIME + STAY];
         figure = figure.panel(panel.line(Line::dashed("springs in series", Line::INK, time, force)));

@@ -23,6 +23,12 @@
 //! [elbow]               # section 3.2: the hand is held, the elbow moves
 //! angle = 0.52          # rad
 //! time = 1.0            # s
+//!
+//! [bilateral]           # section 4; may be missing
+//! coupling = "matched"  # this impedance at both ends, or "reflected": its spring's force under passivity control
+//! mass = 3.5            # kg
+//! damping = 60.0        # N·s/m
+//! delays = [0.0, 0.02]  # s, each direction
 //! ```
 //!
 //! The dampings of the experiments replace the one along x, y and z in `[control]`.
@@ -32,6 +38,7 @@ use std::path::Path;
 use serde::Deserialize;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::ImpedanceSettings;
+use tesaki::teleop::MatchedImpedance;
 
 use super::{LawFileError, Wrong};
 use crate::finding::Finding;
@@ -55,6 +62,8 @@ pub struct ArmLaw {
     pub follow: FollowExperiment,
     /// The elbow moves.
     pub elbow: ElbowExperiment,
+    /// The operator feels the forces on the tool.
+    pub bilateral: Option<BilateralExperiment>,
 }
 
 /// Release of the tool (Arm7, section 3.1).
@@ -119,6 +128,30 @@ pub struct ElbowExperiment {
     pub time: f64,
 }
 
+/// Bilateral teleoperation (Arm7, section 4).
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BilateralExperiment {
+    /// How the operator feels the forces.
+    pub coupling: ForceFeedback,
+    /// Mass along x, y and z [kg], in place of that in `[control]`.
+    pub mass: f32,
+    /// Damping along x, y and z [N·s/m].
+    pub damping: f32,
+    /// Delays of the link in each direction [s], one trial after the other.
+    pub delays: Vec<f64>,
+}
+
+/// How an operator feels the forces on a slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ForceFeedback {
+    /// Master and slave have the same impedance, and the measured wrenches act on both.
+    Matched,
+    /// The force of the slave's spring is reflected, under time-domain passivity control.
+    Reflected,
+}
+
 /// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -128,6 +161,7 @@ struct File {
     release: ReleaseExperiment,
     follow: FollowExperiment,
     elbow: ElbowExperiment,
+    bilateral: Option<BilateralExperiment>,
 }
 
 /// Whether the robot is an arm: one chain.
@@ -156,15 +190,24 @@ impl ArmLaw {
         (*x, *y, *z) = (damping, damping, damping);
         settings
     }
+
+    /// The settings of the bilateral experiment, if there is one.
+    pub fn bilateral_settings(&self) -> Option<ImpedanceSettings> {
+        let BilateralExperiment { mass, damping, .. } = *self.bilateral.as_ref()?;
+        let mut settings = self.with_damping(damping);
+        let [x, y, z, ..] = &mut settings.impedance.mass;
+        (*x, *y, *z) = (mass, mass, mass);
+        Some(settings)
+    }
 }
 
 impl File {
     fn law(self, model: &RobotModel) -> Result<ArmLaw, Vec<Wrong>> {
-        let Self { title, control, release, follow, elbow } = self;
+        let Self { title, control, release, follow, elbow, bilateral } = self;
         let settings = control
             .settings(model)
             .map_err(|(key, message)| vec![Wrong::new(format!("control.{key}"), message)])?;
-        let law = ArmLaw { title, settings, release, follow, elbow };
+        let law = ArmLaw { title, settings, release, follow, elbow, bilateral };
         let wrong = law.problems(model);
         if wrong.is_empty() { Ok(law) } else { Err(wrong) }
     }
@@ -195,7 +238,31 @@ impl ArmLaw {
         ];
         let dampings =
             dampings.into_iter().filter_map(|(key, values)| self.wrong_damping(key, values, model));
-        ranges.chain(dampings).collect()
+        ranges.chain(dampings).chain(self.wrong_bilateral(model)).collect()
+    }
+
+    /// What is wrong with the bilateral experiment, if there is one.
+    fn wrong_bilateral(&self, model: &RobotModel) -> Option<Wrong> {
+        let (experiment, settings) = self.bilateral.as_ref().zip(self.bilateral_settings())?;
+        if let Err(problem) = settings.validate(model.joints.len()) {
+            return Some(Wrong::new("bilateral", format!("bilateral: {problem}")));
+        }
+        if experiment.coupling == ForceFeedback::Matched
+            && MatchedImpedance::new(&settings.impedance).is_none()
+        {
+            let message = "bilateral.coupling: \"matched\" needs an impedance in the axes of the base, without coupling, \
+                           and a stiffness along and about each of them";
+            return Some(Wrong::new("bilateral.coupling", message));
+        }
+        let delays = &experiment.delays;
+        let is_possible = (1..=MAX_VALUES).contains(&delays.len())
+            && delays.iter().all(|delay| (0.0..=0.1).contains(delay));
+        (!is_possible).then(|| {
+            let message = format!(
+                "bilateral.delays is {delays:?}; possible are 1 to {MAX_VALUES} values from 0 to 0.1 s"
+            );
+            Wrong::new("bilateral.delays", message)
+        })
     }
 
     /// What is wrong with a list of dampings along x, y and z.

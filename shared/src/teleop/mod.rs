@@ -27,7 +27,8 @@
 //!
 //! [`Retargeting`] maps an operator's fingertips to a robot hand (Hand5).
 //!
-//! With force feedback, a [`PowerPort`] at each end keeps the link passive.
+//! With force feedback, a [`PowerPort`] at each end keeps the link passive. [`MatchedImpedance`] is the bilateral control
+//! that the paper announces.
 //!
 //! # The operator's fingers
 //!
@@ -77,6 +78,7 @@ mod follower;
 mod hand_calibration;
 mod human_hand;
 mod joint_movements;
+mod matched;
 mod motion_limits;
 mod operator_estimate;
 mod passivity;
@@ -114,6 +116,7 @@ pub use human_hand::{
     FINGERS, Finger, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState,
     GloveSample, GloveSensor, HumanHand, InvalidLink, SENSORS,
 };
+pub use matched::MatchedImpedance;
 pub use motion_limits::MotionLimits;
 pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;

@@ -145,6 +145,12 @@ const fn split(energy: f32) -> (i64, f32) {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "tests"
+)]
 mod tests {
     use super::*;
 
@@ -229,5 +235,110 @@ mod tests {
         (0..1000).for_each(|_| one.account(&still, &-force, &piece));
         let damped = one.balance() - one.energy_in();
         assert!((damped - 1_100_000).abs() < 100, "{damped}");
+    }
+
+    /// Numbers from 0 to 1.
+    struct Draws(u64);
+
+    impl Draws {
+        fn next(&mut self) -> f32 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 40) as f32) / (1_u32 << 24) as f32
+        }
+    }
+
+    /// A direction of a link: constant delay, jitter that reorders, and loss.
+    struct Line<M> {
+        delay: f32,
+        jitter: f32,
+        transit: Vec<(usize, M)>,
+    }
+
+    impl<M: Copy> Line<M> {
+        /// Up to 100 ms late, with a jitter of up to 50 ms.
+        fn random(draws: &mut Draws) -> Self {
+            Self { delay: 0.1 * draws.next(), jitter: 0.05 * draws.next(), transit: Vec::new() }
+        }
+
+        fn pass(&mut self, draws: &mut Draws, tick: usize, message: M, mut deliver: impl FnMut(M)) {
+            let late = (self.delay + self.jitter * draws.next()) / TICK;
+            if draws.next() >= 0.2 {
+                self.transit.push((tick + late as usize, message));
+            }
+            self.transit.retain(|&(due, message)| {
+                if due <= tick {
+                    deliver(message);
+                }
+                due > tick
+            });
+        }
+    }
+
+    /// A person presses the slave's spring against a wall and withdraws, again and again, over a link with 20 % loss.
+    /// On every sample the energy that has left at the slave is at most what had entered at the master, and the reserve.
+    fn press(seed: u64) {
+        const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
+        let mut draws = Draws(seed);
+        // 50 to 50 000 N/m, evenly in the logarithm.
+        let wall = 50.0 * math::exp(6.907_755 * draws.next());
+        let mut forward = Line::random(&mut draws);
+        let mut back = Line::random(&mut draws);
+        let stiffness = 300.0 * wall / (300.0 + wall);
+        let (mut master, mut slave) = (PowerPort::new(), PowerPort::new());
+        let [mut position, mut velocity, mut force, mut reference, mut target] = [Vector3::<f32>::zeros(); 5];
+        let (mut from_master, mut from_slave) = (0_i64, 0_i64);
+        let push = |reference: &Vector3<f32>| {
+            let depth = reference.x - 0.02;
+            Vector3::new(if depth > 0.0 { depth * stiffness } else { 0.0 }, 0.0, 0.0)
+        };
+        // Energies in double precision, apart from the ports' own counts [J].
+        let (mut entered, mut left) = (0.0_f64, 0.0_f64);
+        for tick in 0..2000 {
+            forward.pass(&mut draws, tick, (position, master.energy_in()), |(pose, energy)| {
+                // The last pose to come; the largest energy.
+                target = pose;
+                from_master = from_master.max(energy);
+            });
+            let desired = target - reference;
+            let displacement =
+                slave.limit_displacement(&LIMITS, from_master, &push(&(reference + desired)), &desired);
+            // A spring beyond a gap: the work of the end's force over the displacement is an upper bound.
+            let ends = push(&(reference + displacement));
+            let (begin, length) = (push(&reference), displacement.norm());
+            let mean = if length > 0.0 {
+                let [a, b] = [&begin, &ends].map(|force| f64::from(force.x));
+                let work = (b * b - a * a) / (2.0 * f64::from(stiffness));
+                left += work;
+                Vector3::new((work / f64::from(displacement.x)) as f32, 0.0, 0.0)
+            } else {
+                begin
+            };
+            slave.account(&mean, &Vector3::zeros(), &displacement);
+            reference += displacement;
+            assert!(
+                left <= entered + 0.02 + 2e-3,
+                "seed {seed}, tick {tick}: {left} J left, {entered} J had entered, wall {wall} N/m"
+            );
+            back.pass(&mut draws, tick, (-push(&reference), slave.energy_in()), |(pushed, energy)| {
+                force = pushed;
+                from_slave = from_slave.max(energy);
+            });
+            let damping = master.damping_force(&LIMITS, from_slave, &force, &velocity);
+            // The operator: 300 N/m, 15 N·s/m, 1.5 kg; forwards for a second, back for another.
+            let goal = Vector3::new(if tick % 200 < 100 { 0.05 } else { 0.0 }, 0.0, 0.0);
+            let operator = (goal - position) * 300.0 - velocity * 15.0;
+            let acceleration = (force + damping + operator) / 1.5;
+            let displacement = velocity * TICK + acceleration * (0.5 * TICK * TICK);
+            master.account(&force, &damping, &displacement);
+            let work = f64::from(-force.dot(&displacement));
+            entered += if work > 0.0 { work } else { 0.0 };
+            position += displacement;
+            velocity += acceleration * TICK;
+        }
+    }
+
+    #[test]
+    fn a_slave_never_gives_more_than_entered_at_the_master() {
+        (1..=500).for_each(press);
     }
 }

@@ -133,6 +133,7 @@ impl Messages {
             contact: true,
             sigma_min: f32::MIN,
             elbow: f32::MIN,
+            derating: f32::MIN,
         };
         self.task("impedance-longest", u32::MAX, TaskTelemetry::Impedance(longest));
         self.read_task("impedance", 1234, TaskTelemetry::Impedance(PUSHED));

@@ -235,6 +235,7 @@ pub const PUSHED: ImpedanceTelemetry = ImpedanceTelemetry {
     contact: true,
     sigma_min: 0.15625,
     elbow: 0.25,
+    derating: 1.5,
 };
 
 pub const FIVE_FINGERS: TelexistenceSettings = TelexistenceSettings {
@@ -353,7 +354,7 @@ pub const APPROACH_FIELDS: [(ApproachField, &str); ApproachField::VARIANTS.len()
     (ApproachField::GripperTorque, "gripper-torque"),
 ];
 
-pub const INVALID_SETTINGS: [(InvalidSettings, &str); 16] = [
+pub const INVALID_SETTINGS: [(InvalidSettings, &str); 17] = [
     (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (invalid_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (invalid_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
@@ -370,6 +371,7 @@ pub const INVALID_SETTINGS: [(InvalidSettings, &str); 16] = [
     (invalid_impedance(ImpedanceTerm::StiffnessMatrix, 1, -1.0, 0.0), "impedance-stiffness-matrix"),
     (invalid_impedance(ImpedanceTerm::DampingToMass, 3, -1.0, 0.0), "impedance-damping-to-mass"),
     (invalid_impedance(ImpedanceTerm::StiffnessToMass, 3, -1.0, 0.0), "impedance-stiffness-to-mass"),
+    (InvalidSettings::MassInContact { axis: 2, value: 0.5, own: 4.0, limit: 1.0 }, "mass-in-contact"),
 ];
 
 const fn invalid_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {

@@ -87,7 +87,7 @@ variants! {
     ImpedanceRefusal { NotAnArm, NotTared, NoForceSensor, ForceSourceInUse, Settings, Setpoint }
     InvalidSettings {
         Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, MaxDeviation, ForceBandwidth, NoRedundantJoint,
-        Friction,
+        Friction, MassInContact,
     }
     ImpedanceTerm {
         Mass, Damping, Stiffness, MassMatrix, DampingMatrix, StiffnessMatrix, DampingToMass, StiffnessToMass,

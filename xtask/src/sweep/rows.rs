@@ -142,6 +142,7 @@ const HAND3_FORCE: &str = "hand3-paper-force";
 const HAND3_MOTION: &str = "hand3-paper-motion";
 const ARM7: &str = "arm7-paper";
 const ARM7_ELBOW: &str = "arm7-paper-elbow";
+const ARM7_SECTION4: &str = "arm7-paper-bilateral";
 
 const HAND3_FIGURE6: &[Pair] = &[
     errors(
@@ -319,6 +320,44 @@ const ARM7_ELBOWS: &[Pair] = &[
     ),
 ];
 
+const ARM7_BILATERAL: &[Pair] = &[
+    errors(
+        "no delay: force felt at rest, minus that on the wall",
+        size(ARM7_SECTION4, "paper_delay_0_force_error"),
+        size(ARM7_SECTION4, "matched_delay_0_force_error"),
+    ),
+    errors(
+        "slave from master at rest",
+        size(ARM7_SECTION4, "paper_delay_0_distance"),
+        size(ARM7_SECTION4, "matched_delay_0_distance"),
+    ),
+    errors(
+        "rotation of the slave from the master at rest",
+        size(ARM7_SECTION4, "paper_delay_0_rotation"),
+        size(ARM7_SECTION4, "matched_delay_0_rotation"),
+    ),
+    errors(
+        "torque felt under a push, minus that on the tool",
+        size(ARM7_SECTION4, "paper_delay_0_torque_error"),
+        size(ARM7_SECTION4, "matched_delay_0_torque_error"),
+    ),
+    errors(
+        "50 ms: force felt at rest, minus that on the wall",
+        size(ARM7_SECTION4, "paper_delay_50_force_error"),
+        size(ARM7_SECTION4, "matched_delay_50_force_error"),
+    ),
+    both(
+        "50 ms: settling time of the handle",
+        size(ARM7_SECTION4, "paper_delay_50_settling_time"),
+        size(ARM7_SECTION4, "matched_delay_50_settling_time"),
+    ),
+    both(
+        "no delay: force on the wall, matched impedances and reflected spring",
+        size(ARM7_SECTION4, "matched_delay_0_wall_force"),
+        size(ARM7_SECTION4, "tesaki_delay_0_wall_force"),
+    ),
+];
+
 const ARM7_FIGURE7: &[Pair] = &[
     errors(
         "without a link: error at the reversals",
@@ -417,6 +456,7 @@ pub const TABLES: &[Table] = &[
     Table { document: ARM7_PAGE, name: "arm7-figure5", rows: Rows::Comparison(ARM7_FIGURE5) },
     Table { document: ARM7_PAGE, name: "arm7-elbow", rows: Rows::Comparison(ARM7_ELBOWS) },
     Table { document: ARM7_PAGE, name: "arm7-figure7", rows: Rows::Comparison(ARM7_FIGURE7) },
+    Table { document: ARM7_PAGE, name: "arm7-bilateral", rows: Rows::Comparison(ARM7_BILATERAL) },
     Table { document: HAND5_PAGE, name: "hand5-figure4", rows: Rows::Comparison(HAND5_FIGURE4) },
     Table { document: HAND5_PAGE, name: "hand5-quick", rows: Rows::Comparison(HAND5_QUICK) },
     Table { document: HAND5_PAGE, name: "hand5-figure5", rows: Rows::Comparison(HAND5_FIGURE5) },

@@ -18,6 +18,8 @@
 //! [`ImpedanceState::tick`] is a function of the state and of one measurement.
 
 mod arm;
+mod contact;
+mod derating;
 mod elbow;
 mod error;
 mod momentum;
@@ -41,6 +43,7 @@ mod tuning;
 pub(crate) mod tests;
 
 pub use arm::{Arm, ArmMeasurement, ArmOutput};
+pub use contact::own_mass;
 pub use elbow::ArmAngle;
 pub use error::{ImpedanceRefusal, SetpointError};
 pub use settings::{DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};

@@ -164,6 +164,17 @@ pub enum InvalidSettings {
         /// The value.
         value: f32,
     },
+    /// 9: the mass of the impedance along an axis is far below the arm's own there [kg].
+    MassInContact {
+        /// 0 to 2: along x, y, z.
+        axis: u8,
+        /// The value.
+        value: f32,
+        /// The arm's own mass in its posture.
+        own: f32,
+        /// Minimum.
+        limit: f32,
+    },
 }
 
 impl fmt::Display for InvalidSettings {
@@ -175,6 +186,18 @@ impl fmt::Display for InvalidSettings {
             }
             Self::Friction { value } => {
                 write!(f, "the compensated fraction of the friction is {value}; it must be from 0 to 1")
+            }
+            Self::MassInContact { axis, value, own, limit } => {
+                let axis = match axis {
+                    0 => "x",
+                    1 => "y",
+                    _ => "z",
+                };
+                write!(
+                    f,
+                    "the mass along {axis} is {value} kg and the arm's own there {own} kg: it would chatter on a stiff \
+                     surface; take at least {limit} kg"
+                )
             }
             Self::NoRedundantJoint => f.write_str("a driven joint needs an arm of seven joints"),
             Self::NoArmAngle => f.write_str("only an arm of seven joints has an arm angle"),

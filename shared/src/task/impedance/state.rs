@@ -2,6 +2,8 @@ use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::contact::own_mass;
+use super::derating::Derating;
 use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
 use super::response::{in_axes, respond};
@@ -55,6 +57,7 @@ pub struct ImpedanceState {
     pub(super) contact: bool,
     /// Squared external force of the last tick [N²].
     squared_force: f32,
+    pub(super) derating: Derating,
     /// Linear velocity [m/s] and acceleration [m/s²] of the tool.
     tool_velocity: [f32; 3],
     tool_acceleration: [f32; 3],
@@ -87,6 +90,7 @@ impl ImpedanceState {
         release: Release::NotNeeded,
         contact: false,
         squared_force: 0.0,
+        derating: Derating::NONE,
         tool_velocity: [0.0; 3],
         tool_acceleration: [0.0; 3],
         left_singular_vector: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -104,6 +108,8 @@ impl ImpedanceState {
     /// The first invalid setting; the state is unchanged then.
     pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
         settings.validate(arm.chain.len())?;
+        let axes = settings.impedance.axes;
+        settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, axes))?;
         let before = core::mem::replace(&mut self.settings, *settings);
         if before.law != settings.law {
             // The direct law estimates no disturbance, so an earlier estimate is out of date.
@@ -248,6 +254,7 @@ impl ImpedanceState {
             return Err(SetpointError::NotFinite);
         }
         let use_measured_state = self.update_contact(&settings, &wrench);
+        self.derating.update(math::sqrt(self.squared_force), self.contact, settings.contact_force);
         self.update_reference(arm, &settings, measurement, use_measured_state);
 
         let posture = arm.chain.posture(&self.angles);
@@ -401,8 +408,15 @@ impl ImpedanceState {
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
         let velocity_error = velocity - Vector6::from(self.setpoint.velocity);
-        Vector6::from(self.setpoint.acceleration)
-            + respond(&self.impedance, settings.law, tool, error, &velocity_error, force)
+        let acceleration = Vector6::from(self.setpoint.acceleration);
+        let derating = self.derating.factor();
+        if derating > 1.0 {
+            // Mass and damping times the derating: the same as force and error divided by it.
+            let [error, force] = [error, force].map(|value| value * (1.0 / derating));
+            return acceleration
+                + respond(&self.impedance, settings.law, tool, &error, &velocity_error, &force);
+        }
+        acceleration + respond(&self.impedance, settings.law, tool, error, &velocity_error, force)
     }
 
     /// Stores velocity and acceleration of the tool. Under load the commanded acceleration is not exact, so

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Arm, ArmMeasurement, ForceSource, ImpedanceRefusal, ImpedanceSettings, ImpedanceState,
-    ImpedanceTelemetry, SetpointError,
+    ImpedanceTelemetry, SetpointError, own_mass,
 };
 use crate::control::{JointPoint, ServoMode};
 use crate::fault::{Fault, FaultCause};
@@ -57,6 +57,9 @@ impl Task for ImpedanceControl {
         let arm = Arm::of(robot).ok_or(ImpedanceRefusal::NotAnArm)?;
         check_source(robot, settings)?;
         settings.validate(arm.chain.len()).map_err(ImpedanceRefusal::Settings)?;
+        let (angles, axes) = (ArmMeasurement::of(measured).angles, settings.impedance.axes);
+        let own_mass = own_mass(arm.chain, arm.joints, &angles, axes);
+        settings.check_mass(&own_mass).map_err(ImpedanceRefusal::Settings)?;
         match (settings.force, measured.untared(robot)) {
             (ForceSource::Sensor, Some(chain)) => Err(ImpedanceRefusal::NotTared { chain }),
             _ => Ok(()),

@@ -25,6 +25,9 @@ pub struct ImpedanceTelemetry {
     pub sigma_min: f32,
     /// Elbow angle: of the driven joint, or the arm angle [rad].
     pub elbow: f32,
+    /// Factor by which mass and damping of the impedance are raised on a surface that is too stiff for it; 1: not at
+    /// all.
+    pub derating: f32,
 }
 
 impl ImpedanceTelemetry {
@@ -37,6 +40,7 @@ impl ImpedanceTelemetry {
         contact: false,
         sigma_min: 0.0,
         elbow: 0.0,
+        derating: 1.0,
     };
 }
 
@@ -57,6 +61,7 @@ impl ImpedanceState {
             contact: self.contact,
             sigma_min: self.sigma_min,
             elbow: self.elbow_angle(arm, posture, &measurement.angles),
+            derating: self.derating.factor(),
         }
     }
 }

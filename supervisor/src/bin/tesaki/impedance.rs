@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::protocol::{Request, TaskReport};
-use tesaki::task::impedance::ImpedanceTelemetry;
+use tesaki::task::impedance::{ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::{TaskConfig, TaskTelemetry};
 use tesaki_description::impedance;
 use tesaki_supervisor::Board;
@@ -19,6 +19,8 @@ use crate::output;
 
 /// Smallest singular value below which the Jacobian counts as nearly singular.
 const SINGULAR: f32 = 0.06;
+/// A stiffer surface makes no difference: that of the arm itself limits it [N/m].
+const MAX_SURFACE: f32 = 100_000.0;
 
 pub fn run(options: &Options, command: &Impedance) -> Result<(), Failure> {
     match command {
@@ -40,7 +42,11 @@ fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
         ),
     )?;
     // Starts the telemetry, which reports faults.
-    motion.positions()?;
+    let angles = motion.positions()?;
+    output::notice(
+        options,
+        &surfaces(&settings, &impedance::own_mass_at(&motion.model, &angles, settings.impedance.axes)),
+    );
     motion.enable(TaskConfig::Impedance(settings))?;
     output::notice(options, "enabled: push the tool; Ctrl-C disables");
     let begun = Instant::now();
@@ -76,6 +82,15 @@ fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
     })
 }
 
+/// Which surfaces the impedance can bear in this posture, along each axis.
+fn surfaces(settings: &ImpedanceSettings, own_mass: &[f32; 3]) -> String {
+    let bears = |axis: usize| settings.max_contact_stiffness(axis, own_mass[axis]);
+    let [x, y, z] = [0, 1, 2].map(|axis| format!("{:.1}", bears(axis).min(MAX_SURFACE) / 1000.0));
+    format!(
+        "stable on surfaces of up to {x}, {y} and {z} N/mm across its x, y and z; on stiffer ones mass and damping are raised"
+    )
+}
+
 fn status(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let tool = session.board.read_impedance()?;
@@ -94,8 +109,10 @@ fn list(values: &[f32], digits: usize) -> String {
 fn one_line(tool: &ImpedanceTelemetry) -> String {
     let contact = if tool.contact { "contact" } else { "free" };
     let singular = if tool.sigma_min < SINGULAR { "  nearly singular" } else { "" };
+    let derated =
+        if tool.derating > 1.0 { format!("  derated × {:.1}", tool.derating) } else { String::new() };
     format!(
-        "tool {} m, deviation {:.1} mm, force {:.1} N, {contact}  elbow {:.3} rad{singular}",
+        "tool {} m, deviation {:.1} mm, force {:.1} N, {contact}  elbow {:.3} rad{singular}{derated}",
         list(&tool.position, 4),
         1000.0 * norm(&tool.error),
         norm(&tool.wrench),
@@ -116,5 +133,8 @@ fn table(tool: &ImpedanceTelemetry) -> String {
     line("elbow", format!("{:.4} rad", tool.elbow));
     let singular = if tool.sigma_min < SINGULAR { ", nearly singular" } else { "" };
     line("sigma_min", format!("{:.3}{singular}", tool.sigma_min));
+    if tool.derating > 1.0 {
+        line("derating", format!("mass and damping × {:.1}: the surface is stiff", tool.derating));
+    }
     text
 }

@@ -106,3 +106,23 @@ fn a_change_of_the_law_resets_the_disturbance_observers() {
     // The tracking error is that of one tick without motion, not of ten.
     assert!(max_feedback(&state.tick(&arm, &measurement).unwrap()) < 0.3 * before);
 }
+
+/// The mass that counts includes the rotors of the motors.
+#[test]
+fn a_mass_far_below_the_arms_own_is_not_configured() {
+    let fixture = ArmFixture::new();
+    let mut state = fixture.state(&SOFT, &POSTURES[0]);
+    let mut light = SOFT;
+    (light.impedance.mass[0], light.impedance.damping[0]) = (0.2, 10.0);
+    let refused = state.configure(&fixture.arm(), &light).unwrap_err();
+    let inertia = fixture.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&POSTURES[0]);
+    let jacobian = fixture.jacobian(&POSTURES[0]);
+    let own = 1.0 / (jacobian * inertia.try_inverse().unwrap() * jacobian.transpose())[(0, 0)];
+    let InvalidSettings::MassInContact { axis: 0, own: found, limit, .. } = refused else {
+        panic!("{refused}");
+    };
+    assert!((found / own - 1.0).abs() < 1e-3 && (limit / found - 0.25).abs() < 1e-6, "{refused} {own}");
+    assert!(own > 1.0, "{own}");
+    light.impedance.mass[0] = 1.01 * limit;
+    assert_eq!(state.configure(&fixture.arm(), &light), Ok(()));
+}

@@ -1,0 +1,128 @@
+use nalgebra::Vector6;
+
+use crate::control::{Impedance, ImpedanceAxes};
+
+/// Bilateral control with matched impedances (Arm7 section 4, which names the idea without equations): master and
+/// slave both have the target impedance (Arm7 eq. 2) towards each other's pose, and the measured wrenches of operator
+/// `F_op` and environment `F_ext` act on both:
+///
+/// ```text
+/// M Ẍ_m + B Ẋ_m + K (X_m − X_s) = F_op + F_ext      M Ẍ_s + B Ẋ_s + K (X_s − X_m) = F_op + F_ext
+/// ```
+///
+/// Without delay the difference of the poses follows `M Δ̈ + B Δ̇ + 2 K Δ = 0`, whatever the wrenches: it fades. At rest
+/// `F_op = −F_ext`, so the operator feels exactly what the slave does, and `X_m = X_s`. In motion the operator feels `M`
+/// and `B` of both ends. Nothing protects against the energy that a delayed link makes ([`super::PowerPort`] does).
+///
+/// Wrenches and errors along and about the axes of the base: translation, then rotation [N, N·m; m, rad].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MatchedImpedance {
+    damping: Vector6<f32>,
+    stiffness: Vector6<f32>,
+}
+
+impl MatchedImpedance {
+    /// With the impedance of both ends. `None` unless it is in the axes of the base without coupling, and has a spring
+    /// along and about each of them.
+    pub fn new(impedance: &Impedance) -> Option<Self> {
+        let Impedance { damping, stiffness, axes: ImpedanceAxes::Base, coupling: None, .. } = *impedance
+        else {
+            return None;
+        };
+        stiffness
+            .iter()
+            .all(|&stiffness| stiffness > 0.0)
+            .then_some(Self { damping: damping.into(), stiffness: stiffness.into() })
+    }
+
+    /// Wrench of the motors of a master whose own mass is that of the impedance: `F_ext − B Ẋ_m − K (X_m − X_s)`, for its
+    /// displacement from the slave `error`, its `velocity`, and the wrench on the slave's tool, as received.
+    pub fn master_wrench(
+        &self,
+        error: &Vector6<f32>,
+        velocity: &Vector6<f32>,
+        tool_wrench: &Vector6<f32>,
+    ) -> Vector6<f32> {
+        tool_wrench - self.damping.component_mul(velocity) - self.stiffness.component_mul(error)
+    }
+
+    /// Displacement of the slave's set-point from the master's pose by which the spring of its impedance exerts the
+    /// operator's wrench: `K⁻¹ F_op`.
+    pub fn setpoint_displacement(&self, operator_wrench: &Vector6<f32>) -> Vector6<f32> {
+        operator_wrench.component_div(&self.stiffness)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::TICK;
+    use crate::control::ImpedanceAxes;
+
+    /// Poses of master and slave, wrenches of operator and wall, along an axis and about one; from
+    /// `tests/oracles/matched_impedance.py` (matrix exponential of the whole system).
+    const MOTION: &[[f64; 8]] = include!("../../../tests/oracles/data/matched_impedance.in");
+
+    const IMPEDANCE: Impedance = Impedance::diagonal(
+        [1.5, 1.5, 1.5, 0.008, 0.008, 0.008],
+        [30.0, 30.0, 30.0, 0.5, 0.5, 0.5],
+        [300.0, 300.0, 300.0, 16.0, 16.0, 16.0],
+    );
+    /// Mass, damping, stiffness of the operator's arm; stiffness and damping of the wall; where the operator leads.
+    const ALONG: [f64; 6] = [1.5, 15.0, 300.0, 2000.0, 20.0, 0.05];
+    const ABOUT: [f64; 6] = [0.004, 0.1, 3.0, 20.0, 0.1, 0.2];
+
+    /// Both ends in small steps, along z (2) or about it (5): row by row, master, slave, operator, wall.
+    #[expect(clippy::cast_possible_truncation, reason = "the law works in single precision")]
+    fn simulate(
+        axis: usize,
+        [mass, damping, stiffness, wall, wall_damping, goal]: [f64; 6],
+    ) -> Vec<[f64; 4]> {
+        let law = MatchedImpedance::new(&IMPEDANCE).unwrap();
+        let of = |values: &[f32; 6]| f64::from(values[axis]);
+        let (own, b, k) = (of(&IMPEDANCE.mass), of(&IMPEDANCE.damping), of(&IMPEDANCE.stiffness));
+        let six = |value: f64| Vector6::from_fn(|row, _| if row == axis { value as f32 } else { 0.0 });
+        let ([mut x, mut v], [mut xs, mut vs], mut before, mut motor) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
+        let (steps, tick) = (2000, f64::from(TICK));
+        let step = tick / f64::from(steps);
+        let mut rows = Vec::new();
+        for _ in 0..MOTION.len() {
+            let operator = own * (v - before) / tick - motor;
+            let force = -wall * xs - wall_damping * vs;
+            rows.push([x, xs, operator, force]);
+            motor = f64::from(law.master_wrench(&six(x - xs), &six(v), &six(force))[axis]);
+            let setpoint = x + f64::from(law.setpoint_displacement(&six(operator))[axis]);
+            before = v;
+            for _ in 0..steps {
+                v += step * (motor + stiffness * (goal - x) - damping * v) / (own + mass);
+                x += step * v;
+                vs += step * (-k * (xs - setpoint) - b * vs - wall * xs - wall_damping * vs) / own;
+                xs += step * vs;
+            }
+        }
+        rows
+    }
+
+    #[test]
+    fn master_and_slave_move_as_the_whole_system_says() {
+        for (axis, values, offset) in [(2, ALONG, 0), (5, ABOUT, 4)] {
+            for (own, row) in simulate(axis, values).iter().zip(MOTION) {
+                let [length, force] = if offset == 0 { [5e-5, 0.02] } else { [2e-4, 2e-3] };
+                for (index, (own, other)) in own.iter().zip(&row[offset..]).enumerate() {
+                    let tolerance = if index < 2 { length } else { force };
+                    assert!((own - other).abs() < tolerance, "{axis} {index}: {own} {other}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_impedance_without_a_spring_or_in_other_axes_is_none() {
+        assert!(MatchedImpedance::new(&IMPEDANCE).is_some());
+        assert!(MatchedImpedance::new(&Impedance { axes: ImpedanceAxes::Tool, ..IMPEDANCE }).is_none());
+        let mut loose = IMPEDANCE;
+        loose.stiffness[4] = 0.0;
+        assert!(MatchedImpedance::new(&loose).is_none());
+    }
+}
