@@ -535,13 +535,17 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The door of `--door`, the camera, and the indices of the tip that is the hand and of the gripper's joint.
+/// A door, the camera, and the indices of the tip that is the hand and of the gripper's joint.
+#[cfg(unix)]
+type ServedDoor = (KnobDoor, CameraValues, [usize; 2]);
+
+/// What `--door` asks for.
 #[cfg(unix)]
 fn served_door(
     options: &Serve,
     model: &RobotModel,
     plant: &tesaki_sim::plant::Plant,
-) -> Result<Option<(KnobDoor, CameraValues, [usize; 2])>, Box<dyn Error>> {
+) -> Result<Option<ServedDoor>, Box<dyn Error>> {
     let Some(seed) = options.door else { return Ok(None) };
     let (camera, files) = (CameraValues::load(&options.robot)?, approach::load(&options.robot, model)?);
     let [hand, gripper] = hand_joints(model, &files.task, plant);

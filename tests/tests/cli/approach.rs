@@ -236,8 +236,8 @@ fn circles_that_jump_lead_the_arm_nowhere() {
     let (mut stream, mut reader) = scene.detector();
     let lies = std::thread::spawn(move || {
         // All over the picture, sure of each.
-        for picture in 0_u64.. {
-            let [u, v, radius] = [37, 61, 23].map(|factor| (picture * factor % 97) as f64 / 97.0);
+        for picture in 0_u32.. {
+            let [u, v, radius] = [37, 61, 23].map(|factor| f64::from(picture * factor % 97) / 97.0);
             let circle = json!({ "center": [250.0 * u, 230.0 * v], "radius": 12.0 + 60.0 * radius });
             let line = json!({ "picture": picture, "age": 0.02, "size": [256, 240], "circle": circle });
             if stream.write_all(format!("{line}\n").as_bytes()).is_err() {
