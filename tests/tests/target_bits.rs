@@ -2,6 +2,7 @@
 #![allow(clippy::cast_precision_loss, reason = "small integers")]
 
 use tesaki::math;
+use tesaki::vision::{Image, find_circle};
 
 include!("../target_bits.in");
 include!("../target_circles.in");

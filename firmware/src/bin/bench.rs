@@ -27,7 +27,6 @@ use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
 use tesaki::test_support::hand5;
-use tesaki::vision::{Image, find_circle};
 use tesaki_firmware as _;
 
 mod support;
@@ -244,7 +243,6 @@ fn main() -> ! {
     retargeting("retarget_unreachable", 1.1, false);
     retargeting("retarget_directions", 1.0, true);
     retargeting("retarget_directions_unreachable", 1.1, true);
-    vision();
 
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
@@ -395,22 +393,6 @@ fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
         }
     }
 }
-
-/// The circle finder on a picture of a door knob: in the whole of it, and about the last circle.
-#[inline(never)]
-fn vision() {
-    let image = Image::new(include_bytes!("../../../tests/target_picture.bin"), 256, 240).expect("its size");
-    let buffers = support::vision_buffers();
-    for (name, search) in ["find_circle", "find_circle_window"].into_iter().zip(&CIRCLE_SEARCHES) {
-        let start = SYST::get_current();
-        let found = find_circle(black_box(&image), search, &mut buffers.scratch());
-        let ticks = start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF;
-        assert!(matches!(black_box(found), Ok(Some(_))), "no circle");
-        hprintln!("{} {}.0", name, u64::from(ticks) * 1000 / 168);
-    }
-}
-
-include!("../../../tests/target_circles.in");
 
 fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);

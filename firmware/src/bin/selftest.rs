@@ -57,7 +57,6 @@ fn main() -> ! {
         ("the message of a crash survives a reset, truncated, and is returned once", crash_message_survives),
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
         ("square root and arc tangent have the bits that the host computed", libm_has_the_hosts_bits),
-        ("the circles in a picture have the bits that the host computed", circles_have_the_hosts_bits),
         ("the checksum is CRC-32", || checksum(b"123456789") == 0xcbf4_3926),
         ("a full receive queue counts what it loses", overflow_is_counted),
         ("noise on the line is counted", noise_is_counted),
@@ -128,13 +127,7 @@ fn libm_has_the_hosts_bits() -> bool {
     hash == MATH_HASH
 }
 
-fn circles_have_the_hosts_bits() -> bool {
-    circle_hash(include_bytes!("../../../tests/target_picture.bin"), &mut support::vision_buffers().scratch())
-        == Some(CIRCLE_HASH)
-}
-
 include!("../../../tests/target_bits.in");
-include!("../../../tests/target_circles.in");
 
 /// A simulated UART that receives one byte repeatedly and is never ready to send.
 struct FakeUart {

@@ -16,7 +16,6 @@ use tesaki::protocol::{
     BoardStatus, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFlags, SensorFrame,
 };
 use tesaki::task::TaskConfig;
-use tesaki::vision::CameraBuffers;
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
@@ -25,11 +24,6 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     loop {
         cortex_m::asm::nop();
     }
-}
-
-/// The buffers of the circle finder, 44 kB. Taken once.
-pub fn vision_buffers() -> &'static mut CameraBuffers {
-    cortex_m::singleton!(: CameraBuffers = CameraBuffers::new()).expect("taken once")
 }
 
 /// A joint of the hand; axes alternate.
