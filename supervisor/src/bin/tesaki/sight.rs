@@ -92,9 +92,8 @@ impl Sight {
                  pictures, or calibrate the camera with this size"
             ));
         }
-        match sight.circle {
-            Some(Some(circle)) => circle.check()?,
-            Some(None) | None => {}
+        if let Some(Some(circle)) = sight.circle {
+            circle.check()?;
         }
         Ok(sight)
     }

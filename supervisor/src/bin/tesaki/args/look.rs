@@ -12,7 +12,7 @@ use super::find_circle::{radius, window};
 const HELP: &str = "\
 Sources:
   -                           binary PGM pictures on standard input, one after the other
-  unix://PATH tcp://HOST:PORT the same from a program that listens there, as `cargo sim serve --door`
+  unix://PATH tcp://HOST:PORT the same from a program there, as `cargo sim serve --door`
   files:PATH,PATH             PNG and PGM files, or folders of them, in the order of their numbers
   camera:/dev/video0          a V4L2 camera (Linux) that gives GREY or YUYV
 A comment `# age SECONDS` in the header of a PGM picture says how long ago it was exposed.
