@@ -99,11 +99,11 @@ mod tests {
     fn a_hand_in_motion_is_found_between_two_telemetries_although_some_come_late() {
         let (mut poses, start) = (poses(), Instant::now());
         let at = |seconds: f64| start + Duration::from_secs_f64(seconds);
-        for number in 0..50_u32 {
+        for number in 0..50_u8 {
             // 20 ms apart, 0.1 m/s; every third one 8 ms late.
             let time = 0.02 * f64::from(number);
             let late = if number % 3 == 1 { 0.008 } else { 0.0 };
-            poses.add(at(time + late), &telemetry(1000 + 2 * number, 0.002 * number as f32));
+            poses.add(at(time + late), &telemetry(1000 + 2 * u32::from(number), 0.002 * f32::from(number)));
         }
         for time in [0.205, 0.531, 0.9] {
             let place = poses.at(at(time)).unwrap().translation[0];
