@@ -9,9 +9,11 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
+use tesaki_description::approach;
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::law::LawFile;
 use tesaki_sim::papers::{self, Drawn, Paper};
@@ -72,6 +74,17 @@ struct Serve {
     /// Object on a support at the pose that `--grasp` expects, for example robots/hand3/objects/box.toml
     #[arg(long, requires = "grasp")]
     object: Option<PathBuf>,
+    /// Put the arm before a door with this seed: of its surfaces, its light, and of where it is. The robot needs
+    /// camera.toml and approach.toml; the camera in its hand takes ten pictures a second
+    #[arg(long, value_name = "SEED", conflicts_with = "grasp")]
+    door: Option<u64>,
+    /// Radius of the rose of that door [m]; default: 0.035 to 0.045, by the seed
+    #[arg(long, value_name = "RADIUS", requires = "door")]
+    rose: Option<f64>,
+    /// Address for programs that want the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
+    /// socket
+    #[arg(long, value_name = "ADDRESS", requires = "door")]
+    camera: Option<tesaki_supervisor::port::Address>,
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
@@ -450,6 +463,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     use std::sync::atomic::{AtomicBool, Ordering};
     use tesaki_sim::plant::{Drive, Plant, PlantValues};
     use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
+    use tesaki_sim::served_camera::ServedCamera;
     use tesaki_sim::virtual_board::VirtualBoard;
     use tesaki_supervisor::hub::Hub;
     use tesaki_supervisor::port::{Address, Announcement, Key};
@@ -460,7 +474,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     let name = robot.model.name.as_str();
     let values = PlantValues::load(&options.robot)?;
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let machine = machine_options(options, &robot.model)?;
+    let mut machine = machine_options(options, &robot.model)?;
     let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
     let (mut native, mut qemu);
     let board: &mut dyn ServedBoard = match options.controller {
@@ -474,6 +488,16 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         }
     };
     let folder = tempfile::Builder::new().prefix("tesaki-").tempdir()?;
+    let camera = match served_door(options, &robot.model, &plant)? {
+        Some((door, values, joints)) => {
+            machine.fixtures = door.fixtures();
+            plant = Plant::new(&robot.urdf, &drives, &PlantValues::load(&options.robot)?, &machine)?;
+            let default = || Address::Unix(folder.path().join("camera"));
+            let address = options.camera.clone().unwrap_or_else(default);
+            Some(ServedCamera::listen(&address, values, door, joints)?)
+        }
+        None => None,
+    };
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
     let key = options
         .key
@@ -489,7 +513,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
     println!(
         "{name}, {kind}, seed {}: a board without a model, as after power-on.\n\
          \x20 socket           {} (found by `--port auto`; can be shared by several programs)\n\
-         \x20 pseudo-terminal  {} (like a serial port)\n\n\
+         \x20 pseudo-terminal  {} (like a serial port)\n{}\n\
          In another terminal, with `alias tesaki='cargo tesaki'`:\n\
          \x20 tesaki doctor\n\
          \x20 tesaki model push {}\n\
@@ -498,12 +522,43 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         options.seed,
         hub.address(),
         terminal.display(),
+        camera.as_ref().map_or_else(String::new, |camera| format!(
+            "\x20 camera           {} (pictures of the door, for `tesaki look`)\n",
+            camera.address()
+        )),
         shown(&options.robot).display(),
         home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
         example_command(options, &robot.model),
     );
-    serve(&mut hub, board, &mut plant, &robot.model, &input_lines(), &|| STOP.load(Ordering::Relaxed))?;
+    let stop = || STOP.load(Ordering::Relaxed);
+    serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &input_lines(), &stop)?;
     Ok(())
+}
+
+/// A door, the camera, and the indices of the tip that is the hand and of the gripper's joint.
+#[cfg(unix)]
+type ServedDoor = (KnobDoor, CameraValues, [usize; 2]);
+
+/// What `--door` asks for.
+#[cfg(unix)]
+fn served_door(
+    options: &Serve,
+    model: &RobotModel,
+    plant: &tesaki_sim::plant::Plant,
+) -> Result<Option<ServedDoor>, Box<dyn Error>> {
+    let Some(seed) = options.door else { return Ok(None) };
+    let (camera, files) = (CameraValues::load(&options.robot)?, approach::load(&options.robot, model)?);
+    let [hand, gripper] = hand_joints(model, &files.task, plant);
+    let mut door = KnobDoor::draw(seed, &hand_pose(plant, hand, gripper));
+    if let Some(radius) = options.rose {
+        let range = door.scene.knob.radius + 0.005..=0.1;
+        if !range.contains(&radius) {
+            let [from, to] = [range.start(), range.end()];
+            return Err(format!("--rose is {radius} m: it must be from {from:.3} to {to} m").into());
+        }
+        door.scene.rose.radius = radius;
+    }
+    Ok(Some((door, camera, [hand, gripper])))
 }
 
 /// The machine to serve: with `--grasp` its fingers are open around the object.
@@ -532,6 +587,9 @@ fn machine_options(
 /// A command to try on the machine once it is homed.
 #[cfg(unix)]
 fn example_command(options: &Serve, model: &RobotModel) -> String {
+    if options.door.is_some() {
+        return format!("tesaki approach --robot {}", shown(&options.robot).display());
+    }
     let impedance = options.robot.join("impedances/soft.toml");
     if impedance.is_file() {
         return format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());

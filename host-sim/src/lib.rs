@@ -11,6 +11,7 @@ pub mod boards;
 pub mod camera;
 pub mod controller;
 pub mod digest;
+pub mod door;
 pub mod faults;
 pub mod law;
 pub mod motion;
@@ -23,4 +24,6 @@ pub mod report;
 pub mod scenario;
 #[cfg(unix)]
 pub mod serve;
+#[cfg(unix)]
+pub mod served_camera;
 pub mod virtual_board;

@@ -12,6 +12,7 @@ use tesaki_supervisor::{BoardError, ByteLink};
 
 use crate::plant::{Plant, PlantError};
 use crate::qemu::Qemu;
+use crate::served_camera::ServedCamera;
 use crate::virtual_board::VirtualBoard;
 
 /// The control period.
@@ -194,8 +195,8 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// Runs plant and board in real time until `stop` returns true. A board that is slower than real time runs as
-/// fast as it can. Executes the commands in `lines`, see [`FAULT_COMMANDS`].
+/// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that is
+/// slower than real time runs as fast as it can. Executes the commands in `lines`, see [`FAULT_COMMANDS`].
 ///
 /// # Errors
 /// Board, plant or the link to the clients failed.
@@ -204,6 +205,7 @@ pub fn serve(
     board: &mut dyn ServedBoard,
     plant: &mut Plant,
     model: &RobotModel,
+    camera: Option<&ServedCamera>,
     lines: &Receiver<String>,
     stop: &dyn Fn() -> bool,
 ) -> Result<(), ServeError> {
@@ -215,6 +217,9 @@ pub fn serve(
         sequence = sequence.wrapping_add(1);
         let mut sensors = plant.sensors(sequence);
         sensor_faults.apply(&mut sensors);
+        if let Some(camera) = camera {
+            camera.tick(plant, sequence);
+        }
         let actuators = board.tick(&sensors, &mut answers)?;
         if actuators.torques.len() == model.joints.len() {
             if let Some(model) = board.model() {

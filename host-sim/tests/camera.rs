@@ -9,6 +9,7 @@
 )]
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use tesaki_description::hand_eye::HandEyeFile;
 use tesaki_sim::camera::{Camera, CameraValues, Circle, Ellipse, Finish, Optics, Scene, Texture, View};
 
 type Row = ([f64; 3], [f64; 4], f64, f64, [[f64; 2]; 8], [f64; 2], [f64; 2]);
@@ -178,8 +179,9 @@ fn a_wrong_camera_file_says_what_and_where() {
 /// Knob section 4.5 needs the place of the rose in millimetres.
 #[test]
 fn the_calibrated_table_of_the_arm_is_that_of_its_camera() {
-    let table = tesaki_description::hand_eye::load(&folder()).unwrap();
+    let HandEyeFile { table, size } = tesaki_description::hand_eye::load(&folder()).unwrap();
     let values = robot();
+    assert_eq!(size, Some(values.size));
     let (mut largest_center, mut largest_place) = (0.0_f64, 0.0_f64);
     for step in 0..=28 {
         let distance = 0.02 + 0.01 * f64::from(step);

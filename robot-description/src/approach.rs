@@ -45,11 +45,10 @@ use tesaki::task::visual_approach::{
     ApproachField, ApproachSettings, GripperSettings, KnobExpectation, VisualApproachRefusal,
     VisualApproachSettings,
 };
-use tesaki::vision::HandEyeTable;
 
 use crate::file::{self, read_text};
 use crate::finding::{Finding, Report};
-use crate::hand_eye::{self, HandEyeFileError};
+use crate::hand_eye::{self, HandEyeFile, HandEyeFileError};
 use crate::line::line_of;
 use crate::urdf;
 
@@ -65,6 +64,8 @@ pub struct ApproachFile {
     pub task: VisualApproachSettings,
     /// Of the behaviour.
     pub behavior: ApproachSettings,
+    /// Width and height of the camera's pictures [px], if `hand_eye.toml` tells them.
+    pub size: Option<[usize; 2]>,
 }
 
 /// Why an `approach.toml` cannot be used.
@@ -80,7 +81,7 @@ pub enum ApproachFileError {
     },
     /// The table of the camera.
     #[error(transparent)]
-    HandEye(#[from] HandEyeFileError),
+    HandEyeFile(#[from] HandEyeFileError),
     /// What is wrong in it.
     #[error("{}", urdf::list(.0))]
     Wrong(Vec<Finding>),
@@ -149,24 +150,24 @@ pub fn load(robot: &Path, model: &RobotModel) -> Result<ApproachFile, ApproachFi
     let path = robot.join(FILE);
     let text = read_text(&path)
         .map_err(|error| ApproachFileError::Read { path: path.clone(), reason: error.to_string() })?;
-    let table = hand_eye::load(robot)?;
-    let (settings, findings) = check(&path, &text, model, &table);
+    let hand_eye = hand_eye::load(robot)?;
+    let (settings, findings) = check(&path, &text, model, &hand_eye);
     settings.ok_or(ApproachFileError::Wrong(findings))
 }
 
-/// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `table`; the settings
+/// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `hand_eye`; the settings
 /// when nothing is.
 pub fn check(
     path: &Path,
     text: &str,
     model: &RobotModel,
-    table: &HandEyeTable,
+    hand_eye: &HandEyeFile,
 ) -> (Option<ApproachFile>, Vec<Finding>) {
     let mut report = Report::new(path);
     let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
-    match file.settings(model, table) {
+    match file.settings(model, hand_eye) {
         Ok(settings) => (Some(settings), report.findings),
         Err((section, key, message)) => {
             report.dynamics(line_of(text, &format!("{section}.{key}")), message, ADVICE);
@@ -179,7 +180,7 @@ pub fn check(
 type Wrong = (&'static str, &'static str, String);
 
 impl File {
-    fn settings(&self, model: &RobotModel, table: &HandEyeTable) -> Result<ApproachFile, Wrong> {
+    fn settings(&self, model: &RobotModel, hand_eye: &HandEyeFile) -> Result<ApproachFile, Wrong> {
         let Self { hand, gripper, knob, approach } = self;
         let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == gripper.joint.as_str());
         let Some((joint, _)) = found else {
@@ -210,7 +211,7 @@ impl File {
         })?;
         let Knob { rose, radius, length, distance, aside } = *knob;
         let behavior = ApproachSettings {
-            table: table.clone(),
+            table: hand_eye.table.clone(),
             expectation: KnobExpectation { rose, radius, length, distance, aside },
             grip_distance: approach.grip_distance,
             guard_distance: approach.guard_distance,
@@ -226,7 +227,7 @@ impl File {
             let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.name);
             (if of_knob { "knob" } else { "approach" }, invalid.name, invalid.to_string())
         })?;
-        Ok(ApproachFile { task, behavior })
+        Ok(ApproachFile { task, behavior, size: hand_eye.size })
     }
 }
 

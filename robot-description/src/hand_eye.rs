@@ -5,6 +5,7 @@
 //! rose = 0.04       # m, radius of the rose
 //! tilt = 0.1745     # rad, of the optical axis from the approach, about the hand's y towards the hand's axis
 //! turn = 0.0        # rad, from the image's x to where the rose moves when it moves along the hand's y
+//! size = [256, 240] # px, width and height of the pictures, if given
 //! # Radius, u and v of the centre [px], distance from the hand [m]; 2 to 16 rows, the farthest first.
 //! rows = [
 //!   [13.2, 127.5, 103.9, 0.30],
@@ -50,23 +51,33 @@ struct File {
     rose: f32,
     tilt: f32,
     turn: f32,
+    size: Option<[usize; 2]>,
     rows: Vec<Vec<f32>>,
+}
+
+/// What the camera sees, and of which pictures that holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandEyeFile {
+    /// What it sees of a rose straight before the hand.
+    pub table: HandEyeTable,
+    /// Width and height of its pictures [px], if the file tells them.
+    pub size: Option<[usize; 2]>,
 }
 
 /// The table in the folder of a robot.
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(robot: &Path) -> Result<HandEyeTable, HandEyeFileError> {
+pub fn load(robot: &Path) -> Result<HandEyeFile, HandEyeFileError> {
     let path = robot.join(FILE);
     let text = read_text(&path)
         .map_err(|error| HandEyeFileError::Read { path: path.clone(), reason: error.to_string() })?;
-    let (table, findings) = check(&path, &text);
-    table.ok_or(HandEyeFileError::Wrong(findings))
+    let (hand_eye, findings) = check(&path, &text);
+    hand_eye.ok_or(HandEyeFileError::Wrong(findings))
 }
 
-/// What is wrong with `text`, the content of `path`; the table when nothing is.
-pub fn check(path: &Path, text: &str) -> (Option<HandEyeTable>, Vec<Finding>) {
+/// What is wrong with `text`, the content of `path`; the rest when nothing is.
+pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
     let mut report = Report::new(path);
     let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
         return (None, report.findings);
@@ -81,7 +92,7 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeTable>, Vec<Finding>) {
         rows.push(HandEyeRow { radius, center: [u, v], distance });
     }
     match HandEyeTable::try_new(file.rose, file.tilt, file.turn, &rows) {
-        Ok(table) => (Some(table), report.findings),
+        Ok(table) => (Some(HandEyeFile { table, size: file.size }), report.findings),
         Err(error) => {
             let (key, message) = file.problem(&error);
             report.dynamics(line_of(text, key), message, ADVICE);

@@ -20,7 +20,7 @@ rows = [
 fn the_table_of_a_robot_is_read() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(FILE), GOOD).unwrap();
-    let (center, radius) = load(folder.path()).unwrap().appearance(&[0.0, 0.0, 0.11], 0.04);
+    let (center, radius) = load(folder.path()).unwrap().table.appearance(&[0.0, 0.0, 0.11], 0.04);
     assert!((radius - 23.6).abs() < 1e-3 && (center[1] - 124.4).abs() < 1e-3, "{center:?} {radius}");
     let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm");
     load(&robot).unwrap();

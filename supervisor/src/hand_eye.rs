@@ -51,6 +51,8 @@ pub struct Observation {
 pub struct HandEyeSettings {
     /// Radius of the rose's front rim [m].
     pub rose: f64,
+    /// Width and height of the pictures [px].
+    pub size: [u32; 2],
     /// Where the optical axis meets the picture [px].
     pub principal: [f64; 2],
     /// Focal lengths from which the search starts [px]: the true one is within a factor of two of one of them.
@@ -277,11 +279,12 @@ impl HandEyeSettings {
     /// lens, distances of 0.02 to 0.3 m.
     #[must_use]
     pub fn for_pictures([width, height]: [u32; 2], rose: f64) -> Self {
-        let [width, height] = [width, height].map(f64::from);
+        let [columns, rows] = [width, height].map(f64::from);
         Self {
             rose,
-            principal: [0.5 * (width - 1.0), 0.5 * (height - 1.0)],
-            focal: [0.5 * width, 1.5 * width],
+            size: [width, height],
+            principal: [0.5 * (columns - 1.0), 0.5 * (rows - 1.0)],
+            focal: [0.5 * columns, 1.5 * columns],
             distances: [0.02, 0.3],
         }
     }
@@ -431,6 +434,7 @@ impl HandEye {
         let _ = writeln!(text, "\nrose = {:?} # m", self.settings.rose);
         let _ = writeln!(text, "tilt = {tilt:.6} # rad");
         let _ = writeln!(text, "turn = {turn:.6} # rad");
+        let _ = writeln!(text, "size = {:?} # px", self.settings.size);
         text += "# Radius, u and v of the centre [px], distance from the hand [m].\nrows = [\n";
         for HandEyeRow { radius, center: [u, v], distance } in &self.rows {
             let _ = writeln!(text, "  [{radius:.4}, {u:.4}, {v:.4}, {distance:.6}],");

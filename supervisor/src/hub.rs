@@ -8,7 +8,6 @@
 
 mod arbiter;
 mod client;
-mod listener;
 
 use std::collections::VecDeque;
 use std::io;
@@ -20,10 +19,10 @@ use nix::poll::{PollFd, PollFlags};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 
 use crate::ByteLink;
+use crate::port::listener::{Accepted, Listener};
 use crate::port::{Address, Key, stream};
 use arbiter::Arbiter;
 use client::Client;
-use listener::Listener;
 
 /// The longest frame that passes, its zero included. Longer ones are dropped whole.
 pub const LONGEST_FRAME: usize = 512;
@@ -238,9 +237,9 @@ impl Hub {
             // So many at a time, as others are to be served in between.
             for _ in 0..MAX_HANDSHAKES {
                 // An error means that one client has gone, or that there is none.
-                let Ok(client) = listener.accept(self.next_id) else { break };
+                let Ok(Accepted { name, socket, encryption }) = listener.accept() else { break };
+                self.clients.push(Client::new(self.next_id, name, socket.into(), encryption));
                 self.next_id += 1;
-                self.clients.push(client);
             }
         }
     }

@@ -3,6 +3,8 @@
 //! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated
 //! boards included, which make themselves known by an [`Announcement`]. With a [`Key`], a TCP connection is
 //! encrypted.
+//!
+//! [`LocalListener`] and [`connect`] join programs of this machine by plain streams: pictures, circles.
 
 mod address;
 mod announcement;
@@ -10,6 +12,8 @@ pub(crate) mod channel;
 mod error;
 mod key;
 mod list;
+pub(crate) mod listener;
+mod local;
 mod open;
 mod reopening;
 mod serial;
@@ -20,6 +24,7 @@ pub use announcement::Announcement;
 pub use error::PortError;
 pub use key::Key;
 pub use list::{Found, latency_timer, list};
+pub use local::{LocalListener, connect};
 pub use open::{Port, open};
 pub use reopening::Reopening;
 pub use serial::BAUD_RATE;

@@ -474,6 +474,9 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     run(&mut board, VisualApproachCommand::Open, GripperState::Open);
     run(&mut board, VisualApproachCommand::Close, GripperState::Empty);
     assert!((board.telemetry().opening - 0.35).abs() < 0.03);
+    // A leader that repeats the command, and reads right behind it, learns that it is empty.
+    assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
+    assert_eq!(board.telemetry().gripper, GripperState::Empty);
     run(&mut board, VisualApproachCommand::Open, GripperState::Open);
     assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
     for _ in 0..40 {

@@ -1,9 +1,9 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Vector3};
 use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{
-    Approach, GripperState, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
+    Approach, GripperState, MIN_CONFIDENCE, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
 };
 use tesaki::task::{TaskConfig, TaskRefusal};
 use tesaki::vision::{CameraBuffers, Circle, Image, find_circle};
@@ -14,11 +14,11 @@ use tesaki_supervisor::{Board, BoardError};
 use super::common::{T, clear_faults, fault_error, introduce, require_duration};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::camera::{self, CameraValues, CircleTruth, Optics, Scene, View};
+use crate::camera::{self, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
+use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
-use crate::plant::{Drive, Fixture, FixtureShape, Plant, PlantOptions, PlantValues};
-use crate::purpose::Purpose;
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -50,21 +50,8 @@ const PICTURE_TICKS: u32 = 10;
 const LATENCY_TICKS: u32 = 6;
 /// Ticks from one decision of the behaviour to the next.
 const DECISION_TICKS: u32 = 2;
-/// Distance of the fingertips from the door in the start posture, with the base where it should be [m].
-const START: f64 = 0.21;
-/// The base is displaced by as much along x and y [m], and turned in heading and tilted by as much [rad].
-const DISPLACEMENT: f64 = 0.05;
-const TURN: f64 = 3.0 * core::f64::consts::PI / 180.0;
-/// Coefficient of friction of the fingers on everything.
-const FRICTION: f64 = 0.8;
-/// Circles of less confidence are not believed.
-const BELIEVED: f32 = 0.35;
 /// Least force of each finger on a knob that is gripped [N].
 const GRIPPED: f64 = 5.0;
-/// Height, width and thickness of the door [m].
-const DOOR: [f64; 3] = [2.0, 0.9, 0.05];
-/// A finger turns by as much of the gripper's angle.
-const LINKAGE: f64 = -0.25;
 /// Pictures of the film strip.
 const SHOWN: usize = 6;
 
@@ -164,14 +151,10 @@ struct Trial<'a, 'b, 'c> {
     machine: &'a Machine<'a>,
     motion: &'a mut Motion,
     plant: Plant,
-    scene: Scene,
-    optics: Optics,
-    /// The door in the base frame.
-    door: Isometry3<f64>,
+    door: KnobDoor,
     /// Index of the tip that is the hand, and of the gripper's joint.
     hand: usize,
     gripper: usize,
-    seed: u64,
     number: usize,
     approach: Approach,
     buffers: Box<CameraBuffers>,
@@ -190,11 +173,9 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let mut options = PlantOptions::mismatched(setting.seed);
         let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
-        let gripper = usize::from(machine.files.task.gripper.joint);
-        let hand = plant.tips().iter().position(|tip| tip.link == "hand").unwrap_or_default();
-        let scene = Scene::draw(seed);
-        let door = base_in_door(&hand_pose(&plant, hand, gripper), seed).inverse();
-        options.fixtures = fixtures(&scene, &door);
+        let [hand, gripper] = hand_joints(&robot.model, &machine.files.task, &plant);
+        let door = KnobDoor::draw(seed, &hand_pose(&plant, hand, gripper));
+        options.fixtures = door.fixtures();
         let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
         motion.note(format!("door {}", number + 1));
         motion.fixtures(&options.fixtures);
@@ -206,22 +187,19 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             tries: 0,
             pictures: Vec::new(),
             samples: Vec::new(),
-            radius: [scene.rose.radius, f64::NAN],
+            radius: [door.scene.rose.radius, f64::NAN],
             grip: None,
         };
         let mut trial = Self {
             plant: plant.under(setting.intervention.clone()),
-            optics: Optics::draw(seed),
             approach: Approach::new(machine.files.behavior.clone()),
             buffers: Box::default(),
             setting,
             machine,
             motion,
-            scene,
             door,
             hand,
             gripper,
-            seed,
             number,
             log,
         };
@@ -291,7 +269,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
 
     /// True pose of the hand in the door frame.
     fn true_hand(&self) -> Isometry3<f64> {
-        self.door.inverse() * hand_pose(&self.plant, self.hand, self.gripper)
+        self.door.pose.inverse() * hand_pose(&self.plant, self.hand, self.gripper)
     }
 
     /// Latches the pose of the hand, takes a picture and looks for the rose.
@@ -300,29 +278,27 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         self.in_time(|board| board.approach(VisualApproachCommand::Latch { number }))?;
         let latched = self.setting.controller.read_visual_approach()?.latched;
         let Some((_, latched)) = latched.filter(|(latched, _)| *latched == number) else { return Ok(()) };
-        let (hand, camera) = (self.true_hand(), self.machine.camera.camera());
-        let fingers = View { hand }.fingers(LINKAGE * self.plant.truth().positions[self.gripper]);
-        let pose = hand * self.machine.camera.mount();
-        let noise = (self.seed, u32::from(number));
-        let image = self.scene.photograph(&camera, &self.optics, &pose, &fingers, noise);
-        let truth = self.scene.truth(&camera, &pose, &fingers).rose;
+        let hand = self.true_hand();
+        let opening = self.plant.truth().positions[self.gripper];
+        let image = self.door.photograph(self.machine.camera, &hand, opening, u32::from(number));
+        let truth = self.door.truth(self.machine.camera, &hand, opening).rose;
         let search = self.approach.search(&latched);
         // A rose that is expected outside of the picture is not looked for.
-        let is_outside = |center: [f32; 2]| !camera.contains(center.map(f64::from));
+        let is_outside = |center: [f32; 2]| !self.machine.camera.camera().contains(center.map(f64::from));
         let found = if search.window.is_some_and(|window| is_outside(window.center)) {
             None
         } else {
             let grey = Image::new(&image.pixels, image.width, image.height)?;
             find_circle(&grey, &search, &mut self.buffers.scratch())?
         };
-        let found = found.filter(|circle| circle.confidence >= BELIEVED);
+        let found = found.filter(|circle| circle.confidence >= MIN_CONFIDENCE);
         self.log.pictures.push(Picture { time: self.log.time, image, truth, found });
         Ok(())
     }
 
     fn sample(&mut self, report: &VisualApproachTelemetry) {
         let hand = self.true_hand().translation.vector;
-        let (distance, aside) = (self.scene.rose_rim().center.z - hand.z, hand.x.hypot(hand.y));
+        let (distance, aside) = (self.door.scene.rose_rim().center.z - hand.z, hand.x.hypot(hand.y));
         // While the gripper closes, holds and opens, its forces act on the knob.
         let is_free = matches!(report.gripper, GripperState::Still | GripperState::Open);
         let contacts = self.plant.fixture_contacts();
@@ -369,63 +345,17 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
 
     fn step(&mut self) -> Result<(), ScenarioError> {
         let sequence = self.motion.tick(&self.plant.truth());
-        let [x, y, z, w] = self.door.rotation.coords.into();
+        let [x, y, z, w] = self.door.pose.rotation.coords.into();
         self.motion.frame(Transform {
             parent: "base".into(),
             child: "door".into(),
-            translation: self.door.translation.vector.into(),
+            translation: self.door.pose.translation.vector.into(),
             rotation_xyzw: [x, y, z, w],
         });
         let actuators = self.setting.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
         Ok(())
     }
-}
-
-/// True pose of the hand frame in the base frame, as if the gripper stood at 0.
-fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
-    let Some(tip) = plant.tips().into_iter().nth(hand) else { return Isometry3::identity() };
-    let [x, y, z, w] = tip.orientation;
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let angle = plant.truth().positions.get(gripper).copied().unwrap_or_default();
-    let screw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
-    Isometry3::from_parts(Translation3::from(tip.position), turn * screw)
-}
-
-/// Pose in the door frame of a base that is wrong by centimetres and degrees. `start` is that of the hand in the base
-/// frame.
-fn base_in_door(start: &Isometry3<f64>, seed: u64) -> Isometry3<f64> {
-    let mut rng = Purpose::BasePlace.rng(seed);
-    let right = Isometry3::translation(0.0, 0.0, -START) * start.inverse();
-    let [x, y] = core::array::from_fn(|_| DISPLACEMENT * rng.symmetric());
-    let [heading, tilt] = core::array::from_fn(|_| TURN * rng.symmetric());
-    let direction = core::f64::consts::PI * rng.symmetric();
-    let axis = Vector3::new(libm::cos(direction), libm::sin(direction), 0.0);
-    let turn = UnitQuaternion::new(Vector3::z() * heading) * UnitQuaternion::new(axis * tilt);
-    right * Isometry3::from_parts(Translation3::new(x, y, 0.0), turn)
-}
-
-/// Index of the knob in [`fixtures`].
-const KNOB: usize = 2;
-
-/// Door, rose and knob in the base frame.
-fn fixtures(scene: &Scene, door: &Isometry3<f64>) -> Vec<Fixture> {
-    let at = |y: f64, z: f64| door * Isometry3::translation(0.0, y, z);
-    let middle = scene.door.side * (scene.door.edge - 0.5 * DOOR[1]);
-    // With the edges that the camera sees; those of the rose as far as it is thick enough.
-    let cylinder = |radius: f64, length: f64, chamfer: f64| {
-        let chamfer = chamfer.min(0.4 * length);
-        (FixtureShape::BevelledCylinder { radius, length, chamfer }, at(0.0, -0.5 * length))
-    };
-    let door = (FixtureShape::Box { size: DOOR }, at(middle, 0.5 * DOOR[2]));
-    let parts = [
-        ("door", door),
-        ("rose", cylinder(scene.rose.radius, scene.rose.thickness, scene.rose.chamfer)),
-        ("knob", cylinder(scene.knob.radius, scene.knob.length, scene.knob.chamfer)),
-    ];
-    let fixture =
-        |(name, (shape, pose)): (&str, _)| Fixture { name: name.into(), shape, pose, friction: FRICTION };
-    parts.map(fixture).into()
 }
 
 fn summary(logs: &[Log], seed: u64) -> Summary {

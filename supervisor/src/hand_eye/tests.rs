@@ -171,8 +171,10 @@ fn the_table_tells_where_a_rose_before_the_hand_is() {
     let (read, findings) =
         tesaki_description::hand_eye::check(std::path::Path::new("hand_eye.toml"), &found.to_toml("a\ntest"));
     let read = read.unwrap_or_else(|| panic!("{findings:?}"));
+    assert_eq!(read.size, Some([256, 240]));
     let place = [0.01, -0.02, 0.15];
-    let [(one, radius), (other, other_radius)] = [&table, &read].map(|table| table.appearance(&place, 0.04));
+    let [(one, radius), (other, other_radius)] =
+        [&table, &read.table].map(|table| table.appearance(&place, 0.04));
     assert!(
         (0..2).all(|axis| (one[axis] - other[axis]).abs() < 1e-3) && (radius - other_radius).abs() < 1e-3
     );

@@ -3,6 +3,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+mod approach;
 mod arm;
 mod asking;
 mod calibrate;
@@ -17,6 +18,7 @@ mod find_circle;
 mod follow;
 mod grasping;
 mod init;
+mod look;
 mod machine;
 mod moving;
 mod network;

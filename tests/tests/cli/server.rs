@@ -8,11 +8,15 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use tesaki_description::approach;
 use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
+use tesaki_sim::camera::CameraValues;
+use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::scenario::scene::{on_support, open_posture};
 use tesaki_sim::serve::{home_command, serve};
+use tesaki_sim::served_camera::ServedCamera;
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
@@ -32,7 +36,7 @@ pub struct Server {
     pub home: Vec<String>,
     trouble: Sender<String>,
     pub stop: Arc<AtomicBool>,
-    pub thread: Option<JoinHandle<()>>,
+    pub thread: Option<JoinHandle<Plant>>,
     pub folder: tempfile::TempDir,
 }
 
@@ -75,12 +79,40 @@ impl Server {
         server
     }
 
+    /// An arm before a door, with a longer command timeout; the pictures of its camera are at `camera` in the folder.
+    pub fn before_door(seed: u64) -> Self {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm");
+        let options = PlantOptions::mismatched(1);
+        let server = Self::serve(&robot, tempfile::tempdir().unwrap(), &options, Some(seed));
+        server.succeeds(&["model", "push", robot.to_str().unwrap()]);
+        server.succeeds(&["set", "safety.command_timeout", "1"]);
+        server
+    }
+
     /// Of any robot folder; not homed, without a model.
     pub fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
+        Self::serve(folder_of_robot, folder, options, None)
+    }
+
+    fn serve(
+        folder_of_robot: &Path,
+        folder: tempfile::TempDir,
+        options: &PlantOptions,
+        door: Option<u64>,
+    ) -> Self {
         let robot = RobotFolder::load(folder_of_robot).unwrap();
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let values = PlantValues::load(folder_of_robot).unwrap();
         let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
+        let camera = door.map(|seed| {
+            let files = approach::load(folder_of_robot, &robot.model).unwrap();
+            let joints = hand_joints(&robot.model, &files.task, &plant);
+            let door = KnobDoor::draw(seed, &hand_pose(&plant, joints[0], joints[1]));
+            let options = PlantOptions { fixtures: door.fixtures(), ..options.clone() };
+            plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+            let values = CameraValues::load(folder_of_robot).unwrap();
+            ServedCamera::listen(&Address::Unix(folder.path().join("camera")), values, door, joints).unwrap()
+        });
         let mut hub = Hub::listen(&Address::Unix(folder.path().join("board")), None).unwrap();
         let address = hub.address().clone();
         let terminal = hub.add_pty().unwrap();
@@ -92,7 +124,8 @@ impl Server {
         let thread = std::thread::spawn(move || {
             let mut board = VirtualBoard::default();
             let stop = || flag.load(Ordering::Relaxed);
-            serve(&mut hub, &mut board, &mut plant, &robot.model, &lines, &stop).unwrap();
+            serve(&mut hub, &mut board, &mut plant, &robot.model, camera.as_ref(), &lines, &stop).unwrap();
+            plant
         });
         Self { address, terminal, home, trouble, stop, thread: Some(thread), folder }
     }
@@ -113,6 +146,12 @@ impl Server {
             self.succeeds(&self.home.iter().map(String::as_str).collect::<Vec<_>>());
         }
         self.succeeds(&["set", "safety.command_timeout", "1"]);
+    }
+
+    /// Stops the board. Returns the machine as it was then.
+    pub fn stop(mut self) -> Plant {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap()
     }
 
     pub fn command(&self, arguments: &[&str]) -> Command {

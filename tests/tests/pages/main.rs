@@ -20,6 +20,7 @@ const HAND_EYE: &str = include_str!("../../../docs/hand-eye.md");
 const SUPERVISOR: &str = include_str!("../../../docs/supervisor.md");
 const OPERATOR_HAND: &str = include_str!("../../../docs/operator-hand.md");
 const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
+const VISUAL_APPROACH: &str = include_str!("../../../docs/visual-approach.md");
 
 /// The sections that begin with a board of their own run beside the others, which share the first board.
 fn every_command_runs(kind: Kind) {
@@ -33,6 +34,7 @@ fn every_command_runs(kind: Kind) {
         ("docs/supervisor.md", SUPERVISOR),
         ("docs/operator-hand.md", OPERATOR_HAND),
         ("docs/teleoperation.md", TELEOPERATION),
+        ("docs/visual-approach.md", VISUAL_APPROACH),
         ("docs/find-circle.md", FIND_CIRCLE),
         ("docs/hand-eye.md", HAND_EYE),
     ] {
@@ -74,10 +76,11 @@ fn every_command_of_the_pages_runs_on_the_image() {
 /// Or an entry about a command that no page has any more would go unseen.
 #[test]
 fn every_exception_is_about_a_command_of_a_page() {
-    let steps: Vec<_> = [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION, FIND_CIRCLE, HAND_EYE]
-        .into_iter()
-        .flat_map(page::steps)
-        .collect();
+    let steps: Vec<_> =
+        [README, SUPERVISOR, OPERATOR_HAND, TELEOPERATION, VISUAL_APPROACH, FIND_CIRCLE, HAND_EYE]
+            .into_iter()
+            .flat_map(page::steps)
+            .collect();
     assert!(steps.len() >= 40, "only {} commands found", steps.len());
     for command in reader::exceptions() {
         assert!(steps.iter().any(|step| step.command == command), "no page has `{command}`");

@@ -54,6 +54,15 @@ const EXCUSED: &[(&str, &str)] = &[
          board:tcp://localhost:7401",
         "likewise",
     ),
+    (
+        "python3 docs/examples/camera.py 0 | tesaki look --delay 0.05 --to tcp://localhost:7800",
+        "it needs a camera; cli/look.rs pipes pictures",
+    ),
+    (
+        "ffmpeg -f v4l2 -i /dev/video0 -vf scale=256:240 -pix_fmt gray -f image2pipe -c:v pgm - | tesaki look --delay 0.08",
+        "likewise",
+    ),
+    ("cargo sim run knob-grasp", "13 s; `cargo xtask sweep check` runs all scenarios"),
     ("python3 tests/oracles/find_circle.py set 250 4 DIR", "it needs Python's NumPy, and minutes"),
     ("python3 tests/oracles/find_circle.py opencv DIR", "it needs OpenCV"),
     (
@@ -75,6 +84,9 @@ const MEANWHILE: &[&str] = &["tesaki grasp status"];
 
 /// Commands that run until Ctrl-C, and what happens before.
 const UNTIL_CTRL_C: &[(&str, &[&str])] = &[("tesaki record grip", &["move", "finger1_swing=0.2"])];
+
+/// Commands that run in a terminal of their own until the end of the page.
+const ASIDE: &[&str] = &["tesaki look --from unix://camera --to unix://circles"];
 
 /// Commands before which the page tells of something: a board without an object, a program that was killed.
 const WITHOUT_OBJECT: &str = "tesaki grasp run robots/hand3/grasps/box.toml hold=5";
@@ -98,6 +110,7 @@ pub fn exceptions() -> impl Iterator<Item = &'static str> {
     let failing = FAILING.iter().map(|(command, ..)| *command);
     let interrupted = UNTIL_CTRL_C.iter().map(|(command, _)| *command);
     let others = [WITHOUT_OBJECT, AFTER_A_KILL, FULL_SCREEN].into_iter().chain(MEANWHILE.iter().copied());
+    let others = others.chain(ASIDE.iter().copied());
     excused.chain(failing).chain(interrupted).chain(others)
 }
 
@@ -197,6 +210,7 @@ impl Reader {
     pub fn read(&mut self, kind: Kind) -> Vec<String> {
         let steps = std::mem::take(&mut self.steps);
         let mut board: Option<(Vec<&str>, Served)> = None;
+        let mut aside = Vec::new();
         let mut steps = steps.iter().peekable();
         while let Some(step) = steps.next() {
             if EXCUSED.iter().any(|(command, _)| *command == step.command) {
@@ -229,6 +243,13 @@ impl Reader {
                 arguments.drain(object..object + 2);
                 board = Some((arguments.clone(), self.serve(kind, &arguments, &step.section)));
             }
+            if ASIDE.contains(&&*step.command) {
+                aside.push((
+                    step,
+                    self.start(tesaki_tests::tesaki().args(arguments).current_dir(self.folder.path())),
+                ));
+                continue;
+            }
             let Some((_, board)) = &board else {
                 // A page of tools that need none.
                 let mut command = tesaki_tests::tesaki();
@@ -237,6 +258,10 @@ impl Reader {
             };
             let next = steps.next_if(|next| MEANWHILE.contains(&&*next.command));
             self.type_command(board, step, &arguments, next);
+        }
+        for (step, running) in aside {
+            interrupt(&running.child, Signal::SIGINT);
+            self.judge(step, running);
         }
         std::mem::take(&mut self.failures)
     }

@@ -12,6 +12,8 @@ use crate::math::{abs, sqrt};
 use crate::model::Pose;
 use crate::vision::{Circle, CircleSearch, Window};
 
+/// Circles of less confidence are not to be believed.
+pub const MIN_CONFIDENCE: f32 = 0.35;
 /// Circles that are compared at the begin, and of these, as many must agree.
 const FIRST_LOOKS: usize = 7;
 const AGREEING: usize = 4;

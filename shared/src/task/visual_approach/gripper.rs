@@ -87,7 +87,9 @@ impl Gripper {
     }
 
     pub fn close(&mut self) {
-        let goes_on = matches!(self.state, GripperState::Closing | GripperState::Jammed) && !self.opens;
+        // A repeated command changes nothing, also where it comes before the leader has read that nothing is there.
+        let ended = matches!(self.state, GripperState::Empty | GripperState::Jammed) && !self.opens;
+        let goes_on = ended || self.state == GripperState::Closing;
         if !goes_on && self.state != GripperState::Holding {
             self.start(GripperState::Closing);
         }

@@ -44,7 +44,7 @@ use crate::model::Pose;
 use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::teleop::MotionLimits;
 
-pub use approach::{Approach, Order};
+pub use approach::{Approach, MIN_CONFIDENCE, Order};
 pub use approach_settings::{ApproachSettings, InvalidApproach};
 use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;
@@ -80,7 +80,7 @@ pub enum VisualApproachCommand {
     Stand,
     /// 3: opens the gripper.
     Open,
-    /// 4: closes the gripper, and holds what is between the fingers.
+    /// 4: closes the gripper, and holds what is between the fingers. If nothing was, it must open before the next time.
     Close,
     /// 5: the leader knows of the contact that ended a motion: targets against it are accepted again.
     Acknowledge,

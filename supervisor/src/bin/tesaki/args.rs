@@ -1,5 +1,6 @@
 //! The command line.
 
+mod approach;
 mod calibrate;
 mod eval;
 mod examples;
@@ -9,6 +10,7 @@ mod grasp;
 mod identify;
 mod impedance;
 mod init;
+mod look;
 mod retarget;
 mod view;
 
@@ -20,6 +22,7 @@ use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
 
+pub use approach::{Approach, SightSource};
 pub use calibrate::{Calibrate, CalibrateCamera, CalibrateCommand};
 pub use eval::{Eval, Grip, Kinematics};
 pub use find_circle::FindCircle;
@@ -28,6 +31,7 @@ pub use grasp::{Grasp, Run, Step};
 pub use identify::Identify;
 pub use impedance::{Hold, Impedance};
 pub use init::Init;
+pub use look::{Look, PictureSource};
 pub use retarget::Retarget;
 pub use view::View;
 
@@ -131,6 +135,10 @@ pub enum Command {
     Retarget(Retarget),
     /// Find the outermost circle in pictures, as that of a door knob; needs no board
     FindCircle(FindCircle),
+    /// Find the rose of a door knob in the pictures of a camera, for `tesaki approach`; needs no board
+    Look(Look),
+    /// Approach a door knob and grip it, led by the circles that `tesaki look` or another program finds
+    Approach(Approach),
     /// Cartesian impedance control of an arm: the tool behaves as a mass with a spring and a damper
     #[command(subcommand)]
     Impedance(Impedance),

@@ -4,14 +4,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tesaki::fault::Fault;
+use tesaki::fault::{Fault, FaultCause};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
     FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
     TaskReport, Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
-use tesaki::task::impedance::{ImpedanceRefusal, SetpointError};
+use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::troubleshooting;
@@ -35,8 +35,8 @@ pub struct BoardSession {
     pub port: String,
     /// The latest telemetry of the task that was requested without waiting.
     pub task: Option<TaskReport>,
-    /// Why a set-point of an arm's tool was refused last.
-    pub refused: Option<SetpointError>,
+    /// Why the task refused a set-point last, which is for who leads the robot to judge.
+    pub refused: Option<TaskRefusal>,
     /// Whether this program commands the board.
     commands: bool,
 }
@@ -128,6 +128,12 @@ impl BoardSession {
         })
     }
 
+    /// Whether the last fault is that no command came in time. The faults count as read.
+    pub fn has_timed_out(&mut self) -> Result<bool, Failure> {
+        let log = self.board.faults()?;
+        Ok(log.faults.last().is_some_and(|fault| fault.cause == FaultCause::CommandTimeout))
+    }
+
     /// Fails when the board is in fault.
     pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
@@ -158,9 +164,12 @@ impl BoardSession {
                 FromBoard::Reply(ReplyFrame { reply: Reply::Task(report), .. }) => self.task = Some(report),
                 FromBoard::Reply(ReplyFrame {
                     reply:
-                        Reply::Refused(Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(error)))),
+                        Reply::Refused(Refusal::Task(
+                            refusal @ (TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(_))
+                            | TaskRefusal::VisualApproach(_)),
+                        )),
                     ..
-                }) => self.refused = Some(error),
+                }) => self.refused = Some(refusal),
                 FromBoard::Reply(reply) => refused(&reply.reply)?,
                 _ => {}
             }

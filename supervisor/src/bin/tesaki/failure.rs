@@ -11,6 +11,7 @@ use tesaki::robot::Concerns;
 use tesaki::task::TaskRefusal;
 use tesaki::task::grasping::GraspRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
+use tesaki_description::approach::ApproachFileError;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::grasp::GraspFileError;
 use tesaki_description::impedance::ImpedanceFileError;
@@ -58,6 +59,9 @@ pub enum Failure {
     /// An invalid impedance file.
     #[error(transparent)]
     ImpedanceFile(#[from] ImpedanceFileError),
+    /// An invalid file of the visual approach.
+    #[error(transparent)]
+    ApproachFile(#[from] ApproachFileError),
     /// An invalid retargeting file.
     #[error(transparent)]
     RetargetingFile(#[from] RetargetingFileError),
@@ -121,6 +125,7 @@ impl Failure {
             | Self::Urdf(_)
             | Self::GraspFile(_)
             | Self::ImpedanceFile(_)
+            | Self::ApproachFile(_)
             | Self::RetargetingFile(_)
             | Self::Calibration(_)
             | Self::File { .. }

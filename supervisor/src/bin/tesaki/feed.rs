@@ -26,6 +26,12 @@ struct Arrival<T> {
 /// Where what arrives is put, in a thread of its own.
 pub struct Inlet<T>(SyncSender<Arrival<T>>);
 
+impl<T> Clone for Inlet<T> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
 impl<T> Inlet<T> {
     /// Puts in what arrives now. False if nobody takes it any more.
     pub fn send(&self, content: io::Result<T>) -> bool {
@@ -204,7 +210,7 @@ pub fn read<T: From<String>>(inlet: &Inlet<T>) {
 }
 
 /// The next line; `None` at the end.
-fn line(input: &mut impl BufRead) -> Option<io::Result<String>> {
+pub fn line(input: &mut impl BufRead) -> Option<io::Result<String>> {
     let mut bytes = Vec::new();
     match input.take(MAX_LINE).read_until(b'\n', &mut bytes) {
         Ok(0) => None,

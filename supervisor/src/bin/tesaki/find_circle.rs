@@ -23,7 +23,7 @@ const MAX_RADIUS: f32 = 400.0;
 
 /// What is known about the circle in a picture [px]: radius from … to, and `X,Y,REACH` of its centre and of the point
 /// where its axis vanishes.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known {
     pub radius: Option<[f32; 2]>,
     pub window: Option<[f32; 3]>,
@@ -41,8 +41,9 @@ pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
     for path in &args.images {
         match find(path, args) {
             Ok((circle, milliseconds)) => {
-                lines += &line(path, circle.as_ref(), milliseconds);
-                values.push(object(path, circle.as_ref(), milliseconds));
+                let name = path.display().to_string();
+                lines += &(line(&name, circle.as_ref(), milliseconds) + "\n");
+                values.push(object(&name, circle.as_ref(), milliseconds));
             }
             Err(failure) => failures.push(failure.to_string()),
         }
@@ -57,7 +58,7 @@ pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
 fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure> {
     let picture = Picture::read(path)?;
     let known = Known { radius: args.radius, window: args.window, axis: args.axis };
-    let (circle, milliseconds) = search(path, &picture, &known)?;
+    let (circle, milliseconds) = search(&path.display().to_string(), &picture, &known)?;
     if let Some(annotated) = &args.annotate {
         annotate(annotated, &picture, circle.as_ref())?;
     }
@@ -66,8 +67,8 @@ fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure
 
 /// The circle in the picture, and the time that the search took [ms].
 #[expect(clippy::cast_precision_loss, reason = "a small number")]
-pub fn search(path: &Path, picture: &Picture, known: &Known) -> Result<(Option<Circle>, f64), Failure> {
-    let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{}: {error}", path.display()));
+pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Circle>, f64), Failure> {
+    let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{name}: {error}"));
     let factor = picture.width.max(picture.height).div_ceil(MAX_SIDE).max(1);
     let reduced = (factor > 1).then(|| picture.reduced(factor));
     let searched = reduced.as_ref().unwrap_or(picture);
@@ -108,17 +109,18 @@ pub fn search(path: &Path, picture: &Picture, known: &Known) -> Result<(Option<C
     Ok((found.map(enlarge), milliseconds))
 }
 
-fn line(path: &Path, circle: Option<&Circle>, milliseconds: f64) -> String {
-    let path = path.display();
+/// A result as text.
+pub fn line(name: &str, circle: Option<&Circle>, milliseconds: f64) -> String {
     match circle {
         Some(Circle { center: [x, y], radius, confidence, .. }) => format!(
-            "{path}: centre ({x:.2}, {y:.2}), radius {radius:.2} px, confidence {confidence:.2}, {milliseconds:.2} ms\n"
+            "{name}: centre ({x:.2}, {y:.2}), radius {radius:.2} px, confidence {confidence:.2}, {milliseconds:.2} ms"
         ),
-        None => format!("{path}: no circle, {milliseconds:.2} ms\n"),
+        None => format!("{name}: no circle, {milliseconds:.2} ms"),
     }
 }
 
-fn object(path: &Path, circle: Option<&Circle>, milliseconds: f64) -> Value {
+/// The same as JSON.
+pub fn object(name: &str, circle: Option<&Circle>, milliseconds: f64) -> Value {
     let circle = circle.map(|circle| {
         json!({
             "center": output::exact(&circle.center),
@@ -128,7 +130,7 @@ fn object(path: &Path, circle: Option<&Circle>, milliseconds: f64) -> Value {
             "confidence": output::exact(&circle.confidence),
         })
     });
-    json!({ "image": path.display().to_string(), "circle": circle, "milliseconds": milliseconds })
+    json!({ "image": name, "circle": circle, "milliseconds": milliseconds })
 }
 
 /// Writes the picture with the ellipse and its centre in red.

@@ -11,7 +11,7 @@ use tesaki::kinematics::Chain;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::robot::Robot;
 use tesaki::task::impedance::{Arm, ImpedanceRefusal};
-use tesaki::task::{TaskConfig, TaskTelemetry};
+use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki::teleop::{Follower, FollowerSettings};
 use tesaki_description::impedance;
 
@@ -184,7 +184,7 @@ impl Session<'_> {
             let text = self.lead.one_line(now);
             self.live.show(&text);
         }
-        if let Some(error) = news.refused {
+        if let Some(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(error))) = news.refused {
             self.lead.refused(error);
         }
         for event in self.lead.events.drain(..) {

@@ -1,5 +1,6 @@
 //! `tesaki`: the supervisor's command line.
 
+mod approach;
 mod args;
 mod board;
 mod board_session;
@@ -18,6 +19,7 @@ mod home;
 mod identify;
 mod impedance;
 mod init;
+mod look;
 mod model;
 mod motion;
 mod output;
@@ -27,6 +29,7 @@ mod recording;
 mod replay;
 mod retarget;
 mod share;
+mod sight;
 mod view;
 mod watch;
 
@@ -87,6 +90,8 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
             ModelCommand::Check { robot } => return check::run(options, robot),
         },
         Command::FindCircle(args) => find_circle::run(options, args),
+        Command::Look(args) => look::run(options, args),
+        Command::Approach(args) => approach::run(options, args),
         Command::Eval(eval) => eval::run(options, eval),
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),

@@ -8,9 +8,9 @@ use tesaki::math::abs;
 use tesaki::model::{JointModel, RobotModel};
 use tesaki::protocol::{Mode, Refusal, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
-use tesaki::task::impedance::{ImpedanceTelemetry, SetpointError};
+use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
+use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Enable, Move, Options};
@@ -23,8 +23,9 @@ use crate::output;
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Period of the board's ticks.
 pub const PERIOD: Duration = Duration::from_millis(10);
-/// Period of the requests for the task's telemetry.
+/// Period of the requests for the task's telemetry, and where a behaviour decides by it.
 const ASK: Duration = Duration::from_millis(50);
+const ASK_TO_DECIDE: Duration = Duration::from_millis(20);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
 /// Without telemetry for this time, the stream is requested again: the board may have been reset.
@@ -187,10 +188,12 @@ pub enum End {
 #[derive(Default)]
 pub struct News {
     pub telemetry: Option<Telemetry>,
+    /// When that came.
+    pub arrived: Option<Instant>,
     /// Telemetry of the running task.
     pub task: Option<TaskReport>,
-    /// Why a set-point of an arm's tool was refused; the one before remains.
-    pub refused: Option<SetpointError>,
+    /// Why the task refused a set-point; the one before remains.
+    pub refused: Option<TaskRefusal>,
 }
 
 /// A board that this program commands and may have enabled.
@@ -202,9 +205,11 @@ pub struct Motion<'a> {
     angles: Vec<f32>,
     /// Number of faults of the board before.
     faults: u32,
+    /// Whether the board is in fault because the program before has ended, which enabling clears.
+    resumes: bool,
     enabled: bool,
-    /// Whether to request the task's own telemetry.
-    asks: bool,
+    /// Period of the requests for the task's own telemetry, if it has any.
+    asks: Option<Duration>,
     /// Whether nobody reads the output any more.
     is_unread: bool,
 }
@@ -222,18 +227,27 @@ impl Drop for Motion<'_> {
 
 impl<'a> Motion<'a> {
     pub fn begin(options: &'a Options) -> Result<Self, Failure> {
+        Self::begin_after(options, false)
+    }
+
+    /// As [`Motion::begin`]; with `resumes` also where the board reacts to the end of the program before.
+    pub fn begin_after(options: &'a Options, resumes: bool) -> Result<Self, Failure> {
         let mut session = BoardSession::command(options)?;
         let model = session.model()?;
         let node = session.board.status()?.node;
-        session.require_no_fault(node.mode, Some(&model))?;
+        let resumes = resumes && node.mode == Mode::Fault && session.has_timed_out()?;
+        if !resumes {
+            session.require_no_fault(node.mode, Some(&model))?;
+        }
         Ok(Self {
             session,
             options,
             model,
             angles: Vec::new(),
             faults: node.faults,
+            resumes,
             enabled: false,
-            asks: false,
+            asks: None,
             is_unread: false,
         })
     }
@@ -297,7 +311,14 @@ impl<'a> Motion<'a> {
         interrupted()?;
         // The joint servo has no telemetry beyond that of the joints.
         output::set_controls(true);
-        self.asks = !matches!(task, TaskConfig::JointServo(_));
+        self.asks = match task {
+            TaskConfig::JointServo(_) => None,
+            TaskConfig::VisualApproach(_) => Some(ASK_TO_DECIDE),
+            _ => Some(ASK),
+        };
+        if std::mem::take(&mut self.resumes) {
+            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults })?;
+        }
         self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
         self.enabled = true;
         Ok(())
@@ -358,7 +379,7 @@ impl<'a> Motion<'a> {
             let now = Instant::now();
             next = if now > next + every { now + every } else { next + every };
             self.session.board.post(set_point(now))?;
-            if self.asks && asked.is_none_or(|last| now - last >= ASK) {
+            if self.asks.is_some_and(|period| asked.is_none_or(|last| now - last >= period)) {
                 asked = Some(now);
                 self.session.board.post(Request::ReadTask)?;
             }
@@ -449,7 +470,7 @@ impl<'a> Motion<'a> {
         let mut news = News::default();
         while Instant::now() < deadline {
             match self.session.telemetry(deadline.saturating_duration_since(Instant::now())) {
-                Ok(telemetry) => news.telemetry = Some(telemetry),
+                Ok(telemetry) => (news.telemetry, news.arrived) = (Some(telemetry), Some(Instant::now())),
                 Err(Failure::Late(_)) => {}
                 // What another program has enabled since is its own.
                 Err(Failure::Board(BoardError::Refused {
@@ -497,10 +518,10 @@ impl<'a> Motion<'a> {
     /// The latest telemetry as JSON.
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
-            (false, News { telemetry: Some(telemetry), .. }) => {
+            (None, News { telemetry: Some(telemetry), .. }) => {
                 Some(output::telemetry(telemetry, &self.model).to_string())
             }
-            (true, News { task: Some(report), .. }) => Some(output::task(report).to_string()),
+            (Some(_), News { task: Some(report), .. }) => Some(output::task(report).to_string()),
             _ => None,
         }
     }

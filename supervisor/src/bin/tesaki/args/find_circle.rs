@@ -37,7 +37,7 @@ pub struct FindCircle {
     pub annotate: Option<PathBuf>,
 }
 
-fn radius(text: &str) -> Result<[f32; 2], String> {
+pub fn radius(text: &str) -> Result<[f32; 2], String> {
     let numbers =
         text.split_once("..").map(|(from, to)| [from, to].map(|number| number.trim().parse::<f32>()));
     match numbers {
@@ -46,7 +46,7 @@ fn radius(text: &str) -> Result<[f32; 2], String> {
     }
 }
 
-fn window(text: &str) -> Result<[f32; 3], String> {
+pub fn window(text: &str) -> Result<[f32; 3], String> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|number| number.trim().parse::<f32>()).collect();
     match numbers.ok().and_then(|numbers| <[f32; 3]>::try_from(numbers).ok()) {
         Some(numbers) if numbers.iter().all(|number| number.is_finite()) => Ok(numbers),

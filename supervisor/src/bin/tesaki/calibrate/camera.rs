@@ -259,7 +259,7 @@ fn search(
     for view in views {
         let found = match known(view) {
             Some(known) => {
-                find_circle::search(&view.path, &view.picture, &known)
+                find_circle::search(&view.path.display().to_string(), &view.picture, &known)
                     .map_err(|error| {
                         table.error(table.rows[view.row].line, &format!("column image: {error}"))
                     })?

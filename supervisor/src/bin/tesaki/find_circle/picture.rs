@@ -28,6 +28,27 @@ impl Picture {
         picture.map_err(|error| Failure::Other(format!("{}: {error}", path.display())))
     }
 
+    /// A picture of PGM, whose grey levels `read` gives: so many, unless the file is cut off.
+    pub fn from_pgm(
+        width: usize,
+        height: usize,
+        largest: usize,
+        read: impl FnOnce(usize) -> Vec<u8>,
+    ) -> Result<Self, String> {
+        if !(1..=255).contains(&largest) {
+            return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
+        }
+        let count = width.checked_mul(height).filter(|count| *count <= MAX_PIXELS);
+        let count = count.ok_or_else(|| format!("PGM: {width} × {height} pixels: {TOO_LARGE}"))?;
+        let levels = read(count);
+        if levels.len() != count {
+            return Err(format!("PGM: {} of {count} grey levels: the file is cut off", levels.len()));
+        }
+        let scaled =
+            |level: u8| u8::try_from(usize::from(level).min(largest) * 255 / largest).unwrap_or(u8::MAX);
+        Ok(Self { width, height, pixels: levels.into_iter().map(scaled).collect() })
+    }
+
     /// The picture reduced `factor` times: means of `factor` × `factor` pixels.
     pub fn reduced(&self, factor: usize) -> Self {
         let (width, height) = (self.width / factor, self.height / factor);
@@ -101,21 +122,14 @@ fn pgm(bytes: &[u8]) -> Result<Picture, String> {
         word.parse::<usize>().map_err(|_| format!("PGM: {word:?} is not a {what}"))
     };
     let (width, height, largest) = (number("width")?, number("height")?, number("maximum")?);
-    if !(1..=255).contains(&largest) {
-        return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
-    }
-    let count = width.checked_mul(height).filter(|count| *count <= MAX_PIXELS);
-    let count = count.ok_or_else(|| format!("PGM: {width} × {height} pixels: {TOO_LARGE}"))?;
-    let values: Vec<usize> = if bytes.starts_with(b"P5") {
-        bytes.get(at + 1..).unwrap_or_default().iter().take(count).map(|&value| usize::from(value)).collect()
-    } else {
-        (0..count).map_while(|_| word(bytes, &mut at)?.parse().ok()).collect()
-    };
-    if values.len() != count {
-        return Err(format!("PGM: {} of {count} grey levels: the file is cut off", values.len()));
-    }
-    let scaled = |value: usize| u8::try_from(value.min(largest) * 255 / largest).unwrap_or(u8::MAX);
-    Ok(Picture { width, height, pixels: values.into_iter().map(scaled).collect() })
+    Picture::from_pgm(width, height, largest, |count| {
+        if bytes.starts_with(b"P5") {
+            bytes.get(at + 1..).unwrap_or_default().iter().take(count).copied().collect()
+        } else {
+            let level = |word: &str| u8::try_from(word.parse::<usize>().ok()?.min(255)).ok();
+            (0..count).map_while(|_| level(word(bytes, &mut at)?)).collect()
+        }
+    })
 }
 
 /// Writes a picture in colour: red, green, blue of each pixel.

@@ -6,23 +6,31 @@ use std::os::unix::fs::FileTypeExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
-use super::client::Client;
-use crate::port::channel::Channel;
-use crate::port::{Address, Key};
+use super::channel::Channel;
+use super::{Address, Key};
 
 /// A socket that accepts clients.
 #[derive(Debug)]
-pub(super) enum Listener {
+pub(crate) enum Listener {
     /// With its file, which goes with it.
     Unix(UnixListener, PathBuf),
     /// With the key that its clients need.
     Tcp(TcpListener, Option<Key>),
 }
 
+/// A client that was accepted.
+pub(crate) struct Accepted {
+    /// Where it is, for messages.
+    pub(crate) name: String,
+    /// It does not block.
+    pub(crate) socket: OwnedFd,
+    pub(crate) encryption: Option<Channel>,
+}
+
 impl Listener {
     /// Listens, and says where: with the port that the system chose, if port 0 was asked for. A TCP port
     /// needs a key, unless only programs on this machine reach it.
-    pub(super) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
+    pub(crate) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
         match address {
             Address::Unix(path) => Ok((Self::Unix(listen_unix(path)?, path.clone()), address.clone())),
             Address::Tcp(host) => {
@@ -55,28 +63,28 @@ impl Listener {
         }
     }
 
-    pub(super) fn fd(&self) -> BorrowedFd<'_> {
+    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
         match self {
             Self::Unix(listener, _) => listener.as_fd(),
             Self::Tcp(listener, _) => listener.as_fd(),
         }
     }
 
-    /// The next client, which gets this number.
-    pub(super) fn accept(&self, id: u64) -> io::Result<Client> {
+    /// The next client.
+    pub(crate) fn accept(&self) -> io::Result<Accepted> {
         match self {
             Self::Unix(listener, path) => {
                 let (socket, _) = listener.accept()?;
                 socket.set_nonblocking(true)?;
                 let name = format!("unix://{}", path.display());
-                Ok(Client::new(id, name, OwnedFd::from(socket).into(), None))
+                Ok(Accepted { name, socket: socket.into(), encryption: None })
             }
             Self::Tcp(listener, key) => {
                 let (socket, peer) = listener.accept()?;
                 socket.set_nonblocking(true)?;
                 socket.set_nodelay(true)?;
                 let encryption = key.clone().map(Channel::listening);
-                Ok(Client::new(id, peer.to_string(), OwnedFd::from(socket).into(), encryption))
+                Ok(Accepted { name: peer.to_string(), socket: socket.into(), encryption })
             }
         }
     }

@@ -1,0 +1,173 @@
+//! The connection to the vision: lines that come, answers that go back.
+
+use std::io::{BufReader, Write as _};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tesaki_supervisor::port::LocalListener;
+
+use crate::args::SightSource;
+use crate::failure::Failure;
+use crate::feed::{self, Feed, Inlet};
+use crate::sight::{Answer, Search, Sight};
+
+/// A connection is waited for so long at a time.
+const WAIT: Duration = Duration::from_secs(1);
+/// Longest time that an answer waits for a vision that does not read.
+const PATIENCE: Duration = Duration::from_millis(5);
+/// Lines that are taken in a period at most.
+const MAX_TAKEN: usize = 64;
+
+/// A line, and who has sent it.
+pub struct Content {
+    text: String,
+    from: Option<Arc<UnixStream>>,
+    /// Whether it is the first one of its connection.
+    is_first: bool,
+}
+
+impl From<String> for Content {
+    fn from(text: String) -> Self {
+        Self { text, from: None, is_first: false }
+    }
+}
+
+/// A line that has come.
+pub struct Line {
+    pub arrived: Instant,
+    pub text: String,
+    from: Option<Arc<UnixStream>>,
+    is_first: bool,
+}
+
+impl Line {
+    /// Answers who has sent it, if that can be. An answer that cannot be sent is not needed: the next line asks again.
+    pub fn answer(&self, answer: &Answer) {
+        if let Some(stream) = &self.from {
+            send(stream, answer);
+        }
+    }
+}
+
+fn send(mut stream: &UnixStream, answer: &Answer) {
+    let line = serde_json::to_string(answer).unwrap_or_default() + "\n";
+    let _ = stream.write_all(line.as_bytes());
+}
+
+/// The lines of a vision.
+pub struct Vision {
+    feed: Feed<Content>,
+    taken: usize,
+}
+
+impl Vision {
+    pub fn open(source: &SightSource) -> Result<Self, Failure> {
+        let what = "circle";
+        let feed = match source {
+            SightSource::StandardInput => Feed::standard_input(what, Duration::MAX),
+            SightSource::Listen(address) => {
+                let listener = LocalListener::new(address).map_err(Failure::file(address.to_string()))?;
+                let place = listener.address().to_string();
+                Feed::spawn(place, what, Duration::MAX, move |inlet| listen(&listener, inlet))
+            }
+        };
+        Ok(Self { feed, taken: 0 })
+    }
+
+    pub fn place(&self) -> &str {
+        &self.feed.place
+    }
+
+    /// The next line of this period.
+    pub fn next(&mut self) -> Option<Line> {
+        while self.taken < MAX_TAKEN
+            && let Some((arrived, Content { text, from, is_first })) = self.feed.next()
+        {
+            self.taken += 1;
+            if !text.trim().is_empty() {
+                return Some(Line { arrived, text, from, is_first });
+            }
+        }
+        self.taken = 0;
+        None
+    }
+
+    /// Before the arm is enabled: answers questions by this search. Whether there is a vision.
+    pub fn greet(&mut self, search: Search, size: Option<[usize; 2]>) -> Result<bool, Failure> {
+        let mut is_there = false;
+        while let Some(line) = self.next() {
+            match Sight::read(&line.text, size) {
+                Ok(sight) if sight.circle.is_none() => {
+                    line.answer(&Answer::Search { picture: sight.picture, search: Some(search) });
+                }
+                Ok(_) => is_there = true,
+                Err(error) => self.reject(&line, error),
+            }
+        }
+        match self.feed.ending() {
+            Some(ending) if !is_there => Err(ending.before_enabling("")),
+            _ => Ok(is_there),
+        }
+    }
+
+    /// A line told of a picture.
+    pub fn accept(&mut self) {
+        self.feed.seen = self.feed.seen.saturating_add(1);
+    }
+
+    /// Says what is wrong with a line. Who begins with such a line is no vision.
+    pub fn reject(&mut self, line: &Line, error: String) {
+        self.feed.reject(line.arrived, &error);
+        line.answer(&Answer::Error { error });
+        if let Some(stream) = line.from.as_ref().filter(|_| line.is_first) {
+            let _ = stream.shutdown(std::net::Shutdown::Both);
+        }
+    }
+
+    /// Pictures that were told of, and bad lines.
+    pub const fn counts(&self) -> (u32, u32) {
+        (self.feed.seen, self.feed.dropped)
+    }
+
+    /// Its rate, and what is wrong with it.
+    pub fn one_line(&mut self) -> String {
+        let error = self.feed.error().map_or_else(String::new, |error| format!(" ({error})"));
+        format!("{:.0} pictures/s{error}", self.feed.rate(Instant::now()))
+    }
+}
+
+/// Puts in the lines of who has connected last.
+fn listen(listener: &LocalListener, inlet: &Inlet<Content>) {
+    let mut present: Option<Arc<UnixStream>> = None;
+    loop {
+        let stream = match listener.accept(WAIT) {
+            Ok(Some(stream)) => Arc::new(stream),
+            Ok(None) => continue,
+            Err(error) => {
+                inlet.send(Err(error));
+                break;
+            }
+        };
+        // One that hangs makes room.
+        if let Some(before) = present.replace(Arc::clone(&stream)) {
+            let _ = before.shutdown(std::net::Shutdown::Both);
+        }
+        let (Ok(reader), Ok(())) = (stream.try_clone(), stream.set_write_timeout(Some(PATIENCE))) else {
+            continue;
+        };
+        send(&stream, &Answer::GREETING);
+        let inlet = inlet.clone();
+        std::thread::spawn(move || {
+            let mut input = BufReader::new(reader);
+            let mut is_first = true;
+            while let Some(Ok(text)) = feed::line(&mut input) {
+                let content = Content { text, from: Some(Arc::clone(&stream)), is_first };
+                is_first = false;
+                if !inlet.send(Ok(content)) {
+                    break;
+                }
+            }
+        });
+    }
+}

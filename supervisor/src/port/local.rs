@@ -1,0 +1,121 @@
+//! Streams between programs of one machine: of pictures, of lines.
+
+use std::io;
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags};
+
+use super::listener::Listener;
+use super::{Address, stream};
+
+/// A socket that other programs of this machine connect to. The file of a Unix socket goes with it.
+#[derive(Debug)]
+pub struct LocalListener {
+    listener: Listener,
+    address: Address,
+}
+
+impl LocalListener {
+    /// Listens at a Unix socket or a TCP port of this machine.
+    ///
+    /// # Errors
+    /// When the address is in use, is none for this, or is reachable from other machines.
+    pub fn new(address: &Address) -> io::Result<Self> {
+        if let Address::Tcp(host) = address
+            && !host.to_socket_addrs()?.all(|host| host.ip().to_canonical().is_loopback())
+        {
+            let error = format!(
+                "cannot listen at {address}: other machines reach it. Use tcp://localhost:PORT, and a tunnel such as \
+                 `ssh -L` for other machines"
+            );
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, error));
+        }
+        let (listener, address) = Listener::new(address, None)?;
+        Ok(Self { listener, address })
+    }
+
+    /// Where it listens: with the port that the system chose, if port 0 was asked for.
+    pub const fn address(&self) -> &Address {
+        &self.address
+    }
+
+    /// The next program that connects within this time.
+    ///
+    /// # Errors
+    /// When the socket fails.
+    pub fn accept(&self, within: Duration) -> io::Result<Option<UnixStream>> {
+        let mut fds = [PollFd::new(self.listener.fd(), PollFlags::POLLIN)];
+        if !stream::wait(&mut fds, Instant::now() + within)? {
+            return Ok(None);
+        }
+        // One that has gone again is none.
+        let Ok(accepted) = self.listener.accept() else { return Ok(None) };
+        blocking(accepted.socket).map(Some)
+    }
+}
+
+/// Connects to a program that listens at a Unix socket or a TCP port.
+///
+/// # Errors
+/// When none listens there.
+pub fn connect(address: &Address) -> io::Result<UnixStream> {
+    match address {
+        Address::Unix(path) => UnixStream::connect(path),
+        Address::Tcp(host) => {
+            let socket = TcpStream::connect(host)?;
+            socket.set_nodelay(true)?;
+            blocking(socket.into())
+        }
+        Address::Auto | Address::Path(_) => {
+            let error = format!("{address} is no socket: use unix:///run/NAME or tcp://localhost:PORT");
+            Err(io::Error::new(io::ErrorKind::InvalidInput, error))
+        }
+    }
+}
+
+/// What the calls of a [`UnixStream`] do, holds for TCP too.
+fn blocking(socket: OwnedFd) -> io::Result<UnixStream> {
+    let stream = UnixStream::from(socket);
+    stream.set_nonblocking(false)?;
+    Ok(stream)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::io::{Read as _, Write as _};
+
+    use super::*;
+
+    #[test]
+    fn both_kinds_of_sockets_carry_bytes_both_ways() {
+        let folder = crate::port::tests::folder("local");
+        std::fs::create_dir_all(&folder).unwrap();
+        for address in [Address::Unix(folder.join("socket")), Address::Tcp("127.0.0.1:0".to_owned())] {
+            let listener = LocalListener::new(&address).unwrap();
+            assert!(listener.accept(Duration::ZERO).unwrap().is_none());
+            let mut client = connect(listener.address()).unwrap();
+            let mut server = listener.accept(Duration::from_secs(10)).unwrap().unwrap();
+            client.write_all(b"question").unwrap();
+            let mut bytes = [0; 8];
+            server.read_exact(&mut bytes).unwrap();
+            assert_eq!(&bytes, b"question");
+            server.write_all(b"answered").unwrap();
+            drop(server);
+            let mut answer = String::new();
+            client.read_to_string(&mut answer).unwrap();
+            assert_eq!(answer, "answered");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn other_machines_do_not_get_in() {
+        let error = LocalListener::new(&Address::Tcp("0.0.0.0:0".to_owned())).unwrap_err();
+        assert!(error.to_string().contains("other machines reach it"), "{error}");
+        assert!(connect(&Address::Auto).is_err());
+    }
+}

@@ -1,0 +1,307 @@
+//! `tesaki look` and `tesaki approach`: an arm before a door that is simulated in real time, with its camera.
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+use serde_json::{Value, json};
+use tesaki_sim::door::KNOB;
+
+use super::server::{Server, finish, said, signal};
+
+/// Least force of each finger on a knob that is gripped [N].
+const GRIPPED: f64 = 5.0;
+/// A door whose knob is gripped at the first try by most machines.
+const DOOR: u64 = 2;
+
+fn robot() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
+}
+
+/// A robot folder whose behaviour gives up at the first failure, after 3 s of patience.
+fn impatient(folder: &Path) -> PathBuf {
+    let copy = folder.join("impatient");
+    std::fs::create_dir(&copy).unwrap();
+    for name in ["robot.urdf", "controller.toml", "hand_eye.toml", "approach.toml"] {
+        let mut text = std::fs::read_to_string(robot().join(name)).unwrap();
+        if name == "approach.toml" {
+            assert!(text.contains("retries = 3") && text.contains("patience = 8.0"));
+            text = text.replace("retries = 3", "retries = 0").replace("patience = 8.0", "patience = 3.0");
+        }
+        std::fs::write(copy.join(name), text).unwrap();
+    }
+    copy
+}
+
+/// The three programs; the board and its camera are in this one.
+struct Scene {
+    server: Server,
+    circles: String,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let server = Server::before_door(DOOR);
+        let circles = format!("unix://{}", server.folder.path().join("circles").display());
+        Self { server, circles }
+    }
+
+    fn look(&self) -> Child {
+        let camera = format!("unix://{}", self.server.folder.path().join("camera").display());
+        let mut command = self.server.command(&["--json", "look", "--from", &camera, "--to", &self.circles]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    fn approach(&self, robot: &Path, arguments: &[&str]) -> Approach {
+        let mut all = vec!["--json", "approach", "--robot", robot.to_str().unwrap(), "--from", &self.circles];
+        all.extend(arguments);
+        Approach::start(self.server.command(&all))
+    }
+
+    /// A program in place of `tesaki look`, with what it is answered.
+    fn detector(&self) -> (UnixStream, BufReader<UnixStream>) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let stream = loop {
+            match UnixStream::connect(self.server.folder.path().join("circles")) {
+                Ok(stream) => break stream,
+                Err(error) => assert!(Instant::now() < deadline, "{error}"),
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let mut reader = BufReader::new(stream.try_clone().unwrap());
+        assert_eq!(line(&mut reader), json!({ "version": 1 }));
+        (stream, reader)
+    }
+
+    /// Both fingers press on the knob, which is what the machine knows and no program.
+    fn assert_gripped(self) {
+        let contacts = self.server.stop().fixture_contacts();
+        for finger in ["left_finger", "right_finger"] {
+            let on_knob = contacts.iter().filter(|contact| contact.fixture == KNOB && contact.link == finger);
+            let force: f64 = on_knob.map(|contact| contact.force.norm()).sum();
+            assert!(force > GRIPPED, "{finger}: {force} N");
+        }
+    }
+}
+
+fn line(reader: &mut BufReader<UnixStream>) -> Value {
+    let mut text = String::new();
+    reader.read_line(&mut text).unwrap();
+    serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text:?}"))
+}
+
+/// The behaviour while it runs.
+struct Approach {
+    child: Child,
+    output: BufReader<std::process::ChildStdout>,
+    said: Vec<Value>,
+}
+
+impl Approach {
+    fn start(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        Self { child, output, said: Vec::new() }
+    }
+
+    /// The next line that it says; `None` at its end.
+    fn next(&mut self) -> Option<Value> {
+        let mut text = String::new();
+        self.output.read_line(&mut text).unwrap();
+        let value: Value = serde_json::from_str(text.trim()).ok()?;
+        self.said.push(value.clone());
+        Some(value)
+    }
+
+    /// Waits until it says that.
+    #[track_caller]
+    fn until(&mut self, is_it: impl Fn(&Value) -> bool) -> Value {
+        while let Some(value) = self.next() {
+            if is_it(&value) {
+                return value;
+            }
+        }
+        panic!(
+            "never; it said {:?}",
+            self.said.iter().filter(|value| value["hand"].is_null()).collect::<Vec<_>>()
+        );
+    }
+
+    /// Waits for a phase.
+    #[track_caller]
+    fn until_phase(&mut self, phase: &str) {
+        self.until(|value| value["phase"] == phase);
+    }
+
+    /// Exit code, and what it said last.
+    fn finish(mut self) -> (i32, String) {
+        while self.next().is_some() {}
+        let (code, errors) = said(&finish(self.child));
+        let last = self.said.last().map_or_else(String::new, Value::to_string);
+        (code, last + &errors)
+    }
+}
+
+fn is_gripped(value: &Value) -> bool {
+    value["gripped"] == true
+}
+
+#[test]
+fn three_programs_grip_a_knob_and_vision_may_be_killed_on_the_way() {
+    let scene = Scene::new();
+    // Whichever is there first waits for the other one.
+    let mut look = scene.look();
+    let mut approach = scene.approach(&robot(), &["--hold"]);
+    approach.until_phase("going before the knob");
+    look.kill().unwrap();
+    look.wait().unwrap();
+    std::thread::sleep(Duration::from_millis(400));
+    let look = scene.look();
+    let outcome = approach.until(|value| !value["gripped"].is_null());
+    assert!(is_gripped(&outcome) && outcome["bad"] == 0, "{outcome}");
+    assert!(outcome["pictures"].as_u64().unwrap() > 15, "{outcome}");
+    assert_eq!(scene.server.json(&["faults"])["total"], 0);
+    signal(&look, Signal::SIGINT);
+    let (code, text) = said(&finish(look));
+    assert!(code == 0 && text.contains("\"found\""), "{code}: {text}");
+    // It goes on holding.
+    approach.until(|value| value["gripper"] == "Holding");
+    scene.server.stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    let _ = approach.child.kill();
+    let _ = approach.child.wait();
+    scene.assert_gripped();
+}
+
+#[test]
+fn an_arm_whose_behaviour_is_killed_holds_and_the_next_one_goes_on() {
+    let scene = Scene::new();
+    let mut look = scene.look();
+    let mut first = scene.approach(&robot(), &[]);
+    first.until_phase("going before the knob");
+    std::thread::sleep(Duration::from_millis(200));
+    first.child.kill().unwrap();
+    first.child.wait().unwrap();
+    scene.server.wait_for("in fault");
+    let angles = || {
+        let state = scene.server.json(&["read"]);
+        let joints = state["joints"].as_array().unwrap().iter();
+        joints.map(|joint| joint["position"].as_f64().unwrap()).collect::<Vec<_>>()
+    };
+    std::thread::sleep(Duration::from_millis(300));
+    let before = angles();
+    std::thread::sleep(Duration::from_millis(700));
+    for (before, after) in before.iter().zip(angles()) {
+        assert!((before - after).abs() < 0.01, "{before} rad, then {after}");
+    }
+    // Without --resume a person has to look first.
+    let robot = robot();
+    scene.server.fails(
+        &["approach", "--robot", robot.to_str().unwrap(), "--from", &scene.circles],
+        5,
+        &["no command from the supervisor"],
+    );
+    let mut second = scene.approach(&robot, &["--resume", "--hold"]);
+    let outcome = second.until(|value| !value["gripped"].is_null());
+    assert!(is_gripped(&outcome), "{outcome}");
+    let _ = look.kill();
+    let _ = look.wait();
+    let _ = second.child.kill();
+    let _ = second.child.wait();
+    scene.assert_gripped();
+}
+
+#[test]
+fn the_behaviour_gives_up_with_a_reason_when_vision_is_gone_for_good() {
+    let scene = Scene::new();
+    let robot = impatient(scene.server.folder.path());
+    let mut look = scene.look();
+    let mut approach = scene.approach(&robot, &["--no-hold"]);
+    approach.until_phase("going before the knob");
+    look.kill().unwrap();
+    look.wait().unwrap();
+    let (code, text) = approach.finish();
+    assert!(code == 8 && text.contains("there were no pictures: look at the camera"), "{code}: {text}");
+    assert_eq!(scene.server.json(&["faults"])["total"], 0);
+}
+
+#[test]
+fn circles_that_jump_lead_the_arm_nowhere() {
+    let scene = Scene::new();
+    let robot = impatient(scene.server.folder.path());
+    let mut approach = scene.approach(&robot, &["--no-hold"]);
+    let (mut stream, mut reader) = scene.detector();
+    let lies = std::thread::spawn(move || {
+        // All over the picture, sure of each.
+        for picture in 0_u32.. {
+            let [u, v, radius] = [37, 61, 23].map(|factor| f64::from(picture * factor % 97) / 97.0);
+            let circle = json!({ "center": [250.0 * u, 230.0 * v], "radius": 12.0 + 60.0 * radius });
+            let line = json!({ "picture": picture, "age": 0.02, "size": [256, 240], "circle": circle });
+            if stream.write_all(format!("{line}\n").as_bytes()).is_err() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    });
+    let begin = approach.until(|value| value["hand"].is_object())["hand"].clone();
+    let (code, text) = {
+        let mut farthest = 0.0_f64;
+        while let Some(value) = approach.next() {
+            if let Some(place) = value["hand"]["translation"].as_array() {
+                let at = |place: &[Value], axis: usize| place[axis].as_f64().unwrap();
+                let begin = begin["translation"].as_array().unwrap();
+                let square: f64 = (0..3).map(|axis| (at(place, axis) - at(begin, axis)).powi(2)).sum();
+                farthest = farthest.max(square.sqrt());
+            }
+        }
+        assert!(farthest < 0.05, "the hand went {farthest} m");
+        approach.finish()
+    };
+    assert!(code == 8 && text.contains("no rose was found"), "{code}: {text}");
+    assert_eq!(scene.server.json(&["faults"])["total"], 0);
+    lies.join().unwrap();
+    // It was answered nothing: it had asked nothing, and nothing was wrong.
+    let mut rest = String::new();
+    let _ = reader.read_line(&mut rest);
+    assert_eq!(rest, "");
+}
+
+#[test]
+fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
+    let scene = Scene::new();
+    let approach = scene.approach(&robot(), &[]);
+    let (mut stream, mut reader) = scene.detector();
+    let mut ask = |text: &str| {
+        stream.write_all(format!("{text}\n").as_bytes()).unwrap();
+        line(&mut reader)
+    };
+    // A question is answered before the arm is enabled.
+    let answer = ask("{\"picture\": 3, \"age\": 0.01}");
+    assert!(answer["picture"] == 3 && answer["search"]["radius"][1].as_f64().unwrap() > 20.0, "{answer}");
+    for (line, words) in [
+        (
+            "{\"picture\": 3, \"age\": 0.01, \"size\": [640, 480], \"circle\": null}",
+            "calibrated with 256 × 240",
+        ),
+        ("{\"picture\": 3, \"age\": 9, \"circle\": null}", "age 9 s; it must be 0 to 1 s"),
+        ("circle 100 100 20", "expected value"),
+    ] {
+        let answer = ask(line);
+        assert!(answer["error"].as_str().is_some_and(|error| error.contains(words)), "{line}: {answer}");
+    }
+    // A web page of a browser on this machine gets no farther than its first line.
+    let (mut browser, mut reader) = scene.detector();
+    let page =
+        "POST / HTTP/1.1\n\n{\"picture\": 3, \"age\": 0, \"circle\": {\"center\": [9, 9], \"radius\": 9}}\n";
+    browser.write_all(page.as_bytes()).unwrap();
+    assert!(line(&mut reader)["error"].is_string());
+    assert_eq!(reader.read_line(&mut String::new()).unwrap_or(0), 0);
+    std::thread::sleep(Duration::from_millis(100));
+    signal(&approach.child, Signal::SIGINT);
+    let (code, text) = approach.finish();
+    assert!(code == 0, "{code}: {text}");
+    scene.server.wait_for("disabled");
+}
