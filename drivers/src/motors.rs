@@ -195,8 +195,9 @@ impl<const N: usize> Motors<N> {
             )]
             let counts = (current / SUM_RESOLUTION) as i32;
             self.totals.currents[index] = self.totals.currents[index].wrapping_add(counts);
-            // Also for what is no number.
-            tripped |= !(magnitudes[index] <= axis.trip);
+            // What is no number is not.
+            let is_permitted = magnitudes[index] <= axis.trip;
+            tripped |= !is_permitted;
             let output = &mut self.outputs[index];
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
                 Drive::Duty(duty) => duty,

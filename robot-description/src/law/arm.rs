@@ -174,7 +174,8 @@ pub fn is_for(model: &RobotModel) -> bool {
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
 pub fn load(path: &Path, model: &RobotModel) -> Result<ArmLaw, LawFileError> {
-    super::load(path, model, (is_for, "an arm"), check)
+    super::check_robot(path, model, is_for(model), "an arm")?;
+    super::load(path, |text| check(path, text, model))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.

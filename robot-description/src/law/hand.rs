@@ -287,7 +287,8 @@ pub fn is_for(model: &RobotModel) -> bool {
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
 pub fn load(path: &Path, model: &RobotModel) -> Result<HandLaw, LawFileError> {
-    super::load(path, model, (is_for, "a hand of three fingers with force sensors"), check)
+    super::check_robot(path, model, is_for(model), "a hand of three fingers with force sensors")?;
+    super::load(path, |text| check(path, text, model))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.

@@ -49,19 +49,21 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> Vec<Finding> {
     }
 }
 
-/// The law in the file `path`, which `check` checks, for a robot that `fits`, as one that is `needed`.
-fn load<L>(
+/// Fails unless the robot `fits` the law in `path`, which needs what is `needed`.
+fn check_robot(
     path: &Path,
     model: &RobotModel,
-    (fits, needed): (fn(&RobotModel) -> bool, &'static str),
-    check: fn(&Path, &str, &RobotModel) -> (Option<L>, Vec<Finding>),
-) -> Result<L, LawFileError> {
-    if !fits(model) {
-        let chains = model.chains.len();
-        return Err(LawFileError::OtherRobot { path: path.to_owned(), needed, chains });
-    }
+    fits: bool,
+    needed: &'static str,
+) -> Result<(), LawFileError> {
+    let other = || LawFileError::OtherRobot { path: path.to_owned(), needed, chains: model.chains.len() };
+    if fits { Ok(()) } else { Err(other()) }
+}
+
+/// The law in the file `path`, which `check` checks.
+fn load<L>(path: &Path, check: impl FnOnce(&str) -> (Option<L>, Vec<Finding>)) -> Result<L, LawFileError> {
     let text = read_text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
-    let (law, findings) = check(path, &text, model);
+    let (law, findings) = check(&text);
     law.ok_or(LawFileError::Wrong(findings))
 }
 
