@@ -40,8 +40,8 @@ const LIMITS: &[(&str, f64)] = &[
     ("retarget", 100_000.0),
     ("retarget_longest", 100_000.0),
     ("retarget_unreachable_longest", 100_000.0),
-    ("retarget_directions_longest", 200_000.0),
-    ("retarget_directions_unreachable_longest", 250_000.0),
+    ("retarget_directions_longest", 100_000.0),
+    ("retarget_directions_unreachable_longest", 100_000.0),
     ("node_tick_9_pid", 6000.0),
     ("node_tick_9_observer", 6000.0),
 ];
