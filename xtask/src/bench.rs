@@ -40,8 +40,8 @@ const LIMITS: &[(&str, f64)] = &[
     ("retarget", 100_000.0),
     ("retarget_longest", 100_000.0),
     ("retarget_unreachable_longest", 100_000.0),
-    ("retarget_directions_longest", 200_000.0),
-    ("retarget_directions_unreachable_longest", 250_000.0),
+    ("retarget_directions_longest", 100_000.0),
+    ("retarget_directions_unreachable_longest", 100_000.0),
     // 100 ms at 168 MHz and 1.5 cycles each are 11 200 000 instructions: the window takes twice as many.
     ("find_circle", 41_000_000.0),
     ("find_circle_window", 21_500_000.0),

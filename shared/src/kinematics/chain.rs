@@ -23,6 +23,8 @@ pub struct Chain {
 pub(crate) struct Link {
     /// Orientation of the joint frame at angle 0 in the frame of the link before it.
     pub rotation: Matrix3<f32>,
+    /// Whether that is none, as between parallel axes.
+    pub is_aligned: bool,
     /// Its origin there [m].
     pub translation: Vector3<f32>,
     /// Mass [kg].
@@ -37,7 +39,9 @@ impl Link {
     /// Takes `rotation`, the orientation of the link before, to that of this link at `angle` [rad].
     #[inline(always)]
     pub fn turn(&self, rotation: &mut Matrix3<f32>, angle: f32) {
-        *rotation *= self.rotation;
+        if !self.is_aligned {
+            *rotation *= self.rotation;
+        }
         turn_about_z(rotation, angle);
     }
 }
@@ -80,8 +84,10 @@ impl Chain {
             let to_axis = align_with_z(&Vector3::from(*axis));
             let [ixx, iyy, izz, ixy, ixz, iyz] = inertial.inertia;
             let inertia = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+            let rotation = previous * rotation(origin).matrix() * to_axis.transpose();
             let link = Link {
-                rotation: previous * rotation(origin).matrix() * to_axis.transpose(),
+                rotation,
+                is_aligned: rotation == Matrix3::identity(),
                 translation: previous * Vector3::from(origin.translation),
                 mass: inertial.mass,
                 center_of_mass: to_axis * Vector3::from(inertial.center_of_mass),
@@ -113,30 +119,32 @@ impl Chain {
     pub fn posture(&self, q: &[f32]) -> Posture {
         let mut joints = Vec::new();
         // Cannot fail: there are no more links than places.
-        let (reach, tip) = self.forward(q, |joint| joints.push(joint).is_ok());
-        Posture { joints, reach, tip }
+        let (reach, rotation) = self.forward(q, |joint| joints.push(joint).is_ok());
+        Posture { joints, reach, tip: self.tip_frame(&reach, &rotation) }
     }
 
     /// [`Chain::posture`] in place: writes over any posture and does not move 230 bytes.
     pub fn update_posture(&self, q: &[f32], posture: &mut Posture) {
         let Posture { joints, reach, tip } = posture;
         joints.clear();
-        (*reach, *tip) = self.forward(q, |joint| joints.push(joint).is_ok());
+        let rotation;
+        (*reach, rotation) = self.forward(q, |joint| joints.push(joint).is_ok());
+        *tip = self.tip_frame(reach, &rotation);
     }
 
-    /// Gives axis and origin of each joint to `write`, base to tip, and returns position relative to the first joint and
-    /// frame of the tip.
+    /// Gives axis and origin of each joint to `write`, base to tip, the origins relative to the first one. Returns the
+    /// position of the tip, relative likewise, and the orientation of the last link.
     #[inline(always)]
-    fn forward(
+    pub(super) fn forward(
         &self,
         q: &[f32],
         mut write: impl FnMut((Vector3<f32>, Vector3<f32>)) -> bool,
-    ) -> (Vector3<f32>, IsometryMatrix3<f32>) {
-        let (mut rotation, mut origin, mut first) = (Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
+    ) -> (Vector3<f32>, Matrix3<f32>) {
+        let (mut rotation, mut origin) = (Matrix3::identity(), Vector3::zeros());
         let mut links = self.links.iter().enumerate();
         let angle = |index: usize| q.get(index).copied().unwrap_or(0.0);
         if let Some((index, link)) = links.next() {
-            (rotation, first) = (link.rotation, link.translation);
+            rotation = link.rotation;
             turn_about_z(&mut rotation, angle(index));
             write((rotation.column(2).into_owned(), origin));
         }
@@ -145,10 +153,19 @@ impl Chain {
             link.turn(&mut rotation, angle(index));
             write((rotation.column(2).into_owned(), origin));
         }
-        let reach = origin + rotation * self.tip.translation.vector;
-        let translation = Translation3::from(first + reach);
+        (origin + rotation * self.tip.translation.vector, rotation)
+    }
+
+    /// Origin of the first joint [m].
+    pub(super) fn base(&self) -> Vector3<f32> {
+        self.links.first().map_or_else(Vector3::zeros, |link| link.translation)
+    }
+
+    #[inline(always)]
+    fn tip_frame(&self, reach: &Vector3<f32>, rotation: &Matrix3<f32>) -> IsometryMatrix3<f32> {
+        let translation = Translation3::from(self.base() + reach);
         let rotation = Rotation3::from_matrix_unchecked(rotation * self.tip.rotation.matrix());
-        (reach, IsometryMatrix3::from_parts(translation, rotation))
+        IsometryMatrix3::from_parts(translation, rotation)
     }
 
     /// Number of joints.

@@ -41,12 +41,33 @@ pub struct HandFinger {
     pub(super) joints: Vec<Coupling, MAX_CHAIN_JOINTS>,
     /// The actuated joints that move this finger; the shared one, if it is among them, is the last.
     pub(super) variables: Vec<u8, MAX_CHAIN_JOINTS>,
+    /// The range of each of them.
+    pub(super) ranges: Vec<Range, MAX_CHAIN_JOINTS>,
     /// Whether the last of `variables` moves other fingers, too.
     pub(super) shares: bool,
-    /// Direction in which the fingertip points, in the tip's frame; a unit vector.
+    /// Direction in which the fingertip points, in the frame of the last link; a unit vector.
     pub(super) pointing: Vector3<f32>,
     /// Length of the stretched finger behind its first joint [m].
     pub(super) length: f32,
+}
+
+/// The range of an actuated joint [rad].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range {
+    pub(super) lower: f32,
+    pub(super) upper: f32,
+    pub(super) center: f32,
+}
+
+/// A finger at certain angles, as far as the inverse kinematics needs it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct FingerPosture {
+    /// Axis (unit vector) and origin of each joint of the chain; origins relative to the first joint [m].
+    pub(super) joints: [(Vector3<f32>, Vector3<f32>); MAX_CHAIN_JOINTS],
+    /// Position of the tip relative to the first joint [m].
+    pub(super) reach: Vector3<f32>,
+    /// Direction in which the tip points, if it was asked for.
+    pub(super) pointing: Vector3<f32>,
 }
 
 /// Fingers on a common palm: serial chains, of which one actuated joint may move several, as the actuator
@@ -143,6 +164,14 @@ impl Hand {
             return Err(InvalidHand::Fingers);
         }
         hand.find_shared()?;
+        let Self { fingers, limits, .. } = &mut hand;
+        for finger in fingers {
+            let range = |joint: &u8| {
+                let (lower, upper) = *limits.get(usize::from(*joint))?;
+                Some(Range { lower, upper, center: 0.5 * (lower + upper) })
+            };
+            finger.ranges = finger.variables.iter().filter_map(range).collect();
+        }
         Ok(hand)
     }
 
@@ -215,7 +244,8 @@ impl Hand {
         let lengths =
             behind.chain([&chain.tip.translation.vector]).map(|step| math::sqrt(step.norm_squared()));
         let length = lengths.sum();
-        Ok(HandFinger { chain, joints, variables, shares: false, pointing, length })
+        let pointing = chain.tip.rotation * pointing;
+        Ok(HandFinger { chain, joints, variables, ranges: Vec::new(), shares: false, pointing, length })
     }
 
     /// Finds the joint that moves more than one finger, and puts it last among the variables of each.
@@ -275,14 +305,16 @@ impl Hand {
 
     /// A finger at the angles of the actuated joints.
     pub fn posture(&self, finger: usize, angles: &Angles) -> Option<Posture> {
-        Some(self.fingers.get(finger)?.posture(angles))
+        let finger = self.fingers.get(finger)?;
+        Some(finger.chain.posture(&finger.angles(angles)))
     }
 
     /// Position of a fingertip [m] and the direction in which it points.
     pub fn tip(&self, finger: usize, angles: &Angles) -> Option<(Vector3<f32>, Vector3<f32>)> {
         let finger = self.fingers.get(finger)?;
-        let tip = finger.posture(angles).tip;
-        Some((tip.translation.vector, tip.rotation * finger.pointing))
+        let mut posture = FingerPosture::default();
+        finger.update_posture(angles, true, &mut posture);
+        Some((finger.chain.base() + posture.reach, posture.pointing))
     }
 
     /// The middle of the limits [rad].
@@ -303,20 +335,29 @@ impl Hand {
 }
 
 impl HandFinger {
-    fn posture(&self, angles: &Angles) -> Posture {
-        let mut posture = Posture::default();
-        self.update_posture(angles, &mut posture);
-        posture
-    }
-
-    pub(super) fn update_posture(&self, angles: &Angles, posture: &mut Posture) {
+    /// The angles of the joints of its chain at those of the actuated joints [rad].
+    #[inline(always)]
+    fn angles(&self, actuated: &Angles) -> [f32; MAX_CHAIN_JOINTS] {
         let mut own = [0.0; MAX_CHAIN_JOINTS];
         for (angle, joint) in own.iter_mut().zip(&self.joints) {
             let variable = self.variables.get(usize::from(joint.actuated));
-            let actuated = variable.and_then(|&variable| angles.get(usize::from(variable)));
+            let actuated = variable.and_then(|&variable| actuated.get(usize::from(variable)));
             *angle = joint.multiplier * actuated.copied().unwrap_or(0.0) + joint.offset;
         }
-        self.chain.update_posture(&own, posture);
+        own
+    }
+
+    /// The finger at `angles` [rad] of the actuated joints; where it points only if `directed`.
+    pub(super) fn update_posture(&self, angles: &Angles, directed: bool, posture: &mut FingerPosture) {
+        let FingerPosture { joints, reach, pointing } = posture;
+        let mut places = joints.iter_mut();
+        let rotation;
+        (*reach, rotation) = self
+            .chain
+            .forward(&self.angles(angles), |joint| places.next().map(|place| *place = joint).is_some());
+        if directed {
+            *pointing = rotation * self.pointing;
+        }
     }
 }
 

@@ -15,10 +15,9 @@
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::hand::{Angles, Hand, HandFinger, MAX_FINGERS};
+use super::hand::{Angles, FingerPosture, Hand, HandFinger, MAX_FINGERS};
 use super::hand_step::TERTIARY;
 use super::inverse::MAX_DISTANCE;
-use super::posture::Posture;
 use crate::math::{self, abs};
 
 /// Factor of `μ` in the first iterations for directions.
@@ -102,12 +101,14 @@ impl HandReport {
 pub(super) struct Point {
     pub(super) angles: Angles,
     /// Of the fingers with a target, in their order; what follows is not used.
-    pub(super) postures: Vec<Posture, MAX_FINGERS>,
+    pub(super) postures: Vec<FingerPosture, MAX_FINGERS>,
     pub(super) errors: [Vector3<f32>; MAX_FINGERS],
-    /// `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)`.
+    /// What falls in each iteration: `primary`, and `secondary` times its emphasis.
     pub(super) cost: f32,
     /// `Σ wᵢ ½‖eᵢ‖²`.
     pub(super) primary: f32,
+    /// `Σ wᵢ μᵢ sᵢ`.
+    pub(super) secondary: f32,
     /// Whether all tips are within the tolerance, and whether the directions are, too.
     pub(super) reached: bool,
     pub(super) directed: bool,
@@ -129,6 +130,7 @@ impl Point {
             errors: [Vector3::zeros(); MAX_FINGERS],
             cost: 0.0,
             primary: 0.0,
+            secondary: 0.0,
             reached: false,
             directed: false,
         }
@@ -156,6 +158,9 @@ pub(super) struct Problem<'a> {
     pub(super) irreducible: f32,
     /// Factor of the weight of the secondary objectives.
     pub(super) emphasis: f32,
+    /// Whether the joints need not come to the middle of their ranges: a first solution is as good elsewhere, and the
+    /// frames after it bring them there.
+    pub(super) is_first: bool,
 }
 
 /// Which terms the cost has.
@@ -255,6 +260,7 @@ impl Hand {
             moves_shared: true,
             irreducible: IRREDUCIBLE,
             emphasis: 1.0,
+            is_first: global,
         };
         if problem.fingers().next().is_none() {
             return;
@@ -290,15 +296,19 @@ impl Problem<'_> {
         points.here.angles = *angles;
         self.evaluate(Terms::All, points.here, evaluations);
         let iterations = self.options.iterations.into();
-        if self.targets.iter().flatten().any(|target| target.direction.is_some()) {
+        let with_directions = self.targets.iter().flatten().any(|target| target.direction.is_some());
+        if with_directions {
             // First with almost equal weights: where both can be reached, this is the solution, and the way
             // to it is short. A small weight alone would let the joints creep along the positions.
             let equal = Problem { emphasis: EMPHASIS, ..*self };
-            equal.evaluate(Terms::All, points.here, evaluations);
+            equal.weigh(points.here);
             equal.iterate(points, Terms::All, iterations, evaluations);
-            self.evaluate(Terms::All, points.here, evaluations);
+            self.weigh(points.here);
         }
-        self.iterate(points, Terms::All, iterations, evaluations);
+        // Where both are reached, their weights do not matter.
+        if !(with_directions && points.here.reached && points.here.directed) {
+            self.iterate(points, Terms::All, iterations, evaluations);
+        }
         self.finish(points, FINAL_ITERATIONS, evaluations);
     }
 
@@ -308,20 +318,36 @@ impl Problem<'_> {
         let tolerance = self.options.tolerance;
         let mut squares = here.errors.iter().map(Vector3::norm_squared);
         if squares.any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
-            let secondary = here.cost - here.primary;
+            let secondary = here.secondary;
             here.cost = here.primary;
             self.iterate(points, Terms::Positions, iterations, evaluations);
             // The last steps are too small to matter to the secondary objective.
-            points.here.cost += secondary;
+            points.here.secondary = secondary;
+            self.weigh(points.here);
         }
+    }
+
+    /// Writes the cost of both objectives.
+    fn weigh(&self, point: &mut Point) {
+        point.cost = point.primary + self.emphasis * point.secondary;
     }
 
     fn iterate(&self, points: &mut Points<'_>, terms: Terms, iterations: usize, evaluations: &mut u16) {
         let Points { here, there } = points;
         let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
+        // Where evaluations run short, the last ones are for the positions: a step after the secondary objective, and two
+        // more after its first iterations.
+        #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
+        let fingers = self.fingers().count() as u16;
+        let steps = match terms {
+            Terms::Positions => 0,
+            Terms::All if self.emphasis > 1.0 => 3,
+            Terms::All => 1,
+        };
+        let available = self.options.evaluations.saturating_sub(steps * fingers);
         for _ in 0..iterations {
-            if terms == Terms::Positions && here.reached || *evaluations >= self.options.evaluations {
+            if terms == Terms::Positions && here.reached || *evaluations >= available {
                 break;
             }
             let moved = self.advance(here, &self.step(here, terms, damping), &mut there.angles);
@@ -331,7 +357,7 @@ impl Problem<'_> {
             if falls {
                 core::mem::swap(here, there);
             }
-            if stalls {
+            if stalls || !falls && terms == Terms::All && self.is_first && self.ends_near(here) {
                 break;
             }
             if moved < CONVERGED && (damping == 0.0 || moved < 0.003 * CONVERGED) && terms == Terms::All {
@@ -345,16 +371,21 @@ impl Problem<'_> {
         }
     }
 
+    /// Whether the last iterations can reach all tips from `point`, and no direction is left to follow.
+    fn ends_near(&self, point: &Point) -> bool {
+        point.errors.iter().all(|error| error.norm_squared() < FINAL_RANGE * FINAL_RANGE)
+            && self.fingers().all(|(_, _, target)| target.direction.is_none())
+    }
+
     /// Adds `step` to the angles of `here` within their limits. Returns the largest change of one.
     fn advance(&self, here: &Point, step: &Angles, angles: &mut Angles) -> f32 {
         *angles = here.angles;
         let mut largest = 0.0_f32;
         for (_, finger, _) in self.fingers() {
-            for &joint in &finger.variables {
-                let (lower, upper) = self.limits(joint);
+            for (&joint, range) in finger.variables.iter().zip(&finger.ranges) {
                 let index = usize::from(joint);
                 // Not added twice where fingers share the joint.
-                let moved = math::clamp(here.angles[index] + step[index], lower, upper);
+                let moved = math::clamp(here.angles[index] + step[index], range.lower, range.upper);
                 let change = abs(moved - here.angles[index]);
                 largest = if change > largest { change } else { largest };
                 angles[index] = moved;
@@ -363,44 +394,46 @@ impl Problem<'_> {
         largest
     }
 
-    /// Writes the cost at the angles of `point` to it.
+    /// Writes what follows from the angles of `point` to it.
     fn evaluate(&self, terms: Terms, point: &mut Point, evaluations: &mut u16) {
         point.errors = [Vector3::zeros(); MAX_FINGERS];
-        (point.cost, point.primary, point.reached, point.directed) = (0.0, 0.0, true, true);
+        (point.primary, point.secondary, point.reached, point.directed) = (0.0, 0.0, true, true);
         let tolerance = self.options.tolerance;
         for (place, (index, finger, target)) in self.fingers().enumerate() {
             if place == point.postures.len() {
-                let _ = point.postures.push(Posture::default());
+                let _ = point.postures.push(FingerPosture::default());
             }
             // There are as many places as fingers.
             let Some(posture) = point.postures.get_mut(place) else { break };
-            finger.update_posture(&point.angles, posture);
+            finger.update_posture(&point.angles, target.direction.is_some(), posture);
             *evaluations = evaluations.saturating_add(1);
-            let error = target.position - posture.tip.translation.vector;
+            let error = target.position - (finger.chain.base() + posture.reach);
             let square = error.norm_squared();
             point.primary += 0.5 * target.weight * square;
             point.reached &= square <= tolerance * tolerance;
             let (mut secondary, mut center) = (0.0, 1.0);
             if let Some(direction) = target.direction {
                 // 1 − cos of the angle between the directions; exact for small angles.
-                let away = posture.tip.rotation * finger.pointing - direction;
+                let away = posture.pointing - direction;
                 secondary = 0.5 * away.norm_squared();
                 point.directed &= secondary < DIRECTION_TOLERANCE;
                 center = TERTIARY;
             }
             if terms == Terms::All {
                 let own = finger.variables.len() - usize::from(finger.shares);
-                for &joint in finger.variables.iter().take(own) {
-                    let (lower, upper) = self.limits(joint);
-                    let away = point.angles[usize::from(joint)] - 0.5 * (lower + upper);
+                for (&joint, range) in finger.variables.iter().zip(&finger.ranges).take(own) {
+                    let away = point.angles[usize::from(joint)] - range.center;
                     secondary += 0.5 * center * away * away;
                 }
-                point.cost += target.weight * self.emphasis * finger.secondary_weight() * secondary;
+                point.secondary += target.weight * finger.secondary_weight() * secondary;
             }
             if let Some(place) = point.errors.get_mut(index) {
                 *place = error;
             }
         }
-        point.cost += point.primary;
+        match terms {
+            Terms::All => self.weigh(point),
+            Terms::Positions => point.cost = point.primary,
+        }
     }
 }

@@ -2,9 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::hand::{Angles, Coupling, HandFinger};
+use super::hand::{Angles, FingerPosture, HandFinger, Range};
 use super::hand_inverse::{FingertipTarget, Point, Problem, Terms};
-use super::posture::Posture;
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it
@@ -80,9 +79,15 @@ impl Problem<'_> {
             if curvature.is_nan() || curvature <= 0.0 {
                 return None;
             }
-            if !self.is_held(shared, here.angles[usize::from(shared)], gradient) {
+            let (lower, upper) = self.limits(shared);
+            let range = Range { lower, upper, center: 0.0 };
+            if !range.holds(here.angles[usize::from(shared)], gradient) {
                 let shared_step = reduced / curvature;
-                step -= follow * shared_step;
+                for (_, finger, _) in self.fingers().filter(|(_, finger, _)| finger.shares) {
+                    for &joint in &finger.variables {
+                        step[usize::from(joint)] -= follow[usize::from(joint)] * shared_step;
+                    }
+                }
                 step[usize::from(shared)] = shared_step;
             }
         }
@@ -94,7 +99,7 @@ impl Problem<'_> {
     fn build(
         &self,
         (index, finger, target): (usize, &HandFinger, &FingertipTarget),
-        posture: &Posture,
+        posture: &FingerPosture,
         here: &Point,
         (terms, damping, irreducible): (Terms, f32, f32),
         block: &mut Block,
@@ -107,26 +112,27 @@ impl Problem<'_> {
         if terms == Terms::All {
             let center = weight * finger.add_secondary(block, posture, target, weight);
             floor = center.max(DIRECTION_DAMPING * weight);
-            for (gradient, &joint) in block.gradient.iter_mut().zip(&finger.variables).take(own) {
-                let (lower, upper) = self.limits(joint);
-                *gradient -= center * (here.angles[usize::from(joint)] - 0.5 * (lower + upper));
+            let places = finger.variables.iter().zip(&finger.ranges);
+            for (gradient, (&joint, range)) in block.gradient.iter_mut().zip(places).take(own) {
+                *gradient -= center * (here.angles[usize::from(joint)] - range.center);
             }
         }
         let diagonal = floor + damping * finger.length * finger.length;
         for (slot, row) in block.hessian.iter_mut().enumerate().take(finger.variables.len()) {
             row[slot] += diagonal;
         }
-        for (slot, &joint) in finger.variables.iter().enumerate().take(own) {
-            if self.is_held(joint, here.angles[usize::from(joint)], block.gradient[slot]) {
+        for (slot, (&joint, range)) in finger.variables.iter().zip(&finger.ranges).enumerate().take(own) {
+            if range.holds(here.angles[usize::from(joint)], block.gradient[slot]) {
                 block.fix(slot, finger.variables.len());
             }
         }
     }
+}
 
-    /// Whether a joint stands at a limit beyond which the cost falls.
-    fn is_held(&self, joint: u8, angle: f32, gradient: f32) -> bool {
-        let (lower, upper) = self.limits(joint);
-        angle <= lower && gradient < 0.0 || angle >= upper && gradient > 0.0
+impl Range {
+    /// Whether a joint at `angle` stands at a limit beyond which the cost falls.
+    fn holds(&self, angle: f32, gradient: f32) -> bool {
+        angle <= self.lower && gradient < 0.0 || angle >= self.upper && gradient > 0.0
     }
 }
 
@@ -140,46 +146,42 @@ impl HandFinger {
     /// position (Gauss and Newton) unless the square of the cosine between the error and what the joints can
     /// reduce is below `irreducible`.
     #[inline]
-    fn block(&self, posture: &Posture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
-        let of_joint = |joint: &Coupling, (axis, origin): &(Vector3<f32>, Vector3<f32>)| {
-            axis.cross(&(posture.reach - origin)) * joint.multiplier
-        };
-        let mut columns = [Vector3::zeros(); MAX_CHAIN_JOINTS];
+    fn block(&self, posture: &FingerPosture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
+        let count = self.joints.len().min(MAX_CHAIN_JOINTS);
+        let variables = self.variables.len().min(MAX_CHAIN_JOINTS);
+        // How the tip moves with each joint of the chain, and with each variable.
+        let [mut of_joints, mut columns] = [[Vector3::zeros(); MAX_CHAIN_JOINTS]; 2];
         let mut size = 0.0;
-        for (joint, place) in self.joints.iter().zip(&posture.joints) {
-            let column = of_joint(joint, place);
-            if let Some(sum) = columns.get_mut(usize::from(joint.actuated)) {
-                *sum += column;
+        for ((of_joint, joint), (axis, origin)) in of_joints.iter_mut().zip(&self.joints).zip(&posture.joints)
+        {
+            *of_joint = axis.cross(&(posture.reach - origin)) * joint.multiplier;
+            if let Some(column) = columns.get_mut(usize::from(joint.actuated)) {
+                *column += *of_joint;
             }
-            size += column.norm_squared();
+            size += of_joint.norm_squared();
         }
-        let variables = self.variables.len();
         let mut pull = 0.0;
-        for (gradient, column) in block.gradient.iter_mut().zip(&columns).take(variables) {
-            *gradient = column.dot(error);
-            pull += *gradient * *gradient;
-        }
-        for (length, (row, column)) in (1..).zip(block.hessian.iter_mut().zip(&columns)).take(variables) {
-            for (value, other) in row.iter_mut().zip(&columns).take(length) {
-                *value = column.dot(other);
+        for row in 0..variables {
+            let gradient = columns[row].dot(error);
+            block.gradient[row] = gradient;
+            pull += gradient * gradient;
+            for column in 0..=row {
+                block.hessian[row][column] = columns[row].dot(&columns[column]);
             }
         }
         if pull >= irreducible * size * error.norm_squared() {
             return;
         }
-        let mut of_joints = [(0, Vector3::zeros()); MAX_CHAIN_JOINTS];
-        for (value, (joint, place)) in of_joints.iter_mut().zip(self.joints.iter().zip(&posture.joints)) {
-            *value = (joint.actuated, of_joint(joint, place));
-        }
-        for (index, (joint, (axis, _))) in self.joints.iter().zip(&posture.joints).enumerate() {
+        for index in 0..count {
             // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
+            let (joint, (axis, _)) = (&self.joints[index], &posture.joints[index]);
             let factor = error.cross(axis) * joint.multiplier;
-            for (offset, (other, column)) in of_joints.iter().take(self.joints.len()).skip(index).enumerate()
-            {
+            for other in index..count {
+                let actuated = self.joints[other].actuated;
                 // A pair of joints that move as one counts twice.
-                let twice = offset > 0 && *other == joint.actuated;
-                let value = factor.dot(column);
-                block.add(joint.actuated, *other, if twice { -2.0 * value } else { -value });
+                let twice = other > index && actuated == joint.actuated;
+                let value = factor.dot(&of_joints[other]);
+                block.add(joint.actuated, actuated, if twice { -2.0 * value } else { -value });
             }
         }
     }
@@ -189,16 +191,16 @@ impl HandFinger {
     fn add_secondary(
         &self,
         block: &mut Block,
-        posture: &Posture,
+        posture: &FingerPosture,
         target: &FingertipTarget,
         weight: f32,
     ) -> f32 {
         let Some(direction) = target.direction else { return 1.0 };
-        let pointing = posture.tip.rotation * self.pointing;
+        let pointing = &posture.pointing;
         let mut sums = [Vector3::zeros(); MAX_CHAIN_JOINTS];
         for (joint, (axis, _)) in self.joints.iter().zip(&posture.joints) {
             if let Some(sum) = sums.get_mut(usize::from(joint.actuated)) {
-                *sum += axis.cross(&pointing) * joint.multiplier;
+                *sum += axis.cross(pointing) * joint.multiplier;
             }
         }
         // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
@@ -241,50 +243,44 @@ impl Block {
     /// if the Hessian is not positive definite.
     #[inline]
     fn solve(&mut self, n: usize, solution: &mut Move) -> Option<()> {
+        let n = n.min(MAX_CHAIN_JOINTS);
         let mut inverse = [0.0; MAX_CHAIN_JOINTS];
         let coupling = self.hessian.get(n).copied().unwrap_or_default();
         for row in 0..n {
             // The rows before hold L, this one L·D at first.
-            let (before, rest) = self.hessian.split_at_mut_checked(row)?;
-            let current = rest.first_mut()?;
-            for (column, above) in before.iter().enumerate() {
-                let (known, value) = current.split_at_mut_checked(column)?;
-                let value = value.first_mut()?;
-                for (one, other) in known.iter().zip(above) {
-                    *value -= one * other;
+            for column in 1..row {
+                let mut value = self.hessian[row][column];
+                for other in 0..column {
+                    value -= self.hessian[row][other] * self.hessian[column][other];
                 }
+                self.hessian[row][column] = value;
             }
-            let full = *current.get(row)?;
-            let (mut pivot, mut values) = (full, (*self.gradient.get(row)?, *coupling.get(row)?));
-            let done = solution.step.iter().zip(&solution.follow);
-            for ((value, inverse), (step, follow)) in current.iter_mut().zip(&inverse).zip(done).take(row) {
-                let scaled = *value * inverse;
-                pivot -= *value * scaled;
-                *value = scaled;
-                values.0 -= scaled * step;
-                values.1 -= scaled * follow;
+            let full = self.hessian[row][row];
+            let (mut pivot, mut values) = (full, (self.gradient[row], coupling[row]));
+            for column in 0..row {
+                let value = self.hessian[row][column];
+                let scaled = value * inverse[column];
+                self.hessian[row][column] = scaled;
+                pivot -= value * scaled;
+                values.0 -= scaled * solution.step[column];
+                values.1 -= scaled * solution.follow[column];
             }
             // Below the rounding of its terms, or not a number.
             if pivot.is_nan() || pivot <= 3e-7 * full {
                 return None;
             }
-            *inverse.get_mut(row)? = 1.0 / pivot;
-            (*solution.step.get_mut(row)?, *solution.follow.get_mut(row)?) = values;
+            inverse[row] = 1.0 / pivot;
+            (solution.step[row], solution.follow[row]) = values;
         }
-        let unknown = solution.step.iter_mut().zip(&mut solution.follow).zip(&inverse);
-        for ((step, follow), inverse) in unknown.take(n) {
-            *step *= inverse;
-            *follow *= inverse;
-        }
-        for row in (1..n).rev() {
-            let factors = self.hessian.get(row)?;
-            let ((step, last_step), (follow, last_follow)) =
-                (solution.step.split_at_mut_checked(row)?, solution.follow.split_at_mut_checked(row)?);
-            let (last_step, last_follow) = (*last_step.first()?, *last_follow.first()?);
-            for ((step, follow), factor) in step.iter_mut().zip(follow).zip(factors) {
-                *step -= factor * last_step;
-                *follow -= factor * last_follow;
+        for row in (0..n).rev() {
+            let (mut step, mut follow) =
+                (solution.step[row] * inverse[row], solution.follow[row] * inverse[row]);
+            for below in row + 1..n {
+                let factor = self.hessian[below][row];
+                step -= factor * solution.step[below];
+                follow -= factor * solution.follow[below];
             }
+            (solution.step[row], solution.follow[row]) = (step, follow);
         }
         Some(())
     }

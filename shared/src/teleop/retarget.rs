@@ -31,7 +31,7 @@ const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
 const YIELD_ITERATIONS: u8 = 3;
 /// [`RetargetState::budget`] of a state that shall fit into a control period.
-const NEARBY_BUDGET: u16 = 30;
+const NEARBY_BUDGET: u16 = 28;
 /// The thumb yields again only if so many evaluations are left.
 const YIELD_EVALUATIONS: u16 = 10;
 /// The thumb yields to a pinching finger that misses it by more [m].
@@ -268,10 +268,9 @@ impl Retargeting<'_> {
     }
 
     /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution, and each ends
-    /// after a number of evaluations, from where the next one continues. Directions take twice as many.
+    /// after a number of evaluations, from where the next one continues.
     pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
-        let budget = if self.settings.directions { 2 * NEARBY_BUDGET } else { NEARBY_BUDGET };
-        RetargetState { begun: true, budget, ..self.begin(angles, offset) }
+        RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
     }
 
     /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose

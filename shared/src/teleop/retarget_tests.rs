@@ -112,18 +112,19 @@ fn path(rng: &mut Rng, frames: u16) -> Vec<Angles> {
 
 #[test]
 fn frames_of_a_control_period_end_in_time_and_lose_no_accuracy() {
-    for (directions, most) in [(false, 36), (true, 73)] {
+    // Directions take evaluations from the positions where a finger passes its stretched posture.
+    for (directions, at_reach) in [(false, 2), (true, 15)] {
         let retargeting = retargeting(RetargetSettings { directions, ..FREE });
         let mut rng = Rng::new(37, 0);
         // Within reach, out of reach, and bent beyond what the joints allow.
-        for (size, allowed) in [(1.0, 2), (1.1, 4000), (0.9, 4000)] {
+        for (size, allowed) in [(1.0, at_reach), (1.1, 4000), (0.9, 4000)] {
             let path = path(&mut rng, 4000);
             let mut state = retargeting.begin_nearby(&path[0], &Vector3::zeros());
             let mut missed = 0;
             for angles in &path {
                 let report = retargeting.update(&mut state, &operator(angles, size), PERIOD).unwrap();
                 // The first evaluation of each finger takes place in any case.
-                assert!(report.evaluations <= most, "{report:?}");
+                assert!(report.evaluations <= 33, "{report:?}");
                 missed += u32::from(report.missed != 0);
             }
             // A finger that passes its stretched posture may need another frame.
