@@ -146,6 +146,7 @@ impl HandFinger {
     /// position (Gauss and Newton) unless the square of the cosine between the error and what the joints can
     /// reduce is below `irreducible`.
     #[inline]
+    #[allow(clippy::needless_range_loop, reason = "rows and columns as in the formulae")]
     fn block(&self, posture: &FingerPosture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
         let count = self.joints.len().min(MAX_CHAIN_JOINTS);
         let variables = self.variables.len().min(MAX_CHAIN_JOINTS);
@@ -242,6 +243,7 @@ impl Block {
     /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right; `None`
     /// if the Hessian is not positive definite.
     #[inline]
+    #[allow(clippy::needless_range_loop, reason = "rows and columns as in the formulae")]
     fn solve(&mut self, n: usize, solution: &mut Move) -> Option<()> {
         let n = n.min(MAX_CHAIN_JOINTS);
         let mut inverse = [0.0; MAX_CHAIN_JOINTS];
