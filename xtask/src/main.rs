@@ -1,6 +1,7 @@
 //! `cargo xtask`: the one way in, for people and for automatic checks.
 
 mod bench;
+mod chip;
 mod faults;
 mod firmware;
 mod footprint;
@@ -27,6 +28,8 @@ enum Task {
     Test(test::Options),
     /// Build the firmware image; print what takes its flash, its RAM, worst stack and SHA-256
     Firmware,
+    /// Try the image of the board that drives motors on a model of its chip
+    Chip,
     /// Run scenarios on many machines; record, check and tabulate the results
     Sweep(sweep::Options),
     /// Run seeded schedules of faults; record and check what the oracle of safety finds
@@ -45,6 +48,7 @@ fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
         Task::Test(options) => test::run(&options),
         Task::Firmware => firmware::run(),
+        Task::Chip => chip::run(),
         Task::Bench(options) => bench::run(&options),
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),

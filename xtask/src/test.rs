@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, faults, firmware, fuzz, sweep, viewer};
+use crate::{bench, chip, faults, firmware, fuzz, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
@@ -130,6 +130,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         }
         Ok(())
     })?;
+    steps.run("the image that drives motors, on a model of the chip", || chip::check(compiler))?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
     // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
     // alone.

@@ -187,6 +187,21 @@ pub fn provide_qemu() -> Result<()> {
     Ok(())
 }
 
+/// Makes sure that cmake and libclang are there, with which the instruction set of the chip's model is built.
+pub fn provide_unicorn_builder() -> Result<()> {
+    let libclang = "[ -n \"$LIBCLANG_PATH\" ] || /sbin/ldconfig -p | grep -q libclang || ls /usr/lib/llvm*/lib/libclang*.so*";
+    let works = || {
+        succeeds(Command::new("cmake").arg("--version"))
+            && succeeds(Command::new("sh").args(["-c", libclang]))
+    };
+    if !works() {
+        eprintln!("cmake or libclang is missing: trying Debian's packages.");
+        install(&["cmake", "g++", "libclang-dev"])?;
+        ensure!(works(), "cmake and libclang are still missing after their installation");
+    }
+    Ok(())
+}
+
 /// Makes sure that node and npm are there, from which the page of the viewer is made.
 pub fn provide_node() -> Result<()> {
     let works = || ["node", "npm"].iter().all(|name| succeeds(Command::new(name).arg("--version")));
