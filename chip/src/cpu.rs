@@ -162,7 +162,7 @@ impl Machine {
                 || matches!(pair[0], 0xB661..=0xB663)
             {
                 machine.mask_sites[((base - FLASH) as usize / 2 + i) / 64] |=
-                    1 << ((base - FLASH) as usize / 2 + i) % 64;
+                    1 << (((base - FLASH) as usize / 2 + i) % 64);
             }
         }
         for (begin, size) in [
@@ -462,7 +462,7 @@ unsafe extern "C" fn on_exception(uc: *mut uc_engine, number: u32, me: *mut c_vo
 /// The bit behind an address in the peripheral bit band.
 fn bit(address: u32) -> (u32, u32) {
     let offset = address - 0x4200_0000;
-    (0x4000_0000 + (offset / 32 & !3), offset / 4 % 32)
+    (0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32)
 }
 
 unsafe extern "C" fn on_read(_uc: *mut uc_engine, offset: u64, size: u32, region: *mut c_void) -> u64 {

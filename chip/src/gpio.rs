@@ -20,7 +20,7 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut ports = [[0; 10]; 9];
         // The debugger's pins are alternate functions after a reset.
         ports[0][0] = 0xA800_0000;

@@ -11,7 +11,7 @@ pub struct Iwdg {
 }
 
 impl Iwdg {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { prescaler: 0, reload: 0xFFF, writable: false, end: None }
     }
 

@@ -22,7 +22,7 @@ pub struct Nvic {
 }
 
 impl Nvic {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             enabled: [0; 8],
             pending: [0; 8],

@@ -48,7 +48,7 @@ pub struct Tim1 {
 }
 
 impl Tim1 {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut registers = [0; 0x14];
         registers[ARR] = 0xFFFF;
         let (prescaler, top, compare, repetitions) = (1, 0xFFFF, [0; 4], 0);
@@ -243,7 +243,7 @@ impl Tim1 {
     pub fn read(&self, offset: u32, now: u64, clock: u64) -> Option<u32> {
         match offset {
             0x24 => Some(self.count(self.ticks(now, clock) % self.period()) as u32),
-            0..=0x4C => Some(self.registers[offset as usize / 4]),
+            _ if offset <= 0x4C => Some(self.registers[offset as usize / 4]),
             _ => None,
         }
     }
@@ -289,7 +289,7 @@ impl Tim1 {
                 self.registers[BDTR] = self.registers[BDTR] & locked | value & !locked;
                 self.trip();
             }
-            0..=0x4C => self.registers[index] = value,
+            _ if offset <= 0x4C => self.registers[index] = value,
             _ => return None,
         }
         Some(())

@@ -131,7 +131,7 @@ impl Timer {
                 self.registers[SR] &= !2;
                 Some(self.registers[index])
             }
-            0..=0x50 => Some(self.registers[index]),
+            _ if offset <= 0x50 => Some(self.registers[index]),
             _ => None,
         }
     }
@@ -158,7 +158,7 @@ impl Timer {
                     self.top = self.registers[ARR].into();
                 }
             }
-            0..=0x50 => self.registers[offset as usize / 4] = value,
+            _ if offset <= 0x50 => self.registers[offset as usize / 4] = value,
             _ => return None,
         }
         Some(())

@@ -11,7 +11,8 @@ use super::Rig;
 /// Demands a condition.
 macro_rules! demand {
     ($condition:expr, $($message:tt)*) => {
-        if !$condition {
+        let holds: bool = $condition;
+        if !holds {
             return Err(format!($($message)*));
         }
     };

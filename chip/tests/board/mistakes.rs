@@ -1,9 +1,7 @@
 //! Mistakes in what the driver writes to registers: each must fail the acceptance of the board.
-#![allow(clippy::unwrap_used, reason = "tests")]
 
-mod rig;
-
-use rig::Rig;
+use crate::rig::Rig;
+use crate::rig::acceptance::accept;
 use tesaki_chip::mistake::Mistake;
 
 /// What is wrong, address, mask, value.
@@ -54,11 +52,11 @@ const MISTAKES: &[(&str, u32, u32, u32)] = &[
 
 #[test]
 fn every_seeded_mistake_is_found() {
-    rig::acceptance::accept(&mut Rig::boot()).unwrap();
+    accept(&mut Rig::boot()).unwrap();
     let mut missed = Vec::new();
     for &(name, address, mask, value) in MISTAKES {
         let mut rig = Rig::boot_with(&[Mistake { address, mask, value }]);
-        match rig::acceptance::accept(&mut rig) {
+        match accept(&mut rig) {
             Ok(()) => missed.push(name),
             Err(found) => println!("{name}: {found}"),
         }

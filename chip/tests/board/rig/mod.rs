@@ -5,7 +5,7 @@ pub mod acceptance;
 use std::path::PathBuf;
 
 use tesaki::control::ServoMode;
-use tesaki::fault::{Fault, FaultCause};
+use tesaki::fault::Fault;
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{Mode, Reply, Request, Status};
 use tesaki::task::joint_servo::JointCommand;
@@ -140,10 +140,6 @@ impl Rig {
             Reply::Faults(log) => log.faults.into_iter().collect(),
             other => panic!("{other:?}"),
         }
-    }
-
-    pub fn causes(&mut self) -> Vec<FaultCause> {
-        self.faults().into_iter().map(|fault| fault.cause).collect()
     }
 
     pub fn goal_request(positions: [f32; 3]) -> Request {

@@ -1,9 +1,7 @@
 //! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in one is found.
-#![allow(clippy::unwrap_used, reason = "tests")]
 
-mod rig;
-
-use rig::Rig;
+use crate::rig::Rig;
+use crate::rig::acceptance::accept;
 use tesaki::protocol::{ClockSource, Mode, ResetCause};
 
 #[test]
@@ -50,7 +48,7 @@ fn joints_step_by_0_3_rad_through_the_registers() {
 #[test]
 fn the_board_does_all_that_it_must() {
     let mut rig = Rig::boot();
-    rig::acceptance::accept(&mut rig).unwrap();
+    accept(&mut rig).unwrap();
     let [adc, timer, control] = [16 + 18, 16 + 28, 16 + 6].map(|number| rig.machine.work[number]);
     eprintln!("ADC {adc:?}\nTIM2 {timer:?}\nEXTI0 {control:?}");
 }
