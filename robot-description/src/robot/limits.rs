@@ -4,12 +4,14 @@
 use tesaki::TICK;
 use tesaki::model::{JointModel, RobotModel};
 
-/// Of its range, that a joint may travel until its torque has turned round, or without a command.
+/// Of its range, that a joint may travel until its torque has turned round.
 const TRAVEL: f32 = 0.5;
 /// Of its range, beyond which an error is never reached, however far the joint leaves its reference.
 const NEVER: f32 = 1.5;
 /// Losing so many commands in a row is no rarity on a busy PC or a serial line [ticks].
 const LOST_COMMANDS: f32 = 3.0;
+/// In which a person reaches the emergency stop [s].
+const UNATTENDED: f32 = 2.0;
 /// Below this share of the largest voltage a drive has less than half of its speed.
 const MIN_VOLTAGE: f32 = 0.5;
 
@@ -110,7 +112,7 @@ fn following_error(joint: &JointModel) -> Text {
     })
 }
 
-/// Without a command the fastest joint goes on, and no command may be late.
+/// Some commands may be late; without any for long, nobody leads the robot.
 fn timeout(model: &RobotModel) -> Text {
     let time = model.safety.command_timeout;
     if time < LOST_COMMANDS * TICK {
@@ -119,21 +121,12 @@ fn timeout(model: &RobotModel) -> Text {
         );
         return Some((message, "0.05 to 0.2 s".to_owned()));
     }
-    let travels = |joint: &JointModel| joint.limits.velocity * time / range(joint);
-    let (_, joint) = model
-        .joints
-        .iter()
-        .map(|joint| (travels(joint), joint))
-        .max_by(|one, other| one.0.total_cmp(&other.0))?;
-    (travels(joint) > 2.0 * TRAVEL).then(|| {
+    (time > UNATTENDED).then(|| {
         let message = format!(
-            "safety.command_timeout = {time} s: a program that died lets joint {} go {:.2} rad at its velocity limit, \
-             more than its range of {:.2} rad",
-            joint.name,
-            joint.limits.velocity * time,
-            range(joint)
+            "safety.command_timeout = {time} s: a robot goes on pressing or following for longer than {UNATTENDED} s \
+             after the program that led it has died"
         );
-        (message, format!("{:.2} s or less", time / travels(joint)))
+        (message, format!("{UNATTENDED} s or less; 0.05 to 0.2 s protect a hand that a program leads"))
     })
 }
 
@@ -178,8 +171,7 @@ mod tests {
                 3.01,
                 2.99,
             ),
-            // 2 rad of finger1_swing at 6 rad/s.
-            ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 0.34, 0.33),
+            ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 2.01, 1.99),
             ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 0.02, 0.04),
             ("safety.supply_min", |robot, value| robot.safety.supply_min = value, 13.9, 14.1),
         ];

@@ -22,7 +22,7 @@ Examples:
   tesaki view --robot robots/hand3              # with what its URDF draws, and its grasps
   tesaki --port tcp://robot:7400 --key lab.key view    # of a board on another machine
 
-A page only looks until it takes command, and one page commands at a time; its stop button works always.
+A page only looks until it takes command. One page commands at a time; the stop button of each works.
 The robot is stopped when the page that commands it goes away.";
 
 pub const ENABLE: &str = "\
