@@ -22,7 +22,7 @@ Examples:
   tesaki view --robot robots/hand3              # with what its URDF draws, and its grasps
   tesaki --port tcp://robot:7400 --key lab.key view    # of a board on another machine
 
-A page only looks until it takes command. One page commands at a time; the stop button of each works.
+A page only looks until it takes command. One page commands at a time; every page can stop it.
 The robot is stopped when the page that commands it goes away.";
 
 pub const ENABLE: &str = "\
