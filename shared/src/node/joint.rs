@@ -350,7 +350,9 @@ impl Joint<'_> {
             config.held_growth
         };
         let limit = if situation.stops { config.stop_excess } else { config.excess };
-        let moves = abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
+        // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
+        let is_balance = situation.accelerates && !situation.stops;
+        let moves = !is_balance && abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
         let accelerates = situation.accelerates && abs(grown) > config.accelerating_growth;
         state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
         // Accelerations are noisy: one tick more.
