@@ -353,7 +353,11 @@ impl Joint<'_> {
         // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
         let is_balance = situation.accelerates && !situation.stops;
         let moves = !is_balance && abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
-        let accelerates = situation.accelerates && abs(grown) > config.accelerating_growth;
+        // A joint that brakes to rest stays there while its effort falls to what friction bears.
+        let accelerates = situation.accelerates
+            && abs(grown) > config.accelerating_growth
+            && abs(effort) > 0.5 * config.growth
+            && grown * effort > 0.0;
         state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
         // Accelerations are noisy: one tick more.
         let (ticks, value, limit) = if moves {
