@@ -324,6 +324,12 @@ impl View {
     fn show_scene(&mut self, model: Option<&RobotModel>) {
         let own = |folder: &&RobotFolder| model.is_some_and(|model| folder.model.name == model.name);
         let folder = self.folder.as_ref().filter(own);
+        if let (Some(model), Some(other), None) = (model, &self.folder, folder) {
+            eprintln!(
+                "the board is {}, and --robot is the folder of {}: its solids, grasps and impedances are left out",
+                model.name, other.model.name
+            );
+        }
         let scene = model.map(|model| {
             let scene = Scene::new(model);
             folder.map_or(scene.clone(), |folder| scene.with_solids(&folder.urdf))

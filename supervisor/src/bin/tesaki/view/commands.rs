@@ -211,6 +211,7 @@ impl View {
             }
             _ => {}
         }
+        let is_enabled = self.is_enabled();
         let board = &mut self.session.board;
         match command {
             Command::Release => {
@@ -220,8 +221,12 @@ impl View {
             }
             Command::Disable => {
                 board.disable()?;
+                (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
                 Ok("outputs off".to_owned())
             }
+            Command::Clear if is_enabled => Err(Failure::Refused(
+                "the board is enabled, its outputs are on: nothing was done. Disable it first".to_owned(),
+            )),
             Command::Clear => {
                 let total = board.faults()?.total;
                 board.ask("clear the faults", Request::ClearFaults { total })?;
@@ -441,6 +446,9 @@ impl View {
         ) {
             // What another program has enabled since is its own.
             (self.commander.page, self.commander.enabled) = (None, None);
+        } else if self.commander.enabled.is_none() {
+            // A set-point that was on its way when the page disabled the board.
+            return;
         }
         let text = self.words(BoardError::refused("go on", refusal).into());
         self.answer(page, false, &text);
