@@ -36,10 +36,11 @@ impl Adc {
         self.end = Some(self.end.unwrap_or(now) + cycles * SECOND / clock);
     }
 
-    /// TIM1's fourth channel: rising and falling edge.
-    pub fn trigger(&mut self, edges: (bool, bool), now: u64, clock: u64, inputs: Inputs<'_>) {
+    /// TIM1's fourth channel and its trigger output: rising and falling edges.
+    pub fn trigger(&mut self, triggers: [(bool, bool); 2], now: u64, clock: u64, inputs: Inputs<'_>) {
         let control = self.registers[CR2];
-        let selected = control >> 16 & 15 == 0 && control & 1 == 1;
+        let Some(&edges) = triggers.get((control >> 16 & 15) as usize) else { return };
+        let selected = control & 1 == 1;
         let edge = control >> 20 & 3;
         if selected && (edge & 1 != 0 && edges.0 || edge & 2 != 0 && edges.1) && self.end.is_none() {
             self.start(now, clock, inputs);

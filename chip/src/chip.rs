@@ -183,7 +183,7 @@ impl Chip {
             adc.advance(now, adc_clock, &inputs);
         }
         let triggers = self.tim1.take_triggers();
-        if triggers != (false, false) {
+        if triggers.iter().any(|&(rises, falls)| rises || falls) {
             for adc in &mut self.adc {
                 adc.trigger(triggers, now, adc_clock, &inputs);
             }

@@ -205,10 +205,13 @@ impl Tim1 {
         }
     }
 
-    /// The edges of the fourth channel's reference since the last call: rising, falling. Nothing without CC4E.
-    pub fn take_triggers(&mut self) -> (bool, bool) {
-        let triggers = std::mem::take(&mut self.triggers);
-        if self.registers[CCER] >> 12 & 1 == 1 { triggers } else { (false, false) }
+    /// Rising and falling edges since the last call: of the fourth channel's event, which is that of an output and so needs
+    /// CC4E and MOE, and of the trigger output, when it is the fourth channel's reference.
+    pub fn take_triggers(&mut self) -> [(bool, bool); 2] {
+        let edges = std::mem::take(&mut self.triggers);
+        let passes = |open: bool| if open { edges } else { (false, false) };
+        let is_output = self.registers[CCER] >> 12 & 1 == 1 && self.registers[BDTR] & MOE != 0;
+        [passes(is_output), passes(self.registers[CR2] >> 4 & 7 == 7)]
     }
 
     /// Level of the complementary output of channel 0 to 2 (RM0090, table 75).

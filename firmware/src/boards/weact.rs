@@ -16,7 +16,8 @@
 //! | PA9, PA10 | USART1 TX, RX: supervisor |
 //!
 //! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8; from there
-//! 4.7 kΩ go to which has 47 kΩ to ground. There is no plant link.
+//! 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such boards may have: pull-ups
+//! on it must be removed, or an open contact reads as a closed one. There is no plant link.
 
 use core::f32::consts::TAU;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -116,7 +117,7 @@ impl Board for Weact {
         c.pc5.into_push_pull_output();
         a.pa9.into_alternate::<7>();
         a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
-        a.pa6.into_alternate::<1>();
+        a.pa6.into_alternate::<1>().internal_resistor(Pull::Down);
         let emergency_stop = c.pc8.into_pull_down_input();
         let directions =
             (b.pb0.into_push_pull_output(), b.pb1.into_push_pull_output(), b.pb10.into_push_pull_output());

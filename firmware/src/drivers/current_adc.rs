@@ -71,5 +71,5 @@ fn sequence<const N: usize>(converter: &adc1::RegisterBlock, channels: [u8; N]) 
     // SAFETY: entries of five bits, and their number less 1 behind them, as the reference manual says.
     converter.jsqr().write(|w| unsafe { w.bits(bits) });
     converter.cr2().write(|w| w.adon().set_bit());
-    converter.cr2().modify(|_, w| w.jextsel().tim1cc4().jexten().rising_edge());
+    converter.cr2().modify(|_, w| w.jextsel().tim1trgo().jexten().rising_edge());
 }

@@ -17,6 +17,9 @@ impl Pulses {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
         timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
+        // The trigger output is the fourth channel's reference. Its own event would need the main output enabled: before
+        // `arm`, and after a trip, nothing would be measured.
+        timer.cr2().write(|w| w.mms().compare_oc4());
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(resolution));
         // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's middle.
@@ -34,7 +37,7 @@ impl Pulses {
         }
         timer.ccr4().write(|w| w.ccr().set(resolution - 1));
         // With its main output disabled, a complementary output is not inverted (RM0090, table 75: CCxE 0, CCxNE 1).
-        timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit().cc4e().set_bit());
+        timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
         // SAFETY: 1 is a level of this field: polarity and idle levels cannot be changed any more.
         timer.bdtr().write(|w| unsafe {

@@ -480,9 +480,8 @@ impl Joint<'_> {
     /// balanced so far, such as a contact force; of torques that were `driving` the robot, nothing.
     pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
         if begins {
-            // What the effort has grown by so far goes on as torque beyond the weight.
-            let state = &mut *self.state;
-            state.moving_effort += state.torque - gravity - state.effort;
+            // What the joint has balanced so far is no sign of a dead encoder: growth counts from here on.
+            self.state.moving_effort = self.state.torque - gravity;
         }
         let gravity = self.state.borne_weight() * gravity;
         if begins && driving {

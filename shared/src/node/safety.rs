@@ -315,7 +315,7 @@ fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
     let mut all = joints(robot, state);
     let weight = weight(&all);
     for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
-        let presses = !accelerates && pressing >> index & 1 != 0;
+        let presses = pressing >> index & 1 != 0;
         let situation = Situation { stops, accelerates, presses };
         if joint.resists()
             && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)

@@ -257,6 +257,8 @@ impl View {
     /// Stops, whoever commands. It is repeated until the telemetry shows it.
     fn stop(&mut self) -> Result<String, Failure> {
         self.session.board.post(Request::Stop)?;
+        // Nothing that is sent from here on may keep the robot going.
+        (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
         self.commander.stopping = Some(Instant::now() + STOP_PATIENCE);
         Ok("the board was told to stop".to_owned())
     }
