@@ -314,6 +314,7 @@ mod tests {
         let mut timer = Tim1::new();
         let writes = [
             (0x00, 0xA0),
+            (0x04, 7 << 4),
             (0x2C, 4200),
             (0x18, 0x6868),
             (0x1C, 0x7868),
@@ -349,7 +350,9 @@ mod tests {
         while rising.len() < 3 {
             let now = timer.next(CLOCK);
             timer.advance(now, CLOCK);
-            if timer.take_triggers().0 {
+            let [event, output] = timer.take_triggers();
+            assert_eq!(event, output, "with the main output enabled");
+            if output.0 {
                 rising.push(now as f64 * 1e-6);
             }
         }
@@ -357,6 +360,21 @@ mod tests {
         for (time, expected) in rising.into_iter().zip([24.994, 74.994, 124.994]) {
             assert!((time - expected).abs() < 0.001, "{time}");
         }
+    }
+
+    #[test]
+    fn without_the_main_output_only_the_trigger_output_triggers() {
+        let mut timer = pulses(false);
+        timer.write(0x44, 0x1400 | BKE, 0, CLOCK);
+        let mut triggers = [(false, false); 2];
+        for _ in 0..8 {
+            timer.advance(timer.next(CLOCK), CLOCK);
+            for (all, [rises, falls]) in triggers.iter_mut().zip(timer.take_triggers().map(<[bool; 2]>::from))
+            {
+                *all = (all.0 || rises, all.1 || falls);
+            }
+        }
+        assert_eq!(triggers, [(false, false), (true, true)]);
     }
 
     #[test]
