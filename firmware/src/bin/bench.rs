@@ -124,6 +124,35 @@ fn main() -> ! {
     systick.enable_counter();
     let mut watch = Stopwatch(systick);
 
+    kernels(&mut watch);
+    grasp(&mut watch);
+    slices();
+    retargeting("retarget", 1.0, false);
+    retargeting("retarget_unreachable", 1.1, false);
+    retargeting("retarget_directions", 1.0, true);
+    retargeting("retarget_directions_unreachable", 1.1, true);
+    codec(&mut watch);
+
+    // The RAM has no room for two, nor the stack for one: the second is copied from flash.
+    static mut NODE: Node = Node::new();
+    static NEW: Node = Node::new();
+    // SAFETY: the only reference, in the only thread.
+    let node = unsafe { &mut *core::ptr::addr_of_mut!(NODE) };
+    tick(&mut watch, node, "node_tick_9_pid", ServoMode::Pid);
+    // SAFETY: both are whole nodes, and a node owns nothing outside itself.
+    unsafe { core::ptr::copy_nonoverlapping(&NEW, node, 1) };
+    tick(&mut watch, node, "node_tick_9_observer", ServoMode::Observer);
+    debug::exit(debug::EXIT_SUCCESS);
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// Control, dynamics and kinematics of few joints.
+///
+/// Functions of their own leave the stack to the node.
+#[inline(never)]
+fn kernels(watch: &mut Stopwatch) {
     let pid =
         Pid::new(black_box(&PidGains { proportional: 0.4, integral: 1.0, derivative: 0.01, cutoff: 30.0 }));
     let mut pid_state = PidState::at(0.0);
@@ -236,14 +265,11 @@ fn main() -> ! {
     watch.measure("atan2", |x| {
         black_box(math::atan2(black_box(x - 0.1), black_box(0.05)));
     });
+}
 
-    grasp(&mut watch);
-    slices();
-    retargeting("retarget", 1.0, false);
-    retargeting("retarget_unreachable", 1.1, false);
-    retargeting("retarget_directions", 1.0, true);
-    retargeting("retarget_directions_unreachable", 1.1, true);
-
+/// Encodes and decodes the largest telemetry.
+#[inline(never)]
+fn codec(watch: &mut Stopwatch) {
     let joint = |joint| {
         let value = 0.137 + 0.0213 * joint as f32;
         JointTelemetry {
@@ -267,16 +293,6 @@ fn main() -> ! {
         let ended = decoder.take(black_box(&mut bytes));
         assert!(ended && black_box(&decoder.message::<FromBoard>()).is_ok(), "not decoded");
     });
-
-    static mut NODES: [Node; 2] = [Node::new(), Node::new()];
-    // SAFETY: the only reference, in the only thread.
-    let [first, second] = unsafe { &mut *core::ptr::addr_of_mut!(NODES) };
-    tick(&mut watch, first, "node_tick_9_pid", ServoMode::Pid);
-    tick(&mut watch, second, "node_tick_9_observer", ServoMode::Observer);
-    debug::exit(debug::EXIT_SUCCESS);
-    loop {
-        cortex_m::asm::nop();
-    }
 }
 
 /// The first `count` of six contacts of a hand whose tips have moved by `x`, the grasp map included.
