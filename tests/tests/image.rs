@@ -23,7 +23,7 @@ use tesaki_tests::{robot, robot_folder};
 
 /// Most instructions of a tick with an object in the hand, of one with an arm under impedance control, and of
 /// one in which that finds its force in the motors' torques.
-const GRASP_TICK: u32 = 37_000;
+const GRASP_TICK: u32 = 40_000;
 const ARM_TICK: u32 = 16_000;
 const OBSERVED_TICK: u32 = 18_500;
 /// Largest number of instructions of a tick of telexistence: less than half of the control period at 168 MHz.
