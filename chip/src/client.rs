@@ -98,6 +98,17 @@ impl Client {
     /// # Errors
     /// What was refused.
     pub fn push(&mut self, machine: &mut Machine, model: &RobotModel) -> Result<(), String> {
+        match self.offer(machine, model)? {
+            Reply::Done => Ok(()),
+            other => Err(format!("{other:?}")),
+        }
+    }
+
+    /// Greets, takes command and sends a model. Returns what the board says to the whole of it.
+    ///
+    /// # Errors
+    /// No reply, or it does not even want to hear it.
+    pub fn offer(&mut self, machine: &mut Machine, model: &RobotModel) -> Result<Reply, String> {
         self.demand(machine, Request::Hello { schema: SCHEMA_KEY })?;
         self.demand(machine, Request::TakeCommand { by_force: true })?;
         let bytes = postcard::to_stdvec(model).map_err(|error| error.to_string())?;
@@ -107,6 +118,6 @@ impl Client {
             let data = chunk.iter().copied().collect();
             self.demand(machine, Request::ModelChunk { offset: (index * MODEL_CHUNK) as u32, data })?;
         }
-        self.demand(machine, Request::ModelCommit)
+        self.ask(machine, Request::ModelCommit)
     }
 }

@@ -496,7 +496,7 @@ unsafe extern "C" fn on_write(_uc: *mut uc_engine, offset: u64, size: u32, value
         // The peripheral buses of the chip take narrow writes as a whole word with the value repeated, mostly.
         let shift = 8 * (address & 3);
         let mask = ((1u32 << (8 * size)) - 1) << shift;
-        let old = m.chip.read(address & !3, now);
+        let old = m.chip.peek(address & !3, now);
         m.chip.write(address & !3, 4, old & !mask | value << shift & mask, now);
     }
     // An event, an interrupt or the clock may have changed: look before the next instruction.

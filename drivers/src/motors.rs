@@ -184,21 +184,22 @@ impl<const N: usize> Motors<N> {
     fn run(&mut self, magnitudes: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         let mut off = false;
         let mut tripped = stages.has_tripped();
-        for (index, axis) in self.axes.iter_mut().enumerate() {
+        let measured = magnitudes.iter().zip(&mut self.totals.currents);
+        let axes = self.axes.iter_mut().zip(&mut self.outputs);
+        for ((axis, output), (&magnitude, total)) in axes.zip(measured) {
             let Some(axis) = axis else { continue };
             let [before, last] = axis.duties;
             let voltage = 0.5 * (before + last) * if supply > SUPPLY_MIN { supply } else { 0.0 };
-            let current = axis.sign.resolve(magnitudes[index], voltage, axis.velocity);
+            let current = axis.sign.resolve(magnitude, voltage, axis.velocity);
             #[expect(
                 clippy::cast_possible_truncation,
                 reason = "saturates; a converter measures some amperes"
             )]
             let counts = (current / SUM_RESOLUTION) as i32;
-            self.totals.currents[index] = self.totals.currents[index].wrapping_add(counts);
+            *total = total.wrapping_add(counts);
             // What is no number is not.
-            let is_permitted = magnitudes[index] <= axis.trip;
+            let is_permitted = magnitude <= axis.trip;
             tripped |= !is_permitted;
-            let output = &mut self.outputs[index];
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
                 Drive::Duty(duty) => duty,
                 Drive::Brake => 0,

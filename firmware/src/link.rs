@@ -172,16 +172,23 @@ impl Endpoint {
             Ok(length) => frame.get(..length).unwrap_or_default(),
             Err(_) => &[],
         };
-        let free = self.outgoing.capacity() - self.outgoing.len();
-        if frame.is_empty() || free < frame.len() {
+        let is_free = self.has_size() && self.outgoing.capacity() - self.outgoing.len() >= frame.len();
+        if frame.is_empty() || !is_free {
             self.send_overflow = self.send_overflow.wrapping_add(1);
             return false;
         }
         for &byte in frame {
             // Cannot fail: the space was checked, and this is the only producer.
-            let _ = self.outgoing.enqueue(byte);
+            if !self.has_size() || self.outgoing.enqueue(byte).is_err() {
+                break;
+            }
         }
         true
+    }
+
+    /// Always: tells the compiler that the queue, which divides by its size, has one.
+    fn has_size(&self) -> bool {
+        self.outgoing.capacity() < SEND_QUEUE
     }
 
     /// Statistics of the link.

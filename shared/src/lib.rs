@@ -38,6 +38,7 @@
 #![doc = include_str!("papers.md")]
 #![cfg_attr(not(test), no_std)]
 
+mod collect;
 pub mod control;
 pub mod dynamics;
 pub mod fault;

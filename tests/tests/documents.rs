@@ -200,3 +200,29 @@ fn links_between_documents_lead_somewhere() {
     }
     assert!(links >= 20, "only {links} links found");
 }
+
+/// The pins named in `text` by a port's letter and a number, such as PB13 with `prefix` "P".
+fn pins(text: &str, prefix: &str) -> BTreeSet<String> {
+    let name = |(at, _): (usize, &str)| {
+        let end = text[at + prefix.len()..].find(|c: char| !c.is_alphanumeric())? + at + prefix.len();
+        let name = text[at + prefix.len() - 1..end].to_uppercase();
+        let is_pin = name.len() > 2 && "ABCD".contains(&name[1..2]) && name[2..].parse::<u8>().is_ok();
+        is_pin.then_some(name)
+    };
+    text.match_indices(prefix).filter_map(name).collect()
+}
+
+/// A pin that a table forgets, or that no code takes, may be a gate signal.
+#[test]
+fn the_pins_of_each_board_are_those_of_its_table() {
+    let firmware = root().join("firmware");
+    for (board, table) in [("weact", "src/boards/weact.rs"), ("bare", "README.md")] {
+        let code = read_to_string(firmware.join("src/boards").join(board).with_extension("rs")).unwrap();
+        let table = read_to_string(firmware.join(table)).unwrap();
+        let rows = table.lines().filter_map(|line| line.trim_start_matches("//! ").strip_prefix("| P"));
+        let first_columns: String = rows.map(|row| format!("P{} ", row.split('|').next().unwrap())).collect();
+        let (told, taken) = (pins(&first_columns, "P"), pins(&code, ".p"));
+        assert!(told.len() > 4, "{board}: {told:?}");
+        assert_eq!(told, taken, "{board}: pins in the table, and those that the code takes");
+    }
+}

@@ -1,4 +1,4 @@
-//! `cargo xtask chip`: the image of the board that drives motors, on a model of its chip.
+//! `cargo xtask chip`: the image of the board that drives motors, and that of the chip alone, on a model of the chip.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,26 +11,34 @@ use crate::tools::{self, ArmCompiler};
 /// A workspace of its own, see its README.
 const FOLDER: &str = "chip";
 /// The feature of the board with motors.
-const BOARD: &str = "board-weact";
+pub const BOARD: &str = "board-weact";
 
 /// `cargo xtask chip`.
 pub fn run() -> Result<()> {
     check(ArmCompiler::provide()?)
 }
 
-/// Builds the image that is flashed and the model, and tries the one on the other.
+/// Builds the images that are flashed and the model, and tries the ones on the other.
 pub fn check(compiler: ArmCompiler) -> Result<()> {
     tools::provide_unicorn_builder()?;
-    let image = firmware::build_for_board(compiler, BOARD)?;
-    println!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(&image)?);
+    let images = [("weact", BOARD), ("bare", firmware::BOARD)];
+    let images = images.map(|(name, board)| Ok((name, firmware::build_for_board(compiler, board)?)));
+    let images = images.into_iter().collect::<Result<Vec<_>>>()?;
+    for (_, image) in &images {
+        println!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
+    }
     let target = std::path::absolute(firmware::target().join(FOLDER))?;
     let cargo = |arguments: &[&str]| {
         let mut command = Command::new("cargo");
         command.args(arguments).current_dir(Path::new(FOLDER));
-        command.env("CARGO_TARGET_DIR", &target).env("TESAKI_WEACT_ELF", &image);
+        command.env("CARGO_TARGET_DIR", &target);
+        command
+            .envs(images.iter().map(|(name, image)| (format!("TESAKI_{}_ELF", name.to_uppercase()), image)));
         command
     };
     tools::run(&mut cargo(&["fmt", "--check"]))?;
     tools::run(&mut cargo(&["clippy", "--release", "--quiet", "--all-targets", "--", "-D", "warnings"]))?;
-    tools::run(&mut cargo(&["test", "--release", "--quiet"]))
+    tools::run(&mut cargo(&["test", "--release", "--quiet"]))?;
+    // Again, with its table.
+    tools::run(&mut cargo(&["test", "--release", "--quiet", "timing", "--", "--nocapture"]))
 }

@@ -3,14 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
 
 use crate::footprint::Footprint;
+use crate::prove;
 use crate::tools::{self, ArmCompiler, TARGET};
 
 /// The image that is flashed.
 pub const IMAGE: &str = "tesaki-firmware";
+/// The feature of the default board.
+pub const BOARD: &str = "board-bare";
 
 /// Where cargo builds.
 pub fn target() -> PathBuf {
@@ -33,8 +36,7 @@ pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<P
     std::path::absolute(path(binary)).context("the image's path")
 }
 
-/// Builds the image of another board than the default one: `board` is its feature. Cargo puts every board's image at the
-/// same path, so it is copied.
+/// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so it is copied.
 pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
     let built = build(compiler, IMAGE, &[board])?;
     let image = built.with_file_name(format!("{IMAGE}-{board}"));
@@ -71,11 +73,14 @@ pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
     println!("SHA-256  {}", sha256(image)?);
     println!("flash    {} of {} bytes", footprint.flash(), 1024 * 1024);
     println!("RAM      {} bytes of static data", footprint.ram());
+    let seen = stack("stack_used");
     println!(
-        "stack    {} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
-        stack("stack_used"),
+        "stack    {seen} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
         summary["metrics"]["stack_used"]["limit"].as_f64().unwrap_or(f64::NAN),
         summary["ticks"]
     );
-    footprint.check()
+    footprint.check()?;
+    let bound = prove::check(image)?;
+    ensure!(seen <= f64::from(bound), "{seen} bytes of stack were seen, and {bound} proved to be the most");
+    Ok(())
 }

@@ -6,6 +6,7 @@ mod faults;
 mod firmware;
 mod footprint;
 mod fuzz;
+mod prove;
 mod results;
 mod sweep;
 mod test;
@@ -28,6 +29,8 @@ enum Task {
     Test(test::Options),
     /// Build the firmware image; print what takes its flash, its RAM, worst stack and SHA-256
     Firmware,
+    /// Prove from the instructions of the images: no panic, no recursion, bounded stack
+    Prove(prove::Options),
     /// Try the image of the board that drives motors on a model of its chip
     Chip,
     /// Run scenarios on many machines; record, check and tabulate the results
@@ -48,6 +51,7 @@ fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
         Task::Test(options) => test::run(&options),
         Task::Firmware => firmware::run(),
+        Task::Prove(options) => prove::run(&options),
         Task::Chip => chip::run(),
         Task::Bench(options) => bench::run(&options),
         Task::Sweep(options) => sweep::run(options),

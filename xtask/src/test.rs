@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, chip, faults, firmware, fuzz, sweep, viewer};
+use crate::{bench, chip, faults, firmware, fuzz, prove, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
@@ -112,11 +112,12 @@ fn full(steps: &mut Steps) -> Result<()> {
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
     let build = || {
         let emulated = firmware::build_for_board(compiler, "board-emulated")?;
-        let image = firmware::build(compiler, firmware::IMAGE, &[])?;
+        let weact = firmware::build_for_board(compiler, chip::BOARD)?;
+        let image = firmware::build_for_board(compiler, firmware::BOARD)?;
         let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
-        Ok((emulated, image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
+        Ok((emulated, weact, image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
     };
-    let (emulated, image, selftest, replay) = steps.run("the firmware images", build)?;
+    let (emulated, weact, image, selftest, replay) = steps.run("the firmware images", build)?;
     steps.run("unit tests on the emulated board", || {
         print!("{}", bench::semihosted(&selftest, &[])?);
         Ok(())
@@ -130,12 +131,15 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         }
         Ok(())
     })?;
-    steps.run("the image that drives motors, on a model of the chip", || chip::check(compiler))?;
+    steps.run("the images on a model of the chip", || chip::check(compiler))?;
+    steps.run("what holds for the image that drives motors, from its instructions", || {
+        prove::check(&weact).map(drop)
+    })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
     // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
     // alone.
     let host_sim = Command::new(firmware::target().join("release").join("host-sim"));
-    steps.run("the image", || firmware::report(&image, host_sim))
+    steps.run("the image, and what holds for it", || firmware::report(&image, host_sim))
 }
 
 fn tables() -> Result<()> {

@@ -1,8 +1,10 @@
 //! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in one is found.
 
-use crate::rig::Rig;
+use tesaki::model::{Field, Problem, RobotModel};
+use tesaki::protocol::{ClockSource, Mode, Refusal, Reply, ResetCause};
+
 use crate::rig::acceptance::accept;
-use tesaki::protocol::{ClockSource, Mode, ResetCause};
+use crate::rig::{Rig, model};
 
 #[test]
 fn boots_from_the_crystal() {
@@ -51,4 +53,49 @@ fn the_board_does_all_that_it_must() {
     accept(&mut rig).unwrap();
     let [adc, timer, control] = [16 + 18, 16 + 28, 16 + 6].map(|number| rig.machine.work[number]);
     eprintln!("ADC {adc:?}\nTIM2 {timer:?}\nEXTI0 {control:?}");
+}
+
+/// Refused at the push, by joint and field; then a robot that the board can drive is taken.
+#[test]
+fn what_the_board_lacks_is_refused_at_the_push() {
+    let mut rig = Rig::boot();
+    let refusals: [(fn(&mut RobotModel), _, _, _); 6] = [
+        (
+            |model| {
+                let fourth = model.joints[2].clone();
+                model.joints.push(fourth).unwrap();
+                model.chains[0].joints = 4;
+            },
+            Some(3),
+            Field::Joints,
+            Problem::BoardLimit(3.0),
+        ),
+        (|model| model.joints[1].motor.resistance = None, Some(1), Field::MotorResistance, Problem::Missing),
+        (|model| model.joints[2].motor.inductance = None, Some(2), Field::MotorInductance, Problem::Missing),
+        (
+            |model| model.joints[0].encoder.relative = false,
+            Some(0),
+            Field::EncoderRelative,
+            Problem::NotSupported,
+        ),
+        (
+            |model| model.joints[1].motor.current_limit = 2.6,
+            Some(1),
+            Field::CurrentLimit,
+            Problem::BoardLimit(2.5),
+        ),
+        (|model| model.safety.supply_max = 40.0, None, Field::SupplyMax, Problem::BoardLimit(36.0)),
+    ];
+    for (change, joint, field, problem) in refusals {
+        let mut changed = model();
+        change(&mut changed);
+        match rig.client.offer(&mut rig.machine, &changed).unwrap() {
+            Reply::Refused(Refusal::Model(error)) => {
+                assert_eq!((error.joint, error.field, error.problem), (joint, field, problem));
+            }
+            other => panic!("{field:?}: {other:?}"),
+        }
+        assert!(!rig.machine.chip.bench.is_awake());
+    }
+    assert_eq!(rig.client.offer(&mut rig.machine, &model()), Ok(Reply::Done));
 }

@@ -194,7 +194,7 @@ impl Board for Weact {
         ];
         let last = self.last.replace(Last { period, counts, totals, periods });
         let mut currents = Vec::new();
-        for (index, joint) in self.joints.iter_mut().enumerate() {
+        for (index, joint) in self.joints.iter_mut().enumerate().take(N) {
             let mut count = 0;
             if let Some(last) = &last {
                 let elapsed = period.wrapping_sub(last.period) as f32;
@@ -229,9 +229,13 @@ impl Board for Weact {
         let mut words = [0; 2 * N + 1];
         if actuators.enabled {
             words[2 * N] = 1;
-            for (index, (joint, torque)) in self.joints.iter().zip(&actuators.torques).enumerate() {
-                words[index] = (torque / joint.torque_constant).to_bits();
-                words[N + index] = joint.velocity.to_bits();
+            let (currents, velocities) = words.split_at_mut(N);
+            let words = currents.iter_mut().zip(velocities);
+            for ((current, velocity), (joint, torque)) in
+                words.zip(self.joints.iter().zip(&actuators.torques))
+            {
+                *current = (torque / joint.torque_constant).to_bits();
+                *velocity = joint.velocity.to_bits();
             }
         } else {
             Self::off();

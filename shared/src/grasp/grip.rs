@@ -9,6 +9,7 @@ use super::cone::Cone;
 use super::map::{halves, stack};
 use super::search::{Search, SearchEnd, SearchState};
 use super::{Certificate, ContactForces, GraspMap};
+use crate::collect::collect;
 use crate::math;
 
 /// Loads below this fraction of the minimum normal force get the absolute tolerance of a load of that size.
@@ -170,13 +171,13 @@ impl LeastGrip {
         let unit = if norm > self.min_force { norm } else { self.min_force };
         if unit <= f32::MIN_POSITIVE {
             state.search = None;
-            let forces = map.contacts().iter().map(|_| Vector3::zeros()).collect();
+            let forces = collect(map.contacts().iter().map(|_| Vector3::zeros()));
             return Ok(Grip { forces, residual: 0.0, steps: 0 });
         }
         let cone = |contact| Cone::new(contact, self.margin, self.min_force, unit);
         let search = Search {
             map,
-            cones: map.contacts().iter().map(cone).collect(),
+            cones: collect(map.contacts().iter().map(cone)),
             load: stack(&(force / unit), &(moment / unit)),
             norm: if norm > MIN_LOAD * unit { norm / unit } else { MIN_LOAD },
             tolerance: self.tolerance,
@@ -194,7 +195,7 @@ impl LeastGrip {
         match search.run(&mut running, max_instructions, proves) {
             Ok(point) => {
                 state.twist = point.twist.into();
-                let forces = point.nearest.iter().map(|nearest| nearest.force * unit).collect();
+                let forces = collect(point.nearest.iter().map(|nearest| nearest.force * unit));
                 Ok(Grip { forces, residual: search.residual(&point), steps: running.steps })
             }
             Err(SearchEnd::Infeasible(certificate)) => Err(GripError::CannotHold(certificate)),

@@ -4,6 +4,7 @@ use heapless::Vec;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::{ContactForces, GraspMap, MAX_CONTACTS};
+use crate::collect::collect;
 use crate::math::{self, abs};
 
 /// Maximum dimension of the internal forces: six collinear contacts.
@@ -212,7 +213,7 @@ impl NormalGrip {
 
     /// Contact forces [N] whose largest normal force is `strength` [N]; their wrench is 0.
     pub fn forces(&self, strength: f32) -> ContactForces {
-        self.forces.iter().map(|force| force * strength).collect()
+        collect(self.forces.iter().map(|force| force * strength))
     }
 }
 

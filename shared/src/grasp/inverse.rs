@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 
 use super::ContactForces;
 use super::map::GraspMap;
+use crate::collect::collect;
 use crate::math::{self, abs};
 
 /// Relative tolerance of the rank: singular values below this fraction of the largest count as 0.
@@ -131,7 +132,7 @@ impl WrenchInverse<'_> {
         if self.conditioning.rank < 6 && abs(axial) > AXIAL_TOLERANCE * norm {
             return Err(WrenchInverseError::NotResisted { axis, moment: axial * self.map.length });
         }
-        let mut forces: ContactForces = self.map.levers.iter().map(|_| Vector3::zeros()).collect();
+        let mut forces: ContactForces = collect(self.map.levers.iter().map(|_| Vector3::zeros()));
         // One step of iterative refinement.
         for _ in 0..2 {
             let (force_sum, moment_sum) = self.map.scaled_sum(&forces);

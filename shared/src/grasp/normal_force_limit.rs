@@ -40,7 +40,7 @@ pub fn normal_force_limit(
     limits: &Vector3<f32>,
 ) -> Result<f32, NormalForceLimitError> {
     let mut max_force = f32::INFINITY;
-    for (joint, column, used, limit) in zip((0.., block.column_iter(), used, limits)) {
+    for (joint, column, used, limit) in zip((0.., block.data.0.map(Vector3::from), used, limits)) {
         let along = column.dot(normal);
         let across = friction * math::sqrt((column - normal * along).norm_squared());
         for (rate, headroom) in [(across + along, limit - used), (across - along, limit + used)] {

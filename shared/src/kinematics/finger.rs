@@ -6,6 +6,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector
 
 use super::Chain;
 use super::inverse::MAX_DISTANCE;
+use crate::collect::collect;
 use crate::math::{self, abs};
 
 /// Tolerance of the geometry check over the finger's length; solutions are inexact by as much.
@@ -172,15 +173,17 @@ impl Finger {
             for angles in bends {
                 if let Some(fit) = self.fit(angles, &near, &mut failure) {
                     let nearer = found.iter().take_while(|other| other.1 <= fit.1).count();
-                    // Cannot fail: two sides have two solutions each.
-                    let _ = found.insert(nearer, fit);
+                    // There is room: two sides have two solutions each.
+                    if nearer <= found.len() {
+                        let _ = found.insert(nearer, fit);
+                    }
                 }
             }
         }
         if found.is_empty() {
             return Err(self.why(&failure));
         }
-        Ok(found.iter().map(|&(angles, _)| angles).collect())
+        Ok(collect(found.iter().map(|&(angles, _)| angles)))
     }
 
     /// The solution nearest to `near` [rad]: the first of [`Finger::inverse`], usually at a third of its

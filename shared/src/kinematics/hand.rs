@@ -13,6 +13,20 @@ pub const MAX_FINGERS: usize = 5;
 /// Angles of all actuated joints of a robot [rad].
 pub type Angles = SVector<f32, MAX_JOINTS>;
 
+/// The angle of `joint`; 0 if there is no such joint.
+#[inline]
+pub(super) fn angle(angles: &Angles, joint: u8) -> f32 {
+    angles.as_slice().get(usize::from(joint)).copied().unwrap_or(0.0)
+}
+
+/// Sets the angle of `joint`, if there is such a joint.
+#[inline]
+pub(super) fn set_angle(angles: &mut Angles, joint: u8, value: f32) {
+    if let Some(angle) = angles.as_mut_slice().get_mut(usize::from(joint)) {
+        *angle = value;
+    }
+}
+
 /// What moves a joint of a finger: its angle is `multiplier` · angle of the actuated joint + `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coupling {

@@ -15,7 +15,7 @@
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::hand::{Angles, FingerPosture, Hand, HandFinger, MAX_FINGERS};
+use super::hand::{Angles, FingerPosture, Hand, HandFinger, MAX_FINGERS, angle, set_angle};
 use super::hand_step::TERTIARY;
 use super::inverse::MAX_DISTANCE;
 use crate::math::{self, abs};
@@ -383,12 +383,12 @@ impl Problem<'_> {
         let mut largest = 0.0_f32;
         for (_, finger, _) in self.fingers() {
             for (&joint, range) in finger.variables.iter().zip(&finger.ranges) {
-                let index = usize::from(joint);
                 // Not added twice where fingers share the joint.
-                let moved = math::clamp(here.angles[index] + step[index], range.lower, range.upper);
-                let change = abs(moved - here.angles[index]);
+                let before = angle(&here.angles, joint);
+                let moved = math::clamp(before + angle(step, joint), range.lower, range.upper);
+                let change = abs(moved - before);
                 largest = if change > largest { change } else { largest };
-                angles[index] = moved;
+                set_angle(angles, joint, moved);
             }
         }
         largest
@@ -422,7 +422,7 @@ impl Problem<'_> {
             if terms == Terms::All {
                 let own = finger.variables.len() - usize::from(finger.shares);
                 for (&joint, range) in finger.variables.iter().zip(&finger.ranges).take(own) {
-                    let away = point.angles[usize::from(joint)] - range.center;
+                    let away = angle(&point.angles, joint) - range.center;
                     secondary += 0.5 * center * away * away;
                 }
                 point.secondary += target.weight * finger.secondary_weight() * secondary;

@@ -1,6 +1,6 @@
 //! Search of a [`Hand`](super::Hand) beyond the nearest minimum: see [`super::hand_inverse`].
 
-use super::hand::{Angles, MAX_FINGERS};
+use super::hand::{Angles, MAX_FINGERS, angle, set_angle};
 use super::hand_inverse::{Point, Points, Problem};
 
 /// Maximum number of last iterations where a search found no start from which a tip is reached.
@@ -55,7 +55,7 @@ impl Problem<'_> {
             for number in 0..GRID {
                 let fraction = (f32::from(number) + 0.5) / f32::from(GRID);
                 let mut angles = best.angles;
-                angles[usize::from(shared)] = lower + fraction * (upper - lower);
+                set_angle(&mut angles, shared, lower + fraction * (upper - lower));
                 let cost = self.fingers_alone(&mut angles, &mut starts, points);
                 if cost < two[0].0 {
                     two = [(cost, angles), two[0]];
@@ -71,7 +71,7 @@ impl Problem<'_> {
             let mut angles = best.angles;
             for (_, finger, _) in self.fingers() {
                 for &joint in &finger.variables {
-                    angles[usize::from(joint)] = starts.between(self.limits(joint));
+                    set_angle(&mut angles, joint, starts.between(self.limits(joint)));
                 }
             }
             if try_from(&angles, best, points) {
@@ -98,8 +98,8 @@ impl Problem<'_> {
                 for &joint in finger.variables.iter().take(own) {
                     match start {
                         0 => {}
-                        1 => from[usize::from(joint)] = center[usize::from(joint)],
-                        _ => from[usize::from(joint)] = starts.between(self.limits(joint)),
+                        1 => set_angle(&mut from, joint, angle(&center, joint)),
+                        _ => set_angle(&mut from, joint, starts.between(self.limits(joint))),
                     }
                 }
                 alone.descend(&from, points, &mut 0);

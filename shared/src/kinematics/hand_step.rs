@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::hand::{Angles, FingerPosture, HandFinger, Range};
+use super::hand::{Angles, FingerPosture, HandFinger, Range, angle, set_angle};
 use super::hand_inverse::{FingertipTarget, Point, Problem, Terms};
 use crate::model::MAX_CHAIN_JOINTS;
 
@@ -57,8 +57,9 @@ impl Problem<'_> {
                 block.solve(own, &mut solution)?;
             }
             let values = solution.step.iter().zip(&solution.follow);
-            for (&joint, values) in finger.variables.iter().zip(values).take(own) {
-                (step[usize::from(joint)], follow[usize::from(joint)]) = (*values.0, *values.1);
+            for (&joint, (&own_step, &own_follow)) in finger.variables.iter().zip(values).take(own) {
+                set_angle(&mut step, joint, own_step);
+                set_angle(&mut follow, joint, own_follow);
             }
             if finger.shares && shared.is_some() {
                 let row = block.hessian.get(own)?;
@@ -81,14 +82,15 @@ impl Problem<'_> {
             }
             let (lower, upper) = self.limits(shared);
             let range = Range { lower, upper, center: 0.0 };
-            if !range.holds(here.angles[usize::from(shared)], gradient) {
+            if !range.holds(angle(&here.angles, shared), gradient) {
                 let shared_step = reduced / curvature;
                 for (_, finger, _) in self.fingers().filter(|(_, finger, _)| finger.shares) {
                     for &joint in &finger.variables {
-                        step[usize::from(joint)] -= follow[usize::from(joint)] * shared_step;
+                        let followed = angle(&step, joint) - angle(&follow, joint) * shared_step;
+                        set_angle(&mut step, joint, followed);
                     }
                 }
-                step[usize::from(shared)] = shared_step;
+                set_angle(&mut step, shared, shared_step);
             }
         }
         let largest = step.amax();
@@ -114,7 +116,7 @@ impl Problem<'_> {
             floor = center.max(DIRECTION_DAMPING * weight);
             let places = finger.variables.iter().zip(&finger.ranges);
             for (gradient, (&joint, range)) in block.gradient.iter_mut().zip(places).take(own) {
-                *gradient -= center * (here.angles[usize::from(joint)] - range.center);
+                *gradient -= center * (angle(&here.angles, joint) - range.center);
             }
         }
         let diagonal = floor + damping * finger.length * finger.length;
@@ -122,7 +124,8 @@ impl Problem<'_> {
             row[slot] += diagonal;
         }
         for (slot, (&joint, range)) in finger.variables.iter().zip(&finger.ranges).enumerate().take(own) {
-            if range.holds(here.angles[usize::from(joint)], block.gradient[slot]) {
+            let gradient = block.gradient.get(slot).copied().unwrap_or_default();
+            if range.holds(angle(&here.angles, joint), gradient) {
                 block.fix(slot, finger.variables.len());
             }
         }
@@ -237,7 +240,9 @@ impl Block {
                 row[slot] = 0.0;
             }
         }
-        self.gradient[slot] = 0.0;
+        if let Some(gradient) = self.gradient.get_mut(slot) {
+            *gradient = 0.0;
+        }
     }
 
     /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right; `None`

@@ -108,7 +108,8 @@ fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
         }
         if next == code + GROUP {
             // A full group stands for no zero: the next one's code needs a place of its own.
-            frame.get_mut(next..=end)?.rotate_right(1);
+            let group = frame.get_mut(next..=end).filter(|group| !group.is_empty())?;
+            group.rotate_right(1);
             end += 1;
         }
         code = next;
@@ -294,7 +295,9 @@ impl Decoder {
 /// Opens one frame (without its zero): COBS, then checksum. Returns the bytes of the message.
 fn open(frame: &mut [u8]) -> Result<&[u8], FrameError> {
     let payload = unstuff(frame).ok_or(FrameError::Framing)?;
-    let (message, crc) = payload.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Framing)?;
+    let length = payload.len().checked_sub(CHECKSUM).ok_or(FrameError::Framing)?;
+    let (message, crc) = payload.split_at_checked(length).ok_or(FrameError::Framing)?;
+    let crc = crc.first_chunk().ok_or(FrameError::Framing)?;
     if checksum(message) == u32::from_le_bytes(*crc) { Ok(message) } else { Err(FrameError::Checksum) }
 }
 

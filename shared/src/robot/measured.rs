@@ -1,4 +1,3 @@
-use core::fmt;
 use core::ops::Range;
 
 use nalgebra::Vector3;
@@ -62,7 +61,7 @@ impl Measured {
 }
 
 /// What the drives of the joints do beyond the model.
-pub trait Efforts: fmt::Debug {
+pub trait Efforts {
     /// The part of a joint's last torque that its feed-forward does not explain [N·m]: friction and weight that the model does
     /// not have, and forces from outside.
     fn effort(&self, joint: usize) -> f32;

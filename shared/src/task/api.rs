@@ -8,7 +8,6 @@ use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Efforts, Measured, Postures, Robot, Targets};
 
 /// Inputs and outputs of a task. A further input is a further field and changes no task.
-#[derive(Debug)]
 pub struct Io<'a> {
     /// The robot.
     pub robot: &'a Robot,

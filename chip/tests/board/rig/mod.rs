@@ -44,6 +44,15 @@ pub fn model() -> RobotModel {
     model
 }
 
+/// The image of a board: the file that `TESAKI_BOARD_ELF` names, with the board's name, or where the xtask builds it.
+pub fn image(board: &str) -> Vec<u8> {
+    let image = std::env::var_os(format!("TESAKI_{}_ELF", board.to_uppercase())).map_or_else(
+        || format!("../target/thumbv7em-none-eabihf/firmware/tesaki-firmware-board-{board}").into(),
+        PathBuf::from,
+    );
+    std::fs::read(&image).unwrap_or_else(|error| panic!("{}: {error}", image.display()))
+}
+
 pub struct Rig {
     pub machine: Machine,
     pub client: Client,
@@ -56,12 +65,7 @@ impl Rig {
     }
 
     pub fn boot_with(mistakes: &[Mistake]) -> Self {
-        let image = std::env::var_os("TESAKI_WEACT_ELF").map_or_else(
-            || "../target/thumbv7em-none-eabihf/firmware/tesaki-firmware-board-weact".into(),
-            PathBuf::from,
-        );
-        let elf = std::fs::read(&image).unwrap_or_else(|error| panic!("{}: {error}", image.display()));
-        let mut machine = Machine::load(&elf, Bench::new([MOTOR; 3], 1));
+        let mut machine = Machine::load(&image("weact"), Bench::new([MOTOR; 3], 1));
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default() };
         // A board that cannot even start shows in what follows.

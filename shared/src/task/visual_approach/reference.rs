@@ -75,14 +75,14 @@ impl<'a> Arm<'a> {
         jacobian
     }
 
-    /// Indices of its joints without the gripper, in the robot and in the chain.
+    /// Indices of its joints without the gripper, in the robot and in the chain; within any list of joints.
     pub fn indices(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let gripper = self.gripper;
         self.range
             .clone()
             .enumerate()
             .map(|(own, index)| (index, own))
-            .filter(move |(index, _)| *index != gripper)
+            .filter(move |&(index, own)| index != gripper && index < MAX_JOINTS && own < MAX_CHAIN_JOINTS)
     }
 
     /// Moves the joints' references for one period towards `target`.

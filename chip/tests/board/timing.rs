@@ -1,0 +1,45 @@
+//! What the handlers of the image take, while three joints move and the supervisor's line is full both ways.
+
+use crate::links::run_with_full_lines;
+use crate::rig::Rig;
+
+/// Frequency of the CPU [MHz], and cycles that an instruction is taken for.
+const CLOCK: f64 = 168.0;
+const CYCLES: f64 = 1.5;
+
+/// Name, number of the exception, and the longest time that the firmware promises [µs].
+const HANDLERS: [(&str, usize, f64); 5] = [
+    ("TIM2: instant of the period", 16 + 28, 3.0),
+    ("ADC: current loops", 16 + 18, 10.0),
+    // Between two bytes.
+    ("USART1: supervisor's line", 16 + 37, 10.8),
+    ("EXTI0: control", 16 + 6, 5000.0),
+    ("EXTI1: supervisor", 16 + 7, f64::INFINITY),
+];
+
+#[test]
+fn timing_of_the_handlers() {
+    let mut rig = Rig::enabled();
+    rig.goal([0.3, -0.3, 0.15]);
+    rig.machine.work.iter_mut().for_each(|work| *work = Default::default());
+    run_with_full_lines(&mut rig, 1000, |_, _| {});
+    assert_eq!(rig.status().node.mode, Rig::running());
+    println!("instructions: mean, longest; time of the longest; runs a second; share of {CLOCK} MHz");
+    let mut all = 0.0;
+    for (name, number, limit) in HANDLERS {
+        let work = rig.machine.work[number];
+        let longest = work.longest as f64 * CYCLES / CLOCK;
+        let share = work.instructions as f64 * CYCLES / (CLOCK * 1e6);
+        all += share;
+        let mean = work.instructions as f64 / work.times as f64;
+        println!(
+            "{mean:>8.0} {:>8} {longest:>8.1} µs {:>8} {:>6.1} %  {name}",
+            work.longest,
+            work.times,
+            100.0 * share
+        );
+        assert!(work.times > 0 && longest < limit, "{name}: {longest} µs");
+    }
+    println!("{:>44.1} %  in all", 100.0 * all);
+    assert!(all < 0.8, "{all}");
+}

@@ -1,0 +1,285 @@
+//! The functions of an image, as decoded from their instructions: what each calls, and how deep its stack is there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+
+use super::thumb::{Conditional, Flow, decode};
+
+/// Address of a function, without the bit of the instruction set.
+pub type Address = u32;
+
+/// A function.
+#[derive(Debug, Default)]
+pub struct Function {
+    pub calls: Vec<Call>,
+    /// Undefined instructions, which end in a CPU fault.
+    pub traps: Vec<Address>,
+    /// Its own stack at most [bytes].
+    pub stack: u32,
+    /// Whether it can return to its caller.
+    pub returns: bool,
+}
+
+/// A call, or a jump to another function.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Call {
+    /// Where.
+    pub site: Address,
+    /// Whom; `None`: an address in a register.
+    pub target: Option<Address>,
+    /// Stack of the caller at that place [bytes].
+    pub stack: u32,
+}
+
+/// What of the next instructions is executed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Under {
+    rest: Conditional,
+    /// Whether the condition holds.
+    holds: bool,
+}
+
+impl Under {
+    /// Whether the next instruction is skipped.
+    const fn skips(self) -> bool {
+        self.rest.count > 0 && (self.rest.then & 1 == 1) != self.holds
+    }
+
+    /// Behind it. Behind the last one both sides are the same.
+    const fn after(self) -> Self {
+        let count = self.rest.count.saturating_sub(1);
+        let rest = Conditional { count, then: if count > 0 { self.rest.then >> 1 } else { 0 } };
+        Self { rest, holds: self.holds && count > 0 }
+    }
+}
+
+/// An image.
+pub struct Image {
+    /// Code and constants, by their address.
+    sections: Vec<(u32, Vec<u8>)>,
+    /// Where functions begin, with their names.
+    names: BTreeMap<Address, String>,
+    /// Where code begins again after data.
+    code: BTreeSet<Address>,
+    functions: BTreeMap<Address, Function>,
+    lines: addr2line::Context<gimli::EndianRcSlice<gimli::LittleEndian>>,
+}
+
+impl Image {
+    /// Reads an ELF file with its debugging information.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not of an ARM processor.
+    pub fn read(file: &Path) -> Result<Self> {
+        let bytes = std::fs::read(file).with_context(|| file.display().to_string())?;
+        let elf = object::File::parse(&*bytes)?;
+        ensure!(elf.architecture() == object::Architecture::Arm, "{} is not for ARM", file.display());
+        let mut sections = Vec::new();
+        for name in [".vector_table", ".text", ".rodata"] {
+            let section = elf.section_by_name(name).with_context(|| format!("there is no section {name}"))?;
+            sections.push((u32::try_from(section.address())?, section.data()?.to_vec()));
+        }
+        let (mut names, mut code) = (BTreeMap::new(), BTreeSet::new());
+        for symbol in elf.symbols() {
+            let address = u32::try_from(symbol.address())?;
+            let name = symbol.name()?;
+            if symbol.kind() == SymbolKind::Text && !name.starts_with('$') {
+                names.insert(address & !1, format!("{:#}", rustc_demangle::demangle(name)));
+            } else if name == "$t" || name.starts_with("$t.") {
+                code.insert(address);
+            }
+        }
+        let load = |id: gimli::SectionId| {
+            let data = elf.section_by_name(id.name()).map(|section| section.data()).transpose()?;
+            let data: std::rc::Rc<[u8]> = data.unwrap_or_default().into();
+            Ok::<_, anyhow::Error>(gimli::EndianRcSlice::new(data, gimli::LittleEndian))
+        };
+        let lines = addr2line::Context::from_dwarf(gimli::Dwarf::load(load)?)?;
+        Ok(Self { sections, names, code, functions: BTreeMap::new(), lines })
+    }
+
+    /// The entry of the vector table at `index`.
+    ///
+    /// # Errors
+    /// The table is shorter.
+    pub fn vector(&self, index: u32) -> Result<Address> {
+        let start = self.sections.first().map_or(0, |(start, _)| *start);
+        let at = |place| self.half_word(place).map(u32::from).context("the vector table is too short");
+        Ok((at(start + 4 * index)? | at(start + 4 * index + 2)? << 16) & !1)
+    }
+
+    fn half_word(&self, address: u32) -> Option<u16> {
+        self.sections.iter().find_map(|(start, bytes)| {
+            let place = usize::try_from(address.checked_sub(*start)?).ok()?;
+            Some(u16::from_le_bytes(bytes.get(place..place + 2)?.try_into().ok()?))
+        })
+    }
+
+    /// The name of a function.
+    pub fn name(&self, function: Address) -> &str {
+        self.names.get(&function).map_or("a function without a name", String::as_str)
+    }
+
+    /// All functions whose names satisfy `matches`.
+    pub fn named(&self, matches: impl Fn(&str) -> bool) -> Vec<Address> {
+        self.names.iter().filter(|(_, name)| matches(name)).map(|(address, _)| *address).collect()
+    }
+
+    /// Files and lines of an instruction; first the innermost one of inlined functions.
+    pub fn lines(&self, address: Address) -> Vec<(String, u32)> {
+        let mut lines = Vec::new();
+        let Ok(mut frames) = self.lines.find_frames(address.into()).skip_all_loads() else { return lines };
+        while let Ok(Some(frame)) = frames.next() {
+            if let Some(location) = frame.location
+                && let (Some(file), Some(line)) = (location.file, location.line)
+            {
+                lines.push((file.to_owned(), line));
+            }
+        }
+        lines
+    }
+
+    /// A function that was decoded.
+    pub fn function(&self, address: Address) -> Option<&Function> {
+        self.functions.get(&address)
+    }
+
+    /// Decodes a function and all that it calls directly.
+    ///
+    /// # Errors
+    /// An instruction that is not understood.
+    pub fn decode(&mut self, function: Address) -> Result<()> {
+        if self.functions.contains_key(&function) {
+            return Ok(());
+        }
+        // Until it is known better, and where functions call each other, it returns.
+        self.functions.insert(function, Function { returns: true, ..Function::default() });
+        let decoded =
+            self.decoded(function).with_context(|| format!("{} at {function:#010x}", self.name(function)))?;
+        self.functions.insert(function, decoded);
+        Ok(())
+    }
+
+    /// Follows all paths from the function's first instruction.
+    fn decoded(&mut self, function: Address) -> Result<Function> {
+        let mut result = Function::default();
+        // Stack at each instruction [bytes], also for each side of what is executed under a condition.
+        let mut seen: BTreeMap<(Address, Under), i32> = BTreeMap::new();
+        let mut open = vec![(function, 0, Under::default())];
+        while let Some((start, start_stack, start_under)) = open.pop() {
+            let (mut address, mut stack, mut under) = (start, start_stack, start_under);
+            loop {
+                if let Some(known) = seen.insert((address, under), stack) {
+                    ensure!(known == stack, "the stack at {address:#010x} depends on the way there");
+                    break;
+                }
+                let halves = (self.half_word(address), self.half_word(address + 2));
+                let (Some(first), second) = (halves.0, halves.1.unwrap_or_default()) else {
+                    bail!("there is no code at {address:#010x}");
+                };
+                let Some(instruction) = decode(address, first, second) else {
+                    bail!("the instruction {first:04x} {second:04x} at {address:#010x} is not understood");
+                };
+                let next = address + instruction.size;
+                let is_skipped = under.skips();
+                under = under.after();
+                if is_skipped {
+                    address = next;
+                    continue;
+                }
+                if instruction.conditional.count > 0 {
+                    open.push((next, stack, Under { rest: instruction.conditional, holds: false }));
+                    under = Under { rest: instruction.conditional, holds: true };
+                }
+                if instruction.new_stack {
+                    stack = 0;
+                }
+                stack += instruction.push;
+                ensure!(stack >= 0, "the stack at {address:#010x} shrinks below its beginning");
+                result.stack = result.stack.max(stack.unsigned_abs());
+                let mut go = |image: &mut Self, to: Address| -> Result<()> {
+                    if to != function && image.names.contains_key(&to) {
+                        result.returns |=
+                            image.call(&mut result.calls, address, Some(to), stack.unsigned_abs())?;
+                    } else {
+                        open.push((to, stack, Under::default()));
+                    }
+                    Ok(())
+                };
+                let goes_on = match instruction.flow {
+                    Flow::Next => true,
+                    Flow::Jump(to) => {
+                        go(self, to)?;
+                        false
+                    }
+                    Flow::Branch(to) => {
+                        go(self, to)?;
+                        true
+                    }
+                    Flow::Table(width) => {
+                        for to in self.table(next, width)? {
+                            go(self, to)?;
+                        }
+                        false
+                    }
+                    Flow::Call(to) => {
+                        self.call(&mut result.calls, address, Some(to), stack.unsigned_abs())?
+                    }
+                    Flow::CallRegister => {
+                        self.call(&mut result.calls, address, None, stack.unsigned_abs())?
+                    }
+                    Flow::JumpRegister => {
+                        result.returns |=
+                            self.call(&mut result.calls, address, None, stack.unsigned_abs())?;
+                        false
+                    }
+                    Flow::Return => {
+                        result.returns = true;
+                        false
+                    }
+                    Flow::Trap => {
+                        result.traps.push(address);
+                        false
+                    }
+                };
+                if !goes_on {
+                    break;
+                }
+                address = next;
+            }
+        }
+        Ok(result)
+    }
+
+    /// Notes a call. Returns whether it returns.
+    fn call(
+        &mut self,
+        calls: &mut Vec<Call>,
+        site: Address,
+        target: Option<Address>,
+        stack: u32,
+    ) -> Result<bool> {
+        calls.push(Call { site, target, stack });
+        let Some(target) = target else { return Ok(true) };
+        self.decode(target)?;
+        Ok(self.functions.get(&target).is_none_or(|function| function.returns))
+    }
+
+    /// Where a table of distances at `start` leads. It ends where the linker has marked code again.
+    fn table(&self, start: Address, width: u8) -> Result<Vec<Address>> {
+        let end = self.code.range(start..).next().copied();
+        let end = end.filter(|end| end - start <= 1024).context("a table without an end")?;
+        let mut targets = BTreeSet::new();
+        for place in (start..end).step_by(2) {
+            let halves = self.half_word(place).context("a table outside of the image")?;
+            let entries =
+                if width == 1 { halves.to_le_bytes().map(u16::from).to_vec() } else { vec![halves] };
+            targets.extend(entries.into_iter().map(|entry| start + 2 * u32::from(entry)));
+        }
+        // What leads into the table itself fills it up to an even length.
+        Ok(targets.into_iter().filter(|target| *target >= end).collect())
+    }
+}
