@@ -452,6 +452,8 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::EncoderRelative, "encoder-relative"),
     (Field::MotorResistance, "motor-resistance"),
     (Field::MotorInductance, "motor-inductance"),
+    (Field::MimicChain, "mimic-chain"),
+    (Field::MimicPlace, "mimic-place"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
