@@ -297,9 +297,10 @@ fn typical_mass(model: &RobotModel, axes: ImpedanceAxes) -> [f32; 3] {
 
 /// The arm's own mass along `axes` [kg] at joint angles [rad]; 0 without a chain.
 pub fn own_mass_at(model: &RobotModel, angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
-    model.chains.first().map_or([0.0; 3], |chain| {
-        own_mass(&Chain::of_model(chain, &model.joints), &model.joints, angles, axes)
-    })
+    if model.chains.is_empty() {
+        return [0.0; 3];
+    }
+    own_mass(&Chain::of_model(model, 0), &model.joints, angles, axes)
 }
 
 /// The key of an invalid setting.

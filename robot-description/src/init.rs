@@ -11,8 +11,8 @@ use tesaki::kinematics::Chain;
 pub use motor::{GENERIC, MotorPreset, PRESETS};
 
 use crate::finding::{Finding, Report};
-use crate::load::{joint_inertias, joint_loads};
-use crate::robot::tree::{SerialChain, SerialJoint, serial_chains};
+use crate::load::{CoupledChain, Drive};
+use crate::robot::tree::{SerialChain, SerialJoint, SerialMimic, serial_chains};
 use crate::urdf::{self, Urdf};
 use motor::LARGEST_EFFORT;
 use servo::JointPlan;
@@ -151,15 +151,25 @@ fn check_joints(options: &InitOptions, chains: &[SerialChain]) -> Result<(), Ini
 }
 
 fn plan_chain(chain: &SerialChain, options: &InitOptions) -> Result<Vec<JointPlan>, InitError> {
-    let links = chain.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
+    let links = chain.all().into_iter().map(|(joint, _)| (&joint.origin, &joint.axis, &joint.link));
+    let mut own = 0..;
+    let drives = chain.all().into_iter().map(|(_, mimic)| match mimic {
+        None => own.next().map(Drive::own),
+        Some(SerialMimic { follows, multiplier, offset, .. }) => Some(Drive {
+            joint: chain.joints.iter().position(|joint| joint.name == *follows),
+            multiplier: *multiplier,
+            offset: *offset,
+        }),
+    });
+    let drives = drives.flatten().collect();
     let limits: Vec<(f32, f32)> =
         chain.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let bodies = Chain::from_links(links, &chain.pose);
-    let loads = joint_loads(&bodies, &GRAVITY, &limits);
+    let mut bodies = CoupledChain { chain: Chain::from_links(links, &chain.pose), drives, rotors: Vec::new() };
+    let loads = bodies.joint_loads(&GRAVITY, &limits);
     let motors = chain.joints.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
     let motors = motors.collect::<Result<Vec<_>, _>>()?;
-    let bodies = bodies.with_rotor_inertia(motors.iter().map(|(motor, _)| motor.rotor_inertia));
-    let inertias = joint_inertias(&bodies, &limits);
+    bodies.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
+    let inertias = bodies.joint_inertias(&limits);
     let joints = chain.joints.iter().zip(loads).zip(inertias).zip(motors);
     Ok(joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor)).collect())
 }

@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
-use tesaki_description::robot::RobotFolder;
+use tesaki::kinematics::Chain;
+
+use tesaki_description::robot::{RobotFolder, chain_model};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
 
@@ -163,9 +165,12 @@ fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
     let chains: Vec<_> = model.chains.iter().map(|chain| (chain.name.as_str(), chain.joints)).collect();
     let names = ["thumb_tip", "index_tip", "middle_tip", "ring_tip", "little_tip"];
     assert_eq!(chains, names.into_iter().zip([5, 4, 3, 2, 2]).collect::<Vec<_>>());
-    let ratios = model.chains.iter().map(|chain| chain.mimic.map(|mimic| (mimic.joint, mimic.multiplier)));
-    let expected = [None, None, Some((5, 0.3)), Some((5, -0.4)), Some((5, -1.0))];
-    assert_eq!(ratios.collect::<Vec<_>>(), expected);
+    let mimics: Vec<_> = model
+        .mimics
+        .iter()
+        .map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier))
+        .collect();
+    assert_eq!(mimics, [(2, 0, 5, 0.3), (3, 0, 5, -0.4), (4, 0, 5, -1.0)]);
     assert_eq!(model.joint_name(5), "spread");
     // The motor overcomes the friction of all: 8 mN·m and 4 mN·m times 0.3 + 0.4 + 1.
     assert!((model.joints[5].friction.coulomb - 0.0148).abs() < 1e-6);
@@ -186,17 +191,40 @@ fn a_mimic_joint_that_no_motor_can_move_is_told_by_line() {
     let said = |to: &str| findings_of_hand5(middle, to);
     let unknown = said("<mimic joint=\"sprad\"/>");
     assert!(unknown.contains("joint middle_spread mimics \"sprad\", which does not exist"), "{unknown}");
-    let chained = said("<mimic joint=\"ring_spread\"/>");
-    assert!(chained.contains("joint middle_spread mimics ring_spread, which has no motor"), "{chained}");
-    let behind = said("<mimic joint=\"middle_bend\" multiplier=\"0.1\"/>");
-    assert!(behind.contains("joint middle_spread mimics middle_bend, which is behind it"), "{behind}");
+    // Through another mimic joint, whose multiplier is −0.4.
+    let chained = said("<mimic joint=\"ring_spread\" multiplier=\"2\"/>");
+    assert!(chained.contains("joint middle_spread moves from -0.28 to 0.12 rad while spread"), "{chained}");
     let wide = said("<mimic joint=\"spread\" multiplier=\"0.6\"/>");
     assert!(
         wide.contains("joint middle_spread moves from -0.09 to 0.21") && wide.contains("robot.urdf:"),
         "{wide}"
     );
-    // In the middle of a chain.
-    let limit = "<limit lower=\"0.0\" upper=\"1.2\" effort=\"0.4\" velocity=\"6\"/>";
-    let deep = findings_of_hand5(limit, &format!("{limit}<mimic joint=\"index_curl\"/>"));
-    assert!(deep.contains("joint index_tuck mimics index_curl: it has no motor to drive"), "{deep}");
+    let alone = findings_of_hand5("<axis xyz=\"-1 0 0\"/>", "<axis xyz=\"-1 0 0\"/><mimic joint=\"ring_bend\"/>");
+    assert!(alone.contains("mimics ring_bend"), "{alone}");
+}
+
+#[test]
+fn a_joint_in_a_finger_follows_the_one_before_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/inspire");
+    let model = RobotFolder::load(&path).unwrap().model;
+    let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+    assert_eq!(names.len(), 6, "{names:?}");
+    let mimics: Vec<_> = model
+        .mimics
+        .iter()
+        .map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier))
+        .collect();
+    let of_fingers = (1..5).map(|chain| (chain, 1, chain + 1, 1.0));
+    assert_eq!(mimics, [(0, 2, 1, 1.6), (0, 3, 1, 2.4)].into_iter().chain(of_fingers).collect::<Vec<_>>());
+    // What the motor of a finger feels: M₁₁ + 2 M₁₂ + M₂₂ with both joints in the middle of their ranges, and its rotor.
+    let (joint, middle) = (&model.joints[2], 0.5 * (model.joints[2].limits.lower + model.joints[2].limits.upper));
+    let matrix = Chain::of_model(&model, 1).mass_matrix(&[middle, middle]);
+    let expected =
+        matrix[(0, 0)] + 2.0 * matrix[(0, 1)] + matrix[(1, 1)] + joint.motor.rotor_inertia;
+    let inertia = joint.servo.observer.inertia;
+    assert!((inertia / expected - 1.0).abs() < 1e-5, "{inertia} {expected}");
+    // A chain for a board of its own keeps its mimic joint.
+    let alone = chain_model(&model, 1).unwrap();
+    assert_eq!((alone.joints.len(), alone.mimics[0].chain, alone.mimics[0].joint), (1, 0, 0));
+    assert!(alone.validate().is_ok());
 }

@@ -50,7 +50,6 @@ fn model() -> Option<RobotModel> {
         tip: Pose::IDENTITY,
         tip_radius: 0.0,
         force_sensor: None,
-        mimic: None,
     };
     let (reaction, damping) = (Reaction::Hold, 0.01);
     Some(RobotModel {
@@ -58,6 +57,7 @@ fn model() -> Option<RobotModel> {
         gravity: [0.0, 0.0, -9.81],
         chains: Vec::from_slice(&[chain]).ok()?,
         joints: Vec::from_slice(&[joint]).ok()?,
+        mimics: Vec::new(),
         safety: Safety { command_timeout: 0.1, reaction, damping, supply_min: 20.0, supply_max: 28.0 },
     })
 }

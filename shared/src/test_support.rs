@@ -67,10 +67,10 @@ pub fn finger() -> RobotModel {
             tip: Pose::IDENTITY,
             tip_radius: 0.0,
             force_sensor: None,
-            mimic: None,
         }])
         .expect("fits"),
         joints,
+        mimics: heapless::Vec::new(),
         safety: Safety {
             command_timeout: 0.1,
             reaction: Reaction::Hold,

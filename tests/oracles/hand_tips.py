@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes allegro_tips.csv and leap_tips.csv: fingertips of an operator whom robots/allegro and robots/leap can reproduce
+"""Makes allegro_tips.csv, leap_tips.csv and inspire_tips.csv: fingertips of an operator whom these hands can reproduce
 exactly, and where the robot's tips then are, by Pinocchio's forward kinematics along a slow motion of the joints: the
 fingers move, then the thumb pinches with each finger in turn, down to the distance at which the robot's tips touch.
 
@@ -8,11 +8,13 @@ the retargeting adds (Hand5 section 2.3), which is inverted here by bisection. T
 the hand; robot_ are the robot's in the frame of its base, relative to its thumb's.
 
     pip install numpy scipy pin
-    python3 tests/oracles/hand_tips.py
+    python3 tests/oracles/hand_tips.py [NAME ...]
 """
 
+import sys
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -21,10 +23,11 @@ from scipy.optimize import brentq, least_squares
 from data_file import DATA
 
 ROBOTS = Path(__file__).parent / "../../robots"
-FINGERS = ["thumb", "index", "middle", "ring"]
+FINGERS = ["thumb", "index", "middle", "ring", "little"]
 TIPS = {
     "allegro": ["link_15.0_tip", "link_3.0_tip", "link_7.0_tip", "link_11.0_tip"],
     "leap": ["thumb_tip", "index_tip", "middle_tip", "ring_tip"],
+    "inspire": [f"R_{finger}_tip" for finger in ("thumb", "index", "middle", "ring", "pinky")],
 }
 PERIOD = 1 / 30
 SECONDS = 3.0  # Of a motion there and back.
@@ -34,20 +37,36 @@ SMALLEST = 1e-4  # Gap of the operator's tips in a pinch.
 
 class Hand:
     def __init__(self, name):
-        self.model = pin.buildModelFromUrdf(str(ROBOTS / name / "robot.urdf"))
+        path = ROBOTS / name / "robot.urdf"
+        self.model = pin.buildModelFromUrdf(str(path))
         self.data = self.model.createData()
         self.frames = [self.model.getFrameId(tip) for tip in TIPS[name]]
         self.settings = tomllib.loads((ROBOTS / name / "retargeting.toml").read_text())
         # From the operator's frame of the hand to the robot's base.
         self.turn = pin.rpy.rpyToMatrix(*self.settings["rotation"])
-        self.lower, self.upper = self.model.lowerPositionLimit, self.model.upperPositionLimit
-        self.open = np.array([self.settings["posture"][joint] for joint in self.model.names[1:]])
+        # The angles of all joints are `couple` times those with a motor, plus `offset`: mimic joints follow.
+        mimics = {
+            joint.get("name"): joint.find("mimic")
+            for joint in ElementTree.parse(path).getroot().iter("joint")
+            if joint.find("mimic") is not None
+        }
+        names = list(self.model.names[1:])
+        self.driven = [joint for joint in names if joint not in mimics]
+        self.couple = np.array([[float(joint == other) for other in self.driven] for joint in names])
+        self.offset = np.zeros(len(names))
+        for joint, mimic in mimics.items():
+            row = names.index(joint)
+            self.couple[row, self.driven.index(mimic.get("joint"))] = float(mimic.get("multiplier", 1.0))
+            self.offset[row] = float(mimic.get("offset", 0.0))
+        own = [names.index(joint) for joint in self.driven]
+        self.lower, self.upper = self.model.lowerPositionLimit[own], self.model.upperPositionLimit[own]
+        self.open = np.array([self.settings["posture"][joint] for joint in self.driven])
         # All joints bend the fingers further when they go to these limits.
         bends = np.abs(self.upper) > np.abs(self.lower)
         self.closed = np.where(bends, self.upper, self.lower)
 
     def tips(self, q):
-        pin.framesForwardKinematics(self.model, self.data, q)
+        pin.framesForwardKinematics(self.model, self.data, self.couple @ q + self.offset)
         return np.array([self.data.oMf[frame].translation for frame in self.frames])
 
     def pinch(self, finger):
@@ -78,7 +97,7 @@ class Hand:
 
 
 def motion(hand):
-    closings = [hand.open + 0.2 * (hand.closed - hand.open)] + [hand.pinch(f) for f in (1, 2, 3)]
+    closings = [hand.open + 0.2 * (hand.closed - hand.open)] + [hand.pinch(f) for f in range(1, len(hand.frames))]
     frames = round(SECONDS / PERIOD)
     time = 0
     for closed in closings:
@@ -91,8 +110,9 @@ def motion(hand):
 
 def make(name):
     hand = Hand(name)
-    header = ["time"] + [f"{who}{finger}_{axis}" for who in ("", "robot_") for finger in FINGERS for axis in "xyz"]
-    lines, first, smallest = [",".join(header)], hand.tips(hand.open)[0], np.full(4, np.inf)
+    fingers = FINGERS[: len(hand.frames)]
+    header = ["time"] + [f"{who}{finger}_{axis}" for who in ("", "robot_") for finger in fingers for axis in "xyz"]
+    lines, first, smallest = [",".join(header)], hand.tips(hand.open)[0], np.full(len(hand.frames), np.inf)
     for time, q in motion(hand):
         tips = hand.tips(q)
         thumb = THUMB + hand.turn.T @ (tips[0] - first) / hand.settings["scale"]
@@ -105,5 +125,5 @@ def make(name):
 
 
 if __name__ == "__main__":
-    for robot in TIPS:
+    for robot in sys.argv[1:] or TIPS:
         make(robot)

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Makes robots/allegro/robot.urdf and robots/leap/robot.urdf from public descriptions, with the thumb first: its chain
-must be the first one of a hand that follows an operator. What robots.py drops is dropped. LEAP V1 KAIZEN has no frames in
-its tips: they are added in the middle of the soft tips, 7.5 mm before their end. Nothing else is changed.
+"""Makes robot.urdf of robots/allegro, robots/leap and robots/inspire from public descriptions, with the thumb first: its
+chain must be the first one of a hand that follows an operator. What robots.py drops is dropped. LEAP V1 KAIZEN has no frames in
+its tips: they are added in the middle of the soft tips, 7.5 mm before their end. The thumb of the Inspire hand bends as far as the
+limits of the joints that follow it allow. Nothing else is changed.
 
     pip download --no-deps -d DIR example-robot-data==6.0.0 ghand==0.1.0
     python3 tests/oracles/hands.py DIR
@@ -18,7 +19,7 @@ from robots import ERD, elements, end, subtree, write
 ROBOTS = Path(__file__).parent / "../../robots"
 
 
-def make(name, text, thumb, about, tips=()):
+def make(name, text, thumb, about, tips=(), limits=()):
     document = expatbuilder.parseString(text, namespaces=False)
     root = document.documentElement
     behind = subtree(root, thumb)
@@ -32,6 +33,10 @@ def make(name, text, thumb, about, tips=()):
         root.removeChild(node)
     for node in base + [n for n in rest if is_thumb(n)] + [n for n in rest if not is_thumb(n)]:
         root.appendChild(node)
+    for joint, lower, upper in limits:
+        [limit] = [n for node in rest if node.getAttribute("name") == joint for n in node.getElementsByTagName("limit")]
+        limit.setAttribute("lower", lower)
+        limit.setAttribute("upper", upper)
     about = textwrap.fill(
         f"{about} Stripped: shapes, materials, transmissions, plug-ins, comments; the thumb is first. "
         "Made by tests/oracles/hands.py.",
@@ -49,7 +54,20 @@ def make(name, text, thumb, about, tips=()):
     (ROBOTS / name / "robot.urdf").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def inspire():
+    make(
+        "inspire",
+        (Path(__file__).parent / "../robots/inspire_right.urdf").read_bytes(),
+        "R_thumb_proximal_base",
+        "Inspire hand, right. From tests/robots/inspire_right.urdf, which is inspire_right_hand.urdf of the PyPI package "
+        "fourier_robot_descriptions-0.2.7; upstream: FFTAI, fourier-robot-descriptions. Licence: Apache-2.0. The thumb bends "
+        "from 0 to 0.5 rad in place of -0.1 to 0.6: the joints that follow it cannot go further.",
+        limits=[("R_thumb_proximal_pitch_joint", "0", "0.5")],
+    )
+
+
 def main():
+    inspire()
     folder = Path(sys.argv[1])
     wheel = next(folder.glob("example_robot_data-6.0.0-*.whl"))
     make(

@@ -218,7 +218,7 @@ filter-time proportional integral derivative cutoff servo-inertia bandwidth obse
 damping supply-min supply-max rest-error
 chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
 tip-center-of-mass tip-radius mimic-joint mimic-multiplier mimic-offset mimic-force-sensor encoder-relative
-motor-resistance motor-inductance""".split()
+motor-resistance motor-inductance mimic-chain mimic-place""".split()
 
 
 def refusals():
@@ -242,7 +242,7 @@ def refusals():
         "model-not-physical": error(2, 9, -0.125, uint(5)),
         "model-count": error(None, 1, 8.0, uint(6) + real(9.0)),
         "model-not-unique": error(4, 3, 4.0, uint(7)),
-        "model-not-another-chains": error(8, 48, 7.0, uint(8)),
+        "model-no-such-joint": error(8, 48, 7.0, uint(8)),
         "model-not-supported": error(8, 49, 0.0, uint(9)),
         "model-board-limit": error(3, 0, 9.0, uint(10) + real(3.0)),
         "model-missing": error(2, 53, 0.0, uint(11)),

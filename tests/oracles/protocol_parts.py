@@ -91,9 +91,9 @@ def model(reaction):
         + real(0.2) + reals([0.4, 1.0, 0.01, 30.0]) + reals([2.1e-4, 50.0, 100.0]) + real(5e-4)  # servo
     )
     tip = (text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0)
-           + option(None) + option(None))
+           + option(None))
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
-    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety
+    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety + sequence([])
 
 
 FINGER = model(2)

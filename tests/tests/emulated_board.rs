@@ -109,11 +109,11 @@ fn model(name: &str) -> RobotModel {
             tip: Pose::IDENTITY,
             tip_radius: 0.0,
             force_sensor: None,
-            mimic: None,
         }]
         .into_iter()
         .collect(),
         joints: [joint].into_iter().collect(),
+        mimics: Default::default(),
         safety: Safety {
             command_timeout: 10.0,
             reaction: Reaction::Hold,

@@ -1,6 +1,6 @@
 use nalgebra::Isometry3;
 use serde::Serialize;
-use tesaki::model::{Pose, RobotModel};
+use tesaki::model::{ChainJoint, JointModel, MimicJoint, Pose, RobotModel};
 use tesaki_description::urdf::{RigidBody, Urdf, isometry};
 use urdf_rs::Geometry;
 
@@ -83,7 +83,7 @@ pub enum SolidShape {
 impl Scene {
     /// The robot of a model, without solids.
     pub fn new(model: &RobotModel) -> Self {
-        let own = |joint: &tesaki::model::JointModel, parent| SceneJoint {
+        let own = |joint: &JointModel, parent| SceneJoint {
             name: joint.name.to_string(),
             parent,
             origin: flat(&joint.origin),
@@ -92,29 +92,34 @@ impl Scene {
             torque: joint.limits.torque,
             follows: None,
         };
+        let follower = |name: &str, mimic: &MimicJoint, parent| SceneJoint {
+            name: format!("{name} (mimic)"),
+            parent,
+            origin: flat(&mimic.origin),
+            axis: mimic.axis,
+            limits: [0.0; 2],
+            torque: 0.0,
+            follows: Some((usize::from(mimic.joint), mimic.multiplier, mimic.offset)),
+        };
         let (mut joints, mut tips, mut mimics) = (Vec::new(), Vec::new(), Vec::new());
         let driven = model.joints.len();
-        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+        for (index, chain) in model.chains.iter().enumerate() {
             let mut parent = None;
-            if let Some(mimic) = &chain.mimic {
-                parent = Some(driven + mimics.len());
-                mimics.push(SceneJoint {
-                    name: format!("{} (mimic)", chain.name),
-                    parent: None,
-                    origin: flat(&mimic.origin),
-                    axis: mimic.axis,
-                    limits: [0.0; 2],
-                    torque: 0.0,
-                    follows: Some((usize::from(mimic.joint), mimic.multiplier, mimic.offset)),
-                });
-            }
-            for (index, joint) in model.joints.iter().enumerate().take(range.end).skip(range.start) {
-                joints.push(own(joint, parent));
-                parent = Some(index);
+            for joint in model.joints_of(index) {
+                parent = match joint {
+                    ChainJoint::Driven(index, joint) => {
+                        joints.push(own(joint, parent));
+                        Some(index)
+                    }
+                    ChainJoint::Mimic(mimic) => {
+                        mimics.push(follower(&chain.name, mimic, parent));
+                        Some(driven + mimics.len() - 1)
+                    }
+                };
             }
             tips.push(Tip {
                 name: chain.name.to_string(),
-                joint: range.end.saturating_sub(1),
+                joint: parent.unwrap_or(0),
                 pose: flat(&chain.tip),
                 radius: chain.tip_radius,
                 sensor: chain.force_sensor.is_some(),
@@ -150,7 +155,7 @@ impl Scene {
             }
         }
         for (behind, place) in &body.joints {
-            let index = self.index(urdf, behind).or_else(|| self.add_follower(behind, joint, place));
+            let index = self.index(behind, joint, place).or_else(|| self.add_follower(behind, joint, place));
             if let Some(index) = index {
                 self.collect(urdf, &behind.child.link, Some(index));
             }
@@ -180,15 +185,19 @@ impl Scene {
         Some(self.joints.len() - 1)
     }
 
-    /// The joint of the model for one of the URDF. A mimic joint has no name there: it is the one that carries
-    /// the next joint.
-    fn index(&self, urdf: &Urdf, joint: &urdf_rs::Joint) -> Option<usize> {
-        let named = |name: &str| self.joints.iter().take(self.driven).position(|other| other.name == name);
-        named(&joint.name).or_else(|| {
-            let behind = RigidBody::new(&urdf.robot, &joint.child.link);
-            let next = behind.joints.iter().find_map(|(joint, _)| named(&joint.name))?;
-            self.joints.get(next)?.parent.filter(|&parent| parent >= self.driven)
-        })
+    /// The joint of the model for one of the URDF, behind `parent` at `place`. A mimic joint has no name there: it is the
+    /// one with the same place.
+    fn index(&self, joint: &urdf_rs::Joint, parent: Option<usize>, place: &Isometry3<f64>) -> Option<usize> {
+        let origin = of_isometry(&(place * isometry(&joint.origin)));
+        let same = |other: &SceneJoint| {
+            let near = |(one, other): (&f32, &f32)| (one - other).abs() < 1e-6;
+            other.parent == parent && other.origin.iter().zip(&origin).all(near)
+        };
+        let (driven, mimics) = self.joints.split_at_checked(self.driven)?;
+        match &joint.mimic {
+            None => driven.iter().position(|other| other.name == joint.name),
+            Some(_) => mimics.iter().position(same).map(|index| self.driven + index),
+        }
     }
 }
 
@@ -232,6 +241,7 @@ mod tests {
             ("arm7", 7, 7, 1, 9),
             ("hand5", 16, 19, 5, 22),
             ("knob-arm", 7, 9, 1, 10),
+            ("inspire", 6, 12, 5, 0),
         ] {
             let robot = folder(name);
             let scene = Scene::new(&robot.model).with_solids(&robot.urdf);

@@ -2,8 +2,8 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainModel, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError, ObserverGains, PidGains,
-    Pose, RobotModel, ServoGains,
+    ChainJoint, ChainModel, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError, ObserverGains,
+    PidGains, Pose, RobotModel, ServoGains,
 };
 
 use super::settings::{JointSettings, Settings};
@@ -19,6 +19,7 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
         gravity: settings.gravity,
         chains: heapless::Vec::new(),
         joints: heapless::Vec::new(),
+        mimics: heapless::Vec::new(),
         safety: settings.safety,
     };
     for chain in chains {
@@ -35,27 +36,27 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
                 mass: chain.mass,
                 center_of_mass: chain.center_of_mass,
             }),
-            mimic: match &chain.mimic {
-                Some(mimic) => Some(mimic_joint(mimic, chains)?),
-                None => None,
-            },
         };
         model.chains.push(tip).ok()?;
-        let first = model.joints.len();
         for joint in &chain.joints {
             let own = settings.joints.get(&joint.name)?;
             model.joints.push(joint_model(joint, own)?).ok()?;
         }
-        complete_gains(&mut model.joints[first..], &chain.pose, settings);
+        for mimic in &chain.mimics {
+            model.mimics.push(mimic_joint(mimic, model.chains.len() - 1, chains)?).ok()?;
+        }
     }
+    complete_gains(&mut model, settings);
     add_mimics(&mut model, chains, settings);
     Some(model)
 }
 
-fn mimic_joint(mimic: &SerialMimic, chains: &[SerialChain]) -> Option<MimicJoint> {
+fn mimic_joint(mimic: &SerialMimic, chain: usize, chains: &[SerialChain]) -> Option<MimicJoint> {
     let mut joints = chains.iter().flat_map(|chain| &chain.joints);
     let SerialJoint { origin, axis, link, .. } = mimic.joint;
     Some(MimicJoint {
+        chain: u8::try_from(chain).ok()?,
+        place: u8::try_from(mimic.place).ok()?,
         joint: u8::try_from(joints.position(|joint| joint.name == mimic.follows)?).ok()?,
         multiplier: mimic.multiplier,
         offset: mimic.offset,
@@ -65,33 +66,52 @@ fn mimic_joint(mimic: &SerialMimic, chains: &[SerialChain]) -> Option<MimicJoint
     })
 }
 
+/// The torques of all joints of a chain for 1 rad/s² at the one of them at `place`, all joints with a motor in the middle
+/// of their ranges: a column of the mass matrix.
+fn inertia_column(model: &RobotModel, chain: usize, place: usize) -> Vec<f32> {
+    let middle = |joint: &JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
+    let middle: Vec<f32> = model.joints.iter().map(middle).collect();
+    let angles = model.chain_angles(chain, &middle);
+    let (rest, mut torques) = (vec![0.0; angles.len()], vec![0.0; angles.len()]);
+    let mut acceleration = rest.clone();
+    acceleration[place] = 1.0;
+    let gravity = nalgebra::Vector3::zeros();
+    Chain::of_model(model, chain).inverse_dynamics(&gravity, &angles, &rest, &acceleration, &mut torques);
+    torques
+}
+
 /// Adds the friction and the inertia of mimic joints to the joints that drive them.
 fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Settings) {
-    let chain_models = model.chains.clone();
-    let ranges: Vec<_> = model.chain_ranges().collect();
-    for ((serial, chain), range) in chains.iter().zip(&chain_models).zip(ranges) {
-        let (Some(of), Some(mimic)) = (&serial.mimic, &chain.mimic) else { continue };
-        let joints = &model.joints[range];
-        let shape = Chain::of_model(chain, joints);
-        let limits = |joint: &JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
-        let middle: Vec<f32> = std::iter::once(0.0).chain(joints.iter().map(limits)).collect();
-        let (rest, mut torques) = (vec![0.0; middle.len()], vec![0.0; middle.len()]);
-        let mut acceleration = rest.clone();
-        acceleration[0] = 1.0;
-        shape.inverse_dynamics(&nalgebra::Vector3::zeros(), &middle, &rest, &acceleration, &mut torques);
-        let Some(driving) = model.joints.get_mut(usize::from(mimic.joint)) else { continue };
-        let ratio = mimic.multiplier;
-        driving.friction.coulomb += ratio.abs() * of.joint.friction.coulomb;
-        driving.friction.viscous += ratio * ratio * of.joint.friction.viscous;
-        let own = settings.joints.get(driving.name.as_str()).and_then(|own| own.servo.inertia);
-        let before = driving.servo.observer.inertia;
-        if own.is_none() && before > 0.0 {
-            let inertia = before + ratio * ratio * torques[0];
-            let PidGains { proportional, integral, derivative, .. } = &mut driving.servo.pid;
-            for gain in [proportional, integral, derivative] {
-                *gain *= inertia / before;
+    for (index, serial) in chains.iter().enumerate() {
+        for of in &serial.mimics {
+            let place = of.place;
+            let column = inertia_column(model, index, place);
+            let ratios = model.joints_of(index).map(|joint| match joint {
+                ChainJoint::Driven(joint, _) => (joint, 1.0, true),
+                ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier, false),
+            });
+            let ratios: Vec<(usize, f32, bool)> = ratios.collect();
+            let Some(&(leader, ratio, _)) = ratios.get(place) else { continue };
+            // Of the joints of this chain that move with it; the leader has no such column of its own and counts twice.
+            let moving = ratios.iter().zip(&column).filter(|((joint, ..), _)| *joint == leader);
+            let added: f32 = moving
+                .map(|(&(_, other, is_leader), torque)| {
+                    ratio * other * if is_leader { 2.0 * torque } else { *torque }
+                })
+                .sum();
+            let Some(driving) = model.joints.get_mut(leader) else { continue };
+            driving.friction.coulomb += ratio.abs() * of.joint.friction.coulomb;
+            driving.friction.viscous += ratio * ratio * of.joint.friction.viscous;
+            let own = settings.joints.get(driving.name.as_str()).and_then(|own| own.servo.inertia);
+            let before = driving.servo.observer.inertia;
+            if own.is_none() && before > 0.0 {
+                let inertia = before + added;
+                let PidGains { proportional, integral, derivative, .. } = &mut driving.servo.pid;
+                for gain in [proportional, integral, derivative] {
+                    *gain *= inertia / before;
+                }
+                driving.servo.observer.inertia = inertia;
             }
-            driving.servo.observer.inertia = inertia;
         }
     }
 }
@@ -106,7 +126,8 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         alone.joints.clear();
         alone.chains.truncate(1);
         let Some(chain) = alone.chains.first_mut() else { return };
-        (chain.joints, chain.tip, chain.force_sensor, chain.mimic) = (1, Pose::IDENTITY, None, None);
+        (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
+        alone.mimics.clear();
         let _ = alone.joints.push(joint.clone());
         match alone.validate() {
             Err(error) if error.joint.is_some() => found.push((Some(joint), error)),
@@ -149,9 +170,11 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
             "correct the <origin> of the joint"
         }
         Field::Axis => "mend its <axis>",
-        Field::MimicJoint | Field::MimicMultiplier | Field::MimicOffset => {
-            "mend <mimic joint=\"…\" multiplier=\"…\" offset=\"…\"/> of the first joint of the chain"
-        }
+        Field::MimicJoint
+        | Field::MimicMultiplier
+        | Field::MimicOffset
+        | Field::MimicChain
+        | Field::MimicPlace => "mend <mimic joint=\"…\" multiplier=\"…\" offset=\"…\"/> in the chain of the joint",
         Field::TipRadius => "mend the <sphere> of the tip",
         Field::TipMass | Field::TipCenterOfMass => "mend <inertial> of the tip",
         Field::Mass | Field::CenterOfMass | Field::Inertia => "mend <inertial> of the links behind it",
@@ -220,20 +243,21 @@ pub fn correct(urdf: &mut Urdf, settings: &Settings) {
     }
 }
 
-/// Gains are given per inertia: fills in the inertia that each joint of the chain feels in the middle of its
-/// range.
-fn complete_gains(joints: &mut [JointModel], tip: &Pose, settings: &Settings) {
-    let chain = Chain::new(joints, tip);
-    let middle: Vec<f32> =
-        joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
-    let rest = vec![0.0; joints.len()];
-    for index in 0..joints.len() {
-        let (mut acceleration, mut torques) = (rest.clone(), rest.clone());
-        acceleration[index] = 1.0;
-        chain.inverse_dynamics(&nalgebra::Vector3::zeros(), &middle, &rest, &acceleration, &mut torques);
-        let joint = &mut joints[index];
+/// Gains are given per inertia: fills in the inertia that each joint feels in the middle of the ranges, without that of
+/// mimic joints which move with it.
+fn complete_gains(model: &mut RobotModel, settings: &Settings) {
+    let mut inertias = Vec::new();
+    for chain in 0..model.chains.len() {
+        for (place, joint) in model.joints_of(chain).enumerate() {
+            if let ChainJoint::Driven(index, _) = joint {
+                inertias.push((index, inertia_column(model, chain, place)[place]));
+            }
+        }
+    }
+    for (index, inertia) in inertias {
+        let joint = &mut model.joints[index];
         let own = settings.joints.get(joint.name.as_str()).and_then(|own| own.servo.inertia);
-        let inertia = own.unwrap_or(torques[index] + joint.motor.rotor_inertia);
+        let inertia = own.unwrap_or(inertia + joint.motor.rotor_inertia);
         let PidGains { proportional, integral, derivative, cutoff } = joint.servo.pid;
         joint.servo.pid = PidGains {
             proportional: proportional * inertia,

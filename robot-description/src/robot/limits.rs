@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn the_limits_of_our_robots_are_plausible() {
-        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap"] {
+        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
             assert_eq!(implausible_limits(&robot(name)), [], "{name}");
         }
     }

@@ -1,16 +1,17 @@
 //! What a robot folder can hold, but no machine is likely to have.
 
+use core::ops::Range;
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use tesaki::kinematics::Chain;
-use tesaki::model::{ChainModel, JointModel, Pose, RobotModel};
+use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
 use super::limits::{ImplausibleLimit, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
-use crate::load::{JointLoad, gravity_torques, joint_loads};
+use crate::load::{CoupledChain, Drive, JointLoad};
 use crate::plant::PlantValues;
 use crate::urdf::{RigidBody, Urdf};
 
@@ -63,9 +64,10 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
             start = Some((values.posture, text));
         }
     }
-    for (chain, range) in folder.model.chains.iter().zip(folder.model.chain_ranges()) {
+    for (index, range) in folder.model.chain_ranges().enumerate() {
+        let chain = coupled_chain(&folder.model, index, &range);
         let joints = folder.model.joints.get(range).unwrap_or_default();
-        of_chain(chain, joints, &folder.model.gravity, start.as_ref(), &mut reports);
+        of_chain(&chain, joints, &folder.model.gravity, start.as_ref(), &mut reports);
     }
     for limit in implausible_limits(&folder.model) {
         of_limit(&folder.model, limit, &mut reports);
@@ -150,16 +152,15 @@ impl Reports<'_> {
 type Start<'a> = (BTreeMap<String, f64>, &'a str);
 
 fn of_chain(
-    model: &ChainModel,
+    chain: &CoupledChain,
     joints: &[JointModel],
     gravity: &[f32; 3],
     start: Option<&Start<'_>>,
     reports: &mut Reports<'_>,
 ) {
-    let chain = Chain::new(&on_fixed_base(model, joints), &model.tip);
     let limits: Vec<(f32, f32)> =
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let loads = joint_loads(&chain, gravity, &limits);
+    let loads = chain.joint_loads(gravity, &limits);
     for (joint, load) in joints.iter().zip(&loads) {
         rotor(joint, reports);
         motor(joint, joints, load, reports);
@@ -170,8 +171,7 @@ fn of_chain(
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
     let angle = |joint: &JointModel| posture.get(joint.name.as_str()).copied().unwrap_or(0.0) as f32;
     let angles: Vec<f32> = joints.iter().map(angle).collect();
-    for ((joint, &angle), torque) in joints.iter().zip(&angles).zip(gravity_torques(&chain, gravity, &angles))
-    {
+    for ((joint, &angle), torque) in joints.iter().zip(&angles).zip(chain.gravity_torques(gravity, &angles)) {
         let line = line_of(text, &format!("posture.{}", joint.name)).or_else(|| line_of(text, "posture"));
         let (lower, upper) = (joint.limits.lower, joint.limits.upper);
         if angle < lower || angle > upper {
@@ -206,22 +206,20 @@ fn of_chain(
     }
 }
 
-/// The joints of a chain whose mimic joint is held where it stands when the joint that it follows is at 0.
-fn on_fixed_base(model: &ChainModel, joints: &[JointModel]) -> Vec<JointModel> {
-    let mut joints = joints.to_vec();
-    let (Some(mimic), Some(first)) = (&model.mimic, joints.first_mut()) else { return joints };
-    let place = |pose: &Pose| {
-        let [x, y, z, w] = pose.rotation;
-        Isometry3::from_parts(
-            Vector3::from(pose.translation).into(),
-            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
-        )
+/// A chain of the model. Joints that follow those of another chain are held where they stand when these are at 0.
+fn coupled_chain(model: &RobotModel, index: usize, range: &Range<usize>) -> CoupledChain {
+    let drive = |joint| match joint {
+        ChainJoint::Driven(joint, _) => Drive::own(joint - range.start),
+        ChainJoint::Mimic(mimic) => Drive {
+            joint: Some(usize::from(mimic.joint))
+                .filter(|joint| range.contains(joint))
+                .map(|joint| joint - range.start),
+            multiplier: mimic.multiplier,
+            offset: mimic.offset,
+        },
     };
-    let turn = UnitQuaternion::new(Vector3::from(mimic.axis) * mimic.offset);
-    let origin = place(&mimic.origin) * turn * place(&first.origin);
-    first.origin =
-        Pose { translation: origin.translation.vector.into(), rotation: origin.rotation.coords.into() };
-    joints
+    let drives = model.joints_of(index).map(drive).collect();
+    CoupledChain { chain: Chain::of_model(model, index), drives, rotors: Vec::new() }
 }
 
 /// The name of a joint as a key in TOML.

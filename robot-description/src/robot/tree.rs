@@ -2,7 +2,7 @@
 
 use nalgebra::Isometry3;
 use tesaki::model::{
-    Friction, Inertial, JointLimits, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MAX_NAME, Pose,
+    Friction, Inertial, JointLimits, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MAX_MIMICS, MAX_NAME, Pose,
 };
 use urdf_rs::{Geometry, Joint, JointType, Link};
 
@@ -19,10 +19,12 @@ pub struct SerialJoint {
     pub friction: Friction,
 }
 
-/// The first joint of a chain, when it has no motor and follows a joint of another chain.
+/// A joint of a chain that has no motor and follows another joint.
 pub struct SerialMimic {
     pub joint: SerialJoint,
-    /// The joint that it follows.
+    /// How many joints of the chain are before it.
+    pub place: usize,
+    /// The joint with a motor that it follows, through other mimic joints too.
     pub follows: String,
     pub multiplier: f32,
     pub offset: f32,
@@ -30,9 +32,10 @@ pub struct SerialMimic {
 
 /// Moving joints in series, and what they end in.
 pub struct SerialChain {
-    /// The joint before `joints` that follows a joint of another chain.
-    pub mimic: Option<SerialMimic>,
+    /// Its joints with a motor.
     pub joints: Vec<SerialJoint>,
+    /// Those without.
+    pub mimics: Vec<SerialMimic>,
     /// The link at its end: of those that are fixed to the last body and carry nothing, the one farthest from
     /// its joint; the last in the file of several that are as far.
     pub tip: String,
@@ -43,6 +46,17 @@ pub struct SerialChain {
     pub center_of_mass: [f32; 3],
     /// Radius of the sphere about its origin [m]; 0 without one.
     pub radius: f32,
+}
+
+impl SerialChain {
+    /// All joints, base to tip; those without motor with what they follow.
+    pub fn all(&self) -> Vec<(&SerialJoint, Option<&SerialMimic>)> {
+        let mut all: Vec<_> = self.joints.iter().map(|joint| (joint, None)).collect();
+        for mimic in &self.mimics {
+            all.insert(mimic.place.min(all.len()), (&mimic.joint, Some(mimic)));
+        }
+        all
+    }
 }
 
 /// The chains that leave the base, each from base to tip, in the order of the file. What no controller can
@@ -57,7 +71,7 @@ pub fn serial_chains(urdf: &Urdf, report: &mut Report) -> Vec<SerialChain> {
 }
 
 fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report) -> SerialChain {
-    let (mut joints, mut mimic) = (Vec::new(), None);
+    let (mut joints, mut mimics) = (Vec::<SerialJoint>::new(), Vec::<SerialMimic>::new());
     let mut tip = None;
     let mut next = Some((first, offset));
     while let Some((joint, offset)) = next {
@@ -72,23 +86,27 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
             let advice = "put one of them into its own robot folder; `tesaki eval` computes each tip";
             report.dynamics(urdf.line_of_joint(&other.name), message, advice);
         }
-        let is_first = mimic.is_none() && joints.is_empty();
-        driven(urdf, joint, is_first, report);
+        revolute(urdf, joint, report);
         next = body.joints.first().copied();
         let serial = serial_joint(joint, &offset, &body);
-        match joint.mimic.as_ref().filter(|_| is_first) {
+        match &joint.mimic {
             Some(of) => {
-                mimic = serial.map(|joint| SerialMimic {
+                let place = joints.len() + mimics.len();
+                let direct = (of.joint.as_str(), of.multiplier.unwrap_or(1.0), of.offset.unwrap_or(0.0));
+                let (follows, multiplier, offset) =
+                    urdf.mimicked(joint).map_or(direct, |(leader, ratio, offset)| (&leader.name, ratio, offset));
+                mimics.extend(serial.map(|joint| SerialMimic {
                     joint,
-                    follows: of.joint.clone(),
-                    multiplier: narrow(of.multiplier.unwrap_or(1.0)),
-                    offset: narrow(of.offset.unwrap_or(0.0)),
-                });
+                    place,
+                    follows: follows.to_owned(),
+                    multiplier: narrow(multiplier),
+                    offset: narrow(offset),
+                }));
             }
             None => joints.extend(serial),
         }
     }
-    if let Some(joint) = joints.last().filter(|joint: &&SerialJoint| joint.link.mass <= 0.0) {
+    if let Some(joint) = joints.last().filter(|joint| mimics.is_empty() && joint.link.mass <= 0.0) {
         let message = format!("joint {} moves no mass", joint.name);
         let advice = "give the links behind it <inertial>: they are needed for the feed-forward of gravity and inertia";
         report.warning(urdf.line_of_joint(&joint.name), message, advice);
@@ -97,8 +115,8 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
     let (link, place) = tip.unzip();
     let inertial = link.map(|link| &link.inertial);
     SerialChain {
-        mimic,
         joints,
+        mimics,
         tip: link.map_or_else(String::new, |link| link.name.clone()),
         pose: pose(&place.unwrap_or_else(Isometry3::identity)),
         mass: narrow(inertial.map_or(0.0, |inertial| inertial.mass.value)),
@@ -136,22 +154,18 @@ fn sphere(link: &Link) -> Option<f64> {
     })
 }
 
-/// Reports a mimic joint that no motor of another chain can move.
+/// Reports a mimic joint that no motor can move.
 fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let driven = || chains.iter().flat_map(|chain| &chain.joints);
-    for chain in chains {
-        let Some(SerialMimic { joint, follows, multiplier, offset }) = &chain.mimic else { continue };
+    for (chain, mimic) in chains.iter().flat_map(|chain| chain.mimics.iter().map(move |mimic| (chain, mimic))) {
+        let SerialMimic { joint, follows, multiplier, offset, .. } = mimic;
         let line = urdf.line_of_joint(&joint.name);
         let name = &joint.name;
         let names: Vec<&str> = driven().map(|joint| joint.name.as_str()).collect();
-        let own = chain.joints.iter().any(|joint| joint.name == *follows);
         let followed = driven().find(|joint| joint.name == *follows);
         if chain.joints.is_empty() {
-            let message = format!("joint {name} mimics {follows} and has no joint with a motor behind it");
+            let message = format!("joint {name} mimics {follows}, and its chain has no joint with a motor");
             report.dynamics(line, message, "make it fixed, or remove <mimic> if it has a motor of its own");
-        } else if own {
-            let message = format!("joint {name} mimics {follows}, which is behind it");
-            report.dynamics(line, message, "a controller couples joints of different chains only");
         } else if let Some(followed) = followed {
             let ends = [followed.limits.lower, followed.limits.upper].map(|end| multiplier * end + offset);
             let (least, most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
@@ -176,16 +190,10 @@ fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     }
 }
 
-/// Reports a joint that has no rotary motor with limits, unless it is the first of a chain and follows
-/// another.
-fn driven(urdf: &Urdf, joint: &Joint, is_first: bool, report: &mut Report) {
+/// Reports a joint that is not rotary with limits.
+fn revolute(urdf: &Urdf, joint: &Joint, report: &mut Report) {
     let line = urdf.line_of_joint(&joint.name);
-    if let Some(mimic) = joint.mimic.as_ref().filter(|_| !is_first) {
-        let message = format!("joint {} mimics {}: it has no motor to drive", joint.name, mimic.joint);
-        let advice = "`tesaki eval` computes it; for a controller only the first joint of a chain can mimic: remove \
-            <mimic> if it has a motor of its own, or make it fixed";
-        report.dynamics(line, message, advice);
-    } else if joint.joint_type != JointType::Revolute {
+    if joint.joint_type != JointType::Revolute {
         let message = format!("joint {} is of type {:?}", joint.name, joint.joint_type);
         report.dynamics(
             line,
@@ -231,9 +239,10 @@ fn sizes(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let line = Some(urdf.line());
     most(line, "chains leave the base", chains.len(), MAX_CHAINS);
     most(line, "joints", all, MAX_JOINTS);
+    most(line, "mimic joints", chains.iter().map(|chain| chain.mimics.len()).sum(), MAX_MIMICS);
     for chain in chains {
         let line = urdf.line_of_link(&chain.tip);
-        let count = chain.joints.len() + usize::from(chain.mimic.is_some());
+        let count = chain.joints.len() + chain.mimics.len();
         most(line, &format!("joints in the chain of {}", chain.tip), count, MAX_CHAIN_JOINTS);
     }
     if all == 0 {

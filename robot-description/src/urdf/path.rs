@@ -243,6 +243,11 @@ impl Urdf {
         })
     }
 
+    /// As `leader`; `None` when there is none, which has been told.
+    pub(crate) fn mimicked<'a>(&'a self, joint: &'a Joint) -> Option<(&'a Joint, f64, f64)> {
+        self.leader(joint).ok()
+    }
+
     /// The joint that `joint` follows in the end, itself when it mimics none, with multiplier and offset.
     fn leader<'a>(&'a self, joint: &'a Joint) -> Result<(&'a Joint, f64, f64), Refused> {
         let refused = |message| Refused::new(self.line_of_joint(&joint.name), message);

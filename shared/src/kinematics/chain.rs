@@ -3,7 +3,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, Un
 
 use super::Posture;
 use crate::math;
-use crate::model::{ChainModel, Inertial, JointModel, MAX_CHAIN_JOINTS, Pose};
+use crate::model::{ChainJoint, Inertial, JointModel, MAX_CHAIN_JOINTS, Pose, RobotModel};
 
 /// A serial chain of revolute joints with its mass distribution, preprocessed for computation.
 ///
@@ -63,11 +63,11 @@ impl Chain {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
 
-    /// A chain of a validated model with its own `joints`, behind its mimic joint if it has one.
-    pub fn of_model(model: &ChainModel, joints: &[JointModel]) -> Self {
-        let mimic = model.mimic.iter().map(|mimic| (&mimic.origin, &mimic.axis, &mimic.link));
-        let own = joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
-        Self::from_links(mimic.chain(own), &model.tip)
+    /// A chain of a validated model with all its joints, those without motor included; without joints if the model has
+    /// no such chain.
+    pub fn of_model(model: &RobotModel, chain: usize) -> Self {
+        let tip = model.chains.get(chain).map_or(&Pose::IDENTITY, |chain| &chain.tip);
+        Self::from_links(model.joints_of(chain).map(ChainJoint::body), tip)
     }
 
     /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis

@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::{Chain, Posture};
 use crate::math::{self, abs};
-use crate::model::{MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, RobotModel};
+use crate::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MimicJoint, RobotModel};
 
 /// Maximum number of fingers of a [`Hand`].
 pub const MAX_FINGERS: usize = 5;
@@ -196,22 +196,21 @@ impl Hand {
     /// There are more than [`MAX_FINGERS`] chains, or two joints that move several of them.
     pub fn of_model(model: &RobotModel, pointing: [f32; 3]) -> Result<Self, InvalidHand> {
         let mut couplings: Vec<Vec<Coupling, MAX_CHAIN_JOINTS>, MAX_CHAINS> = Vec::new();
-        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
-            let mimic = chain.mimic.iter().map(|mimic| Coupling {
-                actuated: mimic.joint,
-                multiplier: mimic.multiplier,
-                offset: mimic.offset,
-            });
+        for chain in 0..model.chains.len() {
             #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
-            let own = range.map(|joint| Coupling::direct(joint as u8));
-            // A validated model has no longer chain, and no more chains.
-            let _ = couplings.push(mimic.chain(own).take(MAX_CHAIN_JOINTS).collect());
+            let coupling = |joint| match joint {
+                ChainJoint::Driven(index, _) => Coupling::direct(index as u8),
+                ChainJoint::Mimic(&MimicJoint { joint, multiplier, offset, .. }) => {
+                    Coupling { actuated: joint, multiplier, offset }
+                }
+            };
+            // A validated model has no more chains.
+            let _ = couplings.push(model.joints_of(chain).map(coupling).collect());
         }
         let limits: Vec<(f32, f32), MAX_JOINTS> =
             model.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-        let chains = model.chains.iter().zip(model.chain_ranges()).zip(&couplings);
-        let fingers = chains.map(|((chain, range), couplings)| FingerDescription {
-            chain: Chain::of_model(chain, model.joints.get(range).unwrap_or_default()),
+        let fingers = couplings.iter().enumerate().map(|(chain, couplings)| FingerDescription {
+            chain: Chain::of_model(model, chain),
             couplings,
             limits: [None; MAX_CHAIN_JOINTS].get(..couplings.len()).unwrap_or_default(),
             pointing,

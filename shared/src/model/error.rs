@@ -79,6 +79,8 @@ pub enum Field {
     EncoderRelative,
     MotorResistance,
     MotorInductance,
+    MimicChain,
+    MimicPlace,
 }
 
 impl Field {
@@ -140,6 +142,8 @@ impl Field {
             Self::EncoderRelative => "encoder.relative",
             Self::MotorResistance => "motor.resistance",
             Self::MotorInductance => "motor.inductance",
+            Self::MimicChain => "chain of a mimic joint",
+            Self::MimicPlace => "place of a mimic joint in its chain",
         }
     }
 }
@@ -165,8 +169,8 @@ pub enum Problem {
     Count(f32),
     /// 7: empty, or the same as another's.
     NotUnique,
-    /// 8: not a joint of another chain.
-    NotAnotherChains,
+    /// 8: not a joint of the robot.
+    NoSuchJoint,
     /// 9: cannot be, or is not supported.
     NotSupported,
     /// 10: more than this board has or bears: the limit given.
@@ -188,7 +192,7 @@ impl fmt::Display for Problem {
             }
             Self::Count(expected) => write!(f, "does not fit: {expected} expected"),
             Self::NotUnique => write!(f, "must be a name of its own"),
-            Self::NotAnotherChains => write!(f, "must be a joint of another chain"),
+            Self::NoSuchJoint => write!(f, "must be a joint with a motor"),
             Self::NotSupported => write!(f, "is not supported"),
             Self::Missing => write!(f, "is not given: this board cannot do without"),
             Self::BoardLimit(limit) => write!(f, "is more than this board can do: {limit}"),

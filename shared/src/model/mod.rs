@@ -10,7 +10,7 @@
 //!   runs;
 //! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
 //!   the frame of the link before it;
-//! - *mimic joint*: a joint without motor that follows another joint;
+//! - *mimic joint*: a joint without motor that follows one with a motor, of the same chain or another;
 //! - *reflected*: seen from the joint, that is, through the gear.
 
 mod error;
@@ -29,6 +29,8 @@ pub const MAX_JOINTS: usize = 16;
 pub const MAX_CHAIN_JOINTS: usize = 7;
 /// Maximum number of chains of one robot.
 pub const MAX_CHAINS: usize = 6;
+/// Maximum number of mimic joints of one robot: two for each of five fingers.
+pub const MAX_MIMICS: usize = 10;
 /// Maximum length of a name [bytes].
 pub const MAX_NAME: usize = 32;
 
@@ -45,6 +47,8 @@ pub struct RobotModel {
     pub joints: Vec<JointModel, MAX_JOINTS>,
     /// Supervision limits and the reaction to faults.
     pub safety: Safety,
+    /// Joints of the chains that have no motor.
+    pub mimics: Vec<MimicJoint, MAX_MIMICS>,
 }
 
 /// A run of consecutive joints in series.
@@ -52,35 +56,64 @@ pub struct RobotModel {
 pub struct ChainModel {
     /// Name of its tip (fingertip, hand), as of the link in the URDF.
     pub name: String<MAX_NAME>,
-    /// Number of its own joints in [`RobotModel::joints`]; with the mimic joint 1 to [`MAX_CHAIN_JOINTS`].
+    /// Number of its own joints in [`RobotModel::joints`], at least 1; with its mimic joints at most
+    /// [`MAX_CHAIN_JOINTS`].
     pub joints: u8,
     /// The tip's frame in the frame of the last joint.
     pub tip: Pose,
     /// Radius of a spherical tip centred on the tip's frame [m]; 0 for any other shape.
     pub tip_radius: f32,
-    /// The force sensor between the last link and the tip, if any.
+    /// The force sensor between the last link and the tip, if any; none with a mimic joint.
     pub force_sensor: Option<ForceSensor>,
-    /// The joint between the base and its first own joint that the motor of another chain moves, if any. Such
-    /// a chain has no force sensor.
-    pub mimic: Option<MimicJoint>,
 }
 
-/// A joint without motor, coupled to a joint of another chain by a linkage, as the fingers of a hand that one
-/// actuator spreads: angle = `multiplier` · angle of that joint + `offset` (`<mimic>` of URDF).
+/// A joint without motor, coupled to another joint by a linkage: an outer joint that follows the inner one of the same
+/// finger, or the first joints of fingers that one actuator spreads. Its angle = `multiplier` · angle of that joint +
+/// `offset` (`<mimic>` of URDF).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct MimicJoint {
-    /// The joint that it follows, as index into [`RobotModel::joints`].
+    /// Its chain, as index into [`RobotModel::chains`].
+    pub chain: u8,
+    /// How many joints of that chain, mimic joints included, are before it.
+    pub place: u8,
+    /// The joint that it follows, of the same chain or another one, as index into [`RobotModel::joints`].
     pub joint: u8,
     /// Ratio of the velocities; not 0.
     pub multiplier: f32,
     /// Angle at which it stands when the other is at 0 [rad].
     pub offset: f32,
-    /// Joint frame in the frame of the base at angle 0.
+    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle 0.
     pub origin: Pose,
     /// Axis of rotation in the joint frame; a unit vector.
     pub axis: [f32; 3],
     /// Mass distribution of the link behind it, in the joint frame.
     pub link: Inertial,
+}
+
+impl MimicJoint {
+    /// Its angle when the joint that it follows is at `angle` [rad].
+    pub fn angle(&self, angle: f32) -> f32 {
+        self.multiplier * angle + self.offset
+    }
+}
+
+/// A joint of a chain.
+#[derive(Clone, Copy, Debug)]
+pub enum ChainJoint<'a> {
+    /// One with a motor, and its index into [`RobotModel::joints`].
+    Driven(usize, &'a JointModel),
+    /// One without.
+    Mimic(&'a MimicJoint),
+}
+
+impl<'a> ChainJoint<'a> {
+    /// Joint frame, axis and mass distribution.
+    pub const fn body(self) -> (&'a Pose, &'a [f32; 3], &'a Inertial) {
+        match self {
+            Self::Driven(_, JointModel { origin, axis, link, .. })
+            | Self::Mimic(MimicJoint { origin, axis, link, .. }) => (origin, axis, link),
+        }
+    }
 }
 
 /// A six-axis force sensor between the last link and the tip. It measures the wrench on the tip at the origin
@@ -279,6 +312,34 @@ pub enum Reaction {
 }
 
 impl RobotModel {
+    /// The mimic joints of a chain.
+    pub fn mimics_of(&self, chain: usize) -> impl Iterator<Item = &MimicJoint> {
+        self.mimics.iter().filter(move |mimic| usize::from(mimic.chain) == chain)
+    }
+
+    /// All joints of a chain of a validated model, base to tip.
+    pub fn joints_of(&self, chain: usize) -> impl Iterator<Item = ChainJoint<'_>> {
+        let mut own = self.chain_ranges().nth(chain).unwrap_or(0..0);
+        (0..MAX_CHAIN_JOINTS).map_while(move |place| {
+            if let Some(mimic) = self.mimics_of(chain).find(|mimic| usize::from(mimic.place) == place) {
+                return Some(ChainJoint::Mimic(mimic));
+            }
+            let index = own.next()?;
+            Some(ChainJoint::Driven(index, self.joints.get(index)?))
+        })
+    }
+
+    /// The angles of all joints of a chain [rad], base to tip, at those of the joints with a motor. Missing ones count
+    /// as 0.
+    pub fn chain_angles(&self, chain: usize, angles: &[f32]) -> Vec<f32, MAX_CHAIN_JOINTS> {
+        let of = |joint: usize| angles.get(joint).copied().unwrap_or(0.0);
+        let angle = |joint| match joint {
+            ChainJoint::Driven(index, _) => of(index),
+            ChainJoint::Mimic(mimic) => mimic.angle(of(mimic.joint.into())),
+        };
+        self.joints_of(chain).map(angle).collect()
+    }
+
     /// The joint's name, for messages; `"?"` when there is no such joint.
     pub fn joint_name(&self, joint: usize) -> &str {
         self.joints.get(joint).map_or("?", |joint| joint.name.as_str())

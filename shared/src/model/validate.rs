@@ -1,5 +1,3 @@
-use core::ops::Range;
-
 use nalgebra::Matrix3;
 
 use super::{
@@ -61,12 +59,13 @@ impl RobotModel {
             return Err(robot.error(Field::Joints, 0.0, Problem::Below(1.0)));
         }
         let mut in_chains = 0;
-        for chain in &self.chains {
+        for (index, chain) in self.chains.iter().enumerate() {
             let joints = f32::from(chain.joints);
             robot.at_least(Field::Chains, joints, 1.0)?;
-            let mimic = f32::from(u8::from(chain.mimic.is_some()));
+            #[expect(clippy::cast_precision_loss, reason = "at most 12")]
+            let mimics = self.mimics_of(index).count() as f32;
             #[expect(clippy::cast_precision_loss, reason = "a small constant")]
-            robot.at_most(Field::Chains, joints + mimic, MAX_CHAIN_JOINTS as f32)?;
+            robot.at_most(Field::Chains, joints + mimics, MAX_CHAIN_JOINTS as f32)?;
             in_chains += usize::from(chain.joints);
         }
         if in_chains != self.joints.len() {
@@ -85,9 +84,17 @@ impl RobotModel {
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
             }
-            if let Some(mimic) = &chain.mimic {
-                let own = end - usize::from(chain.joints)..end;
-                mimic.validate(last, &own, self.joints.len())?;
+            let all = usize::from(chain.joints) + self.mimics_of(index).count();
+            for mimic in self.mimics_of(index) {
+                mimic.validate(last, self.joints.len())?;
+                let same = self.mimics_of(index).filter(|other| other.place == mimic.place).count();
+                if usize::from(mimic.place) >= all || same > 1 {
+                    return Err(last.error(
+                        Field::MimicPlace,
+                        f32::from(mimic.place),
+                        Problem::NotSupported,
+                    ));
+                }
                 if let Some(sensor) = &chain.force_sensor {
                     return Err(last.error(
                         Field::MimicForceSensor,
@@ -101,6 +108,9 @@ impl RobotModel {
                 #[expect(clippy::cast_precision_loss, reason = "at most 6")]
                 return Err(last.error(Field::ChainName, index as f32, Problem::NotUnique));
             }
+        }
+        if let Some(stray) = self.mimics.iter().find(|mimic| usize::from(mimic.chain) >= self.chains.len()) {
+            return Err(robot.error(Field::MimicChain, f32::from(stray.chain), Problem::NotSupported));
         }
         self.safety.validate()?;
         for (index, joint) in self.joints.iter().enumerate() {
@@ -121,11 +131,10 @@ impl RobotModel {
 }
 
 impl MimicJoint {
-    /// `own`: the joints of its chain; `joints`: how many the robot has.
-    fn validate(&self, check: Check, own: &Range<usize>, joints: usize) -> Result<(), ModelError> {
-        let joint = usize::from(self.joint);
-        if joint >= joints || own.contains(&joint) {
-            return Err(check.error(Field::MimicJoint, f32::from(self.joint), Problem::NotAnotherChains));
+    /// `joints`: how many the robot has.
+    fn validate(&self, check: Check, joints: usize) -> Result<(), ModelError> {
+        if usize::from(self.joint) >= joints {
+            return Err(check.error(Field::MimicJoint, f32::from(self.joint), Problem::NoSuchJoint));
         }
         check.within(Field::MimicMultiplier, self.multiplier, -MAX_MULTIPLIER, MAX_MULTIPLIER)?;
         if self.multiplier == 0.0 {

@@ -156,7 +156,7 @@ impl Node {
     }
 
     /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots without
-    /// mimic joints: the tasks that use it are for single chains.
+    /// mimic joints: the tasks that use it refuse others.
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;

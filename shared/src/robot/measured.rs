@@ -100,7 +100,6 @@ impl Postures {
         if let Some(posture) = self.kept(chain) {
             return Some(posture.clone());
         }
-        let config = robot.chains().get(chain)?;
-        Some(config.posture(measured.angles(0..robot.joints().len())))
+        robot.posture(chain, measured.angles(0..robot.joints().len()))
     }
 }

@@ -1,55 +1,23 @@
-//! Chains whose first joint follows a joint of another chain.
+//! Chains with joints that have no motor and follow another joint.
 
 use crate::kinematics::Posture;
-use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, MimicJoint};
+use crate::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_JOINTS};
 
-use super::{ChainConfig, Robot};
-
-/// What a mimic joint follows: angle = `multiplier` · angle of `joint` + `offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mimic {
-    /// The joint of the robot.
-    pub joint: usize,
-    /// Ratio of the velocities; not 0.
-    pub multiplier: f32,
-    /// Angle when the other is at 0 [rad].
-    pub offset: f32,
-}
-
-impl Mimic {
-    pub(super) fn new(model: &MimicJoint) -> Self {
-        Self { joint: model.joint.into(), multiplier: model.multiplier, offset: model.offset }
-    }
-
-    /// Angle of the mimic joint when the joint that it follows is at `angle` [rad].
-    pub fn angle(&self, angle: f32) -> f32 {
-        self.multiplier * angle + self.offset
-    }
-}
-
-impl ChainConfig {
-    /// The posture at the angles of all joints of the robot [rad].
-    pub fn posture(&self, angles: &[f32]) -> Posture {
-        let own = angles.get(self.joints()).unwrap_or_default();
-        let Some(mimic) = &self.mimic else { return self.chain.posture(own) };
-        let mut all = [0.0; MAX_CHAIN_JOINTS];
-        for (place, angle) in
-            all.iter_mut().zip(core::iter::once(&self.mimic_angle(mimic, angles)).chain(own))
-        {
-            *place = *angle;
-        }
-        self.chain.posture(&all)
-    }
-
-    fn mimic_angle(&self, mimic: &Mimic, angles: &[f32]) -> f32 {
-        mimic.angle(angles.get(mimic.joint).copied().unwrap_or(0.0))
-    }
-}
+use super::Robot;
 
 /// Position [rad], velocity [rad/s] and acceleration [rad/s²] of each joint of a robot.
 pub(crate) type Motion = [[f32; 3]; MAX_JOINTS];
 
 impl Robot {
+    /// The posture of a chain at the angles of all joints with a motor [rad]; `None` without such a chain.
+    pub fn posture(&self, chain: usize, angles: &[f32]) -> Option<Posture> {
+        let config = self.chains().get(chain)?;
+        if config.has_mimics {
+            return Some(config.chain.posture(&self.model().chain_angles(chain, angles)));
+        }
+        Some(config.chain.posture(angles.get(config.joints()).unwrap_or_default()))
+    }
+
     /// Inverse dynamics of all chains of a robot with mimic joints: the torques of its actuated joints [N·m].
     /// The torque of a mimic joint acts on the joint that it follows, times the ratio of their velocities
     /// (principle of virtual work).
@@ -57,27 +25,29 @@ impl Robot {
     #[inline(never)]
     pub(crate) fn coupled_dynamics(&self, motion: &Motion) -> [f32; MAX_JOINTS] {
         let mut sum = [0.0; MAX_JOINTS];
-        for config in self.chains() {
+        for (index, config) in self.chains().iter().enumerate() {
             let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
-            let following = config.mimic.map(|mimic| {
-                let [position, velocity, acceleration] = motion.get(mimic.joint).copied().unwrap_or_default();
-                let ratio = mimic.multiplier;
-                [mimic.angle(position), ratio * velocity, ratio * acceleration]
-            });
-            let own = motion.get(config.joints()).unwrap_or_default();
             let values = q.iter_mut().zip(&mut qd).zip(&mut qdd);
-            for (((q, qd), qdd), motion) in values.zip(following.iter().chain(own)) {
-                [*q, *qd, *qdd] = *motion;
+            for (((q, qd), qdd), joint) in values.zip(self.model().joints_of(index)) {
+                [*q, *qd, *qdd] = match joint {
+                    ChainJoint::Driven(joint, _) => motion.get(joint).copied().unwrap_or_default(),
+                    ChainJoint::Mimic(mimic) => {
+                        let followed = motion.get(usize::from(mimic.joint)).copied().unwrap_or_default();
+                        let [position, velocity, acceleration] = followed;
+                        let ratio = mimic.multiplier;
+                        [mimic.angle(position), ratio * velocity, ratio * acceleration]
+                    }
+                };
             }
             config.chain.inverse_dynamics(self.gravity(), &q, &qd, &qdd, &mut torques);
-            let mut torques = torques.iter();
-            if let Some(mimic) = &config.mimic
-                && let (Some(torque), Some(driving)) = (torques.next(), sum.get_mut(mimic.joint))
-            {
-                *driving += mimic.multiplier * torque;
-            }
-            for (sum, torque) in sum.iter_mut().skip(config.joints().start).zip(torques.take(own.len())) {
-                *sum += torque;
+            for (torque, joint) in torques.into_iter().zip(self.model().joints_of(index)) {
+                let (joint, ratio) = match joint {
+                    ChainJoint::Driven(joint, _) => (joint, 1.0),
+                    ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier),
+                };
+                if let Some(sum) = sum.get_mut(joint) {
+                    *sum += ratio * torque;
+                }
             }
         }
         sum
@@ -89,7 +59,7 @@ impl Robot {
 mod tests {
     use super::*;
     use crate::math;
-    use crate::model::{ChainModel, Field, Inertial, Pose, Problem, RobotModel};
+    use crate::model::{ChainModel, Field, Inertial, MimicJoint, Pose, Problem, RobotModel};
     use crate::test_support;
 
     /// One joint turns a link of 20 g with its centre 20 mm away; a second chain follows it with ratio −0.4
@@ -105,9 +75,11 @@ mod tests {
         model.joints[1].origin = place(0.05);
         let first = ChainModel { joints: 1, ..model.chains[0].clone() };
         let axis = [0.0, 1.0, 0.0];
-        let mimic = MimicJoint { joint: 0, multiplier: -0.4, offset: 0.1, origin: place(0.0), axis, link };
-        let second = ChainModel { name: "other".try_into().unwrap(), mimic: Some(mimic), ..first.clone() };
+        let second = ChainModel { name: "other".try_into().unwrap(), ..first.clone() };
         model.chains = [first, second].into_iter().collect();
+        let (chain, place, joint, origin) = (1, 0, 0, place(0.0));
+        let mimic = MimicJoint { chain, place, joint, multiplier: -0.4, offset: 0.1, origin, axis, link };
+        model.mimics = [mimic].into_iter().collect();
         model
     }
 
@@ -152,7 +124,7 @@ mod tests {
     fn the_tip_moves_with_the_joint_that_its_chain_follows() {
         let robot = configured(&robot());
         let config = &robot.chains()[1];
-        let tip = config.posture(&[0.3, 0.2]).tip().translation.vector;
+        let tip = robot.posture(1, &[0.3, 0.2]).unwrap().tip().translation.vector;
         // The tip's frame is that of the last joint: 50 mm along the link that follows.
         let (sine, cosine) = math::sin_cos(-0.4 * 0.3 + 0.1);
         assert!((tip - nalgebra::Vector3::new(0.05 * cosine, 0.0, -0.05 * sine)).norm() < 1e-7, "{tip}");
@@ -161,21 +133,67 @@ mod tests {
 
     #[test]
     fn what_a_mimic_joint_cannot_be_is_refused() {
-        let refused = |change: fn(&mut ChainModel)| {
+        let refused = |change: fn(&mut MimicJoint)| {
             let mut model = robot();
-            change(&mut model.chains[1]);
+            change(&mut model.mimics[0]);
             let error = model.validate().unwrap_err();
             (error.field, error.problem)
         };
-        let own = |chain: &mut ChainModel| chain.mimic.as_mut().unwrap().joint = 1;
-        let none = |chain: &mut ChainModel| chain.mimic.as_mut().unwrap().joint = 2;
-        assert_eq!(refused(own), (Field::MimicJoint, Problem::NotAnotherChains));
-        assert_eq!(refused(none), (Field::MimicJoint, Problem::NotAnotherChains));
-        let still = |chain: &mut ChainModel| chain.mimic.as_mut().unwrap().multiplier = 0.0;
-        assert_eq!(refused(still), (Field::MimicMultiplier, Problem::NotSupported));
-        let nan = |chain: &mut ChainModel| chain.mimic.as_mut().unwrap().offset = f32::NAN;
-        assert_eq!(refused(nan), (Field::MimicOffset, Problem::NotFinite));
-        let axis = |chain: &mut ChainModel| chain.mimic.as_mut().unwrap().axis = [0.0; 3];
-        assert_eq!(refused(axis), (Field::Axis, Problem::NotUnit));
+        assert_eq!(refused(|mimic| mimic.joint = 2), (Field::MimicJoint, Problem::NoSuchJoint));
+        assert_eq!(refused(|mimic| mimic.chain = 2), (Field::MimicChain, Problem::NotSupported));
+        assert_eq!(refused(|mimic| mimic.place = 2), (Field::MimicPlace, Problem::NotSupported));
+        assert_eq!(refused(|mimic| mimic.multiplier = 0.0), (Field::MimicMultiplier, Problem::NotSupported));
+        assert_eq!(refused(|mimic| mimic.offset = f32::NAN), (Field::MimicOffset, Problem::NotFinite));
+        assert_eq!(refused(|mimic| mimic.axis = [0.0; 3]), (Field::Axis, Problem::NotUnit));
+        // Two at one place.
+        let mut model = robot();
+        let mimic = model.mimics[0];
+        model.mimics.push(mimic).unwrap();
+        assert_eq!(model.validate().unwrap_err().field, Field::MimicPlace);
+    }
+
+    /// The same links in one chain: a joint at the base, and 50 mm on one that follows it with ratio 0.5.
+    fn curling() -> RobotModel {
+        let mut model = robot();
+        model.chains.truncate(1);
+        model.joints.truncate(1);
+        model.mimics[0] = MimicJoint {
+            chain: 0,
+            place: 1,
+            multiplier: 0.5,
+            origin: Pose { translation: [0.05, 0.0, 0.0], ..Pose::IDENTITY },
+            ..model.mimics[0]
+        };
+        model
+    }
+
+    #[test]
+    fn a_joint_carries_the_one_behind_it_that_follows_it() {
+        let robot = configured(&curling());
+        assert!(robot.chains()[0].joints() == (0..1) && robot.chains()[0].chain.len() == 2);
+        let at = |motion: [f32; 3]| {
+            let mut all = Motion::default();
+            all[0] = motion;
+            robot.coupled_dynamics(&all)
+        };
+        // By hand: potential energy over the driving angle, (m g) d/dq of the heights of both centres; about +y
+        // a link at x falls as its angle grows.
+        let (q, weight) = (0.3_f32, 0.02 * 9.81);
+        let cos = |angle: f32| math::sin_cos(angle).1;
+        let outer = q + 0.5 * q + 0.1;
+        let expected = -weight * (0.02 * cos(q) + 0.05 * cos(q) + 1.5 * 0.02 * cos(outer));
+        let torques = at([q, 0.0, 0.0]);
+        assert!(math::abs(torques[0] - expected) < 1e-6, "{torques:?} {expected}");
+        assert!(torques[1..].iter().all(|torque| *torque == 0.0));
+        // Kinetic energy with the links in line, where 0.5 q + 0.1 = 0: the outer centre moves at 0.05 + 1.5 · 0.02.
+        let inertia = at([-0.2, 0.0, 1.0])[0] - at([-0.2, 0.0, 0.0])[0];
+        let by_hand = 0.02 * (0.02 * 0.02 + 0.08 * 0.08);
+        assert!(math::abs(inertia - by_hand) < 1e-8, "{inertia} {by_hand}");
+        // The tip's frame is that of the outer joint.
+        let tip = *robot.posture(0, &[q]).unwrap().tip();
+        let (sine, cosine) = math::sin_cos(q);
+        assert!((tip.translation.vector - nalgebra::Vector3::new(0.05 * cosine, 0.0, -0.05 * sine)).norm() < 1e-7);
+        let (sine, _) = math::sin_cos(outer);
+        assert!(math::abs(tip.rotation[(0, 2)] - sine) < 1e-6);
     }
 }

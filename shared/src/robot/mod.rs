@@ -9,7 +9,6 @@ mod targets;
 pub use joint::JointConfig;
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Efforts, Measured, Postures};
-pub use mimic::Mimic;
 pub(crate) use mimic::Motion;
 pub use targets::{Actuation, JointSetpoint, JointTarget, Targets};
 
@@ -50,19 +49,19 @@ pub struct Robot {
 /// A chain, preprocessed for computation.
 #[derive(Clone, Debug)]
 pub struct ChainConfig {
-    /// Kinematics and dynamics; its first joint is the mimic joint, if there is one.
+    /// Kinematics and dynamics of all its joints, those without motor included.
     pub chain: Chain,
-    /// Closed-form inverse kinematics, if the chain is a three-joint finger without mimic joint.
+    /// Closed-form inverse kinematics, if the chain is a three-joint finger without mimic joints.
     pub finger: Option<Finger>,
-    /// What the mimic joint follows.
-    pub mimic: Option<Mimic>,
+    /// Whether some of its joints have no motor.
+    pub has_mimics: bool,
     first: usize,
-    /// Number of its own joints.
+    /// Number of its joints with a motor.
     own: usize,
 }
 
 impl ChainConfig {
-    /// Its own joints, as indices into those of the robot.
+    /// Its joints with a motor, as indices into those of the robot.
     #[inline]
     pub fn joints(&self) -> Range<usize> {
         self.first..self.first + self.own
@@ -77,6 +76,7 @@ impl Robot {
             gravity: [0.0; 3],
             chains: Vec::new(),
             joints: Vec::new(),
+            mimics: Vec::new(),
             safety: Safety {
                 command_timeout: 0.0,
                 reaction: Reaction::Off,
@@ -117,19 +117,19 @@ impl Robot {
         self.chains.clear();
         self.joints.clear();
         // No list can overflow: the capacities are those of the model.
-        for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+        for (index, range) in model.chain_ranges().enumerate() {
             let (first, own) = (range.start, range.len());
             let joints = model.joints.get(range).unwrap_or_default();
-            let mimic = chain.mimic.as_ref().map(Mimic::new);
-            let chain = Chain::of_model(chain, joints);
+            let has_mimics = model.mimics_of(index).next().is_some();
+            let chain = Chain::of_model(model, index);
             let finger = match joints {
-                [a, b, c] if mimic.is_none() => {
+                [a, b, c] if !has_mimics => {
                     let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
                     Finger::try_new(&chain, limits).ok()
                 }
                 _ => None,
             };
-            let _ = self.chains.push(ChainConfig { chain, finger, mimic, first, own });
+            let _ = self.chains.push(ChainConfig { chain, finger, has_mimics, first, own });
         }
         for joint in &model.joints {
             let _ = self.joints.push(JointConfig::new(joint, model.safety.damping));
@@ -137,7 +137,7 @@ impl Robot {
         self.tracking = Some(ErrorObserver::with_lag(&TRACKING, 0.0));
         self.gravity = Vector3::from(model.gravity);
         self.force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
-        self.has_mimics = model.chains.iter().any(|chain| chain.mimic.is_some());
+        self.has_mimics = !model.mimics.is_empty();
         self.configure_hand(model);
         self.model.clone_from(model);
         Ok(())

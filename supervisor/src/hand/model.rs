@@ -21,12 +21,12 @@ impl HandModel {
     pub fn try_new(robot: &RobotModel) -> Result<Self, HandError> {
         let not = |why: String| HandError::NotAHand { robot: robot.name.to_string(), why };
         let mut fingers = Vec::new();
-        for (model, range) in robot.chains.iter().zip(robot.chain_ranges()) {
+        for (index, (model, range)) in robot.chains.iter().zip(robot.chain_ranges()).enumerate() {
             let joints = robot.joints.get(range).unwrap_or_default();
             let [a, b, c] = joints else {
                 return Err(not(format!("{} has {} joints", model.name, joints.len())));
             };
-            if model.mimic.is_some() {
+            if robot.mimics_of(index).next().is_some() {
                 return Err(not(format!("{} has a mimic joint", model.name)));
             }
             if model.force_sensor.is_none() {

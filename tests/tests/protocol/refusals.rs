@@ -72,7 +72,7 @@ impl Messages {
         model("model-not-physical", Some(2), Field::Inertia, -0.125, Problem::NotPhysical);
         model("model-count", None, Field::Chains, 8.0, Problem::Count(9.0));
         model("model-not-unique", Some(4), Field::Name, 4.0, Problem::NotUnique);
-        model("model-not-another-chains", Some(8), Field::MimicJoint, 7.0, Problem::NotAnotherChains);
+        model("model-no-such-joint", Some(8), Field::MimicJoint, 7.0, Problem::NoSuchJoint);
         model("model-not-supported", Some(8), Field::MimicMultiplier, 0.0, Problem::NotSupported);
         model("model-board-limit", Some(3), Field::Joints, 9.0, Problem::BoardLimit(3.0));
         model("model-missing", Some(2), Field::MotorResistance, 0.0, Problem::Missing);

@@ -106,13 +106,13 @@ pub fn finger(reaction: Reaction) -> RobotModel {
         tip: Pose { translation: [0.0, 0.0, 0.05], rotation: [0.0, 0.0, 0.0, 1.0] },
         tip_radius: 0.0,
         force_sensor: None,
-        mimic: None,
     };
     RobotModel {
         name: "finger".try_into().unwrap(),
         gravity: [0.0; 3],
         chains: list([tip]),
         joints: list([knuckle]),
+        mimics: list([]),
         safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
     }
 }
@@ -452,6 +452,8 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::EncoderRelative, "encoder-relative"),
     (Field::MotorResistance, "motor-resistance"),
     (Field::MotorInductance, "motor-inductance"),
+    (Field::MimicChain, "mimic-chain"),
+    (Field::MimicPlace, "mimic-place"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [

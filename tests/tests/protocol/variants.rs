@@ -120,10 +120,10 @@ variants! {
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
         TipMass, TipCenterOfMass, TipRadius, MimicJoint, MimicMultiplier, MimicOffset, MimicForceSensor,
-        EncoderRelative, MotorResistance, MotorInductance,
+        EncoderRelative, MotorResistance, MotorInductance, MimicChain, MimicPlace,
     }
     Problem {
-        NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NotAnotherChains, NotSupported,
+        NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NoSuchJoint, NotSupported,
         BoardLimit, Missing,
     }
     Mode { Disabled, Enabled, Fault }

@@ -61,7 +61,7 @@ impl<'a> Arm<'a> {
         if let Some(gripper) = angles.get_mut(self.gripper) {
             *gripper = 0.0;
         }
-        self.config.posture(&angles)
+        self.config.chain.posture(angles.get(self.config.joints()).unwrap_or_default())
     }
 
     /// The Jacobian over the arm's own joints without the gripper.
@@ -133,7 +133,7 @@ impl<'a> Arm<'a> {
     /// How far the axis of a gripper in the chain is off the z axis of the hand, as the sine of the angle, and off its
     /// origin [m]; 0 when the gripper is no part of the chain.
     pub fn gripper_axis(&self) -> [f32; 2] {
-        let posture = self.config.posture(&[0.0; MAX_JOINTS]);
+        let posture = self.config.chain.posture(&[]);
         let jacobian = posture.jacobian();
         let own = self.gripper.checked_sub(self.range.start).filter(|_| self.range.contains(&self.gripper));
         let Some(column) = own.and_then(|own| jacobian.column_iter().nth(own)) else { return [0.0; 2] };

@@ -66,7 +66,7 @@ impl VisualApproachSettings {
     /// The first one that is out of range.
     pub fn validate(&self, robot: &Robot) -> Result<(), VisualApproachRefusal> {
         let chains = robot.chains();
-        let chain = chains.get(usize::from(self.chain)).filter(|chain| chain.mimic.is_none());
+        let chain = chains.get(usize::from(self.chain)).filter(|chain| !chain.has_mimics);
         let Some(joints) = chain.map(super::ChainConfig::joints) else {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         };
@@ -148,7 +148,7 @@ impl fmt::Display for ApproachField {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum VisualApproachRefusal {
-    /// 0: the robot has no such chain, it begins with a mimic joint, or has fewer than six joints beside the gripper.
+    /// 0: the robot has no such chain, it has a mimic joint, or fewer than six joints beside the gripper.
     NoChain {
         /// The chain.
         chain: u8,

@@ -83,13 +83,14 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
 
 /// Pose of the hand by the angles of the joints; the gripper counts as at 0.
 fn hand(model: &RobotModel, task: &VisualApproachSettings) -> impl Fn(&[f32]) -> Option<Pose> + use<> {
-    let tip = model.chains.get(usize::from(task.chain));
-    let chain = tip.map(|tip| Chain::of_model(tip, &model.joints));
+    let index = usize::from(task.chain);
+    let range = model.chain_ranges().nth(index);
+    let chain = Chain::of_model(model, index);
     let gripper = usize::from(task.gripper.joint);
     move |angles| {
         let mut angles = angles.to_vec();
         *angles.get_mut(gripper)? = 0.0;
-        let posture = chain.as_ref()?.posture(&angles);
+        let posture = chain.posture(angles.get(range.clone()?)?);
         let rotation = nalgebra::UnitQuaternion::from_rotation_matrix(&posture.tip().rotation);
         Some(Pose { translation: posture.tip().translation.vector.into(), rotation: rotation.coords.into() })
     }

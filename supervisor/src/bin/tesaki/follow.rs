@@ -106,8 +106,8 @@ fn require_arm(motion: &Motion<'_>) -> Result<(), Failure> {
 fn check_workspace(args: &Follow, motion: &mut Motion<'_>) -> Result<(), Failure> {
     // Also starts the telemetry, which reports faults.
     let angles = motion.positions()?;
-    let (Some(workspace), Some(tip)) = (&args.workspace, motion.model.chains.first()) else { return Ok(()) };
-    let posture = Chain::of_model(tip, &motion.model.joints).posture(&angles);
+    let Some(workspace) = &args.workspace else { return Ok(()) };
+    let posture = Chain::of_model(&motion.model, 0).posture(&angles);
     let tool: [f32; 3] = posture.tip().translation.vector.into();
     if workspace.contains(&tool) {
         return Ok(());

@@ -5,7 +5,7 @@ use std::fmt;
 use nalgebra::Vector3;
 use tesaki::kinematics::Chain;
 use tesaki::math::abs;
-use tesaki::model::{MAX_CHAIN_JOINTS, MimicJoint, RobotModel};
+use tesaki::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 
 /// The joint at which gravity exceeds friction most: without power it falls.
 pub struct Load {
@@ -22,30 +22,29 @@ impl Load {
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
         let gravity = Vector3::from(model.gravity);
         let mut worst: Option<Self> = None;
-        for (tip, range) in model.chains.iter().zip(model.chain_ranges()) {
-            let (Some(joints), Some(q)) = (model.joints.get(range.clone()), angles.get(range)) else {
-                continue;
-            };
+        let mut carried = [0.0; MAX_JOINTS];
+        for index in 0..model.chains.len() {
             let mut torques = [0.0; MAX_CHAIN_JOINTS];
-            // What a mimic joint carries is not told: its chain's own joints carry more.
-            let of_mimic = |mimic: &MimicJoint| {
-                mimic.multiplier * angles.get(usize::from(mimic.joint)).copied().unwrap_or(0.0) + mimic.offset
-            };
-            let angles: Vec<f32> =
-                tip.mimic.as_ref().map(of_mimic).into_iter().chain(q.iter().copied()).collect();
-            let chain = Chain::of_model(tip, joints);
+            let chain = Chain::of_model(model, index);
+            let angles = model.chain_angles(index, angles);
             chain.nonlinear_effects(&gravity, &angles, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
-            for (joint, torque) in joints.iter().zip(torques.into_iter().skip(angles.len() - q.len())) {
-                let friction = joint.friction.coulomb;
-                let excess = abs(torque) - friction;
-                if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
-                    worst = Some(Self {
-                        robot: model.name.to_string(),
-                        joint: joint.name.to_string(),
-                        torque: abs(torque),
-                        friction,
-                    });
+            for (torque, joint) in torques.into_iter().zip(model.joints_of(index)) {
+                match joint {
+                    ChainJoint::Driven(joint, _) => carried[joint] += torque,
+                    ChainJoint::Mimic(mimic) => carried[usize::from(mimic.joint)] += mimic.multiplier * torque,
                 }
+            }
+        }
+        for (joint, torque) in model.joints.iter().zip(carried) {
+            let friction = joint.friction.coulomb;
+            let excess = abs(torque) - friction;
+            if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
+                worst = Some(Self {
+                    robot: model.name.to_string(),
+                    joint: joint.name.to_string(),
+                    torque: abs(torque),
+                    friction,
+                });
             }
         }
         worst

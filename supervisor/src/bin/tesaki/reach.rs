@@ -170,7 +170,7 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         )));
     }
     let mut paths = Vec::with_capacity(MAX_CHAINS);
-    for (tip, joints) in model.chains.iter().zip(model.chain_ranges()) {
+    for (index, (tip, joints)) in model.chains.iter().zip(model.chain_ranges()).enumerate() {
         let (models, angles) = (&model.joints[joints.clone()], &start[joints.clone()]);
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
@@ -180,8 +180,8 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
                 model.name, tip.name
             ))
         };
-        if tip.mimic.is_some() {
-            return Err(not_a_finger("the motor of another chain moves its first joint".to_owned()));
+        if model.mimics_of(index).next().is_some() {
+            return Err(not_a_finger("it has a mimic joint".to_owned()));
         }
         let limits: Vec<(f32, f32)> =
             models.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();

@@ -47,13 +47,13 @@ pub fn arm7() -> RobotModel {
         tip: Pose { translation: [0.0, 0.0, -0.1], ..Pose::IDENTITY },
         tip_radius: 0.0,
         force_sensor: None,
-        mimic: None,
     };
     RobotModel {
         name: "arm".try_into().unwrap(),
         gravity: [0.0, 0.0, -9.81],
         chains: Vec::from_slice(&[hand]).unwrap(),
         joints,
+        mimics: Vec::new(),
         safety: Safety {
             command_timeout: 0.1,
             reaction: Reaction::Hold,

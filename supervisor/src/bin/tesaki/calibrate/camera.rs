@@ -105,10 +105,10 @@ fn poses(options: &Options, table: &Table, robot: &RobotFolder) -> Result<Vec<Po
     let model = &robot.model;
     let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
     let columns: Vec<Option<usize>> = names.iter().map(|name| table.column(name)).collect();
-    let [tip] = &*model.chains else {
+    if model.chains.len() != 1 {
         let message = format!("{} has several tips: give the pose of the hand in columns x … qw", model.name);
         return Err(table.error(1, &message));
-    };
+    }
     if columns.iter().all(Option::is_none) {
         let message = format!(
             "no pose of the hand: add columns {}, or angles [rad] of the joints {}",
@@ -122,11 +122,11 @@ fn poses(options: &Options, table: &Table, robot: &RobotFolder) -> Result<Vec<Po
     if !missing.is_empty() {
         output::notice(options, &format!("Without a column, taken to be at 0 rad: {}.", missing.join(", ")));
     }
-    let chain = Chain::new(&model.joints, &tip.tip);
+    let chain = Chain::of_model(model, 0);
     let pose = |row: &Row| -> Result<Pose, Failure> {
         let angle = |column: &Option<usize>| column.map_or(Ok(0.0), |column| table.number(row, column));
         let angles: Vec<f32> = columns.iter().map(angle).collect::<Result<_, _>>()?;
-        let posture = chain.posture(&angles);
+        let posture = chain.posture(&model.chain_angles(0, &angles));
         let rotation = UnitQuaternion::from_rotation_matrix(&posture.tip().rotation);
         let (place, rotation): ([f32; 3], [f32; 4]) =
             (posture.tip().translation.vector.into(), rotation.coords.into());

@@ -275,13 +275,13 @@ impl Master {
             ));
         }
         let model = session.model()?;
-        let [tip] = model.chains.as_slice() else {
+        if model.chains.len() != 1 {
             return Err(Failure::Usage(format!(
                 "{} has {} tips: only a robot with one tip can lead an arm",
                 model.name,
                 model.chains.len()
             )));
-        };
+        }
         let node = session.board.status()?.node;
         session.require_no_fault(node.mode, Some(&model))?;
         let mut joints = (0..).zip(&model.joints);
@@ -301,7 +301,7 @@ impl Master {
                 found.map_or(Elbow::Nothing, Elbow::Joint)
             }
         };
-        let chain = Chain::of_model(tip, &model.joints);
+        let chain = Chain::of_model(&model, 0);
         session.board.set_rate(Stream::Telemetry, 1)?;
         Ok(Self { session, model, chain, elbow, angle: None })
     }
@@ -334,7 +334,7 @@ impl Master {
         if angles.len() != self.model.joints.len() {
             return Err("its board has lost its model: it was reset".to_owned());
         }
-        let posture = self.chain.posture(&angles);
+        let posture = self.chain.posture(&self.model.chain_angles(0, &angles));
         let tip = posture.tip();
         let elbow = match self.elbow {
             Elbow::Nothing => None,
