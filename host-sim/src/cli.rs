@@ -46,7 +46,7 @@ enum Command {
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
     #[cfg(unix)]
-    #[command(after_help = format!("Commands on standard input inject faults while it runs:\n{}", tesaki_sim::serve::FAULT_COMMANDS))]
+    #[command(after_help = format!("Commands on standard input while it runs:\n{}", tesaki_sim::serve::COMMANDS))]
     Serve(Serve),
 }
 

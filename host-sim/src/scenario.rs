@@ -79,6 +79,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_grasp::SCENARIO,
     hand3_paper::FORCE,
     hand3_paper::MOTION,
+    hand3_paper::CURVES,
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
     arm7_straight::SCENARIO,
