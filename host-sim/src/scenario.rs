@@ -79,7 +79,6 @@ pub const SCENARIOS: &[Scenario] = &[
     hand3_grasp::SCENARIO,
     hand3_paper::FORCE,
     hand3_paper::MOTION,
-    hand3_paper::CURVES,
     arm7_release::SCENARIO,
     arm7_elbow::SCENARIO,
     arm7_straight::SCENARIO,
@@ -95,6 +94,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand5_teleop::SCENARIO,
     knob_find::SCENARIO,
     knob_grasp::SCENARIO,
+    hand3_paper::CURVES,
 ];
 
 /// What a run is given.

@@ -47,6 +47,9 @@ fn over_efficiency(
         .rule(PAPER_FORCE, format!("paper {PAPER_FORCE} N"));
     let (drives, coulomb) = (rig.drives.clone(), rig.values.friction.paper);
     for (number, law) in laws.iter().enumerate() {
+        if law.law.force.efficiency.is_empty() {
+            continue;
+        }
         let (mut efficiencies, mut forces) = (Vec::new(), Vec::new());
         for &efficiency in &law.law.force.efficiency {
             rig.drives.clone_from(&drives);
@@ -78,12 +81,16 @@ fn over_integral(
     let mut errors = Panel::new("Error along x after each shift", "error", "mm")
         .rule(1.0, "paper +1 cm: 1 mm")
         .rule(2.0, "paper −1 cm: 2 mm");
+    let mut pitch = Panel::new("Pitch, worst of four turns", "error", "mrad").rule(4.0, "paper 1–4 mrad");
     let mut drift = Panel::new("From the start, after both", "displacement", "mm")
         .rule(-3.0, "paper x")
         .rule(-5.0, "paper z");
     for (number, law) in laws.iter().enumerate() {
         let gains = &law.law.motion.integral;
-        let mut values: [Vec<f64>; 4] = Default::default();
+        if gains.is_empty() {
+            continue;
+        }
+        let mut values: [Vec<f64>; 5] = Default::default();
         for &gain in gains {
             let mut law = law.clone();
             let Some(changed) = law.law.motion.law.with_integral(gain) else { continue };
@@ -91,38 +98,49 @@ fn over_integral(
             let record = move_box(setting, rig, &law, &format!("integral gain {gain}"), &law.law.motion)?;
             let measured = ends(&law, &record);
             let parts = [
-                ("shift1_error", "error along x of shift 1"),
-                ("shift2_error", "error along x of shift 2"),
-                ("from_start_x", "x after the shifts, from the start"),
-                ("from_start_z", "z after the shifts, from the start"),
+                ("shift1_error", "error along x of shift 1", "mm"),
+                ("shift2_error", "error along x of shift 2", "mm"),
+                ("from_start_x", "x after the shifts, from the start", "mm"),
+                ("from_start_z", "z after the shifts, from the start", "mm"),
+                ("pitch_error", "pitch error at rest, worst turn", "mrad"),
             ];
-            for ((list, value), (key, text)) in values.iter_mut().zip(measured).zip(parts) {
+            for ((list, value), (key, text, unit)) in values.iter_mut().zip(measured).zip(parts) {
                 list.push(value);
                 let text = format!("{}: {text}, as the hand estimates it, K_i {gain} N/(m·s)", law.name);
-                report(summary, &law, &format!("{key}_at_{gain:.0}"), text, value, "mm");
+                report(summary, &law, &format!("{key}_at_{gain:.0}"), text, value, unit);
             }
         }
-        let [first, second, x, z] = values;
+        let [first, second, x, z, turned] = values;
         let line = |what: &str, colour, values| {
-            Line::solid(format!("{}, {what}", law.name), 4 * number + colour, gains.clone(), values)
+            Line::solid(
+                format!("{}, {what}", law.name),
+                (4 * number + colour) % Line::INK,
+                gains.clone(),
+                values,
+            )
         };
         errors = errors.line(line("+1 cm", 0, first)).line(line("−1 cm", 1, second));
         drift = drift.line(line("x", 2, x)).line(line("z", 3, z));
+        pitch = pitch.line(line("pitch", 0, turned));
     }
-    let caption = "Errors of the box's position two seconds after each shift, and its displacement from the start after \
-                   both, as the hand estimates it, over K_i of the position. Horizontal lines: figure 15 of the Hand3 \
-                   paper.";
+    let caption = "Errors of the box's position two seconds after each shift, its displacement from the start after \
+                   both, and the error of the pitch after the turns before, as the hand estimates them, over K_i of the \
+                   position. Horizontal lines: figures 14 and 15 of the Hand3 paper.";
     let title = "Hand3 figure 15: errors over the integral gain";
-    Ok(Figure::stacked(title, caption, "integral gain of the position", "N/(m·s)").panel(errors).panel(drift))
+    Ok(Figure::stacked(title, caption, "integral gain of the position", "N/(m·s)")
+        .panel(errors)
+        .panel(drift)
+        .panel(pitch))
 }
 
-/// Errors of the first two shifts along x, and the displacement by all along x and z, as the hand estimates it [mm].
-fn ends(law: &Law, record: &Record) -> [f64; 4] {
+/// Errors of the first two shifts along x, displacement by all along x and z [mm], and largest error of the pitch after
+/// the turns [mrad], as the hand estimates them.
+fn ends(law: &Law, record: &Record) -> [f64; 5] {
     let moved = record.displacements(estimated_pose);
     let mut errors = shift_errors(&law.law.motion, &moved);
     let [first, second] = [(); 2].map(|()| errors.next().unwrap_or(f64::NAN));
     let total = moved.iter().fold([0.0; 2], |[x, z], moved| [x + moved.x, z + moved.z]);
-    [first, second, total[0], total[1]]
+    [first, second, total[0], total[1], record.pitch_error(estimated_pose)]
 }
 
 /// Adds a value, unless the box was lost before it.

@@ -41,6 +41,9 @@ const AFTER: f64 = 2.0;
 const PAPER_PITCHES: [f64; 3] = [0.868, 0.769, 0.673];
 const PAPER_POSITIONS: [f64; 3] = [8.4, 9.3, 8.1];
 
+/// Least height of the axes of positions [cm].
+const MIN_HEIGHT: f64 = 0.5;
+
 /// What happened under a law.
 pub(super) struct Record {
     log: GraspLog,
@@ -135,7 +138,7 @@ impl Record {
     }
 
     /// Worst error of the pitch after the turns [mrad].
-    fn pitch_error(&self, pose: PoseOf) -> f64 {
+    pub(super) fn pitch_error(&self, pose: PoseOf) -> f64 {
         worst(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
     }
 
@@ -275,7 +278,7 @@ fn position(laws: &[Law], place: &str, records: &[Record]) -> Figure {
     let mut figure = mark(Figure::stacked(title, caption, "time", "s"), records);
     for (law, record) in laws.iter().zip(records) {
         for (axis, name) in xyz() {
-            let panel = Panel::new(format!("{}, {name}", law.name), "position", "cm");
+            let panel = Panel::new(format!("{}, {name}", law.name), "position", "cm").at_least(MIN_HEIGHT);
             let value = |(_, position): Pose| 1e2 * position[axis];
             let mut panel = lines(panel, record, name, axis, value, |sample| 1e2 * sample.target[0][axis]);
             if axis == 0 {

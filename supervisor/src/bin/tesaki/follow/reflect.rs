@@ -285,7 +285,10 @@ impl Handle {
         let [max_distance, _] = self.settings.max_deviation;
         let max_force = self.stiffness.min() * MAX_DISPLACEMENT * max_distance;
         self.force = exchange.force.cap_magnitude(max_force);
-        self.damping = self.port.damping_force(&self.limits, exchange.slave_energy, &self.force, &velocity);
+        // A force that gives back more than has arrived is withheld, however large a damping that takes: it cannot push.
+        let withheld = self.force.dot(&velocity) / velocity.norm_squared().max(f32::MIN_POSITIVE);
+        let limits = PowerPortLimits { max_damping: self.limits.max_damping.max(withheld), ..self.limits };
+        self.damping = self.port.damping_force(&limits, exchange.slave_energy, &self.force, &velocity);
         let force = (self.force + self.damping).cap_magnitude(max_force);
         exchange.felt.force = force.norm();
         exchange.felt.largest = exchange.felt.largest.max(force.norm());
