@@ -1,5 +1,8 @@
 //! The command line.
 
+mod papers;
+mod render_knob;
+
 use std::error::Error;
 use std::io::IsTerminal;
 use std::ops::RangeInclusive;
@@ -11,12 +14,11 @@ use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
 use tesaki_description::approach;
 use tesaki_description::robot::RobotFolder;
-use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
+use tesaki_sim::camera::CameraValues;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::law::LawFile;
-use tesaki_sim::papers::{self, Drawn, Paper};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
@@ -37,16 +39,16 @@ enum Command {
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
-    Papers(Papers),
+    Papers(papers::Papers),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(Faults),
     /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, or with --views many of one door
     /// and a table for `tesaki calibrate camera`; one JSON line for each with the truth
-    RenderKnob(RenderKnob),
+    RenderKnob(render_knob::RenderKnob),
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
     #[cfg(unix)]
-    #[command(after_help = format!("Commands on standard input inject faults while it runs:\n{}", tesaki_sim::serve::FAULT_COMMANDS))]
+    #[command(after_help = format!("Commands on standard input while it runs:\n{}", tesaki_sim::serve::COMMANDS))]
     Serve(Serve),
 }
 
@@ -121,45 +123,6 @@ struct Run {
 }
 
 #[derive(Args)]
-struct Papers {
-    /// Papers; default: all
-    #[arg(value_enum)]
-    papers: Vec<Paper>,
-    /// Seed of the machine's deviations and noise
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Folder for the figures, and for what was measured in the runs that they show
-    #[arg(long, default_value_os_t = workspace().join("docs/papers"))]
-    out: PathBuf,
-}
-
-#[derive(Args)]
-struct RenderKnob {
-    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of them
-    #[arg(long, default_value = "1", value_parser = seeds)]
-    seed: RangeInclusive<u64>,
-    /// Folder for the pictures
-    #[arg(long, default_value_os_t = PathBuf::from("out/render-knob"))]
-    out: PathBuf,
-    /// Robot folder with camera.toml
-    #[arg(long, default_value_os_t = workspace().join("robots/knob-arm"))]
-    robot: PathBuf,
-    /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
-    #[arg(long)]
-    distance: Option<f64>,
-    /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also writes
-    /// knob-SEED.csv with the pose of the hand in the frame of the door
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    views: Option<u32>,
-    /// In place of knob and rose a black disc on white paper, 40 mm in radius
-    #[arg(long)]
-    disc: bool,
-    /// Without blur, noise and vignetting
-    #[arg(long)]
-    ideal: bool,
-}
-
-#[derive(Args)]
 struct Faults {
     /// Seed of a schedule; a range such as 1-200 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds, conflicts_with = "schedule")]
@@ -228,9 +191,9 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
-        Some(Command::Papers(options)) => draw_papers(&options).map(|()| true),
+        Some(Command::Papers(options)) => papers::run(&options).map(|()| true),
         Some(Command::Faults(options)) => run_faults(&options),
-        Some(Command::RenderKnob(options)) => render_knob(&options).map(|()| true),
+        Some(Command::RenderKnob(options)) => render_knob::run(&options).map(|()| true),
         #[cfg(unix)]
         Some(Command::Serve(options)) => serve(&options).map(|()| true),
     }
@@ -291,24 +254,6 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
     Ok(passed)
 }
 
-fn draw_papers(options: &Papers) -> Result<(), Box<dyn Error>> {
-    let papers = if options.papers.is_empty() { Paper::value_variants() } else { &options.papers };
-    let bar = progress_bar("figures");
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
-    let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
-    let Drawn { runs, files } = papers::draw(papers, &workspace().join("robots"), options.seed, &progress)?;
-    bar.finish_and_clear();
-    let runs =
-        runs.iter().map(|run| Ok((format!("{}.json", run.scenario), serde_json::to_string(run)? + "\n")));
-    let runs: Vec<(String, String)> = runs.collect::<Result<_, serde_json::Error>>()?;
-    write(&options.out, &files)?;
-    write(&options.out.join("runs"), &runs)?;
-    for (name, _) in files {
-        println!("{}", options.out.join(name).display());
-    }
-    Ok(())
-}
-
 /// Runs schedules of faults; `false` if a rule was broken.
 fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
     let robots = workspace().join("robots");
@@ -345,117 +290,6 @@ fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
         }
     }
     Ok(passed)
-}
-
-/// What `render-knob` prints about a picture.
-#[derive(serde::Serialize)]
-struct RenderedKnob {
-    seed: u64,
-    file: PathBuf,
-    /// Of the hand in the door frame: x, y, z [m], and quaternion x, y, z, w.
-    hand: ([f64; 3], [f64; 4]),
-    rose_radius: f64,
-    #[serde(flatten)]
-    truth: ImageTruth,
-}
-
-fn render_knob(options: &RenderKnob) -> Result<(), Box<dyn Error>> {
-    let values = CameraValues::load(&options.robot)?;
-    if let Some(distance) = options.distance.filter(|distance| !(0.01..=1.0).contains(distance)) {
-        return Err(format!("--distance is {distance} m: it must be from 0.01 to 1 m").into());
-    }
-    std::fs::create_dir_all(&options.out)?;
-    let place = |mut view: View| {
-        if let Some(distance) = options.distance {
-            view.hand.translation.z = -distance;
-        }
-        view
-    };
-    for seed in options.seed.clone() {
-        let door = Door {
-            seed,
-            scene: if options.disc { Scene::draw(seed).with_disc() } else { Scene::draw(seed) },
-            optics: if options.ideal { Optics::ideal(0.3) } else { Optics::draw(seed) },
-            values,
-            out: &options.out,
-        };
-        let Some(views) = options.views else {
-            door.photograph(&place(View::draw(seed)), 0, format!("knob-{seed}.png"))?;
-            continue;
-        };
-        let mut table = format!("{VIEW_COLUMNS}\n");
-        let mut numbers = 0..;
-        for number in 1..=views {
-            // From some places too little of the rose is seen.
-            let places =
-                numbers.by_ref().take(MAX_PLACES).map(|number| place(View::for_calibration(seed, number)));
-            let view = { places }.find(|view| door.shows_enough(view)).ok_or_else(|| {
-                format!(
-                    "from none of {MAX_PLACES} places the camera sees {:.0} % of the rose",
-                    100.0 * ENOUGH
-                )
-            })?;
-            table += &door.photograph(&view, number, format!("knob-{seed}-{number:02}.png"))?;
-            table.push('\n');
-        }
-        let file = options.out.join(format!("knob-{seed}.csv"));
-        std::fs::write(&file, table).map_err(|error| format!("{}: {error}", file.display()))?;
-    }
-    Ok(())
-}
-
-/// Columns of the table of `--views`.
-const VIEW_COLUMNS: &str = "image,x,y,z,qx,qy,qz,qw,distance,true_u,true_v,true_radius";
-/// Share of the rim of the rose that a picture of `--views` shows at least.
-const ENOUGH: f64 = 0.6;
-/// Places that are tried for a picture.
-const MAX_PLACES: usize = 1000;
-
-/// A door before which pictures are taken.
-struct Door<'a> {
-    seed: u64,
-    scene: Scene,
-    optics: Optics,
-    values: CameraValues,
-    out: &'a Path,
-}
-
-impl Door<'_> {
-    /// Angle of the open fingers of the gripper [rad].
-    const OPEN: f64 = 0.22;
-
-    fn truth(&self, view: &View) -> ImageTruth {
-        let pose = view.hand * self.values.mount();
-        self.scene.truth(&self.values.camera(), &pose, &view.fingers(Self::OPEN))
-    }
-
-    fn shows_enough(&self, view: &View) -> bool {
-        self.truth(view).rose.is_some_and(|rose| rose.visible >= ENOUGH)
-    }
-
-    /// Writes a picture, and prints what is true of it. Returns its row of the table.
-    fn photograph(&self, view: &View, number: u32, name: String) -> Result<String, Box<dyn Error>> {
-        let (pose, fingers) = (view.hand * self.values.mount(), view.fingers(Self::OPEN));
-        let noise = (self.seed, number);
-        let image = self.scene.photograph(&self.values.camera(), &self.optics, &pose, &fingers, noise);
-        let file = self.out.join(&name);
-        std::fs::write(&file, image.png()?).map_err(|error| format!("{}: {error}", file.display()))?;
-        let (place, turn): ([f64; 3], [f64; 4]) =
-            (view.hand.translation.vector.into(), view.hand.rotation.coords.into());
-        let truth = self.truth(view);
-        let mut row = vec![name];
-        row.extend(place.iter().chain(&turn).map(f64::to_string));
-        // As somebody measures it: from the lens to the door.
-        row.push(format!("{:.2}", -pose.translation.z));
-        row.extend(match &truth.rose {
-            Some(rose) => [rose.center[0], rose.center[1], rose.radius].map(|value| value.to_string()),
-            None => Default::default(),
-        });
-        let rose_radius = self.scene.rose.radius;
-        let rendered = RenderedKnob { seed: self.seed, file, hand: (place, turn), rose_radius, truth };
-        println!("{}", serde_json::to_string(&rendered)?);
-        Ok(row.join(","))
-    }
 }
 
 #[cfg(unix)]

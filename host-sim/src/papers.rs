@@ -39,6 +39,7 @@ pub struct PaperFigure {
 
 const HAND3_FORCE: &str = "hand3-paper-force";
 const HAND3_MOTION: &str = "hand3-paper-motion";
+const HAND3_CURVES: &str = "hand3-paper-curves";
 const ARM7: &str = "arm7-paper";
 
 /// All figures, in the order of the pages.
@@ -50,6 +51,12 @@ pub const FIGURES: &[PaperFigure] = &[
         "hand3-friction.svg",
         HAND3_FORCE,
         "Hand3 figure 11: force over the friction of the joints",
+    ),
+    figure(
+        Paper::Hand3,
+        "hand3-efficiency.svg",
+        HAND3_CURVES,
+        "Hand3 figure 11: force over the efficiency of the joints",
     ),
     figure(
         Paper::Hand3,
@@ -65,6 +72,12 @@ pub const FIGURES: &[PaperFigure] = &[
     ),
     figure(Paper::Hand3, "hand3-turn.svg", HAND3_MOTION, "Hand3 figures 14 and 15: attitude of the box"),
     figure(Paper::Hand3, "hand3-shift.svg", HAND3_MOTION, "Hand3 figures 14 and 15: position of the box"),
+    figure(
+        Paper::Hand3,
+        "hand3-integral.svg",
+        HAND3_CURVES,
+        "Hand3 figure 15: errors over the integral gain",
+    ),
     figure(Paper::Hand3, "hand3-joint-turn.svg", HAND3_MOTION, "Hand3 section 5.5: attitude of the box"),
     figure(Paper::Arm7, "arm7-release.svg", ARM7, "Released along x: the matched machine"),
     figure(

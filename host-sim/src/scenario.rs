@@ -94,6 +94,7 @@ pub const SCENARIOS: &[Scenario] = &[
     hand5_teleop::SCENARIO,
     knob_find::SCENARIO,
     knob_grasp::SCENARIO,
+    hand3_paper::CURVES,
 ];
 
 /// What a run is given.

@@ -4,13 +4,14 @@ use std::io::{self, BufRead};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
+use rapier3d::na::Vector3;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki::robot::Robot;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 
-use crate::plant::{Plant, PlantError};
+use crate::plant::{Hold, Plant, PlantError};
 use crate::qemu::Qemu;
 use crate::served_camera::ServedCamera;
 use crate::virtual_board::VirtualBoard;
@@ -97,12 +98,37 @@ pub enum ServeError {
     Plant(#[from] PlantError),
 }
 
-/// Commands on standard input that inject faults while the machine runs.
-pub const FAULT_COMMANDS: &str = "  estop on|off           press or release the emergency stop
+/// Commands on standard input while the machine runs: they inject faults, and act on its tips.
+pub const COMMANDS: &str = "  estop on|off           press or release the emergency stop
   supply VOLTS           change the supply voltage
   encoder JOINT COUNTS   make an encoder jump by this many counts
   freeze JOINT           freeze an encoder; again: release it
-  reset                  press the board's reset button";
+  reset                  press the board's reset button
+  pull X Y Z | off       pull the first tip so far from where it is [m], as a person's arm does (500 N/m); let go
+  wall X Y Z N/M | off   put up a wall of this stiffness, so far ahead of the tips [m]; take all walls away";
+
+/// Stiffness and damping of the arm of a person who pulls [N/m, N·s/m].
+const PULL: (f64, f64) = (500.0, 25.0);
+/// Speed of a pull [m/s], and its shortest duration [s].
+const PULL_SPEED: f64 = 0.05;
+const MIN_PULL: f64 = 0.5;
+/// Farthest pull, and farthest wall [m].
+const FARTHEST: f64 = 1.0;
+/// Stiffest wall [N/m].
+const STIFFEST: f64 = 1e5;
+
+/// A command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Command {
+    Fault(SensorFault),
+    Reset,
+    /// By so much [m].
+    Pull(Vector3<f64>),
+    LetGo,
+    /// So far away [m], of this stiffness [N/m].
+    Wall(Vector3<f64>, f64),
+    NoWalls,
+}
 
 /// A fault to inject.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,10 +137,9 @@ enum SensorFault {
     Supply(u16),
     Jump(usize, i32),
     Freeze(usize),
-    Reset,
 }
 
-fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> {
+fn parse(line: &str, model: &RobotModel) -> Result<Option<Command>, String> {
     let joint = |name: &str| {
         model.joints.iter().position(|joint| joint.name == name).ok_or_else(|| {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
@@ -122,7 +147,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> 
         })
     };
     let words: Vec<&str> = line.split_whitespace().collect();
-    Ok(Some(match words[..] {
+    let fault = match words[..] {
         [] => return Ok(None),
         ["estop", "on"] => SensorFault::EmergencyStop(true),
         ["estop", "off"] => SensorFault::EmergencyStop(false),
@@ -135,10 +160,60 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<SensorFault>, String> 
             SensorFault::Jump(joint(name)?, counts)
         }
         ["freeze", name] => SensorFault::Freeze(joint(name)?),
-        ["reset"] => SensorFault::Reset,
-        ["help"] => return Err(format!("Commands:\n{FAULT_COMMANDS}")),
-        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{FAULT_COMMANDS}")),
-    }))
+        ["reset"] => return Ok(Some(Command::Reset)),
+        ["pull", "off"] => return Ok(Some(Command::LetGo)),
+        ["pull", x, y, z] => return Ok(Some(Command::Pull(displacement([x, y, z])?))),
+        ["wall", "off"] => return Ok(Some(Command::NoWalls)),
+        ["wall", x, y, z, stiffness] => {
+            let ahead = displacement([x, y, z])?;
+            return match stiffness.parse::<f64>() {
+                Ok(value) if value > 0.0 && value <= STIFFEST => Ok(Some(Command::Wall(ahead, value))),
+                _ => Err(format!("{stiffness:?} is not a stiffness above 0, at most {STIFFEST} N/m")),
+            };
+        }
+        ["help"] => return Err(format!("Commands:\n{COMMANDS}")),
+        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{COMMANDS}")),
+    };
+    Ok(Some(Command::Fault(fault)))
+}
+
+fn displacement(words: [&str; 3]) -> Result<Vector3<f64>, String> {
+    let mut vector = Vector3::zeros();
+    for (number, word) in vector.iter_mut().zip(words) {
+        *number = word.parse().map_err(|_| format!("{word:?} is not a number of metres"))?;
+    }
+    let length = vector.norm();
+    if length > 0.0 && length <= FARTHEST {
+        Ok(vector)
+    } else {
+        Err(format!("{length} m is not above 0 and at most {FARTHEST} m"))
+    }
+}
+
+/// What a person does to the machine.
+fn touch(plant: &mut Plant, command: Command) -> Result<(), PlantError> {
+    match command {
+        Command::Pull(by) => {
+            let Some(tip) = plant.tips().into_iter().next() else { return Ok(()) };
+            let hold = Hold {
+                position: (Vector3::from(tip.position) + by).into(),
+                orientation: tip.orientation,
+                ramp: (by.norm() / PULL_SPEED).max(MIN_PULL),
+                stiffness: PULL.0,
+                damping: PULL.1,
+                rotational_stiffness: 0.0,
+                rotational_damping: 0.0,
+            };
+            plant.hold_tip(0, hold)
+        }
+        Command::LetGo => plant.release_tip(0, 0.0),
+        Command::Wall(ahead, stiffness) => plant.insert_wall_ahead(ahead.into(), ahead.norm(), stiffness),
+        Command::NoWalls => {
+            plant.remove_walls();
+            Ok(())
+        }
+        Command::Fault(_) | Command::Reset => Ok(()),
+    }
 }
 
 /// Active faults of the sensors.
@@ -165,7 +240,6 @@ impl SensorFaults {
                 let count = self.last.get(joint).copied().unwrap_or(0);
                 self.frozen[joint] = if self.frozen[joint].is_none() { Some(count) } else { None };
             }
-            SensorFault::Reset => {}
         }
     }
 
@@ -196,7 +270,7 @@ pub fn input_lines() -> Receiver<String> {
 }
 
 /// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that is
-/// slower than real time runs as fast as it can. Executes the commands in `lines`, see [`FAULT_COMMANDS`].
+/// slower than real time runs as fast as it can. Executes the commands in `lines`, see [`COMMANDS`].
 ///
 /// # Errors
 /// Board, plant or the link to the clients failed.
@@ -249,8 +323,9 @@ pub fn serve(
         }
         for line in lines.try_iter() {
             match parse(&line, model) {
-                Ok(Some(SensorFault::Reset)) => board.reset()?,
-                Ok(Some(fault)) => sensor_faults.inject(fault, model.joints.len()),
+                Ok(Some(Command::Reset)) => board.reset()?,
+                Ok(Some(Command::Fault(fault))) => sensor_faults.inject(fault, model.joints.len()),
+                Ok(Some(other)) => touch(plant, other)?,
                 Ok(None) => {}
                 Err(message) => eprintln!("{message}"),
             }

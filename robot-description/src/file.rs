@@ -60,10 +60,32 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str, advice: &str, report: &mut 
     }
     let problem = |error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start);
-        let line = text.get(..start).unwrap_or(text).matches('\n').count() + 1;
-        report.dynamics(Some(line), error.message(), advice);
+        let before = text.get(..start).unwrap_or(text);
+        let line = before.matches('\n').count() + 1;
+        // What is unknown or missing is named by the message, what is of the wrong kind is not.
+        let key = key_of_value(before).filter(|_| error.message().starts_with("invalid"));
+        let key = key.map_or_else(String::new, |key| format!(", for {key}"));
+        report.dynamics(Some(line), error.message().to_owned() + &key, advice);
     };
     toml::from_str(text).map_err(problem).ok()
+}
+
+/// The key, with those of inline tables around it, of the value that begins where `text` ends.
+fn key_of_value(text: &str) -> Option<String> {
+    // A list may go over many lines; the first has the key.
+    let lines = text.rmatch_indices('\n').map(|(end, _)| end + 1).chain([0]);
+    let statement = lines.filter_map(|begin| text.get(begin..)).find(|rest| rest.contains('='))?;
+    let (before, _) = statement.rsplit_once('=')?;
+    let mut path: Vec<&str> = Vec::new();
+    let mut depth = 0_usize;
+    for part in before.split('=') {
+        depth += part.matches('{').count();
+        depth = depth.saturating_sub(part.matches('}').count());
+        let is_part_of_name = |c: char| c.is_alphanumeric() || "_-.".contains(c);
+        path.truncate(depth);
+        path.push(part.trim_end().rsplit(|c| !is_part_of_name(c)).next()?);
+    }
+    Some(path.join("."))
 }
 
 /// The text of the file `path`, which may be linked.
@@ -94,5 +116,23 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
     match too_long(&text, MAX_TOML) {
         Some(message) => Err(toml(message)),
         None => toml::from_str(&text).map_err(|error| toml(error.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::key_of_value;
+
+    #[test]
+    fn a_value_of_the_wrong_kind_is_named_by_its_key() {
+        for (text, key) in [
+            ("[grasp]\nmass = ", Some("mass")),
+            ("a = 1\ndamping = { translation = 3, rotation = ", Some("damping.rotation")),
+            ("pid = { of = { a = 1 }, derivative = ", Some("pid.derivative")),
+            ("stiffness = { matrix = [\n  [1.0, 2.0],\n  [", Some("stiffness.matrix")),
+            ("[motion]\n", None),
+        ] {
+            assert_eq!(key_of_value(text).as_deref(), key, "{text}");
+        }
     }
 }

@@ -52,8 +52,8 @@ fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome 
         .unwrap()
 }
 
-/// Scenarios in which no board takes part.
-const WITHOUT_BOARD: [&str; 2] = ["hand5-calibrate", "knob-find"];
+/// Scenarios in which no board takes part, and the one that repeats the runs of two others on other machines.
+const NOT_REPLAYED: [&str; 3] = ["hand5-calibrate", "knob-find", "hand3-paper-curves"];
 
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
@@ -73,8 +73,8 @@ fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
-    let with_board = SCENARIOS.iter().filter(|scenario| !WITHOUT_BOARD.contains(&scenario.name));
-    for scenario in with_board {
+    let replayed = SCENARIOS.iter().filter(|scenario| !NOT_REPLAYED.contains(&scenario.name));
+    for scenario in replayed {
         let long = !["hand3-servo", "hand3-reach"].contains(&scenario.name);
         let limit = match (scenario.robot, scenario.name) {
             (_, "arm7-wall") => OBSERVED_TICK,

@@ -53,7 +53,12 @@ fn y_range(panel: &Panel) -> Range<f64> {
     let extent = data.clone().map_or(0.0, |d| d.start.abs().max(d.end.abs()));
     let near = panel.rules.iter().filter(|r| extent == 0.0 || r.value.abs() <= 5.0 * extent);
     let rules = near.flat_map(|r| if r.band { vec![r.value, -r.value] } else { vec![r.value] });
-    padded(span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules)), 0.09)
+    let shown = span(data.into_iter().flat_map(|d| [d.start, d.end]).chain(rules));
+    let higher = |range: Range<f64>| {
+        let missing = 0.5 * (panel.min_height - (range.end - range.start)).max(0.0);
+        range.start - missing..range.end + missing
+    };
+    padded(shown.map(higher), 0.09)
 }
 
 /// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a
@@ -171,6 +176,16 @@ mod tests {
         };
         assert!(panel(12.0).end > 12.0 && panel(12.0).start < -12.0);
         assert!(panel(100.0).end < 5.0);
+    }
+
+    #[test]
+    fn a_panel_is_as_high_as_it_says_at_least() {
+        let line = Line::solid("", 0, vec![0.0, 1.0], vec![2.0, 2.1]);
+        let range = y_range(&Panel::new("", "", "").at_least(1.0).line(line.clone()));
+        // From 1.55 to 2.55, and 9 % of it on both sides.
+        assert!((range.start - 1.46).abs() < 1e-9 && (range.end - 2.64).abs() < 1e-9, "{range:?}");
+        let range = y_range(&Panel::new("", "", "").at_least(0.05).line(line));
+        assert!((range.start - 1.991).abs() < 1e-9 && (range.end - 2.109).abs() < 1e-9, "{range:?}");
     }
 
     #[test]

@@ -141,6 +141,8 @@ pub struct Panel {
     pub(super) rules: Vec<Rule>,
     pub(super) marks: Vec<Mark>,
     pub(super) picture: Option<Picture>,
+    /// What the vertical axis shows at least.
+    pub(super) min_height: f64,
 }
 
 impl Panel {
@@ -154,7 +156,15 @@ impl Panel {
             rules: Vec::new(),
             marks: Vec::new(),
             picture: None,
+            min_height: 0.0,
         }
+    }
+
+    /// The same with a vertical axis that is so high at least: what hardly moves looks like it.
+    #[must_use]
+    pub const fn at_least(mut self, height: f64) -> Self {
+        self.min_height = height;
+        self
     }
 
     /// The same with one more line, above the others.

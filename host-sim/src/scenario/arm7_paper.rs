@@ -5,11 +5,14 @@ mod release;
 
 use std::cell::Cell;
 
-use tesaki_description::law::arm::{self, ArmLaw};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki_description::law::arm::{self, ArmLaw, LinkTable, Setpoint};
 
-use super::arm::ArmRig;
-use super::common::{capitalized, clear_faults, require_duration};
+use super::arm::{ArmRig, ArmTrial, Machine};
+use super::common::{T, capitalized, clear_faults, require_duration};
+use super::unilateral::{Operator, Slave};
 use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::operator::LinkValues;
 use crate::report::{Line, Metric, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -35,6 +38,14 @@ pub(super) const SCENARIO: Scenario = Scenario {
     ],
     run,
 };
+
+/// The machines: key, name in texts.
+pub(super) const MACHINES: [(&str, &str, Machine); 2] = [
+    ("matched", "the matched machine", Machine::Matched),
+    ("mismatched", "the mismatched machine", Machine::KnownPaperFriction),
+];
+/// When the operator closes the clutch [s].
+const CLOSE: f64 = 0.5;
 
 /// A law with the name of its file.
 pub(super) struct NamedLaw {
@@ -70,6 +81,40 @@ impl NamedLaw {
             return Ok(None);
         }
         trial.map(Some)
+    }
+
+    /// The operator leads the slave of `trial` from `target` on for a time, with the set-points of the law. `observe`
+    /// sees the time and each set-point.
+    pub fn lead(
+        &self,
+        trial: &mut ArmTrial<'_, '_>,
+        target: (PosePoint, ElbowSetpoint),
+        operator: &mut Operator,
+        duration: f64,
+        mut observe: impl FnMut(&Operator, f64, &PosePoint),
+    ) -> Result<(), ScenarioError> {
+        let mut slave = match self.law.follow.setpoint {
+            Setpoint::Sample => Slave::sample(target),
+            Setpoint::Predicted => Slave::predicted(target),
+        };
+        let tick = |time: f64| (time / T).round() as usize;
+        for number in 0..tick(duration) {
+            let time = number as f64 * T;
+            slave.receive(time, operator);
+            if number == tick(CLOSE) {
+                slave.clutch(time, true);
+            }
+            let (point, elbow) = slave.tick(time);
+            observe(operator, time, &point);
+            trial.follow(point, elbow)?;
+        }
+        Ok(())
+    }
+
+    /// The link of the law.
+    pub const fn link(&self) -> LinkValues {
+        let LinkTable { delay, jitter, loss } = self.law.follow.link;
+        LinkValues { delay, jitter, loss, burst: 0.0 }
     }
 
     /// Adds the number of trials that a fault ended.

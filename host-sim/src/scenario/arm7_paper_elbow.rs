@@ -3,15 +3,14 @@
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::Redundancy;
-use tesaki_description::law::arm::Setpoint;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_elbow::{elbow_position, hand_motion};
-use super::arm7_paper::NamedLaw;
+use super::arm7_paper::{MACHINES, NamedLaw};
 use super::common::{T, capitalized, require_duration};
-use super::unilateral::{Operator, Slave, tool_pose};
+use super::unilateral::{Operator, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::operator::{ElbowMotion, ElbowSwing, LinkValues, OperatorHandMotion};
+use crate::operator::{ElbowMotion, ElbowSwing, OperatorHandMotion};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -40,15 +39,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
 const BEFORE: f64 = 1.5;
 const REST: f64 = 1.5;
 /// Time before the swing that figures show [s].
-const LEAD: f64 = 0.2;
-/// When the clutch closes [s].
-const CLOSE: f64 = 0.5;
-/// The machines: key, name in texts.
-const MACHINES: [(&str, &str, Machine); 2] = [
-    ("matched", "the matched machine", Machine::Matched),
-    ("mismatched", "the mismatched machine", Machine::KnownPaperFriction),
-];
-
+const SHOWN: f64 = 0.2;
 /// A trial from just before the swing on.
 struct ElbowTrace<'a> {
     law: &'a NamedLaw,
@@ -75,7 +66,7 @@ impl ElbowTrace<'_> {
 
     /// Mean of a series over the last half second before the elbow swings back.
     fn at_rest(&self, series: &[f64]) -> f64 {
-        let end = ((LEAD + self.law.law.elbow.time + REST) / T).round() as usize;
+        let end = ((SHOWN + self.law.law.elbow.time + REST) / T).round() as usize;
         let rest = series.get(end.saturating_sub(50)..end).unwrap_or(&[]);
         rest.iter().sum::<f64>() / rest.len() as f64
     }
@@ -138,29 +129,15 @@ fn swing<'a>(
         swings: vec![swing(BEFORE, experiment.angle), swing(back, -experiment.angle)],
     };
     let motion = OperatorHandMotion::strokes(start, Vec::new()).with_tremor(law.law.follow.tremor, seed);
-    let link = law.law.follow.link;
-    let link = LinkValues { delay: link.delay, jitter: link.jitter, loss: link.loss, burst: 0.0 };
-    let mut operator = Operator::new(motion, elbow, link, seed, &start);
-    let mut slave = match law.law.follow.setpoint {
-        Setpoint::Sample => Slave::sample(target),
-        Setpoint::Predicted => Slave::predicted(target),
-    };
+    let mut operator = Operator::new(motion, elbow, law.link(), seed, &start);
     let begin = arm_trial.log.0.len();
-    let tick = |time: f64| (time / T).round() as usize;
     let mut angles = Vec::new();
-    for number in 0..tick(back + experiment.time + REST) {
-        let time = number as f64 * T;
-        slave.receive(time, &mut operator);
-        if number == tick(CLOSE) {
-            slave.clutch(time, true);
-        }
-        let (point, elbow) = slave.tick(time);
+    law.lead(&mut arm_trial, target, &mut operator, back + experiment.time + REST, |operator, time, _| {
         angles.push(operator.elbow.at(time)[0]);
-        arm_trial.follow(point, elbow)?;
-    }
+    })?;
     let log = arm_trial.end()?;
     let table = log.table();
-    let from = tick(BEFORE - LEAD);
+    let from = ((BEFORE - SHOWN) / T).round() as usize;
     let samples = log.0.into_iter().skip(begin + from).collect();
     let start = angles[from];
     let operator = angles.into_iter().skip(from).map(|angle| 1e3 * (angle - start)).collect();

@@ -1,6 +1,7 @@
 //! The experiments of the Hand3 paper as printed, under several laws side by side on one machine.
 
 mod curve;
+mod curves;
 mod force;
 mod motion;
 mod step;
@@ -17,11 +18,13 @@ use crate::report::{Metric, Summary};
 
 pub(super) const FORCE: Scenario = force::SCENARIO;
 pub(super) const MOTION: Scenario = motion::SCENARIO;
+pub(super) const CURVES: Scenario = curves::SCENARIO;
 
 /// The laws that are compared when nothing else is asked for.
 const LAWS: &[&str] = &["paper", "tesaki"];
 
 /// A law of the run.
+#[derive(Clone)]
 struct Law {
     /// For people.
     name: String,

@@ -23,6 +23,7 @@
 //! hold = 4.0                      # s
 //! evaluated = 2.0                 # s, at its end
 //! coulomb = [0.0, 0.04, 0.08]     # N·m, of the joints, for the curve of the force over the friction
+//! efficiency = [1.0, 0.8, 0.6]    # of the transmissions, for the curve of the force over it; may be left out
 //!
 //! [weights]                       # section 6.2, figure 12: weights are put on
 //! masses = [0.05, 0.1, 0.2, 0.3]  # kg
@@ -35,6 +36,7 @@
 //! shifts = [0.01, -0.01]          # m
 //! duration = 1.0                  # s, of each motion
 //! rest = 2.5                      # s, after each
+//! integral = [1000.0, 4000.0]     # N/(m·s), K_i of the position, for the curve of the errors over it; may be left out
 //!
 //! [joint_control]                 # section 5.5: the same by joint angles
 //! # as [motion]
@@ -103,6 +105,16 @@ impl ObjectLaw {
         plan.internal = self.internal;
         plan.feedback = self.feedback;
     }
+
+    /// The same with another integral gain of the position [N/(m·s)]; `None` where there is no such gain.
+    pub const fn with_integral(self, gain: f64) -> Option<Self> {
+        let ObjectControl::Wrench(mut gains) = self.control else { return None };
+        let [proportional, _] = gains.position;
+        #[expect(clippy::cast_possible_truncation, reason = "gains are in single precision")]
+        let integral = gain as f32;
+        gains.position = [proportional, integral];
+        Some(Self { control: ObjectControl::Wrench(gains), ..self })
+    }
 }
 
 /// A step of all joints at once.
@@ -153,6 +165,8 @@ pub struct ForceExperiment {
     pub evaluated: f64,
     /// Coulomb frictions of the joints for the curve of the force over the friction [N·m].
     pub coulomb: Vec<f64>,
+    /// Fractions of the motors' torques that reach the joints, for the curve of the force over them.
+    pub efficiency: Vec<f64>,
 }
 
 /// Weights are put on the object.
@@ -183,6 +197,8 @@ pub struct MotionExperiment {
     pub duration: f64,
     /// Rest after each [s].
     pub rest: f64,
+    /// Integral gains of the position, for the curve of the errors over them [N/(m·s)].
+    pub integral: Vec<f64>,
 }
 
 /// The content of a file.
@@ -251,11 +267,11 @@ struct Own {
 
 /// An experiment's table: its own keys, and those of [`Own`].
 macro_rules! experiment {
-    ($name:ident { $($key:ident: $ty:ty),* $(,)? }) => {
+    ($name:ident { $($(#[$attribute:meta])* $key:ident: $ty:ty),* $(,)? }) => {
         #[derive(Clone, Debug, Deserialize)]
         #[serde(deny_unknown_fields)]
         struct $name {
-            $($key: $ty,)*
+            $($(#[$attribute])* $key: $ty,)*
             control: Option<Control>,
             object_frame: Option<FrameName>,
             load: Option<LoadName>,
@@ -273,9 +289,22 @@ macro_rules! experiment {
     };
 }
 
-experiment!(Force { hold: f64, evaluated: f64, coulomb: Vec<f64> });
+experiment!(Force {
+    hold: f64,
+    evaluated: f64,
+    coulomb: Vec<f64>,
+    #[serde(default)]
+    efficiency: Vec<f64>,
+});
 experiment!(Weights { masses: Vec<f64>, cumulative: bool, ramp: f64, interval: f64 });
-experiment!(Motion { turns: Vec<f64>, shifts: Vec<f64>, duration: f64, rest: f64 });
+experiment!(Motion {
+    turns: Vec<f64>,
+    shifts: Vec<f64>,
+    duration: f64,
+    rest: f64,
+    #[serde(default)]
+    integral: Vec<f64>,
+});
 
 /// Whether the robot is a hand that these laws are for: as many chains as a grasp has fingers.
 pub fn is_for(model: &RobotModel) -> bool {
@@ -309,6 +338,7 @@ impl File {
             shifts: motion.shifts,
             duration: motion.duration,
             rest: motion.rest,
+            integral: motion.integral,
         };
         HandLaw {
             title,
@@ -334,6 +364,7 @@ impl File {
                 hold: force.hold,
                 evaluated: force.evaluated,
                 coulomb: force.coulomb,
+                efficiency: force.efficiency,
             },
             weights: WeightsExperiment {
                 law: grasp.with(weights.own()),
@@ -377,6 +408,8 @@ impl HandLaw {
         within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");
         within("force", "coulomb", count(&force.coulomb), [0.0, 32.0], "values");
         force.coulomb.iter().for_each(|&value| within("force", "coulomb", value, [0.0, 1.0], "N·m"));
+        within("force", "efficiency", count(&force.efficiency), [0.0, 32.0], "values");
+        force.efficiency.iter().for_each(|&value| within("force", "efficiency", value, [0.3, 1.0], ""));
         within("weights", "masses", count(&weights.masses), [1.0, 16.0], "values");
         weights.masses.iter().for_each(|&value| within("weights", "masses", value, [0.001, 5.0], "kg"));
         within("weights", "ramp", weights.ramp, [0.01, MAX_TIME], "s");
@@ -388,6 +421,17 @@ impl HandLaw {
             motion.shifts.iter().for_each(|shift| within(section, "shifts", shift.abs(), [1e-4, 0.05], "m"));
             within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
             within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");
+            within(section, "integral", count(&motion.integral), [0.0, 32.0], "values");
+            motion.integral.iter().for_each(|&gain| within(section, "integral", gain, [0.0, 1e6], "N/(m·s)"));
+        }
+        for (section, motion) in [("motion", motion), ("joint_control", joint_control)] {
+            let key = format!("{section}.integral");
+            if !motion.integral.is_empty() && motion.law.with_integral(0.0).is_none() {
+                wrong.push(Wrong::new(
+                    &key,
+                    format!("{key}: only control = {{ wrench = … }} has such a gain"),
+                ));
+            }
         }
         let laws = [
             ("force", force.law),

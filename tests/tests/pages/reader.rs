@@ -55,6 +55,11 @@ const EXCUSED: &[(&str, &str)] = &[
         "likewise",
     ),
     (
+        "tesaki --port tcp://localhost:7402 follow --impedance robots/arm7/impedances/soft.toml --from \
+         board:tcp://localhost:7401 --reflect robots/arm7/impedances/handle.toml",
+        "likewise",
+    ),
+    (
         "python3 docs/examples/camera.py 0 | tesaki look --delay 0.05 --to tcp://localhost:7800",
         "it needs a camera; cli/look.rs pipes pictures",
     ),

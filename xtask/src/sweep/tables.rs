@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 
 use super::check;
 use super::record::{FOLDER, Sweep};
-use super::rows::{Bound, Pair, Row, Rows, TABLES, Table};
+use super::rows::{Bound, Pair, Row, Rows, Table, tables};
 use super::set::Set;
 use super::stats;
 
@@ -22,7 +22,7 @@ const REFRESH: &str = "run `cargo xtask sweep tables`";
 pub fn run(check: bool) -> Result<()> {
     let folder = Path::new(FOLDER);
     let mut documents: BTreeMap<&str, String> = BTreeMap::new();
-    for table in TABLES {
+    for table in tables() {
         let before = match documents.get(table.document) {
             Some(text) => text.clone(),
             None => std::fs::read_to_string(table.document).with_context(|| table.document.to_owned())?,
@@ -51,7 +51,7 @@ pub fn run(check: bool) -> Result<()> {
 /// Every marker in a document belongs to a table, so that no table stays behind that nobody writes any more.
 fn check_markers(document: &str, text: &str) -> Result<()> {
     for line in text.lines().filter(|line| line.starts_with("<!-- sweep:begin")) {
-        let known = TABLES.iter().any(|table| table.document == document && line == begin(table.name));
+        let known = tables().any(|table| table.document == document && line == begin(table.name));
         ensure!(known, "{document}: there is no table for the marker {line}");
     }
     Ok(())
@@ -333,13 +333,13 @@ mod tests {
 
     #[test]
     fn every_table_is_named_once_and_has_rows() {
-        for (index, table) in TABLES.iter().enumerate() {
+        for (index, table) in tables().enumerate() {
             assert!(match table.rows {
                 Rows::Limits(rows) => !rows.is_empty(),
                 Rows::Comparison(pairs) => pairs.iter().all(|pair| pair.rows().next().is_some()),
             });
             let again = |other: &Table| (other.document, other.name) == (table.document, table.name);
-            assert!(!TABLES[index + 1..].iter().any(again), "{}", table.name);
+            assert!(!tables().skip(index + 1).any(again), "{}", table.name);
         }
     }
 }

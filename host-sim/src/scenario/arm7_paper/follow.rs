@@ -2,18 +2,16 @@
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki_description::law::arm::{LinkTable, Setpoint};
 
 use super::{NamedLaw, damping_key};
 use crate::operator::{ElbowMotion, LinkValues, OperatorHandMotion};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 use crate::scenario::arm::{ArmRig, ArmTrial, Machine};
-use crate::scenario::common::{T, capitalized};
-use crate::scenario::unilateral::{Operator, Slave, Trace, displacements, tool_pose};
+use crate::scenario::common::capitalized;
+use crate::scenario::unilateral::{Operator, Trace, displacements, tool_pose};
 use crate::scenario::{ScenarioError, Setting};
 
-/// Times since the trial began: the clutch closes, the hand begins and ends its motion [s].
-const CLOSE: f64 = 0.5;
+/// Times since the trial began: the hand begins and ends its motion [s].
 const BEGIN: f64 = 1.0;
 const END: f64 = 7.0;
 /// Rest after the motion; the error at rest is the mean over its second half [s].
@@ -43,11 +41,10 @@ impl Path {
         }
     }
 
-    fn link(self, link: LinkTable) -> LinkValues {
-        let LinkTable { delay, jitter, loss } = link;
+    fn link(self, law: &NamedLaw) -> LinkValues {
         match self {
             Self::Direct => LinkValues::default(),
-            Self::Link => LinkValues { delay, jitter, loss, burst: 0.0 },
+            Self::Link => law.link(),
         }
     }
 }
@@ -139,23 +136,11 @@ fn follow(
     let motion = OperatorHandMotion::sine(start, along, experiment.frequency, [BEGIN, END])
         .with_tremor(experiment.tremor, seed);
     let elbow = ElbowMotion { start: target.1.angle.into(), swings: Vec::new() };
-    let mut operator = Operator::new(motion, elbow, path.link(experiment.link), seed, &start);
-    let mut slave = match experiment.setpoint {
-        Setpoint::Sample => Slave::sample(target),
-        Setpoint::Predicted => Slave::predicted(target),
-    };
+    let mut operator = Operator::new(motion, elbow, path.link(law), seed, &start);
     let mut trace = Trace::new(arm_trial.log.now());
-    let tick = |time: f64| (time / T).round() as usize;
-    for number in 0..tick(END + REST) {
-        let time = number as f64 * T;
-        slave.receive(time, &mut operator);
-        if number == tick(CLOSE) {
-            slave.clutch(time, true);
-        }
-        let (point, elbow) = slave.tick(time);
-        trace.push(&operator.motion.at(time), &operator.elbow.at(time), &point);
-        arm_trial.follow(point, elbow)?;
-    }
+    law.lead(&mut arm_trial, target, &mut operator, END + REST, |operator, time, point| {
+        trace.push(&operator.motion.at(time), &operator.elbow.at(time), point);
+    })?;
     trace.add_arm_log(arm_trial.end()?);
     Ok(trace)
 }

@@ -1,17 +1,11 @@
 //! Figure 5: the tool is displaced by 3 cm and released.
 
-use super::{NamedLaw, damping_key};
+use super::{MACHINES, NamedLaw, damping_key};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
-use crate::scenario::arm::{ArmRig, Machine};
+use crate::scenario::arm::ArmRig;
 use crate::scenario::arm7_release::{AXES, Release, ReleaseTrial, release};
 use crate::scenario::common::capitalized;
 use crate::scenario::{ScenarioError, Setting};
-
-/// The machines: key, name in texts.
-const MACHINES: [(&str, &str, Machine); 2] = [
-    ("matched", "the matched machine", Machine::Matched),
-    ("mismatched", "the mismatched machine", Machine::KnownPaperFriction),
-];
 
 /// Releases along x, y and z of a law with one of its dampings.
 struct Releases<'a> {

@@ -6,7 +6,7 @@ use crate::report::{Figure, Line, Metric, Panel};
 use crate::scenario::grasping::GraspRig;
 
 /// The paper's force of finger 1 [N].
-const PAPER_FORCE: f64 = 0.89;
+pub(super) const PAPER_FORCE: f64 = 0.89;
 
 /// Holds the box on machines that differ in the friction of their joints only, under each law that lists frictions.
 pub(super) fn run(

@@ -41,8 +41,11 @@ const AFTER: f64 = 2.0;
 const PAPER_PITCHES: [f64; 3] = [0.868, 0.769, 0.673];
 const PAPER_POSITIONS: [f64; 3] = [8.4, 9.3, 8.1];
 
+/// Least height of the axes of positions [cm].
+const MIN_HEIGHT: f64 = 0.5;
+
 /// What happened under a law.
-struct Record {
+pub(super) struct Record {
     log: GraspLog,
     /// When each turn began, and each shift [s].
     turns: Vec<f64>,
@@ -55,15 +58,15 @@ struct Record {
 type Experiment = fn(&Law) -> &MotionExperiment;
 
 /// Pitch and position of the box [rad, m].
-type Pose = (f64, Vector3<f64>);
+pub(super) type Pose = (f64, Vector3<f64>);
 /// The pose in a sample.
-type PoseOf = fn(&GraspSample) -> Pose;
+pub(super) type PoseOf = fn(&GraspSample) -> Pose;
 
 fn true_pose(sample: &GraspSample) -> Pose {
     (sample.angles()[1], sample.position())
 }
 
-fn estimated_pose(sample: &GraspSample) -> Pose {
+pub(super) fn estimated_pose(sample: &GraspSample) -> Pose {
     (sample.estimates.pitch(), sample.estimates.position)
 }
 
@@ -93,7 +96,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 /// The turns, and then the shifts, in one grasp.
-fn move_box(
+pub(super) fn move_box(
     setting: &mut Setting<'_, '_>,
     rig: &mut GraspRig,
     law: &Law,
@@ -135,12 +138,12 @@ impl Record {
     }
 
     /// Worst error of the pitch after the turns [mrad].
-    fn pitch_error(&self, pose: PoseOf) -> f64 {
+    pub(super) fn pitch_error(&self, pose: PoseOf) -> f64 {
         worst(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
     }
 
     /// Displacements of the box by each shift, from rest to rest [mm].
-    fn displacements(&self, pose: PoseOf) -> Vec<Vector3<f64>> {
+    pub(super) fn displacements(&self, pose: PoseOf) -> Vec<Vector3<f64>> {
         let rest = |time: f64| self.log.at(time).map_or(Vector3::repeat(f64::NAN), |sample| pose(sample).1);
         let Some(&first) = self.shifts.first() else { return Vec::new() };
         let mut before = rest(first);
@@ -160,7 +163,10 @@ fn worst(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Errors of the displacements along x [mm].
-fn shift_errors(experiment: &MotionExperiment, moved: &[Vector3<f64>]) -> impl Iterator<Item = f64> {
+pub(super) fn shift_errors(
+    experiment: &MotionExperiment,
+    moved: &[Vector3<f64>],
+) -> impl Iterator<Item = f64> {
     moved.iter().zip(&experiment.shifts).map(|(moved, shift)| (moved.x - 1e3 * shift).abs())
 }
 
@@ -272,7 +278,7 @@ fn position(laws: &[Law], place: &str, records: &[Record]) -> Figure {
     let mut figure = mark(Figure::stacked(title, caption, "time", "s"), records);
     for (law, record) in laws.iter().zip(records) {
         for (axis, name) in xyz() {
-            let panel = Panel::new(format!("{}, {name}", law.name), "position", "cm");
+            let panel = Panel::new(format!("{}, {name}", law.name), "position", "cm").at_least(MIN_HEIGHT);
             let value = |(_, position): Pose| 1e2 * position[axis];
             let mut panel = lines(panel, record, name, axis, value, |sample| 1e2 * sample.target[0][axis]);
             if axis == 0 {

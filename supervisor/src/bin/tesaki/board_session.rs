@@ -68,7 +68,12 @@ impl BoardSession {
 
     /// Opens the port, greets the board and takes command.
     pub fn command(options: &Options) -> Result<Self, Failure> {
-        let mut session = Self::open(options)?;
+        Self::command_at(options, &options.port)
+    }
+
+    /// The same at another port.
+    pub fn command_at(options: &Options, port: &Address) -> Result<Self, Failure> {
+        let mut session = Self::open_at(options, port)?;
         // The lease of a commander that has gone expires; one that is active keeps command.
         let deadline = Instant::now() + LEASE + Duration::from_millis(200);
         loop {

@@ -1,6 +1,8 @@
 //! `follow`: an arm under impedance control, led by the poses of a hand.
 
 mod lead;
+mod master;
+mod reflect;
 mod source;
 
 use std::cell::RefCell;
@@ -48,10 +50,16 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     if !is_there {
         return Ok(());
     }
+    let reflects = args.reflect.as_ref().map_or_else(String::new, |file| {
+        format!(
+            " The master will be powered, too, and yield as specified in {}; at the end it falls unless it is supported.",
+            file.display()
+        )
+    });
     output::confirm(
         options,
         &format!(
-            "The tool of {} will follow {}, and yield as specified in {}. Continue?",
+            "The tool of {} will follow {}, and yield as specified in {}.{reflects} Continue?",
             motion.model.name,
             lead.source.feed.place,
             args.impedance.display()
@@ -61,7 +69,15 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     check_workspace(args, &mut motion)?;
     let commands = (args.from != PoseSource::StandardInput)
         .then(|| Feed::<String>::standard_input("command", args.silence));
+    if let Some(reflection) = &lead.source.reflection {
+        reflection
+            .enable_master(options.timeout)
+            .map_err(|failure| Failure::OtherBoard(lead.source.feed.place.clone(), Box::new(failure)))?;
+    }
     motion.enable(TaskConfig::Impedance(settings))?;
+    if args.reflect.is_some() {
+        motion.ask_in_each_period();
+    }
     lead.begin(&motion.impedance()?);
     motion.announce_ctrl_c(motion.load().as_ref());
     let mut session = Session { options, lead, commands, live: output::Live::new(options) };

@@ -324,6 +324,11 @@ impl<'a> Motion<'a> {
         Ok(())
     }
 
+    /// From now on asks for the task's telemetry as often as it changes.
+    pub const fn ask_in_each_period(&mut self) {
+        self.asks = Some(PERIOD);
+    }
+
     /// Sends a grasp command; returns the tick and the hand's telemetry after it.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
         self.session.board.grasp(command)?;

@@ -23,6 +23,7 @@ Examples:
   tracker | tesaki follow --impedance robots/arm7/impedances/firm.toml
   tesaki follow --impedance robots/arm7/impedances/firm.toml --from udp://127.0.0.1:7600 --scale 0.5
   tesaki follow --impedance firm.toml --from board:unix:///run/master --clutch open
+  tesaki follow --impedance soft.toml --from board:tcp://localhost:7401 --reflect handle.toml
   tesaki follow --impedance firm.toml --from file:hand.csv --workspace 0.2,0.5,-0.2,0.2,-0.5,-0.1";
 
 #[derive(Args)]
@@ -47,6 +48,10 @@ pub struct Follow {
     /// Whether the tool turns with the hand
     #[arg(long, value_enum, value_name = "ON", default_value_t = Switch::On)]
     pub rotation: Switch,
+    /// Let the master feel the force on the tool: enable it with this impedance file, for example
+    /// robots/arm7/impedances/handle.toml; with --from board:ADDRESS
+    #[arg(long, value_name = "FILE")]
+    pub reflect: Option<PathBuf>,
     /// End after this time [s]; without it, at Ctrl-C or with the source
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,

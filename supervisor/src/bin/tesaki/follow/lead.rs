@@ -10,6 +10,7 @@ use tesaki::task::TaskCommand;
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
+use super::reflect::Reflection;
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
 use crate::feed::MAX_TAKEN;
@@ -234,6 +235,10 @@ impl Lead {
         }
         let (point, elbow) = self.follower.tick(&mut self.state, now);
         self.watch_border(&point.position);
+        let point = match &mut self.source.reflection {
+            Some(reflection) => reflection.limit(point),
+            None => point,
+        };
         Request::Task(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
     }
 
@@ -259,6 +264,9 @@ impl Lead {
     /// Telemetry of the arm.
     pub fn heard(&mut self, tool: &ImpedanceTelemetry) {
         self.tool = *tool;
+        if let Some(reflection) = &mut self.source.reflection {
+            reflection.heard(tool, self.state.is_clutch_closed());
+        }
         let [largest, force] = self.largest;
         self.largest = [largest.max(norm(&tool.error)), force.max(norm(&tool.wrench))];
         let angle = Vector3::from_column_slice(&tool.error[3..]).norm();
@@ -297,6 +305,9 @@ impl Lead {
             1e3 * self.age,
             1e3 * norm(&self.tool.error)
         );
+        if let Some(reflection) = &self.source.reflection {
+            let _ = write!(text, ", {:.1} N at the handle", reflection.felt().force);
+        }
         if let Some(error) = &self.rejected {
             let _ = write!(text, "; rejected: {error}");
         }
@@ -313,10 +324,18 @@ impl Lead {
         let bad = self.source.feed.dropped;
         let of_source = self.source.period.map(|_| lost);
         let told = of_source.map_or_else(String::new, |lost| format!(", {lost} lost"));
+        let felt = self.source.reflection.as_ref().map(Reflection::felt);
+        let reflected = felt.as_ref().map_or_else(String::new, |felt| {
+            format!(
+                ", largest at the handle {:.1} N; energy of the link {:+.0} mJ",
+                felt.largest,
+                1e3 * felt.balance
+            )
+        });
         let text = format!(
             "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} \
              bad; the clutch opened by itself {stops} times; largest distance of the tool from its set-point {:.1} mm, \
-             largest force {force:.1} N",
+             largest force {force:.1} N{reflected}",
             output::counted(accepted as usize, "sample"),
             output::counted(gaps as usize, "gap"),
             1e3 * distance
@@ -329,6 +348,9 @@ impl Lead {
             "stops": stops,
             "largest_distance": output::exact(&distance),
             "largest_force": output::exact(&force),
+            "reflected": felt.map(|felt| json!({
+                "largest_force": output::exact(&felt.largest), "energy_balance": output::exact(&felt.balance),
+            })),
         });
         (text, value)
     }

@@ -1,23 +1,17 @@
 //! Poses of a hand: lines of JSON, rows of a table, and the tip of another board's robot.
 
-use std::f32::consts::TAU;
-use std::io;
 use std::path::Path;
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde_json::Value;
-use tesaki::kinematics::Chain;
 use tesaki::math;
-use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Mode, Stream, Telemetry};
-use tesaki::task::impedance::{ArmAngle, ImpedanceSettings, Redundancy};
-use tesaki_supervisor::Board;
-use tesaki_supervisor::port::Address;
+use tesaki::task::impedance::ImpedanceSettings;
 
+use super::master::Master;
+use super::reflect::Reflection;
 use crate::args::{Follow, Options, PoseSource};
-use crate::board_session::BoardSession;
 use crate::eval::table::{Row, Table};
 use crate::failure::Failure;
 use crate::feed::{Feed, Inlet};
@@ -28,8 +22,6 @@ use crate::motion::Motion;
 const FARTHEST: f32 = 100.0;
 /// Tolerance of the norm of a unit quaternion.
 const NORM_TOLERANCE: f32 = 1e-3;
-/// A master without telemetry for this time is asked again: it may have been reset.
-const SILENCE: Duration = Duration::from_millis(300);
 /// The keys of a line.
 const KEYS: [&str; 5] = ["time", "position", "quaternion", "elbow", "clutch"];
 
@@ -136,6 +128,8 @@ pub struct Source {
     start: Option<Sender<()>>,
     /// Period of its time stamps, where they number its samples [s].
     pub period: Option<f64>,
+    /// The slave's end of the reflected force, if there is one.
+    pub reflection: Option<Reflection>,
 }
 
 impl Source {
@@ -145,7 +139,12 @@ impl Source {
         motion: &Motion<'_>,
         settings: &ImpedanceSettings,
     ) -> Result<Self, Failure> {
-        let of_feed = |feed| Self { feed, start: None, period: None };
+        let of_feed = |feed| Self { feed, start: None, period: None, reflection: None };
+        if args.reflect.is_some() && !matches!(args.from, PoseSource::Board(_)) {
+            return Err(Failure::Usage(
+                "--reflect needs a master that is a board: --from board:ADDRESS".to_owned(),
+            ));
+        }
         match &args.from {
             PoseSource::StandardInput => Ok(of_feed(Feed::standard_input("sample", args.silence))),
             PoseSource::Udp(address) => Ok(of_feed(Feed::udp(*address, "sample", args.silence)?)),
@@ -161,10 +160,10 @@ impl Source {
             }
             PoseSource::Board(address) => {
                 let place = format!("the master at {address}");
-                let master = Master::open(options, address, motion, settings)
+                let (master, reflection) = Master::open(options, address, args, motion, settings)
                     .map_err(|failure| Failure::OtherBoard(place.clone(), Box::new(failure)))?;
                 let feed = Feed::spawn(place, "sample", args.silence, move |inlet| master.lead(inlet));
-                Ok(Self { period: Some(tesaki::TICK.into()), ..of_feed(feed) })
+                Ok(Self { period: Some(tesaki::TICK.into()), reflection, ..of_feed(feed) })
             }
         }
     }
@@ -242,136 +241,9 @@ fn play(samples: &[Sample], inlet: &Inlet<Content>) {
     }
 }
 
-/// Another board, whose tip leads the arm.
-struct Master {
-    session: BoardSession,
-    model: RobotModel,
-    chain: Chain,
-    elbow: Elbow,
-    /// The last angle of the elbow [rad].
-    angle: Option<f32>,
-}
-
-/// What of the master leads the elbow.
-enum Elbow {
-    Nothing,
-    ArmAngle,
-    /// Index of a joint.
-    Joint(usize),
-}
-
-impl Master {
-    fn open(
-        options: &Options,
-        address: &Address,
-        motion: &Motion<'_>,
-        settings: &ImpedanceSettings,
-    ) -> Result<Self, Failure> {
-        let mut session = BoardSession::open_at(options, address)?;
-        if session.port == motion.port() {
-            return Err(Failure::Usage(
-                "this is the arm itself: name the arm's board by --port, and another one by --from board:ADDRESS"
-                    .to_owned(),
-            ));
-        }
-        let model = session.model()?;
-        if model.chains.len() != 1 {
-            return Err(Failure::Usage(format!(
-                "{} has {} tips: only a robot with one tip can lead an arm",
-                model.name,
-                model.chains.len()
-            )));
-        }
-        let node = session.board.status()?.node;
-        session.require_no_fault(node.mode, Some(&model))?;
-        let mut joints = (0..).zip(&model.joints);
-        if let Some((_, joint)) = joints.find(|(index, _)| node.homed >> index & 1 == 0) {
-            return Err(Failure::Usage(format!(
-                "its joint {} is not homed, so its pose is unknown (`tesaki --port {} home …`)",
-                joint.name, session.port
-            )));
-        }
-        let elbow = match settings.redundancy {
-            Redundancy::None => Elbow::Nothing,
-            Redundancy::ArmAngle if model.joints.len() == tesaki::model::MAX_CHAIN_JOINTS => Elbow::ArmAngle,
-            Redundancy::ArmAngle => Elbow::Nothing,
-            Redundancy::DrivenJoint { joint } => {
-                let name = motion.model.joint_name(joint.into());
-                let found = model.joints.iter().position(|joint| joint.name == name);
-                found.map_or(Elbow::Nothing, Elbow::Joint)
-            }
-        };
-        let chain = Chain::of_model(&model, 0);
-        session.board.set_rate(Stream::Telemetry, 1)?;
-        Ok(Self { session, model, chain, elbow, angle: None })
-    }
-
-    /// Puts in the pose of the tip after each tick of the board.
-    fn lead(mut self, inlet: &Inlet<Content>) {
-        loop {
-            let event = self.session.board.next_event(Instant::now() + SILENCE).map_err(Failure::from);
-            let content = match event {
-                Ok(Some(FromBoard::Telemetry(telemetry))) => self.sample(&telemetry).map(Content::Sample),
-                Ok(Some(_)) => continue,
-                Ok(None) => match self.session.reconnect(&[(Stream::Telemetry, 1)]) {
-                    Ok(_) => continue,
-                    Err(failure) => Err(failure.to_string()),
-                },
-                Err(failure) => Err(failure.to_string()),
-            };
-            let ends = content.is_err();
-            if !inlet.send(content.map_err(io::Error::other)) || ends {
-                break;
-            }
-        }
-    }
-
-    fn sample(&mut self, telemetry: &Telemetry) -> Result<Sample, String> {
-        if telemetry.mode == Mode::Fault {
-            return Err("its board is in fault (`tesaki faults`)".to_owned());
-        }
-        let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-        if angles.len() != self.model.joints.len() {
-            return Err("its board has lost its model: it was reset".to_owned());
-        }
-        let posture = self.chain.posture(&self.model.chain_angles(0, &angles));
-        let tip = posture.tip();
-        let elbow = match self.elbow {
-            Elbow::Nothing => None,
-            Elbow::ArmAngle => {
-                ArmAngle::of(&posture, &Vector3::from(self.model.gravity)).map(|elbow| elbow.angle)
-            }
-            Elbow::Joint(joint) => angles.get(joint).copied(),
-        };
-        let elbow = elbow.map(|angle| self.angle.map_or(angle, |before| unwrapped(angle, before)));
-        self.angle = elbow.or(self.angle);
-        Ok(Sample {
-            time: f64::from(telemetry.tick) * f64::from(tesaki::TICK),
-            position: tip.translation.vector.into(),
-            rotation: UnitQuaternion::from_rotation_matrix(&tip.rotation).coords.into(),
-            elbow,
-            clutch: None,
-        })
-    }
-}
-
-/// The angle within half a turn of the one `before`: the arm angle jumps at half a turn, the elbow does not.
-fn unwrapped(angle: f32, before: f32) -> f32 {
-    angle - TAU * math::round((angle - before) / TAU)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_elbow_that_turns_on_does_not_jump() {
-        for (angle, before, expected) in
-            [(-3.1, 3.1, TAU - 3.1), (3.1, -3.1, 3.1 - TAU), (0.5, 0.4, 0.5), (3.1, 9.3, 3.1 + TAU)]
-        {
-            assert!((unwrapped(angle, before) - expected).abs() < 1e-5, "{angle} after {before}");
-        }
-    }
 
     #[test]
     fn a_line_is_a_sample_or_a_request_to_the_clutch() {

@@ -1,0 +1,337 @@
+//! The tables of the pages of the papers.
+
+use super::{Bound, Pair, Row, Rows, Table, magnitude, row};
+
+/// A quantity of which only ours runs here.
+const fn ours(paper: Option<&'static str>, row: Row) -> Pair {
+    Pair { label: row.label, paper, papers_law: None, ours: Some(row), is_error: false }
+}
+
+/// An error under the paper's law and under ours.
+const fn errors(label: &'static str, papers_law: Row, ours: Row) -> Pair {
+    Pair { is_error: true, ..both(label, papers_law, ours) }
+}
+
+/// A quantity under the paper's law and under ours.
+const fn both(label: &'static str, papers_law: Row, ours: Row) -> Pair {
+    Pair { label, paper: None, papers_law: Some(papers_law), ours: Some(ours), is_error: false }
+}
+
+/// The magnitude of a metric; the label is that of its pair.
+const fn size(scenario: &'static str, metric: &'static str) -> Row {
+    magnitude(scenario, metric, "")
+}
+
+const HAND3_PAGE: &str = "docs/papers/hand3.md";
+const ARM7_PAGE: &str = "docs/papers/arm7.md";
+const HAND5_PAGE: &str = "docs/papers/hand5.md";
+const KNOB_PAGE: &str = "docs/papers/knob.md";
+
+const HAND3_FORCE: &str = "hand3-paper-force";
+const HAND3_MOTION: &str = "hand3-paper-motion";
+const ARM7: &str = "arm7-paper";
+const ARM7_ELBOW: &str = "arm7-paper-elbow";
+const ARM7_SECTION4: &str = "arm7-paper-bilateral";
+
+const HAND3_FIGURE6: &[Pair] = &[
+    errors(
+        "largest error of a joint",
+        size(HAND3_MOTION, "paper_step_error_peak"),
+        size(HAND3_MOTION, "tesaki_step_error_peak"),
+    ),
+    errors(
+        "at rest",
+        size(HAND3_MOTION, "paper_step_error_rest"),
+        size(HAND3_MOTION, "tesaki_step_error_rest"),
+    ),
+];
+
+const HAND3_FIGURE11: &[Pair] = &[
+    both(
+        "force of finger 1 by its sensor, 2 N commanded",
+        size(HAND3_FORCE, "paper_sensed_force"),
+        size(HAND3_FORCE, "tesaki_sensed_force"),
+    ),
+    both(
+        "along x, 1.48 N commanded",
+        size(HAND3_FORCE, "paper_sensed_x"),
+        size(HAND3_FORCE, "tesaki_sensed_x"),
+    ),
+    both(
+        "magnitude along y, 0 N commanded",
+        size(HAND3_FORCE, "paper_sensed_y"),
+        size(HAND3_FORCE, "tesaki_sensed_y"),
+    ),
+    both(
+        "magnitude along z, 1.34 N commanded",
+        size(HAND3_FORCE, "paper_sensed_z"),
+        size(HAND3_FORCE, "tesaki_sensed_z"),
+    ),
+    errors(
+        "error of the force",
+        size(HAND3_FORCE, "paper_force_error"),
+        size(HAND3_FORCE, "tesaki_force_error"),
+    ),
+];
+
+const HAND3_FIGURE12: &[Pair] = &[
+    errors(
+        "sensed weight, error",
+        size(HAND3_FORCE, "paper_sensed_weight_error"),
+        size(HAND3_FORCE, "tesaki_sensed_weight_error"),
+    ),
+    errors(
+        "motion of the box",
+        size(HAND3_FORCE, "paper_weights_motion"),
+        size(HAND3_FORCE, "tesaki_weights_motion"),
+    ),
+    both(
+        "box lost (1 if so)",
+        size(HAND3_FORCE, "paper_weights_lost"),
+        size(HAND3_FORCE, "tesaki_weights_lost"),
+    ),
+];
+
+const HAND3_FIGURE14: &[Pair] = &[
+    errors(
+        "as estimated by the hand: pitch, worst of four turns",
+        size(HAND3_MOTION, "paper_motion_pitch_error_estimated"),
+        size(HAND3_MOTION, "tesaki_motion_pitch_error_estimated"),
+    ),
+    errors(
+        "shift by +1 cm",
+        size(HAND3_MOTION, "paper_motion_shift1_error_estimated"),
+        size(HAND3_MOTION, "tesaki_motion_shift1_error_estimated"),
+    ),
+    errors(
+        "shift by −1 cm",
+        size(HAND3_MOTION, "paper_motion_shift2_error_estimated"),
+        size(HAND3_MOTION, "tesaki_motion_shift2_error_estimated"),
+    ),
+    errors(
+        "drift along z",
+        size(HAND3_MOTION, "paper_motion_from_start_z_estimated"),
+        size(HAND3_MOTION, "tesaki_motion_from_start_z_estimated"),
+    ),
+    errors(
+        "true pose: pitch, worst of four turns",
+        size(HAND3_MOTION, "paper_motion_pitch_error_true"),
+        size(HAND3_MOTION, "tesaki_motion_pitch_error_true"),
+    ),
+    errors(
+        "shift by +1 cm",
+        size(HAND3_MOTION, "paper_motion_shift1_error_true"),
+        size(HAND3_MOTION, "tesaki_motion_shift1_error_true"),
+    ),
+    errors(
+        "shift by −1 cm",
+        size(HAND3_MOTION, "paper_motion_shift2_error_true"),
+        size(HAND3_MOTION, "tesaki_motion_shift2_error_true"),
+    ),
+    both(
+        "box lost (1 if so)",
+        size(HAND3_MOTION, "paper_motion_lost"),
+        size(HAND3_MOTION, "tesaki_motion_lost"),
+    ),
+];
+
+const HAND3_JOINT: &[Pair] = &[
+    errors(
+        "true pose: pitch, worst of four turns",
+        size(HAND3_MOTION, "paper_joint_pitch_error_true"),
+        size(HAND3_MOTION, "tesaki_joint_pitch_error_true"),
+    ),
+    errors(
+        "shift by +1 cm",
+        size(HAND3_MOTION, "paper_joint_shift1_error_true"),
+        size(HAND3_MOTION, "tesaki_joint_shift1_error_true"),
+    ),
+    errors(
+        "shift by −1 cm",
+        size(HAND3_MOTION, "paper_joint_shift2_error_true"),
+        size(HAND3_MOTION, "tesaki_joint_shift2_error_true"),
+    ),
+];
+
+const ARM7_FIGURE5: &[Pair] = &[
+    both(
+        "model's machine, B 7.5: overshoot",
+        size(ARM7, "paper_release_matched_b7_5_overshoot"),
+        size(ARM7, "tesaki_release_matched_b7_5_overshoot"),
+    ),
+    errors(
+        "distance from the theory",
+        size(ARM7, "paper_release_matched_b7_5_error_peak"),
+        size(ARM7, "tesaki_release_matched_b7_5_error_peak"),
+    ),
+    both(
+        "B 30: overshoot",
+        size(ARM7, "paper_release_matched_b30_overshoot"),
+        size(ARM7, "tesaki_release_matched_b30_overshoot"),
+    ),
+    errors(
+        "distance from the theory",
+        size(ARM7, "paper_release_matched_b30_error_peak"),
+        size(ARM7, "tesaki_release_matched_b30_error_peak"),
+    ),
+    errors(
+        "mismatched machine, B 7.5: distance from the theory",
+        size(ARM7, "paper_release_mismatched_b7_5_error_peak"),
+        size(ARM7, "tesaki_release_mismatched_b7_5_error_peak"),
+    ),
+    errors(
+        "B 30: distance from the theory",
+        size(ARM7, "paper_release_mismatched_b30_error_peak"),
+        size(ARM7, "tesaki_release_mismatched_b30_error_peak"),
+    ),
+];
+
+const ARM7_ELBOWS: &[Pair] = &[
+    both(
+        "mismatched machine, pseudo-inverse: turn of the elbow",
+        size(ARM7_ELBOW, "pseudo_inverse_mismatched_elbow_turn"),
+        size(ARM7_ELBOW, "tesaki_mismatched_elbow_turn"),
+    ),
+    errors(
+        "step 4 as printed, model's machine: motion of the hand",
+        size(ARM7_ELBOW, "paper_matched_hand_displacement"),
+        size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
+    ),
+    errors(
+        "model's machine, with the driven joint's term",
+        size(ARM7_ELBOW, "corrected_matched_hand_displacement"),
+        size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
+    ),
+    errors(
+        "mismatched machine, as printed",
+        size(ARM7_ELBOW, "paper_mismatched_hand_displacement"),
+        size(ARM7_ELBOW, "tesaki_mismatched_hand_displacement"),
+    ),
+];
+
+const ARM7_BILATERAL: &[Pair] = &[
+    errors(
+        "no delay: force felt at rest, minus that on the wall",
+        size(ARM7_SECTION4, "paper_delay_0_force_error"),
+        size(ARM7_SECTION4, "matched_delay_0_force_error"),
+    ),
+    errors(
+        "slave from master at rest",
+        size(ARM7_SECTION4, "paper_delay_0_distance"),
+        size(ARM7_SECTION4, "matched_delay_0_distance"),
+    ),
+    errors(
+        "rotation of the slave from the master at rest",
+        size(ARM7_SECTION4, "paper_delay_0_rotation"),
+        size(ARM7_SECTION4, "matched_delay_0_rotation"),
+    ),
+    errors(
+        "torque felt under a push, minus that on the tool",
+        size(ARM7_SECTION4, "paper_delay_0_torque_error"),
+        size(ARM7_SECTION4, "matched_delay_0_torque_error"),
+    ),
+    errors(
+        "50 ms: force felt at rest, minus that on the wall",
+        size(ARM7_SECTION4, "paper_delay_50_force_error"),
+        size(ARM7_SECTION4, "matched_delay_50_force_error"),
+    ),
+    both(
+        "50 ms: settling time of the handle",
+        size(ARM7_SECTION4, "paper_delay_50_settling_time"),
+        size(ARM7_SECTION4, "matched_delay_50_settling_time"),
+    ),
+    both(
+        "no delay: force on the wall, matched impedances and reflected spring",
+        size(ARM7_SECTION4, "matched_delay_0_wall_force"),
+        size(ARM7_SECTION4, "tesaki_delay_0_wall_force"),
+    ),
+];
+
+const ARM7_FIGURE7: &[Pair] = &[
+    errors(
+        "without a link: error at the reversals",
+        size(ARM7, "paper_follow_direct_reversals"),
+        size(ARM7, "tesaki_follow_direct_reversals"),
+    ),
+    errors("at rest", size(ARM7, "paper_follow_direct_rest"), size(ARM7, "tesaki_follow_direct_rest")),
+    errors(
+        "over a link of 20 ms: error at the reversals",
+        size(ARM7, "paper_follow_link_reversals"),
+        size(ARM7, "tesaki_follow_link_reversals"),
+    ),
+    errors("at rest", size(ARM7, "paper_follow_link_rest"), size(ARM7, "tesaki_follow_link_rest")),
+    errors(
+        "the paper's law without its friction term, without a link: at the reversals",
+        size(ARM7, "paper_without_friction_follow_direct_reversals"),
+        size(ARM7, "tesaki_follow_direct_reversals"),
+    ),
+];
+
+const HAND5_FIGURE4: &[Pair] = &[
+    ours(None, row("hand5-calibrate", "full_index_length_mean", "length: mean error")),
+    ours(None, row("hand5-calibrate", "full_index_length_deviation", "length: standard deviation")),
+    ours(None, row("hand5-calibrate", "full_index_direction_mean", "direction: mean error")),
+    ours(None, row("hand5-calibrate", "full_index_direction_deviation", "direction: standard deviation")),
+];
+
+const HAND5_QUICK: &[Pair] = &[
+    ours(Some("5–10 min"), row("hand5-calibrate", "quick_time", "time of the calibration")),
+    ours(None, row("hand5-calibrate", "quick_index_length_mean", "index finger, length: mean error")),
+    ours(None, row("hand5-calibrate", "quick_index_length_deviation", "its standard deviation")),
+    ours(
+        None,
+        row("hand5-calibrate", "quick_middle_length_mean", "middle finger, without a marker: mean error"),
+    ),
+    ours(None, row("hand5-calibrate", "quick_middle_length_deviation", "its standard deviation")),
+];
+
+const HAND5_FIGURE5: &[Pair] = &[
+    ours(
+        Some("exact"),
+        row("hand5-reach", "own_stated_error", "kinematics, targets within reach: largest error"),
+    ),
+    ours(None, row("hand5-reach", "own_thumb_rms", "the robot's true thumb: rms error")),
+    ours(None, row("hand5-reach", "own_index_rms", "its true vector to the index finger: rms error")),
+    ours(
+        Some("some deviation"),
+        row("hand5-reach", "human_index_stated", "kinematics, another person's index finger: rms error"),
+    ),
+    ours(None, row("hand5-reach", "human_little_stated", "the same, little finger")),
+];
+
+const KNOB_FIGURE7: &[Pair] = &[
+    ours(
+        None,
+        Row { bound: Bound::AtLeast, ..row("knob-find", "whole_right", "pictures with the right circle") },
+    ),
+    ours(None, row("knob-find", "whole_wrong", "pictures with a wrong one")),
+    ours(None, row("knob-find", "whole_center", "error of the centre")),
+    ours(None, row("knob-find", "whole_radius", "error of the radius")),
+];
+
+const KNOB_FIGURE8: &[Pair] = &[
+    ours(Some("about 1 min"), row("knob-grasp", "time", "time of an approach")),
+    ours(None, row("knob-grasp", "longest", "the longest of ten approaches")),
+    ours(
+        Some("grasped"),
+        Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, share of ten") },
+    ),
+];
+
+/// The tables, in the order of the pages.
+pub const TABLES: &[Table] = &[
+    Table { document: HAND3_PAGE, name: "hand3-figure6", rows: Rows::Comparison(HAND3_FIGURE6) },
+    Table { document: HAND3_PAGE, name: "hand3-figure11", rows: Rows::Comparison(HAND3_FIGURE11) },
+    Table { document: HAND3_PAGE, name: "hand3-figure12", rows: Rows::Comparison(HAND3_FIGURE12) },
+    Table { document: HAND3_PAGE, name: "hand3-figure14", rows: Rows::Comparison(HAND3_FIGURE14) },
+    Table { document: HAND3_PAGE, name: "hand3-joint", rows: Rows::Comparison(HAND3_JOINT) },
+    Table { document: ARM7_PAGE, name: "arm7-figure5", rows: Rows::Comparison(ARM7_FIGURE5) },
+    Table { document: ARM7_PAGE, name: "arm7-elbow", rows: Rows::Comparison(ARM7_ELBOWS) },
+    Table { document: ARM7_PAGE, name: "arm7-figure7", rows: Rows::Comparison(ARM7_FIGURE7) },
+    Table { document: ARM7_PAGE, name: "arm7-bilateral", rows: Rows::Comparison(ARM7_BILATERAL) },
+    Table { document: HAND5_PAGE, name: "hand5-figure4", rows: Rows::Comparison(HAND5_FIGURE4) },
+    Table { document: HAND5_PAGE, name: "hand5-quick", rows: Rows::Comparison(HAND5_QUICK) },
+    Table { document: HAND5_PAGE, name: "hand5-figure5", rows: Rows::Comparison(HAND5_FIGURE5) },
+    Table { document: KNOB_PAGE, name: "knob-figure7", rows: Rows::Comparison(KNOB_FIGURE7) },
+    Table { document: KNOB_PAGE, name: "knob-figure8", rows: Rows::Comparison(KNOB_FIGURE8) },
+];
