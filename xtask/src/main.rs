@@ -6,6 +6,7 @@ mod faults;
 mod firmware;
 mod footprint;
 mod fuzz;
+mod python;
 mod results;
 mod sweep;
 mod test;
@@ -38,6 +39,8 @@ enum Task {
     Fuzz(fuzz::Options),
     /// Make the page that shows a robot from its sources, or try it in a browser
     Viewer(viewer::Options),
+    /// Build the Python package and run its tests
+    Python,
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -53,6 +56,7 @@ fn main() -> anyhow::Result<()> {
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),
         Task::Fuzz(options) => fuzz::run(&options),
+        Task::Python => python::check(),
         Task::Viewer(options) => viewer::run(&options),
     }
 }
