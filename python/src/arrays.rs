@@ -26,14 +26,7 @@ impl<'py> Input<'py> {
     /// # Errors
     /// No numbers, or another shape; named by the argument, with `what` is expected.
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Length], what: &str) -> PyResult<Self> {
-        let py = value.py();
-        let options = PyDict::new(py);
-        options.set_item("dtype", "float32")?;
-        let array = py
-            .import("numpy")?
-            .call_method("ascontiguousarray", (value,), Some(&options))
-            .map_err(|error| PyTypeError::new_err(format!("{name} is no array of numbers: {error}")))?;
-        let array: Bound<'py, PyArrayDyn<f32>> = array.cast_into()?;
+        let array = contiguous(value, name)?;
         let fits = |(got, expected): (&usize, &Length)| match expected {
             Length::Any(_) => true,
             Length::Just(length) => got == length,
@@ -68,6 +61,18 @@ impl<'py> Input<'py> {
         array.iter_mut().zip(self.values()).for_each(|(place, value)| *place = *value);
         array
     }
+}
+
+/// A contiguous array of float32: the argument itself if it is one.
+pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let py = value.py();
+    let options = PyDict::new(py);
+    options.set_item("dtype", "float32")?;
+    let array = py
+        .import("numpy")?
+        .call_method("ascontiguousarray", (value,), Some(&options))
+        .map_err(|error| PyTypeError::new_err(format!("{name} is no array of numbers: {error}")))?;
+    Ok(array.cast_into()?)
 }
 
 /// As Python writes a tuple.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use nalgebra::{IsometryMatrix3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods as _};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods as _, PyUntypedArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tesaki::kinematics::{Chain, InverseKinematics, InverseKinematicsError, Posture, Target};
@@ -12,7 +12,7 @@ use tesaki::model::MAX_CHAIN_JOINTS;
 use tesaki::robot::{ChainConfig, Robot as CoreRobot};
 use tesaki_description::robot::RobotFolder;
 
-use crate::arrays::{Input, Length, output, same_rows};
+use crate::arrays::{Input, Length, contiguous, output, same_rows};
 use crate::error::{FileError, file};
 
 /// How far a quaternion's length may be from 1.
@@ -42,11 +42,14 @@ type Found<'py> = (
 pub struct Robot {
     pub folder: RobotFolder,
     core: Box<CoreRobot>,
+    /// The chain of each tip, with the rotors of its own joints.
+    chains: Vec<Chain>,
 }
 
 /// A tip's chain with the joints that Python counts: the joint that its mimic joint follows comes first.
 struct Tip<'a> {
     config: &'a ChainConfig,
+    chain: &'a Chain,
     name: &'a str,
     /// Names and limits [rad] of its joints.
     joints: Vec<(&'a str, (f32, f32))>,
@@ -104,7 +107,7 @@ impl Tip<'_> {
         let mut poses = poses.chunks_exact_mut(7);
         let mut jacobians = jacobians.chunks_exact_mut(6 * count);
         for q in q.chunks_exact(count) {
-            self.config.chain.update_posture(&self.angles(q)[..count], &mut posture);
+            self.chain.update_posture(&self.angles(q)[..count], &mut posture);
             if let Some(pose) = poses.next() {
                 pose.copy_from_slice(&flat(&posture));
             }
@@ -153,7 +156,14 @@ impl Robot {
         let folder = RobotFolder::load(&folder).map_err(file)?;
         let mut core = Box::new(CoreRobot::NONE);
         core.configure(&folder.model).map_err(|error| FileError::new_err(error.to_string()))?;
-        Ok(Self { folder, core })
+        let chains = core.chains().iter().map(|config| {
+            // A mimic joint has no motor.
+            let mimic = config.mimic.as_ref().map(|_| 0.0);
+            let own = folder.model.joints.get(config.joints()).unwrap_or_default();
+            let rotors = own.iter().map(|joint| joint.motor.rotor_inertia);
+            config.chain.clone().with_rotor_inertia(mimic.into_iter().chain(rotors))
+        });
+        Ok(Self { chains: chains.collect(), folder, core })
     }
 
     /// Its name.
@@ -275,11 +285,11 @@ impl Robot {
         start: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Found<'py>> {
         let tip = self.tip(tip)?;
-        let width =
-            targets.getattr("shape").and_then(|shape| shape.get_item(1)).and_then(|n| n.extract::<usize>());
-        let width = if matches!(width, Ok(7)) { 7 } else { 3 };
+        let targets = contiguous(targets, "targets")?;
+        let width = if targets.shape().get(1) == Some(&7) { 7 } else { 3 };
         let what = "places x, y, z, or (n, 7): poses x, y, z, qx, qy, qz, qw";
-        let targets = Input::new(targets, "targets", &[Length::Any("n"), Length::Just(width)], what)?;
+        let targets =
+            Input::new(targets.as_any(), "targets", &[Length::Any("n"), Length::Just(width)], what)?;
         let start = start
             .map(|start| Input::new(start, "start", &[Length::Just(tip.count())], &tip.meaning("angles")))
             .transpose()?;
@@ -294,7 +304,7 @@ impl Robot {
             let count = tip.count();
             let mut q = tip.angles(&start);
             for (row, (place, aim)) in values.chunks_exact_mut(count).zip(&aims).enumerate() {
-                let (found, report) = match solver.solve(&tip.config.chain, aim, &mut q[..count]) {
+                let (found, report) = match solver.solve(tip.chain, aim, &mut q[..count]) {
                     Ok(report) => (true, report),
                     Err(InverseKinematicsError::NotReached(report)) => (false, report),
                     Err(InverseKinematicsError::NotFinite | InverseKinematicsError::Joints) => {
@@ -320,8 +330,8 @@ impl Robot {
         Ok((angles, PyArray1::from_vec(py, reached), distances, turns))
     }
 
-    /// Inverse dynamics by recursive Newton–Euler: torques of the joints, (n, k) [N·m], with the rotors' inertia,
-    /// without friction.
+    /// Inverse dynamics by recursive Newton–Euler: torques of the joints, (n, k) [N·m], with the inertia of the tip's own
+    /// rotors, without friction.
     ///
     /// Args:
     ///     q: (n, k) angles [rad].
@@ -369,8 +379,7 @@ impl Robot {
                 let wrench = Vector6::from_column_slice(&part(wrench, 6)[..6]);
                 let [q, qd, qdd] =
                     [tip.angles(&part(q, count)), tip.rates(&part(qd, count)), tip.rates(&part(qdd, count))];
-                let chain: &Chain = &tip.config.chain;
-                chain.inverse_dynamics_with_wrench(
+                tip.chain.inverse_dynamics_with_wrench(
                     &gravity,
                     &wrench,
                     &q[..count],
@@ -383,7 +392,7 @@ impl Robot {
         })
     }
 
-    /// Mass matrices, (n, k, k) [kg·m²], with the rotors' inertia.
+    /// Mass matrices, (n, k, k) [kg·m²], with the inertia of the tip's own rotors.
     ///
     /// Args:
     ///     q: (n, k) angles [rad].
@@ -400,7 +409,7 @@ impl Robot {
         let (count, ratios, values) = (tip.count(), tip.ratios(), q.values());
         output(py, [q.rows(), count, count], |matrices| {
             for (q, place) in values.chunks_exact(count).zip(matrices.chunks_exact_mut(count * count)) {
-                let matrix = tip.config.chain.mass_matrix(&tip.angles(q)[..count]);
+                let matrix = tip.chain.mass_matrix(&tip.angles(q)[..count]);
                 for (index, value) in place.iter_mut().enumerate() {
                     let (row, column) = (index / count, index % count);
                     *value = ratios[row] * ratios[column] * matrix[(row, column)];
@@ -448,8 +457,10 @@ impl Robot {
             None => None,
             Some(name) => model.chains.iter().position(|chain| chain.name == name),
         };
-        let found = index.and_then(|index| self.core.chains().get(index).zip(model.chains.get(index)));
-        let (config, chain) = found.ok_or_else(|| {
+        let found = index.and_then(|index| {
+            Some((self.core.chains().get(index)?, self.chains.get(index)?, model.chains.get(index)?))
+        });
+        let (config, chain, described) = found.ok_or_else(|| {
             let asked =
                 name.map_or_else(|| "tip is missing".to_owned(), |name| format!("tip {name:?} is none"));
             PyValueError::new_err(format!("{asked}: {} has the tips {}", model.name, self.tips().join(", ")))
@@ -457,7 +468,7 @@ impl Robot {
         let leader = config.mimic.as_ref().map(|mimic| mimic.joint);
         let joints = leader.into_iter().chain(config.joints()).filter_map(|joint| model.joints.get(joint));
         let joints = joints.map(|joint| (joint.name.as_str(), (joint.limits.lower, joint.limits.upper)));
-        Ok(Tip { config, name: &chain.name, joints: joints.collect() })
+        Ok(Tip { config, chain, name: &described.name, joints: joints.collect() })
     }
 }
 

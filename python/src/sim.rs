@@ -1,7 +1,7 @@
 //! Scenarios, stepped from Python.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
@@ -15,6 +15,9 @@ use crate::arrays::output;
 use crate::command::{decode, encode};
 use crate::error::{SimulationError, file};
 use crate::value::dictionary;
+
+/// Control periods between two looks for Ctrl-C.
+const STRETCH: usize = 200;
 
 /// All scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and ``duration`` [s].
 #[pyfunction]
@@ -101,11 +104,8 @@ impl Run {
             None => Turn::Scripted,
             Some("nothing") => Turn::Nothing,
             Some(kind) => {
-                let number = {
-                    let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-                    state.sample = state.sample.wrapping_add(1);
-                    state.sample
-                };
+                let number = self.state().sample.wrapping_add(1);
+                self.state().sample = number;
                 let none = PyList::empty(py).into_any();
                 Turn::Command(decode(kind, "action", values.unwrap_or(&none), number)?)
             }
@@ -117,48 +117,53 @@ impl Run {
         })
     }
 
-    /// Goes on to the end without stopping, with the scenario's own commands only; of ``begin()`` if it was not called.
+    /// Goes on to the end without stopping, with the scenario's own commands; begins if it has not.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .run
-            .is_none()
-            .then(|| self.begin(py))
-            .transpose()?;
-        self.turn(py, |state| {
-            let run = state.run.as_ref().ok_or_else(|| "the scenario has ended".to_owned())?;
-            loop {
-                if let ended @ Halt::Ended(_) = run.step(Turn::Scripted) {
-                    return Ok(ended);
+        let is_new = self.state().run.is_none() && self.state().summary.is_none();
+        if is_new {
+            self.begin(py)?;
+        }
+        while self.state().run.is_some() {
+            self.turn(py, |state| {
+                let run = state.run.as_ref().ok_or_else(|| "the scenario has ended".to_owned())?;
+                let mut halt = run.step(Turn::Scripted);
+                for _ in 1..STRETCH {
+                    if matches!(halt, Halt::Ended(_)) {
+                        break;
+                    }
+                    halt = run.step(Turn::Scripted);
                 }
-            }
-        })
-        .map(drop)
+                Ok(halt)
+            })?;
+            // Ctrl-C.
+            py.check_signals()?;
+        }
+        Ok(())
     }
 
     /// What was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV; ``None`` before the
     /// end.
     fn summary(&self) -> Option<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).summary.clone()
+        self.state().summary.clone()
     }
 }
 
 impl Run {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Lets the scenario run while other threads of Python do too, and tells where it stands then.
     fn turn<'py>(
         &self,
         py: Python<'py>,
         go: impl FnOnce(&mut State) -> Result<Halt, String> + Send,
     ) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let halt = py.detach(|| go(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner)));
+        let halt = py.detach(|| go(&mut self.state()));
         match halt.map_err(SimulationError::new_err)? {
-            Halt::At(view) => {
-                let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-                Ok(Some(shown(py, &view, &state.robot)?))
-            }
+            Halt::At(view) => Ok(Some(shown(py, &view, &self.state().robot)?)),
             Halt::Ended(ended) => {
-                let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut state = self.state();
                 state.run = None;
                 let outcome = ended.map_err(|error| SimulationError::new_err(error.to_string()))?;
                 let told = serde_json::json!({ "summary": outcome.summary, "tables": outcome.tables });

@@ -122,12 +122,12 @@ class Env(_gymnasium.Env if _gymnasium else object):
 
     An action is a command to the running task, with the values of its kind in ``tesaki.COMMANDS``; the kind is
     ``env.kind``. A tuple ``(kind, values)`` commands another kind, ``("nothing",)`` nothing, and ``None`` leaves the
-    scenario its own command of this period, which ``info["scripted"]`` holds: an expert to imitate. A refused command changes nothing; its reason
-    is ``info["refused"]``.
+    scenario its own command of this period, which ``info["scripted"]`` holds: an expert to imitate. A refused command
+    changes nothing; its reason is ``info["refused"]``.
 
     An observation is a dictionary of float32 arrays, all that the board tells: ``position``, ``velocity``,
     ``reference`` [rad, rad/s], ``torque`` [N·m], each (joints,); ``tip_position`` [m], ``tip_force`` [N],
-    ``tip_torque`` [N·m], each (tips, 3); and ``target``: what the scenario last commanded of this kind, NaN before.
+    ``tip_torque`` [N·m], each (tips, 3); and ``target``: what the scenario last commanded of this kind, 0 before.
 
     ``info`` has also ``report``, the task's own telemetry; ``truth``, what the plant knows and no sensor tells;
     ``scripted``; ``refused``; ``fault``; ``trial`` and ``tick``.
@@ -171,7 +171,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         state = self._begin(1)
         self.kind: str = kind or _OF_SCENARIO.get(scenario) or _KINDS[state["task"]]
         self._shape = _shape(self.kind, state)
-        self._target = np.full(self._shape, np.nan, np.float32)
+        self._target, self._is_led = np.zeros(self._shape, np.float32), False
         box = _gymnasium.spaces.Box
         self.action_space = box(-np.inf, np.inf, self._shape, np.float32)
         boxes = {name: box(-np.inf, np.inf, value.shape, np.float32) for name, value in self._observation(state).items()}
@@ -182,7 +182,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         """Begins an episode on the machine of ``seed``; without one on a random machine."""
         super().reset(seed=seed)
         machine = seed if seed is not None else int(self.np_random.integers(1, 2**31))
-        self._target = np.full(self._shape, np.nan, np.float32)
+        self._target, self._is_led = np.zeros(self._shape, np.float32), False
         state = self._begin(machine)
         while not self._starts(state):
             state = self._steps.step()
@@ -249,14 +249,14 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self._last = state
         scripted = state["scripted"]
         if scripted is not None and scripted[0] == self.kind:
-            self._target = scripted[1]
+            self._target, self._is_led = np.nan_to_num(scripted[1]), True
         names = ["report", "truth", "scripted", "refused", "fault", "trial", "tick"]
         return self._observation(state), {name: state[name] for name in names}
 
     def _distance(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> float:
         """Minus the true distance from the target."""
         target, truth = observation["target"], info["truth"]
-        if np.isnan(target).all() or truth is None:
+        if not self._is_led or truth is None:
             return 0.0
         if self.kind in ("joints", "points"):
             goal = target if self.kind == "joints" else target[:, 0]

@@ -36,6 +36,9 @@ class Urdf:
         self.root = ElementTree.parse(folder / "robot.urdf").getroot()
         self.parents = {joint.find("child").get("link"): joint for joint in self.root.iter("joint")}
         self.links = {link.get("name"): link for link in self.root.iter("link")}
+        self.children = {}
+        for joint in self.root.iter("joint"):
+            self.children.setdefault(joint.find("parent").get("link"), []).append(joint)
 
     def path(self, tip):
         joints = []
@@ -62,10 +65,26 @@ class Urdf:
                 rotation = rotation @ turn(axis, ratio * angles[name] + offset)
             yield joint.find("child").get("link"), rotation, place, axes
 
-    def mass(self, tip, names, angles, rotors):
-        """Kinetic energy, body by body."""
-        matrix = np.diag([rotors.get(name, 0.0) for name in names]).astype(float)
-        for link, rotation, place, axes in self.frames(tip, angles):
+    def bodies(self, tip, angles):
+        """As `frames`, with what else the links carry: a gripper, its joints at 0. The base carries nothing."""
+        path = {joint.get("name") for joint in self.path(tip)}
+
+        def carried(link, rotation, place, axes):
+            for joint in self.children.get(link, []):
+                if joint.get("name") not in path:
+                    turned, shifted = origin(joint.find("origin"))
+                    there = joint.find("child").get("link"), rotation @ turned, place + rotation @ shifted, axes
+                    yield there
+                    yield from carried(*there)
+
+        for frame in self.frames(tip, angles):
+            yield frame
+            yield from carried(*frame)
+
+    def mass(self, tip, names, angles):
+        """Of the kinetic energy, body by body, without rotors."""
+        matrix = np.zeros((len(names), len(names)))
+        for link, rotation, place, axes in self.bodies(tip, angles):
             inertial = self.links[link].find("inertial")
             if inertial is None:
                 continue
@@ -85,12 +104,26 @@ class Urdf:
 
     def potential(self, tip, angles):
         energy = 0.0
-        for link, rotation, place, _ in self.frames(tip, angles):
+        for link, rotation, place, _ in self.bodies(tip, angles):
             inertial = self.links[link].find("inertial")
             if inertial is not None:
                 center = place + rotation @ origin(inertial.find("origin"))[1]
                 energy -= float(inertial.find("mass").get("value")) * GRAVITY @ center
         return energy
+
+
+def rotors(folder, robot, tip):
+    """Inertia of the motors' rotors, from the settings; a joint that another finger has too counts there."""
+    with open(folder / "controller.toml", "rb") as file:
+        settings = tomllib.load(file)
+    values = []
+    for name in robot.joints_of(tip):
+        own = settings.get("joints", {}).get(name, {}).get("motor", {})
+        values.append({**settings.get("joint", {}).get("motor", {}), **own}["rotor_inertia"])
+    if len(urdf_joints := [joint for joint in Urdf(folder).path(tip) if joint.find("mimic") is not None]):
+        values[0] = 0.0
+        assert len(urdf_joints) == 1
+    return np.diag(values)
 
 
 def cases():
@@ -128,12 +161,8 @@ def test_against_the_urdf(name, tip):
             expected[:3, names.index(joint)] += ratio * np.cross(axis, place - base)
             expected[3:, names.index(joint)] += ratio * axis
         np.testing.assert_allclose(jacobians[row], expected, atol=3e-6)
-        # Rotors are no part of a URDF: what is left of the diagonal is theirs, the same in all postures.
-        bodies = urdf.mass(tip, names, named, {})
-        rotors = np.diag(masses[row] - bodies)
-        assert (rotors > -1e-6).all(), rotors
-        np.testing.assert_allclose(masses[row], bodies + np.diag(rotors), atol=1e-6 + 1e-5 * abs(bodies).max())
-        np.testing.assert_allclose(rotors, np.diag(masses[0] - urdf.mass(tip, names, dict(zip(names, q[0].astype(float))), {})), atol=1e-6 + 1e-5 * abs(bodies).max())
+        bodies = urdf.mass(tip, names, named)
+        np.testing.assert_allclose(masses[row], bodies + rotors(folder, robot, tip), atol=1e-6 + 1e-5 * abs(bodies).max())
         np.testing.assert_allclose(accelerated[row], masses[row] @ angles, atol=1e-5 * (1 + abs(masses[row]).max()))
         for column in range(len(names)):
             energy = []
@@ -142,16 +171,6 @@ def test_against_the_urdf(name, tip):
                 moved[names[column]] += sign * 1e-5
                 energy.append(urdf.potential(tip, moved))
             np.testing.assert_allclose(weights[row, column], (energy[0] - energy[1]) / 2e-5, atol=2e-5 + 2e-6 * abs(weights).max())
-
-
-def test_rotors_are_those_of_the_settings():
-    folder = tesaki.robots() / "hand3"
-    with open(folder / "controller.toml", "rb") as file:
-        rotor = tomllib.load(file)["joint"]["motor"]["rotor_inertia"]
-    robot, urdf = tesaki.Robot(folder), Urdf(folder)
-    names = robot.joints_of("finger1_tip")
-    bodies = urdf.mass("finger1_tip", names, dict.fromkeys(names, 0.0), {})
-    np.testing.assert_allclose(np.diag(robot.mass([[0, 0, 0]], "finger1_tip")[0] - bodies), rotor, rtol=1e-3)
 
 
 def test_inverse_kinematics_come_back():
