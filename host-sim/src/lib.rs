@@ -26,4 +26,5 @@ pub mod scenario;
 pub mod serve;
 #[cfg(unix)]
 pub mod served_camera;
+pub mod stepped;
 pub mod virtual_board;

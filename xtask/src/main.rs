@@ -7,6 +7,7 @@ mod firmware;
 mod footprint;
 mod fuzz;
 mod prove;
+mod python;
 mod results;
 mod sweep;
 mod test;
@@ -41,6 +42,8 @@ enum Task {
     Fuzz(fuzz::Options),
     /// Make the page that shows a robot from its sources, or try it in a browser
     Viewer(viewer::Options),
+    /// Build the Python package and run its tests
+    Python,
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -57,6 +60,7 @@ fn main() -> anyhow::Result<()> {
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),
         Task::Fuzz(options) => fuzz::run(&options),
+        Task::Python => python::check(),
         Task::Viewer(options) => viewer::run(&options),
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, chip, faults, firmware, fuzz, prove, sweep, viewer};
+use crate::{bench, chip, faults, firmware, fuzz, prove, python, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
@@ -29,11 +29,11 @@ pub fn out(step: &str) -> PathBuf {
 
 /// The packages of every build for this machine. The same selection everywhere means the same features, so
 /// that nothing is built twice.
-const HOST: &[&str] = &["--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"];
+pub const HOST: &[&str] = &["--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"];
 
 /// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test`
 /// tries others.
-fn cargo(arguments: &[&str]) -> Command {
+pub fn cargo(arguments: &[&str]) -> Command {
     let mut command = Command::new("cargo");
     command.args(arguments).env("PROPTEST_RNG_SEED", "1");
     command
@@ -106,6 +106,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("recorded fault schedules against the simulator", faults::check_built)?;
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
+    steps.run("the Python package", python::check)?;
     on_the_board(steps, compiler)
 }
 

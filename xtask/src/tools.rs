@@ -227,8 +227,14 @@ pub fn provide_chromium() -> Result<()> {
 
 /// A Python of its own in `folder`, with rosbags in it; returns the interpreter.
 pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
+    provide_python(folder, &[ROSBAGS], "rosbags, numpy")
+}
+
+/// A Python of its own in `folder`, with these packages of pip, which can be imported as `imports`; returns the
+/// interpreter.
+pub fn provide_python(folder: &Path, packages: &[&str], imports: &str) -> Result<PathBuf> {
     let python = std::path::absolute(folder.join("bin/python"))?;
-    let works = || succeeds(Command::new(&python).args(["-c", "import rosbags, numpy"]));
+    let works = || succeeds(Command::new(&python).args(["-c", &format!("import {imports}")]));
     if works() {
         return Ok(python);
     }
@@ -240,11 +246,14 @@ pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
         run(&mut venv)?;
     }
     let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ROSBAGS]);
-    run(&mut pip).context(
-        "pip could not install rosbags, with which the tests read recordings: is there a way to PyPI?",
-    )?;
-    ensure!(works(), "rosbags still cannot be imported after its installation");
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]).args(packages);
+    run(&mut pip).with_context(|| {
+        format!(
+            "pip could not install {}, which the tests need: is there a way to PyPI?",
+            packages.join(", ")
+        )
+    })?;
+    ensure!(works(), "{imports} still cannot be imported after their installation");
     Ok(python)
 }
 

@@ -1,0 +1,107 @@
+//! Arrays of numpy as arguments and results.
+
+use std::fmt::Write as _;
+
+use numpy::ndarray::Dimension;
+use numpy::{PyArray, PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// An expected length along an axis: any, by the letter it has in messages, or this one.
+#[derive(Clone, Copy)]
+pub enum Length {
+    /// `n`, for example.
+    Any(&'static str),
+    /// Exactly so many.
+    Just(usize),
+}
+
+/// An array argument in single precision.
+pub struct Input<'py>(PyReadonlyArrayDyn<'py, f32>);
+
+impl<'py> Input<'py> {
+    /// The argument `name`. A contiguous array of float32 is used as it is; others are converted.
+    ///
+    /// # Errors
+    /// No numbers, or another shape; named by the argument, with `what` is expected.
+    pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Length], what: &str) -> PyResult<Self> {
+        let array = contiguous(value, name)?;
+        let fits = |(got, expected): (&usize, &Length)| match expected {
+            Length::Any(_) => true,
+            Length::Just(length) => got == length,
+        };
+        if array.ndim() != shape.len() || !array.shape().iter().zip(shape).all(fits) {
+            return Err(PyValueError::new_err(format!(
+                "{name} has the shape {}, expected {}: {what}",
+                tuple(array.shape().iter().map(usize::to_string)),
+                tuple(shape.iter().map(|length| match length {
+                    Length::Any(letter) => (*letter).to_owned(),
+                    Length::Just(length) => length.to_string(),
+                })),
+            )));
+        }
+        Ok(Self(array.readonly()))
+    }
+
+    /// Length of the first axis.
+    pub fn rows(&self) -> usize {
+        self.0.shape().first().copied().unwrap_or(0)
+    }
+
+    /// All numbers, the last axis fastest.
+    pub fn values(&self) -> &[f32] {
+        // Contiguous, see `new`.
+        self.0.as_slice().unwrap_or_default()
+    }
+
+    /// The same of exactly so many.
+    pub fn array<const N: usize>(&self) -> [f32; N] {
+        let mut array = [0.0; N];
+        array.iter_mut().zip(self.values()).for_each(|(place, value)| *place = *value);
+        array
+    }
+}
+
+/// A contiguous array of float32: the argument itself if it is one.
+pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let py = value.py();
+    let options = PyDict::new(py);
+    options.set_item("dtype", "float32")?;
+    let array = py
+        .import("numpy")?
+        .call_method("ascontiguousarray", (value,), Some(&options))
+        .map_err(|error| PyTypeError::new_err(format!("{name} is no array of numbers: {error}")))?;
+    Ok(array.cast_into()?)
+}
+
+/// As Python writes a tuple.
+fn tuple(parts: impl Iterator<Item = String>) -> String {
+    let parts: Vec<String> = parts.collect();
+    let mut text = format!("({}", parts.join(", "));
+    let _ = write!(text, "{})", if parts.len() == 1 { "," } else { "" });
+    text
+}
+
+/// An argument that must have as many rows as another one.
+pub fn same_rows(name: &str, rows: usize, other: &str, expected: usize) -> PyResult<()> {
+    if rows == expected {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("{name} has {rows} rows, but {other} has {expected}: one for each")))
+}
+
+/// An array whose numbers `fill` computes while other threads of Python run.
+pub fn output<'py, D: Dimension>(
+    py: Python<'py>,
+    shape: impl numpy::ndarray::IntoDimension<Dim = D>,
+    fill: impl FnOnce(&mut [f32]) + Send,
+) -> PyResult<Bound<'py, PyArray<f32, D>>> {
+    let array = PyArray::<f32, D>::zeros(py, shape, false);
+    {
+        let mut writing = array.readwrite();
+        let values = writing.as_slice_mut()?;
+        py.detach(|| fill(values));
+    }
+    Ok(array)
+}

@@ -1,0 +1,741 @@
+//! A board over its link.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use numpy::PyArray1;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, LEASE, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::task::grasping::GraspCommand;
+use tesaki::task::impedance::ImpedanceCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki_description::retargeting::RetargetingSettings;
+use tesaki_description::{grasp, impedance};
+use tesaki_recording::{McapError, Recording};
+use tesaki_supervisor::port::{Address, Key, Reopening};
+use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
+
+use crate::arrays::output;
+use crate::command::decode;
+use crate::error::{BoardError, FaultError, RefusedError, board, file};
+use crate::robot::Robot;
+use crate::value::dictionary;
+
+/// Period of what is sent again and again to an enabled board: well below its command timeout.
+const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// Telemetries in a row within the tolerance that count as arrival.
+const ARRIVED: u32 = 10;
+/// A control period [ns].
+const TICK: u64 = 10_000_000;
+/// How long a board that may be gone is told to disable.
+const LAST_WORD: Duration = Duration::from_millis(500);
+
+/// A controller board, real or served by ``cargo sim serve``.
+///
+/// Takes command of the board. As a context manager it disables the board and gives command back at the end, also after
+/// an exception. An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` see to that while
+/// they run, and nothing does in between, on purpose: when this program hangs or is killed, the board's command
+/// timeout (``safety.command_timeout``) stops the robot.
+///
+/// Not to be used by two threads at once.
+///
+/// Args:
+///     port: ``auto``, a serial port, ``unix:///PATH`` or ``tcp://HOST:PORT``.
+///     timeout: how long an answer is waited for [s].
+///     take_over: replaces another commander, unless the board is enabled.
+///     key: file with the key of an encrypted TCP port.
+///
+/// Raises:
+///     BoardError: no board, no answer, or another version of the protocol.
+///     RefusedError: another program commands the board.
+#[pyclass(module = "tesaki")]
+pub struct Board {
+    board: LinkBoard<Reopening>,
+    model: Option<RobotModel>,
+    is_open: bool,
+    is_enabled: bool,
+    /// Faults of the board before it was enabled.
+    faults: u32,
+    /// Number of the last sample of fingertips.
+    sample: u16,
+    timeout: Duration,
+}
+
+/// However it ends, the outputs are off if the board can be told.
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.leave();
+    }
+}
+
+#[pymethods]
+impl Board {
+    #[new]
+    #[pyo3(signature = (port="auto", *, timeout=1.0, take_over=false, key=None))]
+    fn new(
+        py: Python<'_>,
+        port: &str,
+        timeout: f64,
+        take_over: bool,
+        key: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let address: Address =
+            port.parse().map_err(|error| PyValueError::new_err(format!("port: {error}")))?;
+        let timeout = seconds("timeout", timeout)?;
+        let key = key.map(|path| {
+            Key::read(&path).map_err(|error| BoardError::new_err(format!("{}: {error}", path.display())))
+        });
+        let key = key.transpose()?;
+        py.detach(|| {
+            let link =
+                Reopening::open(address, key).map_err(|error| BoardError::new_err(error.to_string()))?;
+            let mut link = LinkBoard::new(link, timeout);
+            link.hello().map_err(board)?;
+            take_command(&mut link, take_over).map_err(board)?;
+            let model = match link.model() {
+                Ok(model) => Some(model),
+                Err(Failure::Refused { refusal: Refusal::NoModel, .. }) => None,
+                Err(error) => return Err(board(error)),
+            };
+            let (is_open, is_enabled, faults, sample) = (true, false, 0, 0);
+            Ok(Self { board: link, model, is_open, is_enabled, faults, sample, timeout })
+        })
+    }
+
+    fn __enter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    #[pyo3(signature = (kind=None, error=None, trace=None))]
+    fn __exit__(
+        &mut self,
+        py: Python<'_>,
+        kind: Option<&Bound<'_, PyAny>>,
+        error: Option<&Bound<'_, PyAny>>,
+        trace: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<bool> {
+        let _ = (error, trace);
+        let left = py.detach(|| self.leave());
+        // What went wrong before says more than that the board could not be told.
+        if kind.is_none() {
+            left.map_err(board)?;
+        }
+        Ok(false)
+    }
+
+    /// Disables the board and gives command back. Nothing can be done with it afterwards.
+    fn close(&mut self, py: Python<'_>) -> PyResult<()> {
+        py.detach(|| self.leave()).map_err(board)
+    }
+
+    /// The board's status as a dictionary: ``node`` with mode, model, faults, supply [V], and ``board``.
+    fn status<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let status = self.call(py, |link| link.status())?;
+        dictionary(py, &status)
+    }
+
+    /// Names of the joints of the model on the board; empty without one.
+    #[getter]
+    fn joints(&self) -> Vec<String> {
+        let joints = self.model.iter().flat_map(|model| &model.joints);
+        joints.map(|joint| joint.name.to_string()).collect()
+    }
+
+    /// Name of the model on the board; ``None`` without one.
+    #[getter]
+    fn robot(&self) -> Option<String> {
+        self.model.as_ref().map(|model| model.name.to_string())
+    }
+
+    /// Sends a robot's model and waits until the sensors have been read with it.
+    ///
+    /// Args:
+    ///     robot: the robot.
+    fn push(&mut self, py: Python<'_>, robot: &Robot) -> PyResult<()> {
+        let model = &robot.folder.model;
+        self.call(py, |link| {
+            link.push_model(model)?;
+            let before = link.status()?.node.tick;
+            let deadline = Instant::now() + Duration::from_millis(300);
+            while link.status()?.node.tick == before && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            Ok(())
+        })?;
+        self.model = Some(model.clone());
+        Ok(())
+    }
+
+    /// Tells the board where the joints are now, for relative encoders.
+    ///
+    /// Args:
+    ///     angles: present angle of each joint by name [rad]; all of them.
+    fn home(&mut self, py: Python<'_>, angles: &Bound<'_, PyDict>) -> PyResult<()> {
+        let names = self.joints();
+        let mut positions = vec![f32::NAN; names.len()];
+        self.named(angles, &mut positions)?;
+        if let Some((name, _)) = names.iter().zip(&positions).find(|(_, angle)| angle.is_nan()) {
+            return Err(PyValueError::new_err(format!(
+                "angles: {name} is missing; all joints are homed at once"
+            )));
+        }
+        self.call(py, |link| link.home(&positions))
+    }
+
+    /// Zeroes the force sensors; nothing may touch the tips.
+    fn tare(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |link| link.tare())
+    }
+
+    /// Starts a task and switches the outputs on.
+    ///
+    /// Args:
+    ///     task: ``joints`` (joint servo), ``impedance``, ``grasping`` or ``telexistence``.
+    ///     servo: of the joint servo: ``observer`` or ``pid``.
+    ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's folder.
+    ///
+    /// Raises:
+    ///     RefusedError: the board is not ready, and what is missing.
+    #[pyo3(signature = (task="joints", *, servo="observer", file=None))]
+    fn enable(&mut self, py: Python<'_>, task: &str, servo: &str, file: Option<PathBuf>) -> PyResult<()> {
+        let config = self.config(task, servo, file)?;
+        self.faults = self.call(py, |link| link.status())?.node.faults;
+        self.call(py, |link| {
+            // What came before belongs to the time before.
+            link.set_rate(Stream::Telemetry, 1)?;
+            while link.next_event(Instant::now())?.is_some() {}
+            link.enable(config)
+        })?;
+        self.is_enabled = true;
+        Ok(())
+    }
+
+    /// Ends the task and switches the outputs off. A robot that gravity pulls falls unless it is supported.
+    fn disable(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |link| link.disable())?;
+        self.is_enabled = false;
+        Ok(())
+    }
+
+    /// Moves joints and waits until all have arrived; the joint servo must be enabled.
+    ///
+    /// Args:
+    ///     goals: goal of each joint that is to move, by name [rad]; the others stay.
+    ///     within: how long it may take [s].
+    ///     tolerance: how near counts as arrived [rad].
+    ///     relative: goals are changes of the present angles.
+    ///
+    /// Returns:
+    ///     the largest remaining error [rad].
+    ///
+    /// Raises:
+    ///     FaultError: the board stopped, and why.
+    ///     BoardError: it took too long.
+    #[pyo3(name = "move", signature = (goals, *, within=5.0, tolerance=0.02, relative=false))]
+    fn move_joints(
+        &mut self,
+        py: Python<'_>,
+        goals: &Bound<'_, PyDict>,
+        within: f64,
+        tolerance: f32,
+        relative: bool,
+    ) -> PyResult<f32> {
+        let within = seconds("within", within)?;
+        let names = self.joints();
+        let limits = self.model.iter().flat_map(|model| &model.joints).map(|joint| joint.limits);
+        let limits: Vec<(f32, f32)> = limits.map(|limits| (limits.lower, limits.upper)).collect();
+        let now = self.telemetry_now(py)?;
+        let here: Vec<f32> = now.joints.iter().map(|joint| joint.position).collect();
+        let mut goal: Vec<f32> =
+            here.iter().zip(&limits).map(|(angle, (lower, upper))| angle.clamp(*lower, *upper)).collect();
+        let mut asked = vec![f32::NAN; names.len()];
+        self.named(goals, &mut asked)?;
+        for (joint, asked) in asked.into_iter().enumerate().filter(|(_, asked)| !asked.is_nan()) {
+            let (place, (lower, upper)) = (goal.get_mut(joint), limits[joint]);
+            let Some(place) = place else { continue };
+            *place = if relative { *place + asked } else { asked };
+            if !(lower..=upper).contains(place) {
+                return Err(PyValueError::new_err(format!(
+                    "{}: {place} rad is outside its limits {lower} to {upper} rad",
+                    names[joint]
+                )));
+            }
+        }
+        let positions =
+            heapless::Vec::from_slice(&goal).map_err(|_| board(Failure::TooManyJoints(goal.len())))?;
+        let command = tesaki::task::joint_servo::JointCommand::Goal { positions };
+        let command = Request::Task(TaskCommand::JointServo(command));
+        let (mut near, mut worst) = (0, (0, f32::INFINITY));
+        let until = Instant::now() + within;
+        self.drive(py, until, &command, |telemetry| {
+            let errors =
+                telemetry.joints.iter().zip(&goal).map(|(joint, goal)| (goal - joint.position).abs());
+            worst = errors
+                .enumerate()
+                .fold((0, 0.0), |worst, error| if error.1 > worst.1 { error } else { worst });
+            near = if worst.1 <= tolerance { near + 1 } else { 0 };
+            near >= ARRIVED
+        })?;
+        if near < ARRIVED {
+            let (joint, error) = worst;
+            let name = names.get(joint).map_or("", String::as_str);
+            return Err(BoardError::new_err(format!(
+                "{name} is still {error:.4} rad from its target after {} s (tolerance {tolerance} rad). Is the joint \
+                 blocked, or within too short?",
+                within.as_secs_f64()
+            )));
+        }
+        Ok(worst.1)
+    }
+
+    /// Sends one command to the running task, and returns at once.
+    ///
+    /// Args:
+    ///     kind: what is commanded; see ``tesaki.COMMANDS`` for the kinds and the shapes of their values.
+    ///     values: its numbers.
+    ///
+    /// Raises:
+    ///     RefusedError: the task refuses it; the command before remains.
+    #[pyo3(signature = (kind, values=None))]
+    fn command(&mut self, py: Python<'_>, kind: &str, values: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        self.sample = self.sample.wrapping_add(1);
+        let none = pyo3::types::PyList::empty(py).into_any();
+        let command = decode(kind, "values", values.unwrap_or(&none), self.sample)?;
+        self.send(py, command)
+    }
+
+    /// Sends the next point of the trajectory of each fingertip; one a tick (10 ms).
+    ///
+    /// Args:
+    ///     tips: (tips, 9) position [m], velocity [m/s] and acceleration [m/s²] of each tip.
+    fn reach(&mut self, py: Python<'_>, tips: &Bound<'_, PyAny>) -> PyResult<()> {
+        let command = decode("tips", "tips", tips, 0)?;
+        self.send(py, command)
+    }
+
+    /// Sends the next point of the trajectory of each joint, without the trajectory filter; one a tick (10 ms).
+    ///
+    /// Args:
+    ///     points: (joints, 3) angle [rad], velocity [rad/s] and acceleration [rad/s²] of each joint.
+    fn stream(&mut self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<()> {
+        let command = decode("points", "points", points, 0)?;
+        self.send(py, command)
+    }
+
+    /// Grasps as a grasp file says; ``task()`` tells the phase. The task ``grasping`` must be enabled.
+    ///
+    /// Args:
+    ///     file: grasp file, for example ``robots/hand3/grasps/box.toml``.
+    fn grasp(&mut self, py: Python<'_>, file: PathBuf) -> PyResult<()> {
+        let plan = grasp::load(&file).map_err(crate::error::file)?;
+        self.send(py, TaskCommand::Grasping(GraspCommand::Grasp(plan)))
+    }
+
+    /// Changes the impedance of the enabled task ``impedance``.
+    ///
+    /// Args:
+    ///     file: impedance file.
+    fn configure_impedance(&mut self, py: Python<'_>, file: PathBuf) -> PyResult<()> {
+        let settings = impedance::load(&file, self.known_model()?).map_err(crate::error::file)?;
+        self.send(py, TaskCommand::Impedance(ImpedanceCommand::Configure(settings)))
+    }
+
+    /// Moves a hand to a person's fingertips. The task ``telexistence`` must be enabled.
+    ///
+    /// Args:
+    ///     fingertips: (5, 6) position [m] and velocity [m/s] of each fingertip, thumb to little finger, in the frame of
+    ///         the robot's hand; NaN where unknown.
+    fn retarget(&mut self, py: Python<'_>, fingertips: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.sample = self.sample.wrapping_add(1);
+        let command = decode("fingertips", "fingertips", fingertips, self.sample)?;
+        self.send(py, command)
+    }
+
+    /// Tells an enabled board that its commander lives: needed at least every half command timeout when nothing else is
+    /// sent.
+    fn keep(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |link| link.keep())
+    }
+
+    /// Waits, and keeps an enabled board alive meanwhile.
+    ///
+    /// Args:
+    ///     duration: [s].
+    ///
+    /// Raises:
+    ///     FaultError: the board stopped, and why.
+    fn wait(&mut self, py: Python<'_>, duration: f64) -> PyResult<()> {
+        let until = Instant::now() + seconds("duration", duration)?;
+        self.drive(py, until, &Request::Keep, |_| false)
+    }
+
+    /// The joints now: a dictionary with ``tick``, ``mode`` and the arrays ``position`` [rad], ``velocity`` [rad/s],
+    /// ``reference`` [rad] and ``torque`` [N·m], each (joints,).
+    fn telemetry<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let telemetry = self.telemetry_now(py)?;
+        let found = PyDict::new(py);
+        found.set_item("tick", telemetry.tick)?;
+        found.set_item("mode", telemetry.mode.to_string())?;
+        let joints = &telemetry.joints;
+        found.set_item("position", PyArray1::from_iter(py, joints.iter().map(|joint| joint.position)))?;
+        found.set_item("velocity", PyArray1::from_iter(py, joints.iter().map(|joint| joint.velocity)))?;
+        found.set_item("reference", PyArray1::from_iter(py, joints.iter().map(|joint| joint.reference)))?;
+        found.set_item("torque", PyArray1::from_iter(py, joints.iter().map(|joint| joint.torque)))?;
+        Ok(found)
+    }
+
+    /// The tips now: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque`` [N·m], each (tips, 3).
+    fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let tips = self.call(py, |link| {
+            link.set_rate(Stream::Tips, 1)?;
+            let found = await_event(link, |event| match event {
+                FromBoard::Tips(tips) => Some(tips),
+                _ => None,
+            });
+            link.set_rate(Stream::Tips, 0)?;
+            found
+        })?;
+        let found = PyDict::new(py);
+        let rows = |value: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
+            output(py, [tips.tips.len(), 3], |places| {
+                places
+                    .chunks_exact_mut(3)
+                    .enumerate()
+                    .for_each(|(tip, row)| row.copy_from_slice(&value(tip)));
+            })
+        };
+        found.set_item("position", rows(&|tip| tips.tips[tip].position)?)?;
+        found.set_item("force", rows(&|tip| tips.tips[tip].force)?)?;
+        found.set_item("torque", rows(&|tip| tips.tips[tip].torque)?)?;
+        Ok(found)
+    }
+
+    /// Telemetry of the running task, or of the last one, as a dictionary.
+    fn task<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let report = self.call(py, |link| link.read_task())?;
+        dictionary(py, &report.telemetry)
+    }
+
+    /// The faults since power-on, the oldest first, in words. They count as read.
+    fn faults(&mut self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let log = self.call(py, |link| link.faults())?;
+        Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
+    }
+
+    /// Reads the faults and leaves the fault mode. A robot that was held loses its power.
+    fn clear_faults(&mut self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let log = self.call(py, |link| {
+            let log = link.faults()?;
+            link.ask("clear its faults", Request::ClearFaults { total: log.total })?;
+            Ok(log)
+        })?;
+        self.is_enabled = false;
+        Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
+    }
+
+    /// Records the joints in each tick, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
+    ///
+    /// Args:
+    ///     path: the file to write.
+    ///     duration: [s].
+    ///     robot: puts its URDF into the recording.
+    ///
+    /// Returns:
+    ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
+    #[pyo3(signature = (path, duration, robot=None))]
+    fn record(
+        &mut self,
+        py: Python<'_>,
+        path: PathBuf,
+        duration: f64,
+        robot: Option<&Robot>,
+    ) -> PyResult<u32> {
+        let wrong = |error: McapError| BoardError::new_err(error.to_string());
+        let duration = seconds("duration", duration)?;
+        let urdf = robot.map(|robot| std::fs::read_to_string(robot.folder.path.join("robot.urdf")));
+        let urdf = urdf.transpose().map_err(file)?;
+        let names = self.joints();
+        let mut recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
+        self.call(py, |link| {
+            link.set_rate(Stream::Telemetry, 1)?;
+            while link.next_event(Instant::now())?.is_some() {}
+            Ok(())
+        })?;
+        let (mut count, mut failed, mut last) = (0, None, None);
+        let request = if self.is_enabled { Request::Keep } else { Request::ReadStatus };
+        let until = Instant::now() + duration;
+        self.drive(py, until, &request, |telemetry| {
+            if last.replace(telemetry.tick) == Some(telemetry.tick) {
+                return false;
+            }
+            let write = write(&mut recording, &names, telemetry);
+            count += u32::from(write.is_ok());
+            failed = write.err();
+            failed.is_some()
+        })?;
+        failed.map_or(Ok(()), |error| Err(wrong(error)))?;
+        recording.finish().map_err(wrong)?;
+        Ok(count)
+    }
+
+    fn __repr__(&self) -> String {
+        let robot = self.model.as_ref().map_or("no model", |model| model.name.as_str());
+        format!("Board({robot:?}, {} joints)", self.joints().len())
+    }
+}
+
+impl Board {
+    /// Talks to the board while other threads of Python run.
+    fn call<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        ask: impl FnOnce(&mut LinkBoard<Reopening>) -> Result<T, Failure> + Send,
+    ) -> PyResult<T> {
+        if !self.is_open {
+            return Err(BoardError::new_err("the board was closed: make another Board"));
+        }
+        let link = &mut self.board;
+        py.detach(|| ask(link)).map_err(board)
+    }
+
+    /// Sends a command to the task.
+    fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
+        let action = match &command {
+            TaskCommand::JointServo(_) => "move",
+            TaskCommand::Impedance(ImpedanceCommand::Configure(_)) => "change its impedance",
+            TaskCommand::Impedance(_) => "move its tool",
+            TaskCommand::Grasping(_) => "grasp",
+            TaskCommand::Telexistence(_) => "follow the fingertips",
+            TaskCommand::VisualApproach(_) => "move its hand",
+        };
+        let asked = self.call(py, |link| link.ask(action, Request::Task(command)));
+        // A board in fault refuses everything: the fault says why.
+        match asked {
+            Err(error) if error.is_instance_of::<RefusedError>(py) && self.is_enabled => {
+                let mode = self.call(py, |link| link.status())?.node.mode;
+                if mode == Mode::Fault { Err(self.fault(py)) } else { Err(error) }
+            }
+            other => other,
+        }
+    }
+
+    /// Sends `request` every 20 ms until `done` says so of a telemetry, or `until`.
+    fn drive(
+        &mut self,
+        py: Python<'_>,
+        until: Instant,
+        request: &Request,
+        mut done: impl FnMut(&Telemetry) -> bool + Send,
+    ) -> PyResult<()> {
+        self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
+        let mut heard = Instant::now();
+        let mut next = Instant::now();
+        // A fault of before is in telemetry that is still on its way.
+        let mut was_enabled = false;
+        while Instant::now() < until {
+            py.check_signals()?;
+            next = (next + KEEP_ALIVE).max(Instant::now());
+            let enabled = self.is_enabled;
+            let done = &mut done;
+            let deadline = next.min(until);
+            let (news, refused) = self.call(py, |link| {
+                if enabled || *request != Request::Keep {
+                    link.post(request.clone())?;
+                }
+                let (mut news, mut refused) = (Vec::new(), None);
+                while let Some(event) = link.next_event(deadline)? {
+                    match event {
+                        FromBoard::Telemetry(telemetry) => news.push(telemetry),
+                        FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
+                            refused = Some(refusal);
+                        }
+                        _ => {}
+                    }
+                }
+                Ok((news, refused))
+            })?;
+            for telemetry in &news {
+                heard = Instant::now();
+                was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
+                if self.is_enabled
+                    && (was_enabled || telemetry.faults != self.faults)
+                    && telemetry.mode == Mode::Fault
+                {
+                    return Err(self.fault(py));
+                }
+                if self.is_enabled && was_enabled && telemetry.mode == Mode::Disabled {
+                    self.is_enabled = false;
+                    return Err(BoardError::new_err("the board was disabled by another program, or reset"));
+                }
+                if done(telemetry) {
+                    return Ok(());
+                }
+            }
+            match refused {
+                None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
+                Some(refusal) => return Err(board(Failure::refused("move", refusal))),
+            }
+            if heard.elapsed() > self.timeout {
+                return Err(BoardError::new_err(format!(
+                    "no telemetry within {} s: the board has no sensor readings, or its control loop does not run (try \
+                     `tesaki doctor`)",
+                    self.timeout.as_secs_f64()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The next telemetry.
+    fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
+        self.call(py, |link| {
+            link.set_rate(Stream::Telemetry, 1)?;
+            while link.next_event(Instant::now())?.is_some() {}
+            await_event(link, |event| match event {
+                FromBoard::Telemetry(telemetry) => Some(telemetry),
+                _ => None,
+            })
+        })
+    }
+
+    /// The fault that stopped the board, as an exception.
+    fn fault(&mut self, py: Python<'_>) -> PyErr {
+        self.is_enabled = false;
+        let before = self.faults;
+        let log = match self.call(py, |link| link.faults()) {
+            Ok(log) => log,
+            Err(error) => return error,
+        };
+        let since = log.total.saturating_sub(before).max(1) as usize;
+        let fault = log.faults.get(log.faults.len().saturating_sub(since));
+        let text = fault.map_or_else(
+            || "no fault is recorded".to_owned(),
+            |fault| format!("{}\nSee {}", self.described(fault), troubleshooting::fault(fault.cause)),
+        );
+        FaultError::new_err(format!("the board is in fault: {text}"))
+    }
+
+    fn described(&self, fault: &tesaki::fault::Fault) -> String {
+        self.model.as_ref().map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
+    }
+
+    fn known_model(&self) -> PyResult<&RobotModel> {
+        self.model.as_ref().ok_or_else(|| RefusedError::new_err("the board has no robot model: push one"))
+    }
+
+    fn config(&self, task: &str, servo: &str, path: Option<PathBuf>) -> PyResult<TaskConfig> {
+        let needed =
+            |what: &str| PyValueError::new_err(format!("file is missing: the task {task} needs {what}"));
+        Ok(match task {
+            "joints" => TaskConfig::JointServo(match servo {
+                "observer" => ServoMode::Observer,
+                "pid" => ServoMode::Pid,
+                other => {
+                    return Err(PyValueError::new_err(format!(
+                        "servo is {other:?}: expected observer or pid"
+                    )));
+                }
+            }),
+            "impedance" => {
+                let path = path.ok_or_else(|| needed("an impedance file"))?;
+                TaskConfig::Impedance(impedance::load(&path, self.known_model()?).map_err(file)?)
+            }
+            "grasping" => TaskConfig::Grasping(()),
+            "telexistence" => {
+                let path = path.ok_or_else(|| needed("the robot's folder"))?;
+                let model = self.known_model()?;
+                let mut settings = RetargetingSettings::load(&path, model).map_err(file)?.task;
+                settings.limit_speeds(model.joints.iter().map(|joint| joint.limits.velocity));
+                TaskConfig::Telexistence(settings)
+            }
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "task is {other:?}: expected joints, impedance, grasping or telexistence"
+                )));
+            }
+        })
+    }
+
+    /// Writes the values of named joints into their places.
+    fn named(&self, values: &Bound<'_, PyDict>, places: &mut [f32]) -> PyResult<()> {
+        let names = self.joints();
+        for (name, value) in values.iter() {
+            let name: String = name.extract()?;
+            let value: f32 = value
+                .extract()
+                .map_err(|_| PyTypeError::new_err(format!("{name}: {value} is no angle in rad")))?;
+            if !value.is_finite() {
+                return Err(PyValueError::new_err(format!("{name}: {value} is no angle in rad")));
+            }
+            let place = names.iter().position(|known| *known == name).and_then(|joint| places.get_mut(joint));
+            *place.ok_or_else(|| {
+                let robot = self.model.as_ref().map_or("the board", |model| model.name.as_str());
+                PyValueError::new_err(format!(
+                    "{robot} has no joint {name:?}; its joints are {}",
+                    names.join(", ")
+                ))
+            })? = value;
+        }
+        Ok(())
+    }
+
+    /// Disables, and releases command, so that the next client does not wait for the lease to expire.
+    fn leave(&mut self) -> Result<(), Failure> {
+        if !std::mem::take(&mut self.is_open) {
+            return Ok(());
+        }
+        self.board.set_timeout(self.timeout.min(LAST_WORD));
+        let disabled = if std::mem::take(&mut self.is_enabled) { self.board.disable() } else { Ok(()) };
+        let _ = self.board.set_rate(Stream::Telemetry, 0);
+        let _ = self.board.ask("release command", Request::ReleaseCommand);
+        disabled
+    }
+}
+
+/// Takes command; that of a commander that has gone expires.
+fn take_command(link: &mut LinkBoard<Reopening>, by_force: bool) -> Result<(), Failure> {
+    let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
+    loop {
+        match link.take_command(by_force) {
+            Err(Failure::Refused { refusal: Refusal::Commanded { .. }, .. }) if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            other => return other,
+        }
+    }
+}
+
+/// What `find` finds first in what the board sends.
+fn await_event<T>(
+    link: &mut LinkBoard<Reopening>,
+    find: impl Fn(FromBoard) -> Option<T>,
+) -> Result<T, Failure> {
+    let deadline = Instant::now() + Duration::from_secs(1);
+    while let Some(event) = link.next_event(deadline)? {
+        if let Some(found) = find(event) {
+            return Ok(found);
+        }
+    }
+    Err(Failure::Timeout { seconds: 1.0 })
+}
+
+fn write(recording: &mut Recording, names: &[String], telemetry: &Telemetry) -> Result<(), McapError> {
+    let time = u64::from(telemetry.tick) * TICK;
+    let column = |value: &dyn Fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
+        telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
+    };
+    let [position, velocity, torque] =
+        [column(&|joint| joint.position), column(&|joint| joint.velocity), column(&|joint| joint.torque)];
+    recording.joint_states(time, names, &position, &velocity, &torque)?;
+    recording.references(time, names, &column(&|joint| joint.reference), &[], &[])
+}
+
+/// A time argument [s].
+fn seconds(name: &str, value: f64) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(value)
+        .map_err(|_| PyValueError::new_err(format!("{name} is {value}: expected seconds, 0 or more")))
+}

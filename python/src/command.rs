@@ -1,0 +1,168 @@
+//! Commands to tasks as arrays.
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use tesaki::control::JointPoint;
+use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
+use tesaki::task::TaskCommand;
+use tesaki::task::grasping::GraspCommand;
+use tesaki::task::impedance::ImpedanceCommand;
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::telexistence::{FingertipPoint, FingertipSample, TelexistenceCommand};
+use tesaki::task::visual_approach::VisualApproachCommand;
+
+use crate::arrays::{Input, Length};
+
+/// The kinds of commands, with the shape of their arrays and what these hold.
+///
+/// `tesaki.sim` says the same to Python.
+const KINDS: &[(&str, &[Length], &str)] = &[
+    ("joints", &[Length::Any("joints")], "a goal for each joint [rad]"),
+    ("points", &[Length::Any("joints"), Length::Just(3)], "angle, velocity and acceleration of each joint"),
+    ("tips", &[Length::Any("tips"), Length::Just(9)], "position, velocity and acceleration of each tip"),
+    (
+        "tool",
+        &[Length::Just(22)],
+        "position 3, quaternion x, y, z, w, twist 6, its derivative 6, and angle, velocity and acceleration of the elbow",
+    ),
+    ("object", &[Length::Just(7)], "translation 3, rotation vector 3, and duration"),
+    (
+        "fingertips",
+        &[Length::Just(5), Length::Just(6)],
+        "position and velocity of each fingertip, NaN where unknown",
+    ),
+    ("hand", &[Length::Just(4)], "position 3, and speed"),
+    ("put_down", &[Length::Just(0)], "nothing"),
+    ("open_hand", &[Length::Just(0)], "nothing"),
+    ("stand", &[Length::Just(0)], "nothing"),
+    ("open", &[Length::Just(0)], "nothing"),
+    ("close", &[Length::Just(0)], "nothing"),
+    ("acknowledge", &[Length::Just(0)], "nothing"),
+];
+
+/// A command from its kind and numbers; `number` is that of a sample of fingertips.
+///
+/// # Errors
+/// No such kind, or numbers of another shape, named by the argument `name`.
+pub fn decode(kind: &str, name: &str, values: &Bound<'_, PyAny>, number: u16) -> PyResult<TaskCommand> {
+    let Some((_, shape, what)) = KINDS.iter().find(|(known, ..)| *known == kind) else {
+        let known: Vec<&str> = KINDS.iter().map(|(kind, ..)| *kind).collect();
+        return Err(PyValueError::new_err(format!(
+            "there is no command {kind:?}; the commands are {}",
+            known.join(", ")
+        )));
+    };
+    let input = Input::new(values, name, shape, what)?;
+    let values = input.values();
+    let too_many =
+        || PyValueError::new_err(format!("{name}: {} rows are more than any board has", input.rows()));
+    Ok(match kind {
+        "joints" => {
+            let positions = heapless::Vec::from_slice(values).map_err(|_| too_many())?;
+            TaskCommand::JointServo(JointCommand::Goal { positions })
+        }
+        "points" => {
+            let points: Vec<JointPoint> = values
+                .chunks_exact(3)
+                .map(|row| JointPoint { position: row[0], velocity: row[1], acceleration: row[2] })
+                .collect();
+            let points = heapless::Vec::from_slice(&points).map_err(|_| too_many())?;
+            TaskCommand::JointServo(JointCommand::Stream { points })
+        }
+        "tips" => {
+            let tips: Vec<TipPoint> = values
+                .chunks_exact(9)
+                .map(|row| {
+                    let [position, velocity, acceleration] = [0, 3, 6].map(|first| part(row, first));
+                    TipPoint { position, velocity, acceleration }
+                })
+                .collect();
+            let tips = heapless::Vec::from_slice(&tips).map_err(|_| too_many())?;
+            TaskCommand::JointServo(JointCommand::StreamTips { tips })
+        }
+        "tool" => TaskCommand::Impedance(ImpedanceCommand::SetTarget {
+            point: PosePoint {
+                position: part(values, 0),
+                rotation: part(values, 3),
+                velocity: part(values, 7),
+                acceleration: part(values, 13),
+            },
+            elbow: ElbowSetpoint { angle: values[19], velocity: values[20], acceleration: values[21] },
+        }),
+        "object" => TaskCommand::Grasping(GraspCommand::Move {
+            translation: part(values, 0),
+            rotation: part(values, 3),
+            duration: values[6],
+        }),
+        "fingertips" => {
+            let tip = |finger: usize| {
+                let [position, velocity] = [0, 3].map(|first| part(values, 6 * finger + first));
+                (!position[0].is_nan()).then_some(FingertipPoint { position, velocity, direction: None })
+            };
+            let sample = FingertipSample { number, age: 0.0, tips: std::array::from_fn(tip) };
+            TaskCommand::Telexistence(TelexistenceCommand::Follow(sample))
+        }
+        "put_down" => TaskCommand::Grasping(GraspCommand::PutDown),
+        "open_hand" => TaskCommand::Grasping(GraspCommand::Open),
+        "stand" => TaskCommand::VisualApproach(VisualApproachCommand::Stand),
+        "open" => TaskCommand::VisualApproach(VisualApproachCommand::Open),
+        "close" => TaskCommand::VisualApproach(VisualApproachCommand::Close),
+        "acknowledge" => TaskCommand::VisualApproach(VisualApproachCommand::Acknowledge),
+        _ => TaskCommand::VisualApproach(VisualApproachCommand::Move {
+            position: part(values, 0),
+            speed: values[3],
+        }),
+    })
+}
+
+/// A command's kind and numbers, with their shape; `None` for one that has no such form.
+pub fn encode(command: &TaskCommand) -> Option<(&'static str, Vec<f32>, Vec<usize>)> {
+    let plain = |kind| Some((kind, Vec::new(), vec![0]));
+    match command {
+        TaskCommand::JointServo(JointCommand::Goal { positions }) => {
+            Some(("joints", positions.to_vec(), vec![positions.len()]))
+        }
+        TaskCommand::JointServo(JointCommand::Stream { points }) => {
+            let rows = points.iter().flat_map(|point| [point.position, point.velocity, point.acceleration]);
+            Some(("points", rows.collect(), vec![points.len(), 3]))
+        }
+        TaskCommand::JointServo(JointCommand::StreamTips { tips }) => {
+            let rows = tips.iter().flat_map(|tip| [tip.position, tip.velocity, tip.acceleration]);
+            Some(("tips", rows.flatten().collect(), vec![tips.len(), 9]))
+        }
+        TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }) => {
+            let mut values = Vec::with_capacity(22);
+            values.extend(point.position);
+            values.extend(point.rotation);
+            values.extend(point.velocity);
+            values.extend(point.acceleration);
+            values.extend([elbow.angle, elbow.velocity, elbow.acceleration]);
+            Some(("tool", values, vec![22]))
+        }
+        TaskCommand::Grasping(GraspCommand::Move { translation, rotation, duration }) => {
+            let values = translation.iter().chain(rotation).chain([duration]);
+            Some(("object", values.copied().collect(), vec![7]))
+        }
+        TaskCommand::Telexistence(TelexistenceCommand::Follow(sample)) => {
+            let row = |tip: &Option<FingertipPoint>| {
+                tip.map_or([[f32::NAN; 3]; 2], |tip| [tip.position, tip.velocity])
+            };
+            Some(("fingertips", sample.tips.iter().flat_map(row).flatten().collect(), vec![5, 6]))
+        }
+        TaskCommand::VisualApproach(VisualApproachCommand::Move { position, speed }) => {
+            Some(("hand", position.iter().chain([speed]).copied().collect(), vec![4]))
+        }
+        TaskCommand::Grasping(GraspCommand::PutDown) => plain("put_down"),
+        TaskCommand::Grasping(GraspCommand::Open) => plain("open_hand"),
+        TaskCommand::VisualApproach(VisualApproachCommand::Stand) => plain("stand"),
+        TaskCommand::VisualApproach(VisualApproachCommand::Open) => plain("open"),
+        TaskCommand::VisualApproach(VisualApproachCommand::Close) => plain("close"),
+        TaskCommand::VisualApproach(VisualApproachCommand::Acknowledge) => plain("acknowledge"),
+        _ => None,
+    }
+}
+
+/// So many numbers from `first` on. The shapes were checked.
+fn part<const N: usize>(values: &[f32], first: usize) -> [f32; N] {
+    std::array::from_fn(|index| values.get(first + index).copied().unwrap_or(f32::NAN))
+}

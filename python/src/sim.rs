@@ -1,0 +1,235 @@
+//! Scenarios, stepped from Python.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use numpy::{PyArray1, PyArrayMethods as _};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use tesaki_description::robot::RobotFolder;
+use tesaki_sim::scenario::{SCENARIOS, Scenario};
+use tesaki_sim::stepped::{Halt, MachineTruth, Stepped, Turn, View};
+
+use crate::arrays::output;
+use crate::command::{decode, encode};
+use crate::error::{SimulationError, file};
+use crate::value::dictionary;
+
+/// Control periods between two looks for Ctrl-C.
+const STRETCH: usize = 200;
+
+/// All scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and ``duration`` [s].
+#[pyfunction]
+pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
+    let list = PyList::empty(py);
+    for scenario in SCENARIOS {
+        let entry = PyDict::new(py);
+        entry.set_item("name", scenario.name)?;
+        entry.set_item("about", scenario.about)?;
+        entry.set_item("robot", scenario.robot)?;
+        entry.set_item("duration", scenario.duration)?;
+        list.append(entry)?;
+    }
+    Ok(list)
+}
+
+/// A scenario that stands still in each control period of an enabled task; see ``tesaki.sim``.
+///
+/// ``begin()`` and each ``step()`` return the state as a dictionary, or ``None`` at the scenario's end, after which
+/// ``summary()`` has what it measured.
+///
+/// Args:
+///     scenario: its name.
+///     robot: path of the robot's folder.
+///     seed: decides the machine's deviations and noise.
+#[pyclass(frozen, module = "tesaki")]
+pub struct Run(Mutex<State>);
+
+struct State {
+    scenario: &'static Scenario,
+    robot: RobotFolder,
+    seed: u64,
+    run: Option<Stepped>,
+    /// Number of the next sample of fingertips.
+    sample: u16,
+    summary: Option<String>,
+}
+
+#[pymethods]
+impl Run {
+    #[new]
+    fn new(scenario: &str, robot: PathBuf, seed: u64) -> PyResult<Self> {
+        let scenario = Scenario::find(scenario).ok_or_else(|| {
+            let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
+            PyValueError::new_err(format!(
+                "no scenario {scenario:?}; the scenarios are: {}",
+                known.join(", ")
+            ))
+        })?;
+        let robot = RobotFolder::load(&robot).map_err(file)?;
+        Ok(Self(Mutex::new(State { scenario, robot, seed, run: None, sample: 0, summary: None })))
+    }
+
+    /// Begins the scenario, or begins it anew; returns its first state.
+    fn begin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        self.turn(py, |state| {
+            state.run = None;
+            (state.summary, state.sample) = (None, 0);
+            let run = Stepped::begin(state.scenario, &state.robot.path, state.seed);
+            let run = run.map_err(|error| error.to_string())?;
+            let halt = run.wait();
+            state.run = Some(run);
+            Ok(halt)
+        })
+    }
+
+    /// Goes on by one control period; returns the state after it.
+    ///
+    /// Args:
+    ///     kind: what is commanded in place of the scenario's own command, see ``tesaki.COMMANDS``; ``nothing`` commands
+    ///         nothing, ``None`` leaves the scenario its own.
+    ///     values: the command's numbers.
+    ///
+    /// Raises:
+    ///     SimulationError: why the scenario did not come to its end.
+    #[pyo3(signature = (kind=None, values=None))]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        kind: Option<&str>,
+        values: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let turn = match kind {
+            None => Turn::Scripted,
+            Some("nothing") => Turn::Nothing,
+            Some(kind) => {
+                let number = self.state().sample.wrapping_add(1);
+                self.state().sample = number;
+                let none = PyList::empty(py).into_any();
+                Turn::Command(decode(kind, "action", values.unwrap_or(&none), number)?)
+            }
+        };
+        self.turn(py, |state| {
+            let run =
+                state.run.as_ref().ok_or_else(|| "the scenario has not begun, or has ended".to_owned())?;
+            Ok(run.step(turn))
+        })
+    }
+
+    /// Goes on to the end without stopping, with the scenario's own commands; begins if it has not.
+    fn finish(&self, py: Python<'_>) -> PyResult<()> {
+        let is_new = self.state().run.is_none() && self.state().summary.is_none();
+        if is_new {
+            self.begin(py)?;
+        }
+        while self.state().run.is_some() {
+            self.turn(py, |state| {
+                let run = state.run.as_ref().ok_or_else(|| "the scenario has ended".to_owned())?;
+                let mut halt = run.step(Turn::Scripted);
+                for _ in 1..STRETCH {
+                    if matches!(halt, Halt::Ended(_)) {
+                        break;
+                    }
+                    halt = run.step(Turn::Scripted);
+                }
+                Ok(halt)
+            })?;
+            // Ctrl-C.
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// What was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV; ``None`` before the
+    /// end.
+    fn summary(&self) -> Option<String> {
+        self.state().summary.clone()
+    }
+}
+
+impl Run {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lets the scenario run while other threads of Python do too, and tells where it stands then.
+    fn turn<'py>(
+        &self,
+        py: Python<'py>,
+        go: impl FnOnce(&mut State) -> Result<Halt, String> + Send,
+    ) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let halt = py.detach(|| go(&mut self.state()));
+        match halt.map_err(SimulationError::new_err)? {
+            Halt::At(view) => Ok(Some(shown(py, &view, &self.state().robot)?)),
+            Halt::Ended(ended) => {
+                let mut state = self.state();
+                state.run = None;
+                let outcome = ended.map_err(|error| SimulationError::new_err(error.to_string()))?;
+                let told = serde_json::json!({ "summary": outcome.summary, "tables": outcome.tables });
+                state.summary = Some(told.to_string());
+                Ok(None)
+            }
+        }
+    }
+}
+
+/// A state as a dictionary.
+fn shown<'py>(py: Python<'py>, view: &View, robot: &RobotFolder) -> PyResult<Bound<'py, PyDict>> {
+    let state = PyDict::new(py);
+    state.set_item("trial", view.trial)?;
+    state.set_item("is_over", view.is_over)?;
+    state.set_item("tick", view.telemetry.tick)?;
+    state.set_item("task", view.task.to_string())?;
+    let joints = &view.telemetry.joints;
+    let one = |value: &dyn Fn(usize) -> f32| PyArray1::from_iter(py, (0..joints.len()).map(value));
+    state.set_item("position", one(&|joint| joints[joint].position))?;
+    state.set_item("velocity", one(&|joint| joints[joint].velocity))?;
+    state.set_item("reference", one(&|joint| joints[joint].reference))?;
+    state.set_item("torque", one(&|joint| joints[joint].torque))?;
+    let tips = &view.tips.tips;
+    let three = |value: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
+        output(py, [tips.len(), 3], |places| {
+            places
+                .chunks_exact_mut(3)
+                .enumerate()
+                .for_each(|(tip, place)| place.copy_from_slice(&value(tip)));
+        })
+    };
+    state.set_item("tip_position", three(&|tip| tips[tip].position)?)?;
+    state.set_item("tip_force", three(&|tip| tips[tip].force)?)?;
+    state.set_item("tip_torque", three(&|tip| tips[tip].torque)?)?;
+    let report = view.report.as_ref().map(|report| dictionary(py, &report.telemetry)).transpose()?;
+    state.set_item("report", report)?;
+    state.set_item("truth", view.truth.as_ref().map(|truth| true_state(py, truth)).transpose()?)?;
+    state.set_item("refused", view.refused.as_ref().map(ToString::to_string))?;
+    state.set_item("fault", view.fault.as_ref().map(|fault| fault.named(&robot.model).to_string()))?;
+    match view.scripted.as_ref().and_then(encode) {
+        Some((kind, values, shape)) => {
+            state.set_item("scripted", (kind, PyArray1::from_vec(py, values).reshape(shape)?))?;
+        }
+        None => state.set_item("scripted", py.None())?,
+    }
+    Ok(state)
+}
+
+/// What the plant knows, as a dictionary of arrays.
+fn true_state<'py>(py: Python<'py>, truth: &MachineTruth) -> PyResult<Bound<'py, PyDict>> {
+    let state = PyDict::new(py);
+    let list = |values: &[f64]| PyArray1::from_slice(py, values);
+    state.set_item("position", list(&truth.joints.positions))?;
+    state.set_item("velocity", list(&truth.joints.velocities))?;
+    state.set_item("torque", list(&truth.joints.torques))?;
+    let tips: Vec<f64> = truth.tips.iter().flat_map(|tip| tip.position).collect();
+    state.set_item("tip_position", PyArray1::from_vec(py, tips).reshape([truth.tips.len(), 3])?)?;
+    let forces: Vec<f64> = truth.tips.iter().flat_map(|tip| tip.force).collect();
+    state.set_item("tip_force", PyArray1::from_vec(py, forces).reshape([truth.tips.len(), 3])?)?;
+    if let Some(object) = &truth.object {
+        state.set_item("object_position", list(&object.position))?;
+        state.set_item("object_orientation", list(&object.orientation))?;
+        let forces: Vec<f64> = truth.contacts.iter().flat_map(|contact| contact.force).collect();
+        state
+            .set_item("contact_force", PyArray1::from_vec(py, forces).reshape([truth.contacts.len(), 3])?)?;
+    }
+    Ok(state)
+}

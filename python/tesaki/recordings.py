@@ -1,0 +1,100 @@
+"""Recordings (MCAP with ROS 2 messages) as arrays.
+
+Needs PyPI's ``mcap``: ``pip install tesaki[recordings]``.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+
+__all__ = ["Joints", "load"]
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Joints over time: n samples of k joints. What a recording does not hold is NaN."""
+
+    names: list[str]
+    """Names of the joints."""
+    time: np.ndarray
+    """(n,) [s], as the stamps of the messages."""
+    position: np.ndarray
+    """(n, k) [rad]."""
+    velocity: np.ndarray
+    """(n, k) [rad/s]."""
+    effort: np.ndarray
+    """(n, k) [N·m]."""
+
+
+def load(path: str | PathLike[str], topic: str = "/joint_states") -> Joints:
+    """The joints in a recording of ``Board.record``, ``tesaki record`` or ``cargo sim run``.
+
+    Args:
+        path: the file.
+        topic: ``/joint_states`` for what was measured, ``/tesaki/reference`` for the references.
+
+    Raises:
+        ValueError: the recording has no such topic, or its joints change.
+    """
+    from mcap.reader import make_reader
+
+    names: list[str] | None = None
+    times, rows = [], []
+    with open(path, "rb") as file:
+        for schema, _, message in make_reader(file).iter_messages(topics=[topic]):
+            if schema is None or schema.name != "sensor_msgs/msg/JointState":
+                raise ValueError(f"{path}: {topic} holds no joints but {schema.name if schema else 'nothing known'}")
+            time, own, *columns = _joint_state(message.data)
+            if names is not None and own != names:
+                raise ValueError(f"{path}: the joints of {topic} change at {time} s")
+            names = own
+            unknown = [np.nan] * len(own)
+            times.append(time)
+            rows.append([column if len(column) else unknown for column in columns])
+    if names is None:
+        raise ValueError(f"{path} holds nothing on {topic}")
+    table = np.array(rows, dtype=float).reshape(len(rows), 3, len(names))
+    return Joints(names, np.array(times), table[:, 0], table[:, 1], table[:, 2])
+
+
+def _joint_state(data: bytes):
+    """Time, names, position, velocity and effort of a JointState in little-endian CDR."""
+    body = memoryview(data)[4:]
+    place = 0
+
+    def align(size):
+        nonlocal place
+        place += -place % size
+
+    def number(form):
+        nonlocal place
+        size = struct.calcsize(form)
+        align(size)
+        (value,) = struct.unpack_from("<" + form, body, place)
+        place += size
+        return value
+
+    def text():
+        nonlocal place
+        length = number("I")
+        value = bytes(body[place : place + length - 1]).decode()
+        place += length
+        return value
+
+    def numbers():
+        nonlocal place
+        count = number("I")
+        if count:
+            align(8)
+        values = np.frombuffer(body, "<f8", count, place) if count else np.empty(0)
+        place += 8 * count
+        return values
+
+    seconds, nanoseconds = number("i"), number("I")
+    text()
+    names = [text() for _ in range(number("I"))]
+    return seconds + 1e-9 * nanoseconds, names, numbers(), numbers(), numbers()

@@ -1,0 +1,212 @@
+"""A board: the simulated one that ``host-sim serve`` gives, whose program TESAKI_SIM names."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import tesaki
+from tesaki import recordings
+
+PROGRAM = os.environ.get("TESAKI_SIM")
+pytestmark = pytest.mark.skipif(not PROGRAM, reason="TESAKI_SIM does not name host-sim")
+
+
+class Served:
+    """A simulated board in real time."""
+
+    def __init__(self, path, robot, *options):
+        self.port = f"unix://{path}"
+        command = [PROGRAM, "serve", "--robot", tesaki.robots() / robot, "--listen", self.port, *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.angles = {}
+        # It says how to home the machine where it stands, if its encoders are relative.
+        for line in self.process.stdout:
+            if line.strip().startswith("tesaki home "):
+                self.angles = {name: float(angle) for name, angle in (word.split("=") for word in line.split()[2:])}
+            if line.strip().startswith("tesaki tare") or line.strip().startswith("tesaki move"):
+                break
+
+    def command(self, text):
+        self.process.stdin.write(text + "\n")
+        self.process.stdin.flush()
+
+    def end(self):
+        self.process.terminate()
+        self.process.wait(10)
+
+
+@pytest.fixture
+def serve(tmp_path):
+    served = []
+
+    def start(robot="hand3", *options):
+        served.append(Served(tmp_path / f"{len(served)}.sock", robot, *options))
+        return served[-1]
+
+    yield start
+    for one in served:
+        one.end()
+
+
+def test_a_joint_moves_and_is_recorded(serve, tmp_path):
+    served, robot = serve(), tesaki.Robot(tesaki.robots() / "hand3")
+    with tesaki.Board(served.port) as board:
+        assert board.robot is None and board.joints == []
+        with pytest.raises(tesaki.RefusedError, match="^the board refused to enable its outputs: .*; see docs/trouble"):
+            board.enable()
+        board.push(robot)
+        assert board.robot == "hand3" and board.joints == robot.joints
+        with pytest.raises(tesaki.RefusedError, match="^the board refused to enable its outputs: .*homed"):
+            board.enable()
+        with pytest.raises(ValueError, match="^angles: finger1_swing is missing; all joints are homed at once$"):
+            board.home({})
+        board.home(served.angles)
+        start = board.telemetry()["position"]
+        board.enable()
+        assert board.telemetry()["mode"] == "enabled (joint servo)"
+        assert board.move({"finger1_bend": 0.3}) <= 0.02
+        assert abs(board.telemetry()["position"][1] - 0.3) < 0.025
+        board.move({"finger1_bend": -0.1, "finger2_bend": 0.1}, relative=True)
+        position = board.telemetry()["position"]
+        np.testing.assert_allclose(position[[1, 4]], [0.2, start[4] + 0.1], atol=0.05)
+        board.command("joints", start)
+        count = board.record(tmp_path / "r.mcap", 1.0, robot)
+        with pytest.raises(ValueError, match='^hand3 has no joint "toe"; its joints are finger1_swing, '):
+            board.move({"toe": 0.1})
+        with pytest.raises(ValueError, match="^finger1_bend: 9 rad is outside its limits -1.2 to 1.7 rad$"):
+            board.move({"finger1_bend": 9.0})
+        with pytest.raises(ValueError, match=r"^tips has the shape \(2, 9\)|refused"):
+            board.reach(np.zeros((2, 8)))
+        with pytest.raises(tesaki.RefusedError, match="^the board refused to move: 2 tips given, the robot has 3"):
+            board.reach(np.zeros((2, 9)))
+    with pytest.raises(tesaki.BoardError, match="^the board was closed: make another Board$"):
+        board.telemetry()
+    # Disabled at the end of the block, and free for the next.
+    with tesaki.Board(served.port) as board:
+        assert board.telemetry()["mode"] == "disabled"
+    joints = recordings.load(tmp_path / "r.mcap")
+    assert joints.names == robot.joints and joints.position.shape == (count, 9) and count > 80
+    assert (np.diff(joints.time) > 0).all()
+    assert joints.position[0, 1] > 0.12 and abs(joints.position[-1, 1] - start[1]) < 0.03
+    assert recordings.load(tmp_path / "r.mcap", "/tesaki/reference").position.shape == (count, 9)
+    with pytest.raises(ValueError, match="holds nothing on /nothing"):
+        recordings.load(tmp_path / "r.mcap", "/nothing")
+
+
+def test_an_exception_disables(serve):
+    served = serve()
+    with pytest.raises(RuntimeError, match="^on the way$"), tesaki.Board(served.port) as board:
+        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
+        board.home(served.angles)
+        board.enable()
+        raise RuntimeError("on the way")
+    with tesaki.Board(served.port) as board:
+        assert board.telemetry()["mode"] == "disabled" and board.faults() == []
+
+
+def test_a_fault_is_an_exception_with_its_words(serve):
+    served = serve()
+    with tesaki.Board(served.port) as board:
+        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
+        board.home(served.angles)
+        board.enable()
+        board.wait(0.2)
+        served.command("estop on")
+        with pytest.raises(tesaki.FaultError, match="(?s)^the board is in fault: .*emergency.*See docs/troubleshooting.md"):
+            board.wait(1.0)
+        served.command("estop off")
+        with pytest.raises(tesaki.RefusedError):
+            board.enable()
+        time.sleep(0.1)
+        assert "emergency" in board.clear_faults()[-1]
+        board.enable()
+
+
+def test_a_killed_program_stops_the_robot(serve):
+    served = serve()
+    program = """
+import sys, tesaki
+board = tesaki.Board(sys.argv[1])
+board.push(tesaki.Robot(tesaki.robots() / "hand3"))
+board.home({name: float(angle) for name, angle in (word.split("=") for word in sys.argv[2:])})
+board.enable()
+print("enabled", flush=True)
+board.wait(60)
+"""
+    angles = [f"{name}={angle}" for name, angle in served.angles.items()]
+    victim = subprocess.Popen([sys.executable, "-c", program, served.port, *angles], stdout=subprocess.PIPE, text=True)
+    assert victim.stdout.readline() == "enabled\n"
+    time.sleep(0.3)
+    victim.send_signal(signal.SIGKILL)
+    victim.wait(10)
+    time.sleep(0.5)
+    with tesaki.Board(served.port) as board:
+        assert board.telemetry()["mode"] == "in fault"
+        assert "command" in board.faults()[-1], board.faults()
+
+
+def test_an_arm_yields_and_is_led(serve):
+    served, arm = serve("arm7"), tesaki.Robot(tesaki.robots() / "arm7")
+    soft = tesaki.robots() / "arm7" / "impedances" / "soft.toml"
+    with tesaki.Board(served.port) as board:
+        board.push(arm)
+        if served.angles:
+            board.home(served.angles)
+        time.sleep(0.6)
+        board.tare()
+        with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file$"):
+            board.enable("impedance")
+        board.enable("impedance", file=soft)
+        tool = board.task()["Impedance"]
+        np.testing.assert_allclose(tool["position"], arm.fk([board.telemetry()["position"]])[0, :3], atol=2e-3)
+        target = np.zeros(22, np.float32)
+        target[:3], target[3:7], target[19] = tool["position"], tool["rotation"], tool["elbow"]
+        # A set-point a tick, along x at 20 mm/s for half a second.
+        for step in range(50):
+            target[0], target[7] = tool["position"][0] - 0.0002 * (step + 1), -0.02
+            board.command("tool", target)
+            board.wait(0.01)
+        target[7] = 0.0
+        board.command("tool", target)
+        board.wait(1.0)
+        assert abs(board.task()["Impedance"]["position"][0] - tool["position"][0] + 0.01) < 3e-3
+        assert board.tips()["force"].shape == (1, 3)
+
+
+def test_no_board_and_wrong_arguments():
+    with pytest.raises(tesaki.BoardError, match="/nowhere.sock"):
+        tesaki.Board("unix:///nowhere.sock")
+    with pytest.raises(ValueError, match="^port: "):
+        tesaki.Board("")
+    with pytest.raises(ValueError, match="^timeout is -1: expected seconds, 0 or more$"):
+        tesaki.Board(timeout=-1)
+
+
+def test_stubs_name_what_there_is():
+    """The type stubs have the classes, methods and arguments of the module."""
+    import ast
+    import inspect
+    from pathlib import Path
+
+    from tesaki import _tesaki
+
+    stubs = ast.parse((Path(tesaki.__file__).parent / "_tesaki.pyi").read_text())
+    described = {node.name: node for node in stubs.body if isinstance(node, (ast.ClassDef, ast.FunctionDef))}
+    assert set(described) == {name for name in vars(_tesaki) if not name.startswith("_")}
+    for name, node in described.items():
+        if isinstance(node, ast.FunctionDef):
+            continue
+        own = vars(getattr(_tesaki, name))
+        methods = {part.name: part for part in node.body if isinstance(part, ast.FunctionDef)}
+        hidden = {"__module__", "__doc__", "__new__", "__repr__", "__weakref__"}
+        assert set(methods) - {"__init__"} == set(own) - hidden, name
+        for method, stub in methods.items():
+            found = own.get(method)
+            if callable(found) and method != "__init__":
+                arguments = [argument.arg for argument in stub.args.args + stub.args.kwonlyargs]
+                assert list(inspect.signature(found).parameters) == arguments, f"{name}.{method}"
+                assert method.startswith("_") or found.__doc__, f"{name}.{method} has no docstring"

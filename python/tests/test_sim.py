@@ -1,0 +1,178 @@
+"""The simulator from Python: bits, environments, time."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tesaki
+from tesaki import sim
+
+SWEEPS = Path(__file__).resolve().parents[2] / "docs" / "sweeps" / "development"
+
+
+def recorded(scenario, seed):
+    """What ``cargo sim`` answered when the sweeps were recorded."""
+    machines = json.loads((SWEEPS / f"{scenario}.json").read_text())["machines"]
+    return next(machine for machine in machines if machine["seed"] == seed)["frames_sha256"]
+
+
+@pytest.mark.parametrize("scenario", ["hand3-servo", "arm7-elbow"])
+def test_a_run_is_bit_for_bit_that_of_cargo_sim(scenario):
+    result = sim.run(scenario, 2)
+    assert result.frames_sha256 == recorded(scenario, 2)
+    assert result.summary["pass"] is True
+    name = next(iter(result.tables))
+    table = result.table(name)
+    assert len(table) > 100 and table.dtype.names[0] == "time_s"
+
+
+def test_commands_sent_from_python_give_the_same_bits():
+    """Every command of the fingertips' scenario goes through Python's arrays."""
+    steps = sim.Run("hand3-reach", tesaki.robots() / "hand3", 1)
+    state = steps.begin()
+    kinds = set()
+    while state is not None:
+        scripted = state["scripted"]
+        if scripted is not None:
+            kinds.add(scripted[0])
+        state = steps.step(*(scripted or ()))
+    digest = json.loads(steps.summary())["summary"]["frames_sha256"]
+    assert digest == recorded("hand3-reach", 1)
+    assert kinds == {"joints", "tips"}
+
+
+def test_on_tick_sees_every_period_and_changes_nothing():
+    ticks, trials = [], set()
+
+    def look(state):
+        ticks.append(state["tick"])
+        trials.add(state["trial"])
+        assert state["truth"]["position"].shape == state["position"].shape == (9,)
+        # Homing is off by up to 2 mrad, and nothing else.
+        assert abs(state["truth"]["position"] - state["position"]).max() < 0.01
+
+    result = sim.run("hand3-servo", 1, on_tick=look)
+    assert result.frames_sha256 == recorded("hand3-servo", 1)
+    assert trials == {1, 2, 3, 4} and len(ticks) > 2000
+
+
+def test_the_environment_keeps_gymnasiums_rules():
+    from gymnasium.utils.env_checker import check_env
+
+    class Bounded(sim.Env):
+        """The checker samples actions, which must be finite and within reach."""
+
+        def __init__(self):
+            super().__init__("hand3-servo")
+            from gymnasium.spaces import Box
+
+            limits = tesaki.Robot(tesaki.robots() / "hand3").limits
+            self.action_space = Box(limits[:, 0], limits[:, 1], dtype=np.float32)
+
+    env = Bounded()
+    check_env(env, skip_render_check=True)
+    first, _ = env.reset(seed=5)
+    again, _ = env.reset(seed=5)
+    other, _ = env.reset(seed=6)
+    assert all(np.array_equal(first[name], again[name], equal_nan=True) for name in first)
+    assert any(not np.array_equal(first[name], other[name], equal_nan=True) for name in first)
+
+
+def test_an_episode_of_joints():
+    env = sim.make("hand3-servo", trial=2)
+    observation, info = env.reset(seed=1)
+    assert info["trial"] == 2 and env.action_space.shape == (9,)
+    goal = observation["position"] + 0.1
+    for _ in range(150):
+        observation, reward, terminated, truncated, info = env.step(goal)
+        assert not (terminated or truncated) and info["refused"] is None
+    assert abs(observation["position"] - goal).max() < 2e-3
+    assert abs(info["truth"]["position"] - goal).max() < 5e-3
+    assert reward == -abs(info["truth"]["position"] - observation["target"]).mean()
+    _, _, _, _, info = env.step(np.full(9, 9.0, np.float32))
+    assert "limit" in info["refused"], info["refused"]
+    with pytest.raises(ValueError, match=r"^action has the shape \(3, 3\), expected \(joints,\): a goal for each"):
+        env.step(goal.reshape(3, 3))
+    while not truncated:
+        _, _, terminated, truncated, info = env.step(None)
+    assert not terminated and info["fault"] is None
+    with pytest.raises(tesaki.SimulationError, match="^the episode is over: reset$"):
+        env.step(None)
+
+
+def test_a_fault_terminates():
+    env = sim.make("hand3-reach")
+    observation, info = env.reset(seed=1)
+    assert env.kind == "tips" and env.action_space.shape == (3, 9)
+    jump = observation["target"].copy()
+    refusals = set()
+    # A leap of 20 mm in a tick: the board refuses it, and what it accepts it stops for.
+    for step in range(200):
+        jump[:, 2] += 0.02 * (-1) ** step
+        _, _, terminated, truncated, info = env.step(jump)
+        refusals.add(info["refused"])
+        if terminated:
+            break
+    assert terminated and not truncated
+    assert info["fault"], refusals
+
+
+def test_an_arm_is_led():
+    env = sim.make("arm7-elbow")
+    observation, info = env.reset(seed=1)
+    report = info["report"]["Impedance"]
+    target = np.zeros(22, np.float32)
+    target[:3], target[3:7], target[19] = report["position"], report["rotation"], report["elbow"]
+    target[2] += 0.02
+    start = info["truth"]["tip_position"][0].copy()
+    for _ in range(150):
+        observation, _, terminated, truncated, info = env.step(target)
+        assert not (terminated or truncated) and info["refused"] is None
+    np.testing.assert_allclose(info["truth"]["tip_position"][0] - start, [0, 0, 0.02], atol=2e-3)
+
+
+def test_an_object_is_moved():
+    env = sim.make("hand3-turn")
+    observation, info = env.reset(seed=1)
+    assert info["report"]["Grasping"]["phase"] == "Hold" and env.action_space.shape == (7,)
+    before = info["truth"]["object_position"].copy()
+    assert info["truth"]["contact_force"].shape == (3, 3)
+    # Up by 5 mm against gravity, which the hand's model has, within a second.
+    gravity = np.array([-6.9367, 0.0, -6.9367])
+    up = -0.005 * gravity / np.linalg.norm(gravity)
+    _, _, _, _, info = env.step([*up, 0.0, 0.0, 0.0, 1.0])
+    assert info["refused"] is None
+    for _ in range(150):
+        # Not what the scenario would command.
+        _, _, terminated, truncated, info = env.step(("nothing",))
+        assert not (terminated or truncated)
+    moved = info["truth"]["object_position"] - before
+    np.testing.assert_allclose(moved, up, atol=1.5e-3)
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(ValueError, match="^no scenario \"hand4\"; the scenarios are: hand3-servo, "):
+        sim.run("hand4")
+    with pytest.raises(ValueError, match="^kind is 'toes': expected one of joints, "):
+        sim.make("hand3-servo", kind="toes")
+    with pytest.raises(ValueError, match="^trial is 9, but hand3-servo has 4$"):
+        sim.make("hand3-servo", trial=9)
+    with pytest.raises(tesaki.FileError, match="a robot folder holds"):
+        sim.run("hand3-servo", robot="/nowhere")
+
+
+def test_steps_are_faster_than_real_time():
+    """30 times real time for hand3 on one core."""
+    env = sim.make("hand3-servo")
+    observation, _ = env.reset(seed=1)
+    goal, best = observation["position"], np.inf
+    # The best of several stretches: other programs take time too.
+    for _ in range(8):
+        start = time.perf_counter()
+        for _ in range(50):
+            env.step(goal)
+        best = min(best, (time.perf_counter() - start) / 50)
+    print(f"a step takes {1e6 * best:.0f} µs: {0.01 / best:.0f} times real time")
+    assert 0.01 / best > 30
