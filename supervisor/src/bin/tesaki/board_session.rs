@@ -150,7 +150,7 @@ impl BoardSession {
         match ask() {
             Ok(()) => Ok(true),
             // The caller tries again later.
-            Err(BoardError::Timeout { .. }) => Ok(false),
+            Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),
             Err(error) => Err(error.into()),
         }
     }
