@@ -57,6 +57,11 @@ pub enum BoardError {
         /// The time waited [s].
         seconds: f64,
     },
+    /// The wait for an answer was interrupted, see [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
+    #[error(
+        "something more urgent came before the board's answer: whether this was carried out is not known"
+    )]
+    Interrupted,
     /// The board runs another task.
     #[error("the board's task is {reported}, not {expected}: {expected} has to be enabled first")]
     OtherTask {

@@ -1,6 +1,8 @@
 use std::collections::VecDeque;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
@@ -17,6 +19,9 @@ const MAX_PATIENCE: Duration = Duration::from_millis(160);
 /// Maximum number of queued messages; the oldest are dropped. Some twenty seconds of everything a board
 /// sends.
 const INBOX: usize = 8192;
+
+/// From one look at the flag of [`LinkBoard::interrupt_by`] to the next.
+const GLANCE: Duration = Duration::from_millis(5);
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
 pub trait ByteLink {
@@ -47,6 +52,7 @@ pub struct LinkBoard<L> {
     /// Requests that were sent again.
     repeats: u64,
     round_trip: Option<Duration>,
+    interrupt: Option<Arc<AtomicBool>>,
 }
 
 impl<L: ByteLink> LinkBoard<L> {
@@ -56,10 +62,24 @@ impl<L: ByteLink> LinkBoard<L> {
         // Two programs must not choose the same number, and it needs no secrecy.
         #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
         let client = RandomState::new().build_hasher().finish() as u32 | 1;
-        let inbox = VecDeque::new();
-        let decoder = Decoder::new();
-        let (sequence, answered) = (0, 0);
-        Self { link, decoder, client, sequence, answered, timeout, inbox, repeats: 0, round_trip: None }
+        Self {
+            link,
+            decoder: Decoder::new(),
+            client,
+            sequence: 0,
+            answered: 0,
+            timeout,
+            inbox: VecDeque::new(),
+            repeats: 0,
+            round_trip: None,
+            interrupt: None,
+        }
+    }
+
+    /// From now on, every wait for an answer ends with [`BoardError::Interrupted`] while `flag` is set, so that
+    /// something more urgent can be [posted](Self::post).
+    pub fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
     }
 
     /// Answers are waited for so long from now on.
@@ -183,12 +203,16 @@ impl<L: ByteLink> LinkBoard<L> {
         let deadline = Instant::now() + self.timeout;
         let mut wait = PATIENCE;
         loop {
+            self.check_interrupt()?;
             let sent = Instant::now();
             self.send(&frame)?;
             let patience = (sent + wait).min(deadline);
             wait = (2 * wait).min(MAX_PATIENCE);
             loop {
-                if let Some(answer) = self.receive(patience, Some(frame.sequence))? {
+                self.check_interrupt()?;
+                let glance =
+                    self.interrupt.as_ref().map_or(patience, |_| patience.min(Instant::now() + GLANCE));
+                if let Some(answer) = self.receive(glance, Some(frame.sequence))? {
                     self.round_trip = Some(sent.elapsed());
                     self.answered = frame.sequence;
                     return Ok(answer);
@@ -201,6 +225,13 @@ impl<L: ByteLink> LinkBoard<L> {
                 return Err(BoardError::Timeout { seconds: self.timeout.as_secs_f64() });
             }
             self.repeats += 1;
+        }
+    }
+
+    fn check_interrupt(&self) -> Result<(), BoardError> {
+        match &self.interrupt {
+            Some(flag) if flag.load(Ordering::Relaxed) => Err(BoardError::Interrupted),
+            _ => Ok(()),
         }
     }
 }

@@ -27,3 +27,4 @@ mod retarget;
 mod retarget_hands;
 mod server;
 mod view;
+mod view_line;

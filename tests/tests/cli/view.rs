@@ -12,13 +12,13 @@ use tungstenite::{Error, Message};
 use super::server::{Server, finish, hand3, said, signal};
 
 /// `tesaki view`, ended with the test.
-struct View {
+pub struct View {
     child: Child,
     host: String,
 }
 
 impl View {
-    fn start(server: &Server, arguments: &[&str]) -> Self {
+    pub fn start(server: &Server, arguments: &[&str]) -> Self {
         let folder = hand3();
         let listen = ["--json", "view", "--listen", "localhost:0", "--robot", folder.to_str().unwrap()];
         let mut command = server.command(&[&listen[..], arguments].concat());
@@ -45,7 +45,7 @@ impl View {
         String::from_utf8_lossy(&answer).into_owned()
     }
 
-    fn open(&self) -> Page {
+    pub fn open(&self) -> Page {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
         let host = &self.host;
@@ -77,16 +77,16 @@ impl Drop for View {
 }
 
 /// A page that answers to every state, as a browser does.
-struct Page(WebSocket<TcpStream>);
+pub struct Page(WebSocket<TcpStream>);
 
 impl Page {
-    fn send(&mut self, value: &Value) {
+    pub fn send(&mut self, value: &Value) {
         self.0.send(Message::text(value.to_string())).unwrap();
     }
 
     /// The next message that `wanted` accepts.
     #[track_caller]
-    fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let deadline = Instant::now() + Duration::from_secs(8);
         while Instant::now() < deadline {
             let text = match self.0.read() {
@@ -115,19 +115,19 @@ impl Page {
     }
 
     #[track_caller]
-    fn succeeds(&mut self, value: Value) {
+    pub fn succeeds(&mut self, value: Value) {
         let (ok, text) = self.command(&value);
         assert!(ok, "{value}: {text}");
     }
 
     #[track_caller]
-    fn fails(&mut self, value: Value, words: &str) {
+    pub fn fails(&mut self, value: Value, words: &str) {
         let (ok, text) = self.command(&value);
         assert!(!ok && text.contains(words), "{value}: {text}");
     }
 
     #[track_caller]
-    fn mode(&mut self, mode: &str) -> Value {
+    pub fn mode(&mut self, mode: &str) -> Value {
         self.wait(mode, |value| value["kind"] == "state" && value["mode"] == mode)
     }
 }
@@ -222,6 +222,7 @@ fn nonsense_gets_an_answer_or_the_door() {
     assert!(view.request(&format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")).contains("tv-live"));
     let other = view.request("GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n");
     assert!(other.starts_with("HTTP/1.1 403"), "{other}");
+    assert!(view.request(&format!("GET /?a=1 HTTP/1.1\r\nHost: {host}\r\n\r\n")).contains("tv-live"));
     assert!(view.request("\0\0nonsense\r\n\r\n").starts_with("HTTP/1.1 400"));
 
     let mut page = view.open();

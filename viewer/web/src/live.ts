@@ -1,7 +1,7 @@
 // The live page: looks at a board, and commands it once it has taken command.
 
 import { Charts, type Panel } from "./charts";
-import type { Contact, FromServer, Scene, State, Status, Vec } from "./data";
+import type { Contact, Fault, FromServer, Scene, State, Status, Vec } from "./data";
 import { button, el, number, say } from "./dom";
 import { excuse } from "./replay";
 import { NoWebGL, Stage } from "./stage";
@@ -46,6 +46,7 @@ export class Live {
   private readonly facts = el("p", { class: "tv-facts" });
   private readonly stop = button("Stop", "tv-stop", () => this.send({ do: "stop" }));
   private layout = "";
+  private shownFaults = "[]";
 
   constructor(root: HTMLElement) {
     this.faults.hidden = true;
@@ -286,21 +287,31 @@ export class Live {
     }
     if (status.trouble) this.notice.dataset.trouble = "yes";
     else delete this.notice.dataset.trouble;
-    this.faults.hidden = status.faults.length === 0;
-    this.faults.replaceChildren(
-      el("h2", {}, status.faults.length === 1 ? "Fault" : "Faults, the last one first"),
-      ...status.faults.map(({ text, title, likely, remedy }) =>
-        el(
-          "article",
-          {},
-          el("strong", {}, text),
-          el("p", {}, title),
-          likely ? el("p", {}, el("b", {}, "Likely: "), likely) : null,
-          remedy ? el("p", {}, el("b", {}, "Do: "), remedy) : null,
-        ),
-      ),
-    );
+    this.setFaults(status.faults);
     this.arrange();
+  }
+
+  /** The last fault, with earlier ones folded away; made anew only when they are others, lest they fold under a finger. */
+  private setFaults(faults: Fault[]): void {
+    const shown = JSON.stringify(faults);
+    if (shown === this.shownFaults) return;
+    this.shownFaults = shown;
+    const article = ({ text, title, likely, remedy }: Fault) =>
+      el(
+        "article",
+        {},
+        el("strong", {}, text),
+        el("p", {}, title),
+        likely ? el("p", {}, el("b", {}, "Likely: "), likely) : null,
+        remedy ? el("p", {}, el("b", {}, "Do: "), remedy) : null,
+      );
+    const [last, ...earlier] = faults.map(article);
+    this.faults.hidden = !last;
+    this.faults.replaceChildren(el("h2", {}, "Fault"), ...(last ? [last] : []));
+    if (earlier.length > 0) {
+      const summary = el("summary", {}, earlier.length === 1 ? "The fault before" : `${earlier.length} faults before`);
+      this.faults.append(el("details", {}, summary, ...earlier));
+    }
   }
 
   /** The buttons that make sense now. They are made anew only when they are others, lest one vanish under a click. */
@@ -336,7 +347,7 @@ export class Live {
         add("Give back command", { do: "release" });
       }
       if (mode === "enabled") add("Disable", { do: "disable" });
-      if (mode === "fault") add("Clear faults", { do: "clear" }, true);
+      if (mode === "fault") add("Clear fault", { do: "clear" }, true);
       if (running === "grasping") buttons.push(this.graspPad());
       if (running === "impedance control") buttons.push(this.toolPad());
     }

@@ -86,7 +86,7 @@ await run(async () => {
   check((await text(first, ".tv-badge")) === "fault", "the stop button of a page that only looks stops the robot");
   check((await text(first, ".tv-faults")).includes("stopped by the supervisor"), "both pages say what has happened and what to do");
 
-  await first.getByRole("button", { name: "Clear faults" }).click();
+  await first.getByRole("button", { name: "Clear fault" }).click();
   await until("the board is disabled", async () => (await text(first, ".tv-badge")) === "disabled");
   await first.getByRole("button", { name: "Enable joints" }).click();
   await until("the board is enabled", async () => (await text(first, ".tv-badge")) === "enabled");

@@ -155,7 +155,7 @@ impl BoardSession {
         match ask() {
             Ok(()) => Ok(true),
             // The caller tries again later.
-            Err(BoardError::Timeout { .. }) => Ok(false),
+            Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),
             Err(error) => Err(error.into()),
         }
     }

@@ -3,10 +3,12 @@
 mod commands;
 mod delay;
 mod message;
+mod pages;
 mod report;
 mod server;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -23,16 +25,17 @@ use crate::gravity::Load;
 use crate::output;
 use commands::Commander;
 use delay::Delay;
-use message::{FaultText, Plan, Report, State, Tip};
+use message::{Command, FaultText, Plan, Report, State, Tip};
+use pages::{PageEvent, Pages};
 use report::report;
-use server::{Event, File, Server};
+use server::{File, Server};
 
 /// Ticks from one state to the next: 50 a second.
 const EVERY: u16 = 2;
 /// What the page shows.
 const STREAMS: &[(Stream, u16)] =
     &[(Stream::Telemetry, EVERY), (Stream::Tips, EVERY), (Stream::Task, EVERY), (Stream::Status, 20)];
-/// How long the board is listened to before the pages are served, and the other way round.
+/// How long the board is listened to before what the pages say is looked at.
 const TURN: Duration = Duration::from_millis(4);
 /// Without pages.
 const IDLE: Duration = Duration::from_millis(20);
@@ -42,6 +45,8 @@ const SILENCE: Duration = Duration::from_millis(700);
 const STATUS: Duration = Duration::from_millis(500);
 /// A page that is so many states behind gets no more until it has answered to all that it got.
 const MAX_UNSEEN: u64 = 25;
+/// Commands of a page that wait; what comes beyond is refused.
+const MAX_WAITING: usize = 32;
 /// Faults that the page shows.
 const MAX_FAULTS: usize = 4;
 
@@ -59,7 +64,7 @@ pub fn run(options: &Options, arguments: &Arguments) -> Result<(), Failure> {
         _ => Failure::Other(error.to_string()),
     })?;
     let session = BoardSession::open(options)?;
-    let mut view = View::new(session, server, folder, options.take_over);
+    let mut view = View::new(session, Pages::serve(server), folder, options.take_over);
     let url = format!("http://{}", view.server.address());
     output::result(options, &serde_json::json!({ "url": url }), || format!("{url}\nCtrl-C ends the page"))?;
     let result = loop {
@@ -81,13 +86,15 @@ struct Page {
     seen: u64,
     /// When it said something last.
     heard: Instant,
+    /// What it wants and has not got yet; nonsense with what is wrong with it.
+    waiting: VecDeque<Result<Command, String>>,
     /// The last status that it was sent.
     told: String,
 }
 
 struct View {
     session: BoardSession,
-    server: Server,
+    server: Pages,
     folder: Option<RobotFolder>,
     pages: BTreeMap<u64, Page>,
     commander: Commander,
@@ -122,9 +129,10 @@ struct View {
 }
 
 impl View {
-    fn new(session: BoardSession, server: Server, folder: Option<RobotFolder>, take_over: bool) -> Self {
+    fn new(mut session: BoardSession, server: Pages, folder: Option<RobotFolder>, take_over: bool) -> Self {
         let now = Instant::now();
         let firmware = version(session.identity.firmware);
+        session.board.interrupt_by(Arc::clone(server.stop()));
         Self {
             session,
             server,
@@ -160,20 +168,62 @@ impl View {
         self.want_streams(!self.pages.is_empty() || self.commander.is_stopping())?;
         let wait = if self.pages.is_empty() { IDLE } else { TURN };
         self.listen(Instant::now() + wait)?;
-        for event in self.server.turn() {
-            match event {
-                Event::Opened(id) => self.open(id),
-                Event::Said(id, text) => self.obey(id, &text),
-                Event::Closed(id) => {
-                    self.pages.remove(&id);
-                    self.page_gone(id)?;
-                }
-            }
-        }
+        self.hear()?;
+        self.obey_each()?;
         self.drive(Instant::now())?;
         self.check_silence()?;
         if self.told.elapsed() > STATUS {
             self.tell_status();
+        }
+        Ok(())
+    }
+
+    /// Takes what the pages say. A stop is carried out before all that waits, and in place of it.
+    fn hear(&mut self) -> Result<(), Failure> {
+        while let Some(event) = self.server.next() {
+            match event {
+                PageEvent::Opened(id) => self.open(id),
+                PageEvent::Closed(id) => {
+                    self.pages.remove(&id);
+                    self.delay.forget(id);
+                    self.page_gone(id)?;
+                }
+                PageEvent::Said(id, _, Ok(Command::Stop)) => self.obey_stop(id)?,
+                PageEvent::Said(id, at, said) => {
+                    let Some(page) = self.pages.get_mut(&id) else { continue };
+                    page.heard = at;
+                    match said {
+                        Ok(Command::Seen { n }) => self.seen(id, n, at),
+                        said if page.waiting.len() < MAX_WAITING => page.waiting.push_back(said),
+                        _ => {
+                            self.answer(id, false, "too many commands at once: this one was not carried out")
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A page has got the state with this number.
+    fn seen(&mut self, id: u64, number: u64, at: Instant) {
+        if let Some(page) = self.pages.get_mut(&id) {
+            page.seen = page.seen.max(number.min(self.sent.0));
+        }
+        if let Some(sent) = self.departures.get(&number) {
+            self.delay.page(id, at.saturating_duration_since(*sent));
+        }
+    }
+
+    /// Carries out a command of each page, so that none waits behind those of another.
+    fn obey_each(&mut self) -> Result<(), Failure> {
+        let ids: Vec<u64> = self.pages.keys().copied().collect();
+        for id in ids {
+            if let Some(said) = self.pages.get_mut(&id).and_then(|page| page.waiting.pop_front()) {
+                self.obey(id, said);
+                // While the board was waited for, a page may have said stop.
+                self.hear()?;
+            }
         }
         Ok(())
     }
@@ -194,24 +244,7 @@ impl View {
     /// Receives until `deadline`, or until a state is complete.
     fn listen(&mut self, deadline: Instant) -> Result<(), Failure> {
         while let Some(event) = self.session.board.next_event(deadline)? {
-            match event {
-                FromBoard::Telemetry(telemetry) => {
-                    (self.heard, self.silent) = (Instant::now(), None);
-                    self.delay.telemetry(telemetry.tick, self.heard, self.session.board.round_trip());
-                    self.telemetry = Some(telemetry);
-                }
-                FromBoard::Tips(tips) => self.tips = Some(tips),
-                FromBoard::Task(task) => {
-                    self.report = Some(report(&task.telemetry, self.commander.grasped.as_mut()));
-                }
-                FromBoard::Status(status) => self.take_status(&status)?,
-                FromBoard::Reply(reply) => {
-                    if let Reply::Refused(refusal) = reply.reply {
-                        self.refused(refusal);
-                    }
-                }
-                FromBoard::Log(_) => {}
-            }
+            self.take(event)?;
             let ticks =
                 (self.telemetry.as_ref().map(|state| state.tick), self.tips.as_ref().map(|tips| tips.tick));
             if ticks.0 == ticks.1 && self.is_due() {
@@ -220,6 +253,36 @@ impl View {
         }
         if self.is_due() {
             self.send_state();
+        }
+        Ok(())
+    }
+
+    /// Takes all that the board has sent up to now.
+    fn catch_up(&mut self) -> Result<(), Failure> {
+        while let Some(event) = self.session.board.next_event(Instant::now())? {
+            self.take(event)?;
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, event: FromBoard) -> Result<(), Failure> {
+        match event {
+            FromBoard::Telemetry(telemetry) => {
+                (self.heard, self.silent) = (Instant::now(), None);
+                self.delay.telemetry(telemetry.tick, self.heard, self.session.board.round_trip());
+                self.telemetry = Some(telemetry);
+            }
+            FromBoard::Tips(tips) => self.tips = Some(tips),
+            FromBoard::Task(task) => {
+                self.report = Some(report(&task.telemetry, self.commander.grasped.as_mut()));
+            }
+            FromBoard::Status(status) => self.take_status(&status)?,
+            FromBoard::Reply(reply) => {
+                if let Reply::Refused(refusal) = reply.reply {
+                    self.refused(refusal);
+                }
+            }
+            FromBoard::Log(_) => {}
         }
         Ok(())
     }
@@ -269,7 +332,7 @@ impl View {
             if page.seen >= page.sent || self.sent.0 - page.seen <= MAX_UNSEEN {
                 page.sent = self.sent.0;
                 state.delay = [self.delay.of_board(), self.delay.of_page(id)];
-                self.server.send(id, &serde_json::to_string(&state).unwrap_or_default());
+                self.server.send(id, serde_json::to_string(&state).unwrap_or_default());
             }
         }
         if self
@@ -283,10 +346,11 @@ impl View {
     }
 
     fn open(&mut self, id: u64) {
-        let page = Page { sent: 0, seen: 0, heard: Instant::now(), told: String::new() };
+        let page =
+            Page { sent: 0, seen: 0, heard: Instant::now(), waiting: VecDeque::new(), told: String::new() };
         self.pages.insert(id, page);
         if self.model.is_some() {
-            self.server.send(id, &self.scene);
+            self.server.send(id, self.scene.clone());
         }
         self.tell_status();
     }
@@ -297,6 +361,7 @@ impl View {
         let known = self.model.as_ref().map(|(_, checksum)| *checksum);
         self.has_model = !node.model.is_empty();
         if !self.has_model {
+            self.commander.is_stopped();
             if self.model.take().is_some() {
                 self.show_scene(None);
             }
@@ -311,7 +376,10 @@ impl View {
                 Err(
                     Failure::NoModel
                     | Failure::Board(
-                        BoardError::Timeout { .. } | BoardError::ExportDisturbed | BoardError::Reset,
+                        BoardError::Timeout { .. }
+                        | BoardError::Interrupted
+                        | BoardError::ExportDisturbed
+                        | BoardError::Reset,
                     ),
                 ) => {}
                 Err(failure) => return Err(failure),
@@ -337,7 +405,7 @@ impl View {
         self.plans = folder.map(commands::plans).unwrap_or_default();
         let scene = serde_json::to_string(&scene).unwrap_or_default();
         self.scene = format!(r#"{{"kind":"scene","scene":{scene}}}"#);
-        self.pages.keys().for_each(|&id| self.server.send(id, &self.scene));
+        self.pages.keys().for_each(|&id| self.server.send(id, self.scene.clone()));
     }
 
     fn check_silence(&mut self) -> Result<(), Failure> {
@@ -407,15 +475,15 @@ impl View {
             };
             let text = serde_json::to_string(&status).unwrap_or_default();
             if page.told != text {
-                self.server.send(id, &text);
+                self.server.send(id, text.clone());
                 page.told = text;
             }
         }
     }
 
     /// Tells a page whether its command was carried out.
-    fn answer(&mut self, id: u64, ok: bool, text: &str) {
+    fn answer(&self, id: u64, ok: bool, text: &str) {
         let answer = serde_json::json!({ "kind": "answer", "ok": ok, "text": text });
-        self.server.send(id, &answer.to_string());
+        self.server.send(id, answer.to_string());
     }
 }

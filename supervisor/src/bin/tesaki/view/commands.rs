@@ -4,6 +4,8 @@
 //! that goes away, or does not answer, while the robot is enabled is a reason to stop it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -33,12 +35,16 @@ const POINT: Duration = motion::PERIOD;
 const RENEWAL: Duration = Duration::from_millis(300);
 /// A page that commands and says nothing for so long has gone. It answers to every state, 50 times a second.
 const SILENT_PAGE: Duration = Duration::from_secs(1);
-/// How long the board is told to stop before that counts as failed.
+/// How long the board is told to stop before the pages are warned. It is told so on.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Age at which telemetry still says where the joints are.
 const FRESH: Duration = Duration::from_millis(200);
+/// Without telemetry for this time, what has been enabled is stopped.
+const BLIND: Duration = Duration::from_millis(500);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
+/// Telemetry that is older is that of a board before its reset [ticks].
+const RECENT: i32 = 100;
 /// How long the board may take for an answer at the end.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
@@ -57,10 +63,28 @@ pub struct Commander {
     tool: Option<ToolPath>,
     /// When the next set-point is due.
     next: Instant,
-    /// Until when the board is told to stop.
-    stopping: Option<Instant>,
+    /// A stop that the telemetry does not show yet.
+    stopping: Option<Stopping>,
     /// Whether command is to be released once the robot is stopped.
     releases: bool,
+}
+
+/// A stop that is repeated.
+struct Stopping {
+    /// When the pages are warned; `None` once they are.
+    warns: Option<Instant>,
+    /// The last tick before it: the mode of older ones says nothing.
+    after: Option<u32>,
+}
+
+impl Stopping {
+    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a disabled board
+    /// to be enabled by what is on its way.
+    fn is_shown_by(&self, telemetry: &Telemetry) -> bool {
+        let step = self.after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
+        // A board that was reset counts from 0.
+        telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
+    }
 }
 
 /// The way of an arm's tool from one place to the next.
@@ -122,9 +146,16 @@ impl Commander {
             Some((_, true)) => (self.enabled, self.grasped, self.tool) = (None, None, None),
             _ => {}
         }
-        if !is_enabled {
+        if let (Some(stopping), Some(telemetry)) = (&self.stopping, telemetry)
+            && stopping.is_shown_by(telemetry)
+        {
             self.stopping = None;
         }
+    }
+
+    /// The board cannot be enabled: a stop need not be repeated.
+    pub fn is_stopped(&mut self) {
+        self.stopping = None;
     }
 
     /// What keeps the task running.
@@ -162,23 +193,10 @@ pub fn plans(folder: &RobotFolder) -> Vec<Plan> {
 
 impl View {
     /// Carries out what a page says.
-    pub fn obey(&mut self, id: u64, text: &str) {
-        let now = Instant::now();
-        let Some(page) = self.pages.get_mut(&id) else { return };
-        page.heard = now;
-        let command = match serde_json::from_str(text) {
-            Ok(Command::Seen { n }) => {
-                page.seen = page.seen.max(n.min(self.sent.0));
-                if let Some(sent) = self.departures.get(&n) {
-                    self.delay.page(id, now - *sent);
-                }
-                return;
-            }
+    pub fn obey(&mut self, id: u64, said: Result<Command, String>) {
+        let command = match said {
             Ok(command) => command,
-            Err(error) => {
-                self.answer(id, false, &format!("not understood: {error}"));
-                return;
-            }
+            Err(error) => return self.answer(id, false, &format!("not understood: {error}")),
         };
         let changes_commander = matches!(command, Command::Take | Command::Release);
         match self.execute(id, command) {
@@ -197,7 +215,6 @@ impl View {
 
     fn execute(&mut self, id: u64, command: Command) -> Result<String, Failure> {
         match command {
-            Command::Stop => return self.stop(),
             Command::Take => return self.take_command(id),
             _ if self.commander.page != Some(id) => {
                 let who = if self.commander.page.is_some() {
@@ -227,10 +244,14 @@ impl View {
             Command::Clear if is_enabled => Err(Failure::Refused(
                 "the board is enabled, its outputs are on: nothing was done. Disable it first".to_owned(),
             )),
+            Command::Clear if self.commander.stopping.is_some() => Err(Failure::Refused(
+                "the board does not show yet that it has stopped: nothing was done".to_owned(),
+            )),
             Command::Clear => {
-                let total = board.faults()?.total;
+                // Those that the pages show: one that has come since stays.
+                let total = self.known_faults.map_or_else(|| board.faults().map(|log| log.total), Ok)?;
                 board.ask("clear the faults", Request::ClearFaults { total })?;
-                Ok("faults cleared, outputs off".to_owned())
+                Ok("fault cleared: the board is disabled, its outputs are off".to_owned())
             }
             Command::Tare => {
                 board.tare()?;
@@ -250,17 +271,37 @@ impl View {
                 Ok("the hand opens".to_owned())
             }
             Command::Tool { translation } => self.move_tool(translation.into()),
+            // Carried out before.
             Command::Seen { .. } | Command::Stop | Command::Take => Ok(String::new()),
         }
     }
 
+    /// A page says stop. What waits is dropped: it was said before.
+    pub fn obey_stop(&mut self, id: u64) -> Result<(), Failure> {
+        self.stop()?;
+        self.answer(id, true, "the board was told to stop");
+        let waiting: Vec<u64> = self
+            .pages
+            .iter_mut()
+            .flat_map(|(&id, page)| std::mem::take(&mut page.waiting).into_iter().map(move |_| id))
+            .collect();
+        for id in waiting {
+            self.answer(id, false, "a stop came first: this was not carried out");
+        }
+        self.tell_status();
+        Ok(())
+    }
+
     /// Stops, whoever commands. It is repeated until the telemetry shows it.
-    fn stop(&mut self) -> Result<String, Failure> {
+    fn stop(&mut self) -> Result<(), Failure> {
         self.session.board.post(Request::Stop)?;
+        self.server.stop().store(false, Ordering::Relaxed);
         // Nothing that is sent from here on may keep the robot going.
         (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
-        self.commander.stopping = Some(Instant::now() + STOP_PATIENCE);
-        Ok("the board was told to stop".to_owned())
+        self.catch_up()?;
+        let after = self.telemetry.as_ref().map(|telemetry| telemetry.tick);
+        self.commander.stopping = Some(Stopping { warns: Some(Instant::now() + STOP_PATIENCE), after });
+        Ok(())
     }
 
     fn take_command(&mut self, id: u64) -> Result<String, Failure> {
@@ -276,17 +317,22 @@ impl View {
 
     fn enable(&mut self, task: &str, plan: Option<&str>) -> Result<String, Failure> {
         let kind = TaskKind::ALL.iter().copied().find(|kind| kind.to_string() == task);
+        self.catch_up()?;
         let (model, _) = self.model.as_ref().ok_or(Failure::NoModel)?;
+        if self.commander.stopping.is_some() {
+            return Err(Failure::Refused(
+                "the board does not show yet that it has stopped: nothing was done".to_owned(),
+            ));
+        }
+        // Old angles would be goals to which the joints move, and nobody would see what the robot does.
+        let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
+        let telemetry = telemetry
+            .ok_or_else(|| Failure::Late("no telemetry: where the joints are is not known".to_owned()))?;
         let board = &mut self.session.board;
         let file = plan_file(self.folder.as_ref(), &self.plans, task, plan);
         self.commander.tool = None;
         match kind {
             Some(TaskKind::JointServo) => {
-                // Old angles would be goals to which the joints move.
-                let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
-                let telemetry = telemetry.ok_or_else(|| {
-                    Failure::Late("no telemetry: where the joints are is not known".to_owned())
-                })?;
                 let joints = telemetry.joints.iter().zip(&model.joints);
                 // A joint at its stop may measure slightly outside.
                 let within =
@@ -379,24 +425,27 @@ impl View {
     pub fn drive(&mut self, now: Instant) -> Result<(), Failure> {
         if let Some(page) = self.commander.page
             && self.commander.enabled.is_some()
-            && self.silent.is_none()
-            && self.pages.get(&page).is_none_or(|page| now - page.heard > SILENT_PAGE)
         {
-            self.answer(page, false, "this page did not answer any more: the robot was stopped");
-            self.page_gone(page)?;
+            if self.is_blind()? {
+                self.stop()?;
+                let text = "the telemetry has ceased: no set-points are sent any more, and the board is told to stop";
+                self.answer(page, false, text);
+            } else if self.has_left(page) {
+                self.answer(page, false, "this page did not answer any more: the robot was stopped");
+                self.page_gone(page)?;
+            }
         }
         if now < self.commander.next {
             return Ok(());
         }
         self.commander.next = now + KEEP_ALIVE;
-        if let Some(until) = self.commander.stopping {
+        if let Some(stopping) = &mut self.commander.stopping {
             self.session.board.post(Request::Stop)?;
-            if now > until {
-                self.commander.stopping = None;
-                let text =
-                    "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power";
-                let pages: Vec<u64> = self.pages.keys().copied().collect();
-                pages.into_iter().for_each(|id| self.answer(id, false, text));
+            if stopping.warns.is_some_and(|at| now > at) {
+                stopping.warns = None;
+                let text = "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. It \
+                            is told to stop until it shows that";
+                self.pages.keys().for_each(|&id| self.answer(id, false, text));
             }
             return Ok(());
         }
@@ -419,6 +468,23 @@ impl View {
             (_, None) => {}
         }
         Ok(())
+    }
+
+    /// Whether the robot moves unseen.
+    fn is_blind(&mut self) -> Result<bool, Failure> {
+        if self.heard.elapsed() > BLIND {
+            // It may have come while the board was waited for.
+            self.catch_up()?;
+        }
+        Ok(self.heard.elapsed() > BLIND)
+    }
+
+    /// Whether a page has gone, or does not answer to what it was sent.
+    fn has_left(&self, id: u64) -> bool {
+        self.pages.get(&id).is_none_or(|page| {
+            let unseen = self.departures.range(page.seen + 1..).next().filter(|_| page.sent > page.seen);
+            unseen.is_some_and(|(_, sent)| sent.elapsed() > SILENT_PAGE) && page.heard.elapsed() > SILENT_PAGE
+        })
     }
 
     fn is_enabled(&self) -> bool {
@@ -466,6 +532,7 @@ impl View {
 
     /// The program ends: what a page has enabled is disabled.
     pub fn leave(mut self) {
+        self.session.board.interrupt_by(Arc::default());
         self.session.board.set_timeout(LAST_WORD);
         if self.commander.enabled.is_some() {
             let _ = self.session.board.disable();

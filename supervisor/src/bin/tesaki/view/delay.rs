@@ -43,6 +43,11 @@ impl Delay {
         self.pages.insert(id, after.as_secs_f64() / 2.0);
     }
 
+    /// A page has gone.
+    pub fn forget(&mut self, id: u64) {
+        self.pages.remove(&id);
+    }
+
     /// From the tick to this program [ms].
     pub fn of_board(&self) -> f32 {
         milliseconds(self.board)
@@ -64,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_comes_later_than_its_tick_is_older() {
+    fn what_comes_later_than_its_tick_is_older_and_pages_are_forgotten() {
         let begun = Instant::now();
         let mut delay = Delay::default();
         let trip = Some(Duration::from_millis(4));
@@ -72,6 +77,10 @@ mod tests {
             delay.telemetry(tick, begun + Duration::from_millis(millis), trip);
             assert!((delay.of_board() - expected).abs() < 0.01, "tick {tick}: {} ms", delay.of_board());
         }
+        delay.page(7, Duration::from_millis(6));
+        assert!((delay.of_page(7) - 3.0).abs() < 0.01);
+        delay.forget(7);
+        assert!(delay.pages.is_empty() && delay.of_page(7) == 0.0);
         // After a reset.
         delay.telemetry(3, begun + Duration::from_secs(9), trip);
         assert!((delay.of_board() - 2.0).abs() < 0.01);

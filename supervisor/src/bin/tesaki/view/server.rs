@@ -21,6 +21,8 @@ const MAX_HEAD: usize = 8192;
 const MAX_MESSAGE: usize = 4096;
 /// What may wait for a page [bytes].
 const MAX_WAITING: usize = 1 << 20;
+/// Messages of a page that are read in one turn: others, with a stop perhaps, have theirs then.
+const MAX_READ: usize = 16;
 /// Connections at most: further ones are dropped.
 const MAX_CONNECTIONS: usize = 32;
 /// How long a request, and sending the answer, may take.
@@ -93,6 +95,11 @@ impl Server {
         self.address
     }
 
+    /// Whether nobody is there.
+    pub fn is_idle(&self) -> bool {
+        self.visitors.is_empty() && self.pages.is_empty()
+    }
+
     /// Does what can be done at once.
     pub fn turn(&mut self) -> Vec<Event> {
         while let Ok((stream, _)) = self.listener.accept() {
@@ -152,7 +159,7 @@ fn page(stream: TcpStream) -> WebSocket<TcpStream> {
 
 /// Reads what a page says, and sends what waits for it. False when it has gone.
 fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) -> bool {
-    loop {
+    for _ in 0..MAX_READ {
         match page.read() {
             Ok(Message::Text(text)) => events.push(Event::Said(id, text.to_string())),
             Ok(Message::Binary(_)) => events.push(Event::Said(id, String::new())),
@@ -231,7 +238,8 @@ fn answer(head: &[u8], files: &[File], address: SocketAddr) -> Option<Vec<u8>> {
     if header("origin").is_some_and(|origin| origin != format!("http://{host}")) {
         return Some(refuse("403 Forbidden", "pages of other servers may not look at this board"));
     }
-    let path = request.path.unwrap_or_default();
+    // What others put behind the address, such as `?utm_source=…`, names no other file.
+    let path = request.path.unwrap_or_default().split('?').next().unwrap_or_default();
     if path == "/live" {
         return Some(upgrade(
             header("upgrade"),
@@ -312,7 +320,9 @@ mod tests {
         let get = |path: &str, rest: &str| status(&format!("GET {path} HTTP/1.1\r\n{rest}\r\n"));
         assert_eq!(get("/", "Host: localhost:7480\r\n"), "HTTP/1.1 200 OK");
         assert_eq!(get("/", "Host: [::1]:9\r\n"), "HTTP/1.1 200 OK");
+        assert_eq!(get("/?a=1", "Host: localhost\r\n"), "HTTP/1.1 200 OK");
         assert_eq!(get("/other", "Host: localhost\r\n"), "HTTP/1.1 404 Not Found");
+        assert_eq!(get("/other?/", "Host: localhost\r\n"), "HTTP/1.1 404 Not Found");
         for host in
             ["", "Host: evil.example\r\n", "Host: evil.example:7480\r\n", "Host: localhost.evil.example\r\n"]
         {

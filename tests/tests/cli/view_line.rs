@@ -1,0 +1,191 @@
+//! `tesaki view` behind a line that loses what it is told to lose: stops arrive, and nothing moves unseen.
+
+use std::io::{Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tesaki::protocol::codec::Decoder;
+use tesaki::protocol::{Request, RequestFrame};
+use tesaki_supervisor::port::Address;
+
+use super::server::Server;
+use super::view::View;
+
+/// A line to a board.
+#[derive(Default)]
+struct Line {
+    /// So many stops are still to be lost.
+    stops_to_lose: AtomicUsize,
+    /// Whether every `Tare` is lost: who sends one waits in vain for the answer.
+    loses_tares: AtomicBool,
+    /// Whether all that the board sends is lost.
+    is_mute: AtomicBool,
+    /// The requests that came, also those that were lost.
+    requests: Mutex<Vec<(Instant, Request)>>,
+}
+
+impl Line {
+    /// The line, and the port at its end.
+    fn start(server: &Server) -> (Arc<Self>, String) {
+        let Address::Unix(board) = &server.address else { panic!("a socket is expected") };
+        let port = server.folder.path().join("line");
+        let listener = UnixListener::bind(&port).unwrap();
+        let line = Arc::new(Self::default());
+        let (shared, board) = (Arc::clone(&line), board.clone());
+        // They end when either end closes.
+        std::thread::spawn(move || {
+            let Ok((near, _)) = listener.accept() else { return };
+            let far = UnixStream::connect(board).unwrap();
+            let (replies, requests) = (far.try_clone().unwrap(), near.try_clone().unwrap());
+            let back = Arc::clone(&shared);
+            std::thread::spawn(move || back.carry_replies(replies, near));
+            shared.carry_requests(requests, far);
+        });
+        (line, format!("unix://{}", port.display()))
+    }
+
+    fn carry_replies(&self, mut from: UnixStream, mut to: UnixStream) {
+        let mut buffer = [0; 4096];
+        while let Ok(length @ 1..) = from.read(&mut buffer) {
+            if !self.is_mute.load(Ordering::Relaxed) && to.write_all(&buffer[..length]).is_err() {
+                break;
+            }
+        }
+        let _ = to.shutdown(std::net::Shutdown::Both);
+    }
+
+    fn carry_requests(&self, mut from: UnixStream, mut to: UnixStream) {
+        let (mut buffer, mut frame, mut decoder) = ([0; 4096], Vec::new(), Decoder::new());
+        while let Ok(length @ 1..) = from.read(&mut buffer) {
+            for &byte in &buffer[..length] {
+                frame.push(byte);
+                let Some(Ok(RequestFrame { request, .. })) = decoder.push(byte) else { continue };
+                let one_less = |left: usize| left.checked_sub(1);
+                let is_lost = match request {
+                    Request::Stop => self
+                        .stops_to_lose
+                        .fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_less)
+                        .is_ok(),
+                    Request::Tare => self.loses_tares.load(Ordering::Relaxed),
+                    _ => false,
+                };
+                self.requests.lock().unwrap().push((Instant::now(), request));
+                if !is_lost && to.write_all(&frame).is_err() {
+                    return;
+                }
+                frame.clear();
+            }
+        }
+        let _ = to.shutdown(std::net::Shutdown::Both);
+    }
+
+    /// When such a request came last.
+    fn last(&self, wanted: impl Fn(&Request) -> bool) -> Option<Instant> {
+        let requests = self.requests.lock().unwrap();
+        requests.iter().rev().find(|(_, request)| wanted(request)).map(|(at, _)| *at)
+    }
+
+    /// How long after `since` the first stop came.
+    #[track_caller]
+    fn stop_after(&self, since: Instant) -> Duration {
+        let requests = self.requests.lock().unwrap();
+        let mut stops = requests.iter().filter(|(at, request)| *at >= since && *request == Request::Stop);
+        stops.next().expect("a stop came").0 - since
+    }
+}
+
+/// A busy machine may take some time.
+const AT_ONCE: Duration = Duration::from_millis(500);
+
+#[test]
+fn a_lost_stop_of_a_disabled_board_is_repeated() {
+    let server = Server::ready();
+    let (line, port) = Line::start(&server);
+    let view = View::start(&server, &["--port", &port]);
+    let mut page = view.open();
+    page.mode("disabled");
+    line.stops_to_lose.store(5, Ordering::Relaxed);
+    page.succeeds(json!({ "do": "stop" }));
+    // It has to be seen that it has stopped before anything else.
+    page.succeeds(json!({ "do": "take" }));
+    page.fails(json!({ "do": "enable", "task": "joint servo" }), "does not show yet that it has stopped");
+    page.mode("fault");
+    assert_eq!(line.stops_to_lose.load(Ordering::Relaxed), 0);
+    // One that arrived is not repeated: the fault can be cleared, and stays so.
+    page.succeeds(json!({ "do": "clear" }));
+    page.mode("disabled");
+    std::thread::sleep(Duration::from_millis(300));
+    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    page.mode("enabled");
+}
+
+#[test]
+fn no_set_point_is_sent_while_the_telemetry_is_silent() {
+    let server = Server::ready();
+    let (line, port) = Line::start(&server);
+    let view = View::start(&server, &["--port", &port]);
+    let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    page.mode("enabled");
+    page.succeeds(json!({ "do": "goal", "joint": 0, "angle": 0.3 }));
+    let begun = Instant::now();
+    line.is_mute.store(true, Ordering::Relaxed);
+    page.wait("why", |value| {
+        value["text"].as_str().is_some_and(|text| text.contains("telemetry has ceased"))
+    });
+    let told = begun.elapsed();
+    assert!(told > Duration::from_millis(400), "told after {told:?}");
+    assert!(line.stop_after(begun) >= Duration::from_millis(400));
+    std::thread::sleep(AT_ONCE);
+    let moves = |request: &Request| matches!(request, Request::Task(_) | Request::Keep | Request::Enable(_));
+    let last = line.last(moves).unwrap().saturating_duration_since(begun);
+    assert!(last <= told, "set-points until {last:?}");
+    line.is_mute.store(false, Ordering::Relaxed);
+    page.mode("fault");
+}
+
+#[test]
+fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
+    let server = Server::ready();
+    let (line, port) = Line::start(&server);
+    let view = View::start(&server, &["--port", &port]);
+    let mut commander = view.open();
+    commander.mode("disabled");
+    commander.succeeds(json!({ "do": "take" }));
+    let mut watcher = view.open();
+    watcher.mode("disabled");
+    // Each waits 2 s for its answer.
+    line.loses_tares.store(true, Ordering::Relaxed);
+    (0..3).for_each(|_| commander.send(&json!({ "do": "tare" })));
+    while line.last(|request| *request == Request::Tare).is_none() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let begun = Instant::now();
+    watcher.send(&json!({ "do": "stop" }));
+    watcher.wait("the stop", |value| value["kind"] == "answer" && value["ok"] == true);
+    let took = line.stop_after(begun);
+    assert!(took < AT_ONCE, "the stop came after {took:?}");
+    let text = |value: &Value| value["text"].as_str().unwrap_or_default().to_owned();
+    commander.wait("the first", |value| text(value).contains("something more urgent came"));
+    commander.wait("the others", |value| text(value).contains("a stop came first"));
+    watcher.mode("fault");
+
+    // A page that floods is told so, and its own stop comes through too.
+    line.loses_tares.store(false, Ordering::Relaxed);
+    commander.succeeds(json!({ "do": "clear" }));
+    watcher.mode("disabled");
+    let begun = Instant::now();
+    (0..1000).for_each(|_| commander.send(&json!({ "do": "tare" })));
+    commander.send(&json!({ "do": "stop" }));
+    watcher.mode("fault");
+    let took = line.stop_after(begun);
+    assert!(took < 2 * AT_ONCE, "behind a flood, the stop came after {took:?}");
+    commander.wait("too many", |value| text(value).contains("too many commands at once"));
+    watcher.succeeds(json!({ "do": "stop" }));
+}
