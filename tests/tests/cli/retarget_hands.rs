@@ -92,7 +92,12 @@ fn the_folders_of_public_hands_are_good() {
         let folder = tesaki_tests::robot_folder(robot);
         let (code, out, error) =
             feed(tesaki_tests::tesaki().args(["model", "check", folder.to_str().unwrap()]), "");
-        assert!(code == 0 && !out.contains("BAD") && out.contains(&format!("{joints} joints in {fingers} chains")), "{out}{error}");
+        assert!(
+            code == 0
+                && !out.contains("BAD")
+                && out.contains(&format!("{joints} joints in {fingers} chains")),
+            "{out}{error}"
+        );
     }
 }
 
@@ -105,7 +110,8 @@ fn public_hands_reproduce_vectors_and_pinch() {
         assert_eq!(code, 0, "{error}");
         let frames = rows(table).len();
         assert!(
-            error.contains(&format!("{frames} frames")) && error.contains("computing time of a frame: median"),
+            error.contains(&format!("{frames} frames"))
+                && error.contains("computing time of a frame: median"),
             "{error}"
         );
         let folder = tesaki_tests::robot(robot);
