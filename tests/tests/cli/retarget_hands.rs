@@ -144,6 +144,32 @@ fn public_hands_reproduce_vectors_and_pinch() {
     }
 }
 
+/// The Allegro hand in a frame whose axes are permuted, 0.37 m away.
+#[test]
+fn a_hand_whose_base_has_other_axes_moves_alike() {
+    let [PublicHand { robot, table, fingers, .. }, ..] = HANDS;
+    let (from, turned) = (tesaki_tests::robot_folder(robot), tempfile::tempdir().unwrap());
+    for name in ["robot.urdf", "controller.toml", "plant.toml", "retargeting.toml"] {
+        let base = "<link name=\"palm_link\">";
+        let joint = "<link name=\"turned\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"turned\"/><child \
+            link=\"palm_link\"/><origin xyz=\"0.1 -0.2 0.3\" rpy=\"1.5707963 0 1.5707963\"/></joint>";
+        let text = std::fs::read_to_string(from.join(name)).unwrap();
+        let text = text.replacen(base, &format!("{joint}{base}"), 1);
+        let text = text.replacen("rotation = [0.0, 0.0, 0.0]", "rotation = [1.5707963, 0.0, 1.5707963]", 1);
+        std::fs::write(turned.path().join(name), text).unwrap();
+    }
+    let path = turned.path().to_str().unwrap();
+    let (code, out, error) = run(path, &["--bandwidth", "20"], table);
+    assert_eq!(code, 0, "{error}");
+    let (found, wanted) = (rows(&out), rows(table));
+    let alike = |(found, wanted): (&Vec<f64>, &Vec<f64>)| {
+        let (tips, wanted) = (vectors(path, &found[1..]), &wanted[1 + 3 * fingers..]);
+        tips.chunks(3).zip(wanted.chunks(3)).all(|(a, b)| (length(a) - length(b)).abs() < 5e-4)
+    };
+    let count = found.iter().zip(&wanted).filter(|&rows| alike(rows)).count();
+    assert!(count >= wanted.len() - 3, "{count} frames");
+}
+
 /// An operator whose fingers are half as long again.
 #[test]
 fn what_public_hands_cannot_reach_is_told() {
