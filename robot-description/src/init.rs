@@ -164,7 +164,8 @@ fn plan_chain(chain: &SerialChain, options: &InitOptions) -> Result<Vec<JointPla
     let drives = drives.flatten().collect();
     let limits: Vec<(f32, f32)> =
         chain.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let mut bodies = CoupledChain { chain: Chain::from_links(links, &chain.pose), drives, rotors: Vec::new() };
+    let mut bodies =
+        CoupledChain { chain: Chain::from_links(links, &chain.pose), drives, rotors: Vec::new() };
     let loads = bodies.joint_loads(&GRAVITY, &limits);
     let motors = chain.joints.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
     let motors = motors.collect::<Result<Vec<_>, _>>()?;

@@ -182,8 +182,7 @@ mod tests {
         let link = Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] };
         let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 1.0, 0.0], &link)], &Pose::IDENTITY);
         let chain = coupled(chain, &[]);
-        let [load] = &*chain.joint_loads(&[0.0, 0.0, -9.81], &[(-0.2, core::f32::consts::FRAC_PI_2)])
-        else {
+        let [load] = &*chain.joint_loads(&[0.0, 0.0, -9.81], &[(-0.2, core::f32::consts::FRAC_PI_2)]) else {
             panic!("one joint")
         };
         let [inertia] = &*chain.joint_inertias(&[(-0.2, 1.0)]) else { panic!("one joint") };

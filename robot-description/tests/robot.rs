@@ -165,11 +165,8 @@ fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
     let chains: Vec<_> = model.chains.iter().map(|chain| (chain.name.as_str(), chain.joints)).collect();
     let names = ["thumb_tip", "index_tip", "middle_tip", "ring_tip", "little_tip"];
     assert_eq!(chains, names.into_iter().zip([5, 4, 3, 2, 2]).collect::<Vec<_>>());
-    let mimics: Vec<_> = model
-        .mimics
-        .iter()
-        .map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier))
-        .collect();
+    let mimics: Vec<_> =
+        model.mimics.iter().map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier)).collect();
     assert_eq!(mimics, [(2, 0, 5, 0.3), (3, 0, 5, -0.4), (4, 0, 5, -1.0)]);
     assert_eq!(model.joint_name(5), "spread");
     // The motor overcomes the friction of all: 8 mN·m and 4 mN·m times 0.3 + 0.4 + 1.
@@ -199,7 +196,8 @@ fn a_mimic_joint_that_no_motor_can_move_is_told_by_line() {
         wide.contains("joint middle_spread moves from -0.09 to 0.21") && wide.contains("robot.urdf:"),
         "{wide}"
     );
-    let alone = findings_of_hand5("<axis xyz=\"-1 0 0\"/>", "<axis xyz=\"-1 0 0\"/><mimic joint=\"ring_bend\"/>");
+    let alone =
+        findings_of_hand5("<axis xyz=\"-1 0 0\"/>", "<axis xyz=\"-1 0 0\"/><mimic joint=\"ring_bend\"/>");
     assert!(alone.contains("mimics ring_bend"), "{alone}");
 }
 
@@ -209,18 +207,15 @@ fn a_joint_in_a_finger_follows_the_one_before_it() {
     let model = RobotFolder::load(&path).unwrap().model;
     let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
     assert_eq!(names.len(), 6, "{names:?}");
-    let mimics: Vec<_> = model
-        .mimics
-        .iter()
-        .map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier))
-        .collect();
+    let mimics: Vec<_> =
+        model.mimics.iter().map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier)).collect();
     let of_fingers = (1..5).map(|chain| (chain, 1, chain + 1, 1.0));
     assert_eq!(mimics, [(0, 2, 1, 1.6), (0, 3, 1, 2.4)].into_iter().chain(of_fingers).collect::<Vec<_>>());
     // What the motor of a finger feels: M₁₁ + 2 M₁₂ + M₂₂ with both joints in the middle of their ranges, and its rotor.
-    let (joint, middle) = (&model.joints[2], 0.5 * (model.joints[2].limits.lower + model.joints[2].limits.upper));
+    let (joint, middle) =
+        (&model.joints[2], 0.5 * (model.joints[2].limits.lower + model.joints[2].limits.upper));
     let matrix = Chain::of_model(&model, 1).mass_matrix(&[middle, middle]);
-    let expected =
-        matrix[(0, 0)] + 2.0 * matrix[(0, 1)] + matrix[(1, 1)] + joint.motor.rotor_inertia;
+    let expected = matrix[(0, 0)] + 2.0 * matrix[(0, 1)] + matrix[(1, 1)] + joint.motor.rotor_inertia;
     let inertia = joint.servo.observer.inertia;
     assert!((inertia / expected - 1.0).abs() < 1e-5, "{inertia} {expected}");
     // A chain for a board of its own keeps its mimic joint.

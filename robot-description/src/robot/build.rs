@@ -174,7 +174,9 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
         | Field::MimicMultiplier
         | Field::MimicOffset
         | Field::MimicChain
-        | Field::MimicPlace => "mend <mimic joint=\"…\" multiplier=\"…\" offset=\"…\"/> in the chain of the joint",
+        | Field::MimicPlace => {
+            "mend <mimic joint=\"…\" multiplier=\"…\" offset=\"…\"/> in the chain of the joint"
+        }
         Field::TipRadius => "mend the <sphere> of the tip",
         Field::TipMass | Field::TipCenterOfMass => "mend <inertial> of the tip",
         Field::Mass | Field::CenterOfMass | Field::Inertia => "mend <inertial> of the links behind it",

@@ -93,8 +93,9 @@ fn chain(urdf: &Urdf, first: &Joint, offset: Isometry3<f64>, report: &mut Report
             Some(of) => {
                 let place = joints.len() + mimics.len();
                 let direct = (of.joint.as_str(), of.multiplier.unwrap_or(1.0), of.offset.unwrap_or(0.0));
-                let (follows, multiplier, offset) =
-                    urdf.mimicked(joint).map_or(direct, |(leader, ratio, offset)| (&leader.name, ratio, offset));
+                let (follows, multiplier, offset) = urdf
+                    .mimicked(joint)
+                    .map_or(direct, |(leader, ratio, offset)| (&leader.name, ratio, offset));
                 mimics.extend(serial.map(|joint| SerialMimic {
                     joint,
                     place,
@@ -157,7 +158,8 @@ fn sphere(link: &Link) -> Option<f64> {
 /// Reports a mimic joint that no motor can move.
 fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let driven = || chains.iter().flat_map(|chain| &chain.joints);
-    for (chain, mimic) in chains.iter().flat_map(|chain| chain.mimics.iter().map(move |mimic| (chain, mimic))) {
+    for (chain, mimic) in chains.iter().flat_map(|chain| chain.mimics.iter().map(move |mimic| (chain, mimic)))
+    {
         let SerialMimic { joint, follows, multiplier, offset, .. } = mimic;
         let line = urdf.line_of_joint(&joint.name);
         let name = &joint.name;

@@ -89,11 +89,7 @@ impl RobotModel {
                 mimic.validate(last, self.joints.len())?;
                 let same = self.mimics_of(index).filter(|other| other.place == mimic.place).count();
                 if usize::from(mimic.place) >= all || same > 1 {
-                    return Err(last.error(
-                        Field::MimicPlace,
-                        f32::from(mimic.place),
-                        Problem::NotSupported,
-                    ));
+                    return Err(last.error(Field::MimicPlace, f32::from(mimic.place), Problem::NotSupported));
                 }
                 if let Some(sensor) = &chain.force_sensor {
                     return Err(last.error(

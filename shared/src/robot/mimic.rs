@@ -192,7 +192,9 @@ mod tests {
         // The tip's frame is that of the outer joint.
         let tip = *robot.posture(0, &[q]).unwrap().tip();
         let (sine, cosine) = math::sin_cos(q);
-        assert!((tip.translation.vector - nalgebra::Vector3::new(0.05 * cosine, 0.0, -0.05 * sine)).norm() < 1e-7);
+        assert!(
+            (tip.translation.vector - nalgebra::Vector3::new(0.05 * cosine, 0.0, -0.05 * sine)).norm() < 1e-7
+        );
         let (sine, _) = math::sin_cos(outer);
         assert!(math::abs(tip.rotation[(0, 2)] - sine) < 1e-6);
     }

@@ -92,7 +92,12 @@ fn the_folders_of_public_hands_are_good() {
         let folder = tesaki_tests::robot_folder(robot);
         let (code, out, error) =
             feed(tesaki_tests::tesaki().args(["model", "check", folder.to_str().unwrap()]), "");
-        assert!(code == 0 && !out.contains("BAD") && out.contains(&format!("{joints} joints in {fingers} chains")), "{out}{error}");
+        assert!(
+            code == 0
+                && !out.contains("BAD")
+                && out.contains(&format!("{joints} joints in {fingers} chains")),
+            "{out}{error}"
+        );
     }
 }
 
@@ -105,7 +110,8 @@ fn public_hands_reproduce_vectors_and_pinch() {
         assert_eq!(code, 0, "{error}");
         let frames = rows(table).len();
         assert!(
-            error.contains(&format!("{frames} frames")) && error.contains("computing time of a frame: median"),
+            error.contains(&format!("{frames} frames"))
+                && error.contains("computing time of a frame: median"),
             "{error}"
         );
         let folder = tesaki_tests::robot(robot);
@@ -136,6 +142,32 @@ fn public_hands_reproduce_vectors_and_pinch() {
         assert!(within >= frames - 3, "{robot}: {within} frames");
         assert!(pinched.iter().all(|gap| (gap - contact).abs() < 5e-4), "{robot}: {pinched:?}");
     }
+}
+
+/// The Allegro hand in a frame whose axes are permuted, 0.37 m away.
+#[test]
+fn a_hand_whose_base_has_other_axes_moves_alike() {
+    let [PublicHand { robot, table, fingers, .. }, ..] = HANDS;
+    let (from, turned) = (tesaki_tests::robot_folder(robot), tempfile::tempdir().unwrap());
+    for name in ["robot.urdf", "controller.toml", "plant.toml", "retargeting.toml"] {
+        let base = "<link name=\"palm_link\">";
+        let joint = "<link name=\"turned\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"turned\"/><child \
+            link=\"palm_link\"/><origin xyz=\"0.1 -0.2 0.3\" rpy=\"1.5707963 0 1.5707963\"/></joint>";
+        let text = std::fs::read_to_string(from.join(name)).unwrap();
+        let text = text.replacen(base, &format!("{joint}{base}"), 1);
+        let text = text.replacen("rotation = [0.0, 0.0, 0.0]", "rotation = [1.5707963, 0.0, 1.5707963]", 1);
+        std::fs::write(turned.path().join(name), text).unwrap();
+    }
+    let path = turned.path().to_str().unwrap();
+    let (code, out, error) = run(path, &["--bandwidth", "20"], table);
+    assert_eq!(code, 0, "{error}");
+    let (found, wanted) = (rows(&out), rows(table));
+    let alike = |(found, wanted): (&Vec<f64>, &Vec<f64>)| {
+        let (tips, wanted) = (vectors(path, &found[1..]), &wanted[1 + 3 * fingers..]);
+        tips.chunks(3).zip(wanted.chunks(3)).all(|(a, b)| (length(a) - length(b)).abs() < 5e-4)
+    };
+    let count = found.iter().zip(&wanted).filter(|&rows| alike(rows)).count();
+    assert!(count >= wanted.len() - 3, "{count} frames");
 }
 
 /// An operator whose fingers are half as long again.

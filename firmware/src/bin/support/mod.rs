@@ -51,13 +51,7 @@ pub fn joint(index: usize) -> JointModel {
 
 fn finger(name: &str) -> ChainModel {
     let tip = Pose { translation: [0.0, 0.0, 0.05], ..Pose::IDENTITY };
-    ChainModel {
-        name: name.try_into().expect("short"),
-        joints: 3,
-        tip,
-        tip_radius: 0.0,
-        force_sensor: None,
-    }
+    ChainModel { name: name.try_into().expect("short"), joints: 3, tip, tip_radius: 0.0, force_sensor: None }
 }
 
 /// Three chains of three joints.

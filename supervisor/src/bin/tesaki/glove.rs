@@ -73,6 +73,15 @@ fn cells<const N: usize>(table: &Table, row: &Row, columns: &[usize]) -> Result<
     if columns.iter().all(|&column| table.is_empty(row, column)) {
         return Ok(None);
     }
+    if let Some(&column) = columns.iter().find(|&&column| table.is_empty(row, column)) {
+        let names: Vec<&str> = columns.iter().map(|&column| table.header(column)).collect();
+        let message = format!(
+            "column {} is empty: fill in a number, or empty all of {} where they were not measured",
+            table.header(column),
+            names.join(", ")
+        );
+        return Err(table.error(row.line, &message));
+    }
     let numbers: Vec<f32> =
         columns.iter().map(|&column| table.number(row, column)).collect::<Result<_, _>>()?;
     Ok(numbers.try_into().ok())

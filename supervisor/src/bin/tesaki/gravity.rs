@@ -31,7 +31,9 @@ impl Load {
             for (torque, joint) in torques.into_iter().zip(model.joints_of(index)) {
                 match joint {
                     ChainJoint::Driven(joint, _) => carried[joint] += torque,
-                    ChainJoint::Mimic(mimic) => carried[usize::from(mimic.joint)] += mimic.multiplier * torque,
+                    ChainJoint::Mimic(mimic) => {
+                        carried[usize::from(mimic.joint)] += mimic.multiplier * torque
+                    }
                 }
             }
         }

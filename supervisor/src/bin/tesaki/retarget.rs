@@ -86,7 +86,9 @@ fn offline(
     }
     if accuracy.seconds.is_empty() {
         return Err(Failure::Other(
-            "no frame shows the thumb, from which the other fingers are led: nothing was computed".to_owned(),
+            "no frame shows the thumb (thumb_x, thumb_y, thumb_z in a table), from which the other fingers are led: \
+             nothing was computed"
+                .to_owned(),
         ));
     }
     // Stamps in another unit make every frame a gap.
