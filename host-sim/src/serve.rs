@@ -325,7 +325,11 @@ pub fn serve(
             match parse(&line, model) {
                 Ok(Some(Command::Reset)) => board.reset()?,
                 Ok(Some(Command::Fault(fault))) => sensor_faults.inject(fault, model.joints.len()),
-                Ok(Some(other)) => touch(plant, other)?,
+                Ok(Some(other)) => {
+                    if let Err(error) = touch(plant, other) {
+                        eprintln!("{error}");
+                    }
+                }
                 Ok(None) => {}
                 Err(message) => eprintln!("{message}"),
             }

@@ -24,6 +24,7 @@ use crate::feed::Feed;
 use crate::motion::{End, KEEP_ALIVE, Motion, News, PERIOD};
 use crate::output;
 use lead::Lead;
+use reflect::Reflection;
 use source::{Content, Entry, Source};
 
 /// Time in which the set-point comes to rest behind an open clutch: from 1 m/s with 8 m/s², and its last part.
@@ -69,10 +70,8 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     check_workspace(args, &mut motion)?;
     let commands = (args.from != PoseSource::StandardInput)
         .then(|| Feed::<String>::standard_input("command", args.silence));
-    if let Some(reflection) = &lead.source.reflection {
-        reflection
-            .enable_master(options.timeout)
-            .map_err(|failure| Failure::OtherBoard(lead.source.feed.place.clone(), Box::new(failure)))?;
+    if args.reflect.is_some() {
+        enable_master(options, &mut lead)?;
     }
     motion.enable(TaskConfig::Impedance(settings))?;
     if args.reflect.is_some() {
@@ -115,6 +114,25 @@ fn require_arm(motion: &Motion<'_>) -> Result<(), Failure> {
     match robot.configure(&motion.model) {
         Ok(()) if Arm::of(&robot).is_some() => Ok(()),
         _ => Err(Failure::Usage(format!("{}: {}", motion.model.name, ImpedanceRefusal::NotAnArm))),
+    }
+}
+
+/// Enables a master that is to feel the force.
+fn enable_master(options: &Options, lead: &mut Lead) -> Result<(), Failure> {
+    let begun = Instant::now();
+    loop {
+        // Where nobody takes its samples, the master waits.
+        lead.take();
+        let failure = match lead.source.reflection.as_ref().and_then(Reflection::enable_master) {
+            Some(Ok(())) => return Ok(()),
+            Some(Err(failure)) => failure,
+            None if begun.elapsed() > options.timeout => Failure::Late("it does not answer".to_owned()),
+            None => {
+                std::thread::sleep(PERIOD);
+                continue;
+            }
+        };
+        return Err(Failure::OtherBoard(lead.source.feed.place.clone(), Box::new(failure)));
     }
 }
 

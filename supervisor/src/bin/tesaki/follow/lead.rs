@@ -75,6 +75,8 @@ pub struct Lead {
     largest: [f32; 2],
     /// The border at which the set-point is: axis and coordinate [m].
     border: Option<(usize, f32)>,
+    /// The limit of the reflected force, if it is reached [N].
+    limit: Option<f32>,
     pub events: Vec<Event>,
 }
 
@@ -104,6 +106,7 @@ impl Lead {
             tool: ImpedanceTelemetry::NONE,
             largest: [0.0; 2],
             border: None,
+            limit: None,
             events: Vec::new(),
         }
     }
@@ -266,6 +269,13 @@ impl Lead {
         self.tool = *tool;
         if let Some(reflection) = &mut self.source.reflection {
             reflection.heard(tool, self.state.is_clutch_closed());
+            let limit = reflection.felt().limit;
+            if let (None, Some(limit)) = (std::mem::replace(&mut self.limit, limit), limit) {
+                self.events.push(Event {
+                    text: format!("the force at the handle is at its limit: {limit:.1} N"),
+                    value: json!({ "handle": "limit", "force": output::exact(&limit) }),
+                });
+            }
         }
         let [largest, force] = self.largest;
         self.largest = [largest.max(norm(&tool.error)), force.max(norm(&tool.wrench))];

@@ -8,9 +8,9 @@
 //! stiffness of its impedance. A [`PowerPort`] at each end keeps account of the energy.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nalgebra::{IsometryMatrix3, UnitQuaternion, Vector3};
 use tesaki::TICK;
@@ -45,6 +45,8 @@ pub struct Felt {
     /// Force on the handle, and the largest so far, damping included [N].
     pub force: f32,
     pub largest: f32,
+    /// The limit of the force, if it is reached [N].
+    pub limit: Option<f32>,
     /// Energy that has entered the link minus that which has left it [J].
     pub balance: f32,
 }
@@ -152,15 +154,14 @@ pub struct Reflection {
 }
 
 impl Reflection {
-    /// Enables the master, with its set-point where it is.
-    pub fn enable_master(&self, within: Duration) -> Result<(), Failure> {
+    /// Asks for the master to be enabled, with its set-point where it is. Returns the answer once it is there.
+    pub fn enable_master(&self) -> Option<Result<(), Failure>> {
         self.shared.lock().order = Order::Enable;
-        self.answer.recv_timeout(within + FAREWELL).unwrap_or_else(|error| {
-            Err(match error {
-                RecvTimeoutError::Timeout => Failure::Late("no answer to enabling it".to_owned()),
-                RecvTimeoutError::Disconnected => Failure::Other("it has ended".to_owned()),
-            })
-        })
+        match self.answer.try_recv() {
+            Ok(answer) => Some(answer),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(Err(Failure::Other("it has ended".to_owned()))),
+        }
     }
 
     /// Telemetry of the slave: accounts for the motion of its set-point, and reflects its force while it follows.
@@ -258,6 +259,8 @@ impl Handle {
     }
 
     fn enable(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
+        // What has piled up while the operator was asked is old.
+        while session.board.next_event(Instant::now())?.is_some() {}
         session.board.enable(TaskConfig::Impedance(self.settings))?;
         self.elbow.angle = session.board.read_impedance()?.elbow;
         Ok(())
@@ -284,6 +287,7 @@ impl Handle {
         (exchange.master_energy, exchange.master_balance) = (self.port.energy_in(), self.port.balance());
         let [max_distance, _] = self.settings.max_deviation;
         let max_force = self.stiffness.min() * MAX_DISPLACEMENT * max_distance;
+        exchange.felt.limit = (exchange.force.norm() > max_force).then_some(max_force);
         self.force = exchange.force.cap_magnitude(max_force);
         // A force that gives back more than has arrived is withheld, however large a damping that takes: it cannot push.
         let withheld = self.force.dot(&velocity) / velocity.norm_squared().max(f32::MIN_POSITIVE);
