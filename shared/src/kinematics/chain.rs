@@ -186,13 +186,17 @@ fn rotation(pose: &Pose) -> Rotation3<f32> {
 
 /// A rotation that takes the unit vector `axis` to z.
 fn align_with_z(axis: &Vector3<f32>) -> Matrix3<f32> {
-    if axis.z < 0.0 {
-        // Rotate by π about x first: the formula below is singular at −z.
-        let half_turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
-        return align_with_z(&(half_turn * axis)) * half_turn;
-    }
     // Rodrigues' formula with sin = |axis × z| and cos = axis · z; no angle is computed, so small ones keep
     // their digits.
-    let cross = axis.cross(&Vector3::z()).cross_matrix();
-    Matrix3::identity() + cross + cross * cross / (1.0 + axis.z)
+    let rotation = |axis: &Vector3<f32>| {
+        let cross = axis.cross(&Vector3::z()).cross_matrix();
+        Matrix3::identity() + cross + cross * cross / (1.0 + axis.z)
+    };
+    if axis.z < 0.0 {
+        // Rotate by π about x first: the formula is singular at −z.
+        let half_turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        rotation(&(half_turn * axis)) * half_turn
+    } else {
+        rotation(axis)
+    }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
-use super::thumb::{Conditional, Flow, decode};
+use super::thumb::{Conditional, Flow, Lock, decode};
 
 /// Address of a function, without the bit of the instruction set.
 pub type Address = u32;
@@ -19,6 +19,8 @@ pub struct Function {
     pub traps: Vec<Address>,
     /// Its own stack at most [bytes].
     pub stack: u32,
+    /// The same while it holds no lock.
+    pub open_stack: u32,
     /// Whether it can return to its caller.
     pub returns: bool,
 }
@@ -32,6 +34,8 @@ pub struct Call {
     pub target: Option<Address>,
     /// Stack of the caller at that place [bytes].
     pub stack: u32,
+    /// Whether the caller holds a lock there.
+    pub locked: bool,
 }
 
 /// What of the next instructions is executed.
@@ -167,13 +171,15 @@ impl Image {
     fn decoded(&mut self, function: Address) -> Result<Function> {
         let mut result = Function::default();
         // Stack at each instruction [bytes], also for each side of what is executed under a condition.
-        let mut seen: BTreeMap<(Address, Under), i32> = BTreeMap::new();
-        let mut open = vec![(function, 0, Under::default())];
-        while let Some((start, start_stack, start_under)) = open.pop() {
-            let (mut address, mut stack, mut under) = (start, start_stack, start_under);
+        let mut seen: BTreeMap<(Address, Under), (i32, u8)> = BTreeMap::new();
+        let mut open = vec![(function, 0, 0_u8, Under::default())];
+        while let Some((mut address, mut stack, mut locks, mut under)) = open.pop() {
             loop {
-                if let Some(known) = seen.insert((address, under), stack) {
-                    ensure!(known == stack, "the stack at {address:#010x} depends on the way there");
+                if let Some(known) = seen.insert((address, under), (stack, locks)) {
+                    ensure!(
+                        known == (stack, locks),
+                        "the stack or the locks at {address:#010x} depend on the way there"
+                    );
                     break;
                 }
                 let halves = (self.half_word(address), self.half_word(address + 2));
@@ -191,7 +197,7 @@ impl Image {
                     continue;
                 }
                 if instruction.conditional.count > 0 {
-                    open.push((next, stack, Under { rest: instruction.conditional, holds: false }));
+                    open.push((next, stack, locks, Under { rest: instruction.conditional, holds: false }));
                     under = Under { rest: instruction.conditional, holds: true };
                 }
                 if instruction.new_stack {
@@ -200,12 +206,22 @@ impl Image {
                 stack += instruction.push;
                 ensure!(stack >= 0, "the stack at {address:#010x} shrinks below its beginning");
                 result.stack = result.stack.max(stack.unsigned_abs());
+                match instruction.lock {
+                    Some(Lock::Begins) => locks += 1,
+                    // Without a lock: the end of an interrupt's handler.
+                    Some(Lock::Ends) => locks = locks.saturating_sub(1),
+                    None => {}
+                }
+                if locks == 0 {
+                    result.open_stack = result.open_stack.max(stack.unsigned_abs());
+                }
+                let from =
+                    |target| Call { site: address, target, stack: stack.unsigned_abs(), locked: locks > 0 };
                 let mut go = |image: &mut Self, to: Address| -> Result<()> {
                     if to != function && image.names.contains_key(&to) {
-                        result.returns |=
-                            image.call(&mut result.calls, address, Some(to), stack.unsigned_abs())?;
+                        result.returns |= image.call(&mut result.calls, from(Some(to)))?;
                     } else {
-                        open.push((to, stack, Under::default()));
+                        open.push((to, stack, locks, Under::default()));
                     }
                     Ok(())
                 };
@@ -225,15 +241,10 @@ impl Image {
                         }
                         false
                     }
-                    Flow::Call(to) => {
-                        self.call(&mut result.calls, address, Some(to), stack.unsigned_abs())?
-                    }
-                    Flow::CallRegister => {
-                        self.call(&mut result.calls, address, None, stack.unsigned_abs())?
-                    }
+                    Flow::Call(to) => self.call(&mut result.calls, from(Some(to)))?,
+                    Flow::CallRegister => self.call(&mut result.calls, from(None))?,
                     Flow::JumpRegister => {
-                        result.returns |=
-                            self.call(&mut result.calls, address, None, stack.unsigned_abs())?;
+                        result.returns |= self.call(&mut result.calls, from(None))?;
                         false
                     }
                     Flow::Return => {
@@ -255,14 +266,9 @@ impl Image {
     }
 
     /// Notes a call. Returns whether it returns.
-    fn call(
-        &mut self,
-        calls: &mut Vec<Call>,
-        site: Address,
-        target: Option<Address>,
-        stack: u32,
-    ) -> Result<bool> {
-        calls.push(Call { site, target, stack });
+    fn call(&mut self, calls: &mut Vec<Call>, call: Call) -> Result<bool> {
+        let target = call.target;
+        calls.push(call);
         let Some(target) = target else { return Ok(true) };
         self.decode(target)?;
         Ok(self.functions.get(&target).is_none_or(|function| function.returns))
@@ -281,5 +287,21 @@ impl Image {
         }
         // What leads into the table itself fills it up to an even length.
         Ok(targets.into_iter().filter(|target| *target >= end).collect())
+    }
+}
+
+#[cfg(test)]
+impl Image {
+    /// Functions one after another from `start` on, with their names and half words.
+    pub fn made_up(start: Address, functions: &[(&str, &[u16])]) -> Self {
+        let (mut names, mut code) = (BTreeMap::new(), Vec::new());
+        for (name, halves) in functions {
+            names.insert(start + u32::try_from(code.len()).expect("short"), (*name).to_owned());
+            code.extend(halves.iter().flat_map(|half| half.to_le_bytes()));
+        }
+        let empty = |_| Ok::<_, gimli::Error>(gimli::EndianRcSlice::new([].into(), gimli::LittleEndian));
+        let lines = gimli::Dwarf::load(empty).and_then(addr2line::Context::from_dwarf).expect("empty");
+        let sections = vec![(start, code)];
+        Self { sections, names, code: BTreeSet::new(), functions: BTreeMap::new(), lines }
     }
 }

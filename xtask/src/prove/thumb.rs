@@ -38,6 +38,17 @@ pub struct Instruction {
     pub conditional: Conditional,
     /// It sets the stack pointer anew.
     pub new_stack: bool,
+    /// BASEPRI: a lock begins (BASEPRI_MAX), or what was there before is restored.
+    pub lock: Option<Lock>,
+}
+
+/// What RTIC's locks consist of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lock {
+    /// Interrupts up to a priority wait from here on.
+    Begins,
+    /// As before the lock.
+    Ends,
 }
 
 /// Up to four instructions behind an `IT`.
@@ -280,10 +291,12 @@ fn branch(address: u32, first: u32, second: u32, result: &mut Instruction) -> Op
         }
         (0, 0) => match first >> 4 {
             0xF7F => result.flow = Flow::Trap,
-            // MSR: the main stack pointer, the other one.
+            // MSR: the main stack pointer, the other one, BASEPRI, BASEPRI_MAX.
             0xF38 => match field(second, 0, 8) {
                 8 => result.new_stack = true,
                 9 => return None,
+                0x11 => result.lock = Some(Lock::Ends),
+                0x12 => result.lock = Some(Lock::Begins),
                 _ => {}
             },
             _ => {}
@@ -301,7 +314,14 @@ mod tests {
     #[test]
     fn instructions() {
         let none = Conditional::default();
-        let next = Instruction { size: 2, flow: Flow::Next, push: 0, conditional: none, new_stack: false };
+        let next = Instruction {
+            size: 2,
+            flow: Flow::Next,
+            push: 0,
+            conditional: none,
+            new_stack: false,
+            lock: None,
+        };
         let under = |count, then| Instruction { conditional: Conditional { count, then }, ..next };
         let wide = Instruction { size: 4, ..next };
         let flow = |instruction, flow| Instruction { flow, ..instruction };
@@ -344,11 +364,13 @@ mod tests {
             ("udf #254", 0xDEFE, 0, flow(next, Flow::Trap)),
             ("it eq", 0xBF08, 0, under(1, 0b1)),
             ("itte lt", 0xBFBA, 0, under(3, 0b011)),
-            ("itee ne", 0xBF1E, 0, under(3, 0b001)),
+            ("itee ne", 0xBF12, 0, under(3, 0b001)),
             ("itt ne", 0xBF1C, 0, under(2, 0b11)),
             ("nop", 0xBF00, 0, next),
             ("cmp.w r0, #256", 0xF5B0, 0x7F80, wide),
             ("msr msp, r1", 0xF381, 0x8808, Instruction { new_stack: true, ..wide }),
+            ("msr basepri, r0", 0xF380, 0x8811, Instruction { lock: Some(Lock::Ends), ..wide }),
+            ("msr basepri_max, r0", 0xF380, 0x8812, Instruction { lock: Some(Lock::Begins), ..wide }),
             ("pld [r0]", 0xF890, 0xF000, wide),
         ] {
             assert_eq!(decode(address, first, second), Some(expected), "{text}");

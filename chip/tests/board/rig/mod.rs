@@ -65,11 +65,39 @@ impl Rig {
     }
 
     pub fn boot_with(mistakes: &[Mistake]) -> Self {
-        let mut machine = Machine::load(&image("weact"), Bench::new([MOTOR; 3], 1));
+        Self::boot_on(Bench::new([MOTOR; 3], 1), mistakes)
+    }
+
+    fn boot_on(bench: Bench, mistakes: &[Mistake]) -> Self {
+        let mut machine = Machine::load(&image("weact"), bench);
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default() };
         // A board that cannot even start shows in what follows.
         let _ = rig.try_run(0.1);
+        rig
+    }
+
+    /// Enabled, with motors and loads that differ from the model: windings, inertia and friction by up to a fifth, the torque
+    /// constant by a twentieth, and the supply by a tenth.
+    pub fn deviating(seed: u32) -> Self {
+        let mut state = seed.wrapping_mul(0x9E37_79B9);
+        let mut within = |share: f64| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            1.0 + share * (f64::from(state >> 8) / f64::from(1 << 23) - 1.0)
+        };
+        let motors = [MOTOR; 3].map(|motor| Motor {
+            resistance: motor.resistance * within(0.2),
+            inductance: motor.inductance * within(0.2),
+            constant: motor.constant * within(0.05),
+            inertia: motor.inertia * within(0.2),
+            coulomb: motor.coulomb * within(0.2),
+            viscous: motor.viscous * within(0.2),
+            ..motor
+        });
+        let mut bench = Bench::new(motors, seed);
+        bench.supply *= within(0.1);
+        let mut rig = Self::boot_on(bench, &[]);
+        rig.enable().unwrap();
         rig
     }
 
