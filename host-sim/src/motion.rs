@@ -229,7 +229,8 @@ impl Motion {
             while let Some(object) =
                 objects.next_if(|object| Some(object.since) == since && object.since * 1e9 <= time as f64)
             {
-                markers.push(marker(markers.len(), object, frames.base()));
+                let id = i32::try_from(markers.len()).unwrap_or(i32::MAX);
+                markers.push(marker(id, object, frames.base()));
             }
             if !markers.is_empty() {
                 recording.objects(time, &markers)?;
@@ -257,7 +258,7 @@ fn transform(placed: &Placed) -> Transform {
 }
 
 /// What a viewer draws for a body.
-fn marker(index: usize, object: &Object, base: &str) -> Marker {
+fn marker(id: i32, object: &Object, base: &str) -> Marker {
     let [x, y, z, a, b, c, d] = object.pose;
     let shape = match object.shape {
         Shape::Box(size) => MarkerShape::Box(size),
@@ -267,7 +268,7 @@ fn marker(index: usize, object: &Object, base: &str) -> Marker {
     // What is grasped stands out from what does not move.
     let colour = if object.frame.is_some() { [0.85, 0.55, 0.2, 1.0] } else { [0.6, 0.6, 0.6, 0.8] };
     let frame = object.frame.as_deref().unwrap_or(base).to_owned();
-    Marker { id: index as i32, frame, pose: ([x, y, z], [a, b, c, d]), shape, colour }
+    Marker { id, frame, pose: ([x, y, z], [a, b, c, d]), shape, colour }
 }
 
 /// The surface of a cuboid whose width along x is `top` times as large at its top.

@@ -310,17 +310,15 @@ impl<S: Sink> Publisher<S> {
         self.write(topic, time, &messages::Transforms { transforms: transforms.collect() })
     }
 
-    /// The wrench on a tip, on `/tesaki/wrench/TIP`: force [N] and torque [N·m] about the origin of `frame`, in
-    /// its axes.
+    /// The wrench on a frame, on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its origin, in its axes.
     pub fn wrench(
         &mut self,
         time: u64,
-        tip: &str,
         frame: &str,
         force: [f64; 3],
         torque: [f64; 3],
     ) -> Result<(), McapError> {
-        let topic = Kind::named(format!("/tesaki/wrench/{tip}"), &messages::WRENCH_STAMPED);
+        let topic = Kind::named(format!("/tesaki/wrench/{frame}"), &messages::WRENCH_STAMPED);
         let header = messages::Header { stamp: time.into(), frame_id: frame };
         self.write(topic, time, &messages::WrenchStamped { header, force, torque })
     }

@@ -30,7 +30,7 @@ fn metadata() -> BTreeMap<String, String> {
 
 /// The messages of [`MESSAGES`].
 fn write_further<S: Sink>(publisher: &mut Publisher<S>) {
-    publisher.wrench(START, "finger1", "finger1/tip", [1.0, -2.0, 0.5], [0.0, 0.25, -1e-3]).unwrap();
+    publisher.wrench(START, "finger1_tip", [1.0, -2.0, 0.5], [0.0, 0.25, -1e-3]).unwrap();
     let pose = ([0.1, 0.2, -0.3], [0.0, 0.6, 0.0, 0.8]);
     publisher.pose(START, "task/frame", "base", pose).unwrap();
     let entry = |health, name: &str, message: &str, values: &[(&str, &str)]| Diagnostic {
@@ -65,7 +65,7 @@ fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
     let topics = publisher.sink().topics();
     let names: Vec<&str> =
         messages.iter().map(|message| topics[usize::from(message.topic)].name.as_str()).collect();
-    let further = ["/tesaki/wrench/finger1", "/tesaki/task/frame", "/diagnostics", "/tesaki/objects"];
+    let further = ["/tesaki/wrench/finger1_tip", "/tesaki/task/frame", "/diagnostics", "/tesaki/objects"];
     assert_eq!(names, [&["/robot_description"], &further[..]].concat());
     for (message, expected) in messages[1..].iter().zip(MESSAGES) {
         assert_eq!((message.time, hexadecimal(&message.data)), (START, (*expected).to_owned()));
@@ -125,7 +125,7 @@ fn what_was_written_is_read_back() {
         ("/rosout", "rcl_interfaces/msg/Log", 2, "durability: 1"),
         ("/tf", "tf2_msgs/msg/TFMessage", 2, "durability: 2"),
         ("/tf_static", "tf2_msgs/msg/TFMessage", 1, "durability: 1"),
-        ("/tesaki/wrench/finger1", "geometry_msgs/msg/WrenchStamped", 1, "durability: 2"),
+        ("/tesaki/wrench/finger1_tip", "geometry_msgs/msg/WrenchStamped", 1, "durability: 2"),
         ("/tesaki/task/frame", "geometry_msgs/msg/PoseStamped", 1, "durability: 2"),
         ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 1, "durability: 2"),
         ("/tesaki/objects", "visualization_msgs/msg/MarkerArray", 1, "durability: 1"),

@@ -102,18 +102,25 @@ impl Frames {
         frames
     }
 
-    /// Adds a frame `TIP/tip` for the tip of each chain of the model, in the frame of the chain's last joint.
+    /// Adds a frame for the tip of each chain of the model that has none, by the chain's name: in the frame of the
+    /// chain's last joint. A URDF has it as a link.
     #[must_use]
     pub fn with_tips(mut self, model: &RobotModel) -> Self {
         for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
             let last = range.end.saturating_sub(1);
             let own = |moved: &&Moved| moved.joint == last && moved.mimic.is_none();
             let parent = self.moved.iter().find(own).map(|moved| moved.origin.child.clone());
-            if let Some(parent) = parent {
-                self.fixed.push(Placed { parent, child: tip_frame(&chain.name), pose: wide(&chain.tip) });
+            let child = chain.name.to_string();
+            if let Some(parent) = parent.filter(|_| self.placed().all(|placed| placed.child != child)) {
+                self.fixed.push(Placed { parent, child, pose: wide(&chain.tip) });
             }
         }
         self
+    }
+
+    /// All frames; those that move at the value 0.
+    fn placed(&self) -> impl Iterator<Item = &Placed> {
+        self.moved.iter().map(|moved| &moved.origin).chain(&self.fixed)
     }
 
     /// What does not move.
@@ -128,9 +135,8 @@ impl Frames {
 
     /// The frame that carries all others.
     pub fn base(&self) -> &str {
-        let placed = || self.moved.iter().map(|moved| &moved.origin).chain(&self.fixed);
-        let carries = |frame: &&str| placed().all(|placed| placed.child != **frame);
-        placed().map(|placed| placed.parent.as_str()).find(carries).unwrap_or(BASE)
+        let carries = |frame: &&str| self.placed().all(|placed| placed.child != **frame);
+        self.placed().map(|placed| placed.parent.as_str()).find(carries).unwrap_or(BASE)
     }
 
     /// Where a frame is in the base, at these values of the joints.
@@ -146,11 +152,6 @@ impl Frames {
 
 /// The base of a robot without URDF.
 const BASE: &str = "base";
-
-/// The frame of a chain's tip.
-pub fn tip_frame(chain: &str) -> String {
-    format!("{chain}/tip")
-}
 
 /// Whose value a joint takes, with factor and offset if it mimics that one.
 fn leader<S: AsRef<str>>(joint: &Joint, names: &[S]) -> Option<(usize, Option<[f64; 2]>)> {
@@ -211,12 +212,12 @@ mod tests {
             let robot = RobotFolder::load(&folder).expect("it is a robot folder of this project");
             let model = &robot.model;
             let names: Vec<String> = model.joints.iter().map(|joint| joint.name.to_string()).collect();
-            let angles: Vec<f64> = (1..=names.len()).map(|n| 0.07 * n as f64).collect();
+            let angles: Vec<f64> = names.iter().zip(1..).map(|(_, n)| 0.07 * f64::from(n)).collect();
             let by_urdf = Frames::of_urdf(&robot.urdf.robot, &names).with_tips(model);
             let by_model = Frames::of_model(model).with_tips(model);
             for chain in &model.chains {
-                let frame = tip_frame(&chain.name);
-                let [a, b] = [&by_urdf, &by_model].map(|frames| frames.in_base(&frame, &angles));
+                let frame = &chain.name;
+                let [a, b] = [&by_urdf, &by_model].map(|frames| frames.in_base(frame, &angles));
                 // The model has single precision.
                 assert!((a.translation.vector - b.translation.vector).norm() < 1e-6, "{name}: {frame}");
                 assert!(a.rotation.angle_to(&b.rotation) < 1e-6, "{name}: {frame}");

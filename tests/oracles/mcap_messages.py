@@ -66,7 +66,7 @@ if __name__ == "__main__":
         marker("b", 3, 11, 0, still, [1.0] * 3, [1.0] * 4, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, -2.0)]),
     ]
     messages = [
-        encoded("geometry_msgs/WrenchStamped", header("finger1/tip"), wrench),
+        encoded("geometry_msgs/WrenchStamped", header("finger1_tip"), wrench),
         encoded("geometry_msgs/PoseStamped", header("base"), place),
         encoded("diagnostic_msgs/DiagnosticArray", header(""), status),
         encoded("visualization_msgs/MarkerArray", markers),

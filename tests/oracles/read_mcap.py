@@ -36,14 +36,19 @@ def plain(value):
 
 def read(path):
     """What is to be printed of each topic, all messages of each as (time, message), and what is wrong."""
-    topics, messages, wrong, content = {}, {}, [], path.read_bytes()
+    topics, messages, wrong = {}, {}, []
+    with path.open("rb") as file:
+        # Without the index, which a recorder that is killed does not write.
+        channels = [channel for _, channel, _ in mcap.reader.NonSeekingReader(file).iter_messages()]
+    counts = Counter(channel.topic for channel in channels)
+    hashes = {channel.topic: channel.metadata["topic_type_hash"] for channel in channels}
     with AnyReader([path]) as reader:
         for connection in reader.connections:
             kind = connection.msgtype
             digest = reader.typestore.hash_rihs01(kind)
             if digest != ROS.hash_rihs01(kind):
                 wrong.append(f"{connection.topic}: the definition of {kind} is not that of ROS 2")
-            if digest.encode() not in content:
+            if hashes.get(connection.topic) != digest:
                 wrong.append(f"{connection.topic}: the hash of {kind} is wrong or missing")
             durability = [qos.durability.name.lower() for qos in connection.ext.offered_qos_profiles]
             topics[connection.topic] = {"topic": connection.topic, "type": kind, "count": 0, "durability": durability}
@@ -58,10 +63,6 @@ def read(path):
                 topic["first"], topic["last"] = ends
             if connection.msgcount != len(of_topic):
                 wrong.append(f"{connection.topic}: the summary counts {connection.msgcount} messages")
-    with path.open("rb") as file:
-        # Without the index, which a recorder that is killed does not write.
-        found = mcap.reader.NonSeekingReader(file).iter_messages()
-        counts = Counter(channel.topic for _, channel, _ in found)
     if counts != Counter({topic: len(of_topic) for topic, of_topic in messages.items()}):
         wrong.append(f"the package mcap finds other messages: {dict(counts)}")
     return topics, messages, wrong

@@ -163,7 +163,7 @@ fn foxglove_sees_the_robot_and_cannot_command_it() {
     assert!(urdf.windows(6).any(|part| part == b"<robot"));
     late.subscribe(2, "/tf_static");
     let (.., fixed) = late.next(Some(2));
-    assert!(fixed.windows(11).any(|part| part == b"finger2/tip"));
+    assert!(fixed.windows(11).any(|part| part == b"finger2_tip"));
 
     for (nonsense, words) in [
         (json!({ "op": "subscribe", "subscriptions": [{ "id": 9, "channelId": 999 }] }), "no channel 999"),

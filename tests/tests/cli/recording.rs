@@ -130,7 +130,7 @@ fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
     let ticks = count("/joint_states");
     assert!(ticks > 30, "{ticks} ticks");
     // A busy machine may lose what comes at the end.
-    for finger in ["finger1", "finger2", "finger3"] {
+    for finger in ["finger1_tip", "finger2_tip", "finger3_tip"] {
         assert!(count(&format!("/tesaki/wrench/{finger}")) + 3 > ticks, "{finger}");
     }
     assert_eq!(count("/tf"), ticks);
@@ -162,9 +162,9 @@ fn rosbags_finds_every_link_of_a_recording_where_the_urdf_has_it() {
     let topics: Vec<serde_json::Value> =
         said.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     let topic = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap();
-    let wrench = topic("/tesaki/wrench/finger2");
+    let wrench = topic("/tesaki/wrench/finger2_tip");
     assert_eq!(wrench["type"], "geometry_msgs/msg/WrenchStamped");
-    assert_eq!(wrench["first"]["message"]["header"]["frame_id"], "finger2/tip");
+    assert_eq!(wrench["first"]["message"]["header"]["frame_id"], "finger2_tip");
     let board = &topic("/diagnostics")["last"]["message"]["status"][0];
     assert_eq!((&board["name"], &board["hardware_id"]), (&"tesaki: board".into(), &"hand3".into()));
 }

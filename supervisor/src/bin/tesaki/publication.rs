@@ -4,7 +4,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{JointTelemetry, Mode, Status, Stream, TaskReport, Telemetry, Tips};
-use tesaki_description::frames::{Frames, Placed, tip_frame};
+use tesaki_description::frames::{Frames, Placed};
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink, Transform};
 
@@ -132,11 +132,10 @@ impl<S: Sink> Publication<S> {
         for ((name, _), tip) in
             self.tips.iter().zip(&tips.tips).filter(|((_, sensor), tip)| *sensor && tip.tared)
         {
-            let frame = tip_frame(name);
-            let to_tip = self.frames.in_base(&frame, &self.positions).rotation.inverse();
+            let to_tip = self.frames.in_base(name, &self.positions).rotation.inverse();
             let [force, torque] = [tip.force, tip.torque]
                 .map(|part| (to_tip * nalgebra::Vector3::from(part.map(f64::from))).into());
-            self.publisher.wrench(time, name, &frame, force, torque)?;
+            self.publisher.wrench(time, name, force, torque)?;
         }
         Ok(())
     }
