@@ -22,10 +22,9 @@
 
 use std::path::Path;
 
-use rapier3d::na::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
-use tesaki_description::urdf::isometry;
-use tesaki_recording::{LogLevel, McapError, Recording};
-use urdf_rs::{Joint, JointType};
+use rapier3d::na::Vector3;
+use tesaki_description::frames::{Frames, Placed};
+use tesaki_recording::{LogLevel, Marker, MarkerShape, McapError, Recording};
 
 pub use tesaki_recording::Transform;
 
@@ -202,15 +201,18 @@ impl Motion {
         u32::try_from(self.samples.len()).unwrap_or(u32::MAX)
     }
 
-    /// Writes all as MCAP for ROS 2: `/robot_description`, and each tick `/joint_states`, `/tesaki/reference`
-    /// and `/tf` with all links. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the
+    /// Writes all as MCAP for ROS 2: `/robot_description`, `/tf_static`, each tick `/joint_states`,
+    /// `/tesaki/reference` and `/tf` with all links that move, and the bodies on `/tesaki/objects`. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the
     /// same bytes.
     ///
     /// # Errors
     /// The text of the URDF is none, or the file cannot be written.
     pub fn write(&self, path: &Path, urdf: &str) -> Result<(), MotionError> {
-        let robot = urdf_rs::read_from_string(urdf)?;
+        let frames = Frames::of_urdf(&urdf_rs::read_from_string(urdf)?, &self.names);
         let mut recording = Recording::create(path, Some(urdf))?;
+        let fixed: Vec<Transform> = frames.fixed().iter().map(transform).collect();
+        recording.tf_static(0, &fixed)?;
+        let mut objects = self.objects.iter().peekable();
         for (sample, number) in self.samples.iter().zip(1..) {
             let time = number * PERIOD;
             let Truth { positions, velocities, torques, .. } = &sample.truth;
@@ -218,25 +220,26 @@ impl Motion {
             if !sample.reference.is_empty() {
                 recording.references(time, &self.names, &sample.reference, &[], &[])?;
             }
-            let mut frames = self.links(&robot.joints, positions);
-            frames.extend_from_slice(&sample.frames);
-            recording.tf(time, &frames)?;
+            let mut moving: Vec<Transform> = frames.moving(positions).iter().map(transform).collect();
+            moving.extend_from_slice(&sample.frames);
+            recording.tf(time, &moving)?;
+            // As in a replay, the objects of a time are those that came last.
+            let since = objects.peek().map(|object| object.since);
+            let mut markers = Vec::new();
+            while let Some(object) =
+                objects.next_if(|object| Some(object.since) == since && object.since * 1e9 <= time as f64)
+            {
+                let id = i32::try_from(markers.len()).unwrap_or(i32::MAX);
+                markers.push(marker(id, object, frames.base()));
+            }
+            if !markers.is_empty() {
+                recording.objects(time, &markers)?;
+            }
             for note in &sample.notes {
                 recording.log(time, LogLevel::Info, "scenario", note)?;
             }
         }
         Ok(recording.finish()?)
-    }
-
-    /// Each link in the one that carries it; links behind joints without a value are left out.
-    fn links(&self, joints: &[Joint], positions: &[f64]) -> Vec<Transform> {
-        let value = |joint: &Joint| match joint.joint_type {
-            JointType::Fixed => Some(0.0),
-            _ => {
-                self.names.iter().position(|name| *name == joint.name).and_then(|i| positions.get(i).copied())
-            }
-        };
-        joints.iter().filter_map(|joint| Some(link(joint, value(joint)?))).collect()
     }
 }
 
@@ -245,25 +248,39 @@ const fn flat([x, y, z]: [f64; 3], [a, b, c, d]: [f64; 4]) -> [f64; 7] {
     [x, y, z, a, b, c, d]
 }
 
-/// The link behind a joint at `value` [rad or m].
-fn link(joint: &Joint, value: f64) -> Transform {
-    let axis = Unit::try_new(Vector3::from(joint.axis.xyz.0), 1e-9).unwrap_or_else(Vector3::x_axis);
-    let (turned, shifted) = match joint.joint_type {
-        JointType::Revolute | JointType::Continuous => (value, 0.0),
-        JointType::Prismatic => (0.0, value),
-        _ => (0.0, 0.0),
-    };
-    let moved = Isometry3::from_parts(
-        Translation3::from(axis.into_inner() * shifted),
-        UnitQuaternion::from_axis_angle(&axis, turned),
-    );
-    let pose = isometry(&joint.origin) * moved;
+fn transform(placed: &Placed) -> Transform {
     Transform {
-        parent: joint.parent.link.clone(),
-        child: joint.child.link.clone(),
-        translation: pose.translation.vector.into(),
-        rotation_xyzw: pose.rotation.coords.into(),
+        parent: placed.parent.clone(),
+        child: placed.child.clone(),
+        translation: placed.pose.translation.vector.into(),
+        rotation_xyzw: placed.pose.rotation.coords.into(),
     }
+}
+
+/// What a viewer draws for a body.
+fn marker(id: i32, object: &Object, base: &str) -> Marker {
+    let [x, y, z, a, b, c, d] = object.pose;
+    let shape = match object.shape {
+        Shape::Box(size) => MarkerShape::Box(size),
+        Shape::Cylinder(size) => MarkerShape::Cylinder(size),
+        Shape::Wedge(size) => MarkerShape::Triangles(wedge(size)),
+    };
+    // What is grasped stands out from what does not move.
+    let colour = if object.frame.is_some() { [0.85, 0.55, 0.2, 1.0] } else { [0.6, 0.6, 0.6, 0.8] };
+    let frame = object.frame.as_deref().unwrap_or(base).to_owned();
+    Marker { id, frame, pose: ([x, y, z], [a, b, c, d]), shape, colour }
+}
+
+/// The surface of a cuboid whose width along x is `top` times as large at its top.
+fn wedge([x, y, z, top]: [f64; 4]) -> Vec<[f64; 3]> {
+    let corner = |index: usize| {
+        let sign = |bit: usize| if index >> bit & 1 == 0 { -0.5 } else { 0.5 };
+        let width = if sign(2) > 0.0 { top * x } else { x };
+        [sign(0) * width, sign(1) * y, sign(2) * z]
+    };
+    // Four corners of each face, counter-clockwise from outside; bit 0 is x, bit 1 is y, bit 2 is z.
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [3, 2, 6, 7], [2, 0, 4, 6], [1, 3, 7, 5]];
+    faces.into_iter().flat_map(|[a, b, c, d]| [a, b, c, a, c, d].map(corner)).collect()
 }
 
 #[cfg(test)]
@@ -343,22 +360,16 @@ mod tests {
     }
 
     #[test]
-    fn links_turn_about_their_axes() {
-        let urdf = r#"<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
-            <joint name="turn" type="revolute"><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/><parent link="a"/>
-            <child link="b"/><axis xyz="0 0 2"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>
-            <joint name="slide" type="prismatic"><origin xyz="0 0 1"/><parent link="b"/><child link="c"/>
-            <axis xyz="0 1 0"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>
-            <joint name="free" type="continuous"><parent link="c"/><child link="d"/></joint></robot>"#;
-        let robot = urdf_rs::read_from_string(urdf).expect("it is a URDF");
-        let links = Motion::new(["slide", "turn"]).links(&robot.joints, &[0.5, 0.5]);
-        let names: Vec<(&str, &str)> = links.iter().map(|l| (l.parent.as_str(), l.child.as_str())).collect();
-        assert_eq!(names, [("a", "b"), ("b", "c")], "nothing is known of the third joint");
-        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-15);
-        let half = 0.5 * (0.5 + std::f64::consts::FRAC_PI_2);
-        assert!(near(&links[0].translation, &[1.0, 2.0, 3.0]));
-        assert!(near(&links[0].rotation_xyzw, &[0.0, 0.0, half.sin(), half.cos()]));
-        assert!(near(&links[1].translation, &[0.0, 0.5, 1.0]));
-        assert!(near(&links[1].rotation_xyzw, &[0.0, 0.0, 0.0, 1.0]));
+    fn the_surface_of_a_wedge_encloses_its_volume() {
+        // Six times the volume of the tetrahedra with the origin, and positive only if all faces look outwards.
+        let corners = wedge([0.06, 0.05, 0.1, 0.5]);
+        let volumes: Vec<f64> = corners
+            .chunks(3)
+            .map(|c| Vector3::from(c[0]).cross(&Vector3::from(c[1])).dot(&Vector3::from(c[2])) / 6.0)
+            .collect();
+        assert_eq!(volumes.len(), 12);
+        assert!(volumes.iter().all(|volume| *volume > 0.0), "{volumes:?}");
+        let volume: f64 = volumes.iter().sum();
+        assert!((volume - 0.045 * 0.05 * 0.1).abs() < 1e-15, "{volume}");
     }
 }

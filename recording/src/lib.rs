@@ -1,33 +1,27 @@
-//! Recordings in MCAP with ROS 2 messages, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open them.
+//! A robot as ROS 2 messages: recorded in MCAP, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open it, or kept for
+//! who looks on.
+//!
+//! A [`Publisher`] makes the messages, for a [`Sink`]: [`McapFile`] (together a [`Recording`]) or [`Live`].
 
 mod ended_file;
+mod file;
+mod live;
 mod messages;
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::Write,
-    path::{Path, PathBuf},
-};
+use std::{borrow::Cow, collections::BTreeMap, path::PathBuf};
 
-use ::mcap::{
-    WriteOptions, Writer,
-    records::{MessageHeader, Metadata},
-    write::NoSeek,
-};
 use byteorder::LittleEndian;
 use serde::Serialize;
 
-use ended_file::EndedFile;
 use messages::Definition;
 
-/// Recorded time after which data go to the operating system [ns].
-const FLUSH_INTERVAL: u64 = 1_000_000_000;
+pub use file::{McapFile, Recording};
+pub use live::{Live, LiveMessage};
 
 /// In front of every message: CDR, little-endian. Alignment counts from behind it.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
-/// Why a recording could not be written.
+/// Why a message could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum McapError {
     /// There is no file to write to.
@@ -44,6 +38,9 @@ pub enum McapError {
     /// A message has no encoding.
     #[error("cannot encode a message for the recording: {0}")]
     Encode(#[from] cdr_encoding::Error),
+    /// More than 65 536 topics.
+    #[error("more topics than can be numbered")]
+    TooManyTopics,
     /// Joint names and values do not belong together.
     #[error("{names} joint names, but {values} values of {quantity}")]
     Lengths {
@@ -85,41 +82,126 @@ pub struct Transform {
     pub rotation_xyzw: [f64; 4],
 }
 
-#[derive(Clone, Copy)]
-enum Topic {
-    RobotDescription,
-    JointStates,
-    Reference,
-    Rosout,
-    Tf,
+/// Position [m] and unit quaternion, its real part last.
+pub type Pose = ([f64; 3], [f64; 4]);
+
+/// How well something is, on `/diagnostics`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Health {
+    /// As expected.
+    Ok = 0,
+    /// Worth a look.
+    Warn = 1,
+    /// It failed.
+    Error = 2,
+    /// Nothing is heard of it.
+    Stale = 3,
 }
 
-impl Topic {
-    const COUNT: usize = 5;
+/// An entry of `/diagnostics`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// How well it is.
+    pub health: Health,
+    /// What.
+    pub name: String,
+    /// In words.
+    pub message: String,
+    /// Names with values.
+    pub values: Vec<(String, String)>,
+}
 
-    /// Name, type, how many messages a publisher keeps, and whether late subscribers get them.
-    const fn properties(self) -> (&'static str, Definition, u32, bool) {
-        match self {
-            Self::RobotDescription => ("/robot_description", messages::STRING, 1, true),
-            Self::JointStates => ("/joint_states", messages::JOINT_STATE, 10, false),
-            Self::Reference => ("/tesaki/reference", messages::JOINT_STATE, 10, false),
-            Self::Rosout => ("/rosout", messages::LOG, 1000, true),
-            Self::Tf => ("/tf", messages::TF_MESSAGE, 100, false),
-        }
+/// A body to be drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Marker {
+    /// Another one for each.
+    pub id: i32,
+    /// The frame with which it moves.
+    pub frame: String,
+    /// Where it is in that frame.
+    pub pose: Pose,
+    /// Its shape.
+    pub shape: MarkerShape,
+    /// Red, green, blue and opacity, from 0 to 1.
+    pub colour: [f32; 4],
+}
+
+/// Shape of a [`Marker`].
+#[derive(Debug, Clone, PartialEq)]
+pub enum MarkerShape {
+    /// A cuboid with these extents [m].
+    Box([f64; 3]),
+    /// A cylinder along z: radius and length [m].
+    Cylinder([f64; 2]),
+    /// Triangles, three corners each [m].
+    Triangles(Vec<[f64; 3]>),
+}
+
+/// A topic.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Topic {
+    /// Its name.
+    pub name: String,
+    /// The type of its messages, as `sensor_msgs/msg/JointState`.
+    pub schema: &'static str,
+    /// The definition of that type and of those inside it, as `.msg` files.
+    pub definition: String,
+    /// By what ROS 2 compares types (REP 2016).
+    pub hash: &'static str,
+    /// How many messages a publisher keeps.
+    pub depth: u32,
+    /// Whether who comes late gets the last one.
+    pub transient_local: bool,
+}
+
+/// Where messages go.
+pub trait Sink {
+    /// Takes a new topic. Returns the number by which it is written to.
+    ///
+    /// # Errors
+    /// It can take no more.
+    fn open(&mut self, topic: Topic) -> Result<u16, McapError>;
+
+    /// Takes a message of an open topic: in CDR, with its time [ns since 1970].
+    ///
+    /// # Errors
+    /// It can take no more.
+    fn write(&mut self, topic: u16, sequence: u32, time: u64, message: &[u8]) -> Result<(), McapError>;
+}
+
+/// A topic before it is opened.
+struct Kind {
+    name: Cow<'static, str>,
+    definition: &'static Definition,
+    depth: u32,
+    transient_local: bool,
+}
+
+impl Kind {
+    const fn new(
+        name: &'static str,
+        definition: &'static Definition,
+        depth: u32,
+        transient_local: bool,
+    ) -> Self {
+        Self { name: Cow::Borrowed(name), definition, depth, transient_local }
+    }
+
+    /// With a name that is made up at run time.
+    const fn named(name: String, definition: &'static Definition) -> Self {
+        Self { name: Cow::Owned(name), definition, depth: 10, transient_local: false }
     }
 }
 
-/// What rosbag2 calls `offered_qos_profiles`: one reliable publisher. Policies are numbers, which every
-/// rosbag2 reads; those before Jazzy do not know names.
-fn quality_of_service(depth: u32, transient_local: bool) -> String {
-    let durability = if transient_local { 1 } else { 2 };
-    let forever = "\n    sec: 9223372036\n    nsec: 854775807";
-    format!(
-        "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline:{forever}\n  \
-         lifespan:{forever}\n  liveliness: 1\n  liveliness_lease_duration:{forever}\n  \
-         avoid_ros_namespace_conventions: false"
-    )
-}
+const ROBOT_DESCRIPTION: Kind = Kind::new("/robot_description", &messages::STRING, 1, true);
+const JOINT_STATES: Kind = Kind::new("/joint_states", &messages::JOINT_STATE, 10, false);
+const REFERENCE: Kind = Kind::new("/tesaki/reference", &messages::JOINT_STATE, 10, false);
+const ROSOUT: Kind = Kind::new("/rosout", &messages::LOG, 1000, true);
+const TF: Kind = Kind::new("/tf", &messages::TF_MESSAGE, 100, false);
+const TF_STATIC: Kind = Kind::new("/tf_static", &messages::TF_MESSAGE, 1, true);
+const DIAGNOSTICS: Kind = Kind::new("/diagnostics", &messages::DIAGNOSTIC_ARRAY, 10, false);
+const OBJECTS: Kind = Kind::new("/tesaki/objects", &messages::MARKER_ARRAY, 10, true);
 
 #[derive(Clone, Copy)]
 struct Channel {
@@ -127,44 +209,29 @@ struct Channel {
     sequence: u32,
 }
 
-/// A recording being written. Times are nanoseconds since 1970. When the program dies, at most a second of
-/// recorded time is lost, and the file is one without index; dropped without [`finish`](Self::finish), the
-/// file is completed but errors go unseen.
-pub struct Recording {
-    writer: Writer<NoSeek<EndedFile>>,
-    channels: [Option<Channel>; Topic::COUNT],
+/// Makes the messages. Times are nanoseconds since 1970.
+pub struct Publisher<S> {
+    sink: S,
+    channels: BTreeMap<Cow<'static, str>, Channel>,
     /// Waits for the first message, whose time it gets.
     urdf: Option<String>,
-    flushed: Option<u64>,
     buffer: Vec<u8>,
 }
 
-impl Recording {
-    /// Starts the file `path`, replacing what was there. The robot's URDF goes before all other messages.
-    pub fn create(path: impl AsRef<Path>, urdf: Option<&str>) -> Result<Self, McapError> {
-        let path = path.as_ref();
-        let file =
-            File::create(path).map_err(|source| McapError::Create { path: path.to_owned(), source })?;
-        // Without seeking, chunks reach the file whole: one cut short is just missing.
-        let writer = WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("tesaki/", env!("CARGO_PKG_VERSION")))
-            .compression(None)
-            .disable_seeking(true)
-            .create(NoSeek::new(EndedFile::new(file)))?;
-        Ok(Self {
-            writer,
-            channels: [None; Topic::COUNT],
-            urdf: urdf.map(str::to_owned),
-            flushed: None,
-            buffer: Vec::new(),
-        })
+impl<S: Sink> Publisher<S> {
+    /// Begins. The robot's URDF goes before all other messages.
+    pub fn new(sink: S, urdf: Option<&str>) -> Self {
+        Self { sink, channels: BTreeMap::new(), urdf: urdf.map(str::to_owned), buffer: Vec::new() }
     }
 
-    /// Notes facts about the recording under a name.
-    pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), McapError> {
-        self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: entries })?;
-        self.flush()
+    /// Where the messages go.
+    pub const fn sink(&self) -> &S {
+        &self.sink
+    }
+
+    /// Where the messages go, to take them from there.
+    pub const fn sink_mut(&mut self) -> &mut S {
+        &mut self.sink
     }
 
     /// Measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown quantities
@@ -177,7 +244,7 @@ impl Recording {
         velocity: &[f64],
         effort: &[f64],
     ) -> Result<(), McapError> {
-        self.joints(Topic::JointStates, time, names, [position, velocity, effort])
+        self.joints(JOINT_STATES, time, names, [position, velocity, effort])
     }
 
     /// What the joints should do, on `/tesaki/reference`, given as for [`joint_states`](Self::joint_states).
@@ -189,12 +256,12 @@ impl Recording {
         velocity: &[f64],
         effort: &[f64],
     ) -> Result<(), McapError> {
-        self.joints(Topic::Reference, time, names, [position, velocity, effort])
+        self.joints(REFERENCE, time, names, [position, velocity, effort])
     }
 
     fn joints(
         &mut self,
-        topic: Topic,
+        topic: Kind,
         time: u64,
         names: &[String],
         values: [&[f64]; 3],
@@ -220,76 +287,106 @@ impl Recording {
             function: "",
             line: 0,
         };
-        self.write(Topic::Rosout, time, &message)
+        self.write(ROSOUT, time, &message)
     }
 
     /// Frames on `/tf`, all at one time.
     pub fn tf(&mut self, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
+        self.transforms(TF, time, transforms)
+    }
+
+    /// Frames that do not move, on `/tf_static`: all of them at once.
+    pub fn tf_static(&mut self, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
+        self.transforms(TF_STATIC, time, transforms)
+    }
+
+    fn transforms(&mut self, topic: Kind, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
         let transforms = transforms.iter().map(|transform| messages::TransformStamped {
             header: messages::Header { stamp: time.into(), frame_id: &transform.parent },
             child_frame_id: &transform.child,
             translation: transform.translation,
             rotation: transform.rotation_xyzw,
         });
-        self.write(Topic::Tf, time, &messages::Transforms { transforms: transforms.collect() })
+        self.write(topic, time, &messages::Transforms { transforms: transforms.collect() })
     }
 
-    /// Hands everything so far to the operating system.
-    pub fn flush(&mut self) -> Result<(), McapError> {
-        Ok(self.writer.flush()?)
+    /// The wrench on a frame, on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its origin, in its axes.
+    pub fn wrench(
+        &mut self,
+        time: u64,
+        frame: &str,
+        force: [f64; 3],
+        torque: [f64; 3],
+    ) -> Result<(), McapError> {
+        let topic = Kind::named(format!("/tesaki/wrench/{frame}"), &messages::WRENCH_STAMPED);
+        let header = messages::Header { stamp: time.into(), frame_id: frame };
+        self.write(topic, time, &messages::WrenchStamped { header, force, torque })
     }
 
-    /// Ends the file with its summary and indexes.
-    pub fn finish(mut self) -> Result<(), McapError> {
-        self.write_description(0)?;
-        self.writer.finish()?;
-        Ok(self.writer.into_inner().flush().map_err(::mcap::McapError::from)?)
+    /// A pose in a frame, on `/tesaki/NAME`.
+    pub fn pose(&mut self, time: u64, name: &str, frame: &str, pose: Pose) -> Result<(), McapError> {
+        let topic = Kind::named(format!("/tesaki/{name}"), &messages::POSE_STAMPED);
+        let header = messages::Header { stamp: time.into(), frame_id: frame };
+        self.write(topic, time, &messages::PoseStamped { header, pose })
     }
 
-    fn write(&mut self, topic: Topic, time: u64, message: &impl Serialize) -> Result<(), McapError> {
+    /// How everything is, on `/diagnostics`.
+    pub fn diagnostics(
+        &mut self,
+        time: u64,
+        hardware: &str,
+        entries: &[Diagnostic],
+    ) -> Result<(), McapError> {
+        let status = entries.iter().map(|entry| messages::DiagnosticStatus {
+            level: entry.health as u8,
+            name: &entry.name,
+            message: &entry.message,
+            hardware_id: hardware,
+            values: &entry.values,
+        });
+        let header = messages::Header { stamp: time.into(), frame_id: "" };
+        self.write(DIAGNOSTICS, time, &messages::DiagnosticArray { header, status: status.collect() })
+    }
+
+    /// Bodies to be drawn, on `/tesaki/objects`, in place of all before.
+    pub fn objects(&mut self, time: u64, markers: &[Marker]) -> Result<(), McapError> {
+        let shown = markers.iter().map(|marker| messages::Marker::new(time, marker));
+        let markers = std::iter::once(messages::Marker::none(time)).chain(shown).collect();
+        self.write(OBJECTS, time, &messages::MarkerArray { markers })
+    }
+
+    fn write(&mut self, topic: Kind, time: u64, message: &impl Serialize) -> Result<(), McapError> {
         self.write_description(time)?;
-        self.append(topic, time, message)?;
-        // A clock that was set back counts too.
-        if self.flushed.is_none_or(|flushed| time.abs_diff(flushed) >= FLUSH_INTERVAL) {
-            self.flushed = Some(time);
-            self.flush()?;
-        }
-        Ok(())
+        self.append(topic, time, message)
     }
 
     fn write_description(&mut self, time: u64) -> Result<(), McapError> {
         match self.urdf.take() {
-            Some(urdf) => self.append(Topic::RobotDescription, time, &messages::Text { data: &urdf }),
+            Some(urdf) => self.append(ROBOT_DESCRIPTION, time, &messages::Text { data: &urdf }),
             None => Ok(()),
         }
     }
 
-    fn append(&mut self, topic: Topic, time: u64, message: &impl Serialize) -> Result<(), McapError> {
+    fn append(&mut self, topic: Kind, time: u64, message: &impl Serialize) -> Result<(), McapError> {
         self.buffer.clear();
         self.buffer.extend(ENCAPSULATION);
         cdr_encoding::to_writer::<_, LittleEndian, _>(&mut self.buffer, message)?;
-        let channel = match self.channels[topic as usize] {
-            Some(channel) => channel,
-            None => Channel { id: self.open(topic)?, sequence: 0 },
+        let Channel { id, sequence } = match self.channels.get(&topic.name) {
+            Some(channel) => *channel,
+            None => Channel { id: self.open(&topic)?, sequence: 0 },
         };
-        let header = MessageHeader {
-            channel_id: channel.id,
-            sequence: channel.sequence,
-            log_time: time,
-            publish_time: time,
-        };
-        self.channels[topic as usize] =
-            Some(Channel { sequence: channel.sequence.wrapping_add(1), ..channel });
-        Ok(self.writer.write_to_known_channel(&header, &self.buffer)?)
+        self.channels.insert(topic.name, Channel { id, sequence: sequence.wrapping_add(1) });
+        self.sink.write(id, sequence, time, &self.buffer)
     }
 
-    fn open(&mut self, topic: Topic) -> Result<u16, McapError> {
-        let (name, definition, depth, transient_local) = topic.properties();
-        let schema = self.writer.add_schema(definition.name, "ros2msg", definition.text().as_bytes())?;
-        let metadata = BTreeMap::from([
-            ("offered_qos_profiles".to_owned(), quality_of_service(depth, transient_local)),
-            ("topic_type_hash".to_owned(), definition.hash.to_owned()),
-        ]);
-        Ok(self.writer.add_channel(schema, name, "cdr", &metadata)?)
+    fn open(&mut self, topic: &Kind) -> Result<u16, McapError> {
+        self.sink.open(Topic {
+            name: topic.name.to_string(),
+            schema: topic.definition.name,
+            definition: topic.definition.text(),
+            hash: topic.definition.hash,
+            depth: topic.depth,
+            transient_local: topic.transient_local,
+        })
     }
 }

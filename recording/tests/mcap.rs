@@ -4,10 +4,14 @@
 use std::{collections::BTreeMap, path::Path};
 
 use mcap::{Message, MessageStream, Summary, read::Options};
-use tesaki_recording::{LogLevel, McapError, Recording, Transform};
+use tesaki_recording::{
+    Diagnostic, Health, Live, LogLevel, Marker, MarkerShape, McapError, Publisher, Recording, Sink, Transform,
+};
 
 /// Two messages in hexadecimal digits, from `tests/oracles/mcap_joint_state.py` (rosbags).
 const JOINT_STATES: &[&str] = include!("../../tests/oracles/data/mcap_joint_state.in");
+/// A message each of four further types, from `tests/oracles/mcap_messages.py` (rosbags).
+const MESSAGES: &[&str] = include!("../../tests/oracles/data/mcap_messages.in");
 const START: u64 = 1_700_000_000_123_456_789;
 const SECOND: u64 = 1_000_000_000;
 const URDF: &str = "<robot name=\"手先\"/>";
@@ -22,6 +26,55 @@ fn names(names: &[&str]) -> Vec<String> {
 
 fn metadata() -> BTreeMap<String, String> {
     BTreeMap::from([("robot".to_owned(), "hand3".to_owned()), ("操作者".to_owned(), String::new())])
+}
+
+/// The messages of [`MESSAGES`].
+fn write_further<S: Sink>(publisher: &mut Publisher<S>) {
+    publisher.wrench(START, "finger1_tip", [1.0, -2.0, 0.5], [0.0, 0.25, -1e-3]).unwrap();
+    let pose = ([0.1, 0.2, -0.3], [0.0, 0.6, 0.0, 0.8]);
+    publisher.pose(START, "task/frame", "base", pose).unwrap();
+    let entry = |health, name: &str, message: &str, values: &[(&str, &str)]| Diagnostic {
+        health,
+        name: name.to_owned(),
+        message: message.to_owned(),
+        values: values.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect(),
+    };
+    let entries = [
+        entry(Health::Ok, "tesaki: board", "disabled", &[("supply [V]", "24.00"), ("節", "")]),
+        entry(Health::Error, "tesaki: grasping", "", &[]),
+    ];
+    publisher.diagnostics(START, "hand3", &entries).unwrap();
+    let marker =
+        |id, frame: &str, pose, shape, colour| Marker { id, frame: frame.to_owned(), pose, shape, colour };
+    let still = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+    let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, -2.0]];
+    let markers = [
+        marker(1, "object", pose, MarkerShape::Box([0.06, 0.05, 0.1]), [1.0, 0.5, 0.25, 1.0]),
+        marker(2, "base", pose, MarkerShape::Cylinder([0.03, 0.1]), [0.0, 0.0, 0.0, 0.5]),
+        marker(3, "b", still, MarkerShape::Triangles(corners), [1.0; 4]),
+    ];
+    publisher.objects(START, &markers).unwrap();
+}
+
+#[test]
+fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
+    let mut publisher = Publisher::new(Live::default(), Some(URDF));
+    write_further(&mut publisher);
+    let messages = publisher.sink_mut().take();
+    assert!(publisher.sink_mut().take().is_empty());
+    let topics = publisher.sink().topics();
+    let names: Vec<&str> =
+        messages.iter().map(|message| topics[usize::from(message.topic)].name.as_str()).collect();
+    let further = ["/tesaki/wrench/finger1_tip", "/tesaki/task/frame", "/diagnostics", "/tesaki/objects"];
+    assert_eq!(names, [&["/robot_description"], &further[..]].concat());
+    for (message, expected) in messages[1..].iter().zip(MESSAGES) {
+        assert_eq!((message.time, hexadecimal(&message.data)), (START, (*expected).to_owned()));
+    }
+    // The description and the objects; a pose of before is none of now.
+    let kept: Vec<u16> = (0..5).filter(|&topic| publisher.sink().kept(topic).is_some()).collect();
+    assert_eq!(kept, [0, 4]);
+    publisher.objects(START + 1, &[]).unwrap();
+    assert_eq!(publisher.sink().kept(4).unwrap().time, START + 1);
 }
 
 /// All topics, three seconds of joints.
@@ -41,6 +94,8 @@ fn write(path: &Path) {
     };
     recording.tf(START, &[frame("palm", "f1", 1.0), frame("f1", "指先", 2.0)]).unwrap();
     recording.tf(START + 3, &[]).unwrap();
+    recording.tf_static(START, &[frame("palm", "camera", 3.0)]).unwrap();
+    write_further(&mut recording);
     for step in 1..=30_u32 {
         let angle = 0.125 * f64::from(step);
         let time = START + u64::from(step) * SECOND / 10;
@@ -69,6 +124,11 @@ fn what_was_written_is_read_back() {
         ("/tesaki/reference", "sensor_msgs/msg/JointState", 1, "durability: 2"),
         ("/rosout", "rcl_interfaces/msg/Log", 2, "durability: 1"),
         ("/tf", "tf2_msgs/msg/TFMessage", 2, "durability: 2"),
+        ("/tf_static", "tf2_msgs/msg/TFMessage", 1, "durability: 1"),
+        ("/tesaki/wrench/finger1_tip", "geometry_msgs/msg/WrenchStamped", 1, "durability: 2"),
+        ("/tesaki/task/frame", "geometry_msgs/msg/PoseStamped", 1, "durability: 2"),
+        ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 1, "durability: 2"),
+        ("/tesaki/objects", "visualization_msgs/msg/MarkerArray", 1, "durability: 1"),
     ];
     for (topic, kind, count, durability) in topics {
         let messages = of_topic(&messages, topic);
@@ -105,7 +165,7 @@ fn what_was_written_is_read_back() {
     let summary = Summary::read(&file).unwrap().unwrap();
     // One at once, three for the seconds, one for the step back in time.
     let statistics = summary.stats.unwrap();
-    assert_eq!((statistics.message_count, statistics.chunk_count), (38, 5));
+    assert_eq!((statistics.message_count, statistics.chunk_count), (43, 5));
     assert_eq!(summary.chunk_indexes.len(), 5);
     let index = &summary.metadata_indexes[0];
     assert_eq!((index.name.as_str(), summary.metadata_indexes.len()), ("tesaki", 1));

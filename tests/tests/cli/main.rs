@@ -16,6 +16,7 @@ mod faults;
 mod feed;
 mod find_circle;
 mod follow;
+mod foxglove;
 mod grasping;
 mod init;
 mod look;

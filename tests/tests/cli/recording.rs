@@ -101,6 +101,74 @@ fn rosbags_reads_the_recording_of_a_killed_recorder() {
     assert!(states["count"].as_u64().unwrap() >= 100, "{said}");
 }
 
+/// A recording of a second in which a joint moves, of a hand with tared sensors.
+fn recording_of_a_move(server: &Server) -> PathBuf {
+    server.succeeds(&["tare"]);
+    let name = server.folder.path().join("moved");
+    let folder = hand3();
+    let recorder =
+        server.start_command(&["record", name.to_str().unwrap(), "--robot", folder.to_str().unwrap()]);
+    while !std::fs::metadata(name.with_extension("mcap")).is_ok_and(|file| file.len() > 0) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server.succeeds(&["move", "finger1_swing=0.2"]);
+    signal(&recorder, nix::sys::signal::Signal::SIGINT);
+    let output = finish(recorder);
+    assert!(output.status.success(), "{output:?}");
+    name.with_extension("mcap")
+}
+
+#[test]
+fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
+    let server = Server::ready();
+    let file = std::fs::read(recording_of_a_move(&server)).unwrap();
+    let messages: Vec<_> = MessageStream::new(&file).unwrap().map(Result::unwrap).collect();
+    let count = |topic: &str| messages.iter().filter(|message| message.channel.topic == topic).count();
+    for topic in ["/robot_description", "/tf_static"] {
+        assert_eq!(count(topic), 1, "{topic}");
+    }
+    let ticks = count("/joint_states");
+    assert!(ticks > 30, "{ticks} ticks");
+    // A busy machine may lose what comes at the end.
+    for finger in ["finger1_tip", "finger2_tip", "finger3_tip"] {
+        assert!(count(&format!("/tesaki/wrench/{finger}")) + 3 > ticks, "{finger}");
+    }
+    assert_eq!(count("/tf"), ticks);
+    assert!(count("/diagnostics") > 1);
+    let says = |text: &str| {
+        let holds =
+            |message: &mcap::Message| message.data.windows(text.len()).any(|part| part == text.as_bytes());
+        messages.iter().any(|message| message.channel.topic == "/rosout" && holds(message))
+    };
+    assert!(says("enabled: joint servo after disabled"));
+    // The clock is that of the day.
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
+    let age = now.as_nanos() - u128::from(messages.last().unwrap().log_time);
+    assert!(age < 60_000_000_000, "{age} ns ago");
+    let summary = Summary::read(&file).unwrap().unwrap();
+    assert!(summary.chunk_indexes.iter().all(|chunk| chunk.compression == "zstd"));
+}
+
+#[test]
+#[ignore = "needs Python with rosbags: cargo xtask test"]
+fn rosbags_finds_every_link_of_a_recording_where_the_urdf_has_it() {
+    let server = Server::ready();
+    let path = recording_of_a_move(&server);
+    let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("oracles/read_mcap.py");
+    let output = Command::new(python).arg(script).arg(path).arg("--frames").output().unwrap();
+    let said = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+    assert!(output.status.success() && said.contains("12 links"), "{said}");
+    let topics: Vec<serde_json::Value> =
+        said.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let topic = |name: &str| topics.iter().find(|topic| topic["topic"] == name).unwrap();
+    let wrench = topic("/tesaki/wrench/finger2_tip");
+    assert_eq!(wrench["type"], "geometry_msgs/msg/WrenchStamped");
+    assert_eq!(wrench["first"]["message"]["header"]["frame_id"], "finger2_tip");
+    let board = &topic("/diagnostics")["last"]["message"]["status"][0];
+    assert_eq!((&board["name"], &board["hardware_id"]), (&"tesaki: board".into(), &"hand3".into()));
+}
+
 #[test]
 fn a_recording_continues_after_a_reset_of_the_board() {
     let server = Server::ready();
@@ -121,6 +189,12 @@ fn a_recording_continues_after_a_reset_of_the_board() {
         records.iter().filter(|record| matches!(record, LogRecord::Actuators(frame) if frame.enabled));
     let enabled = enabled.count();
     assert!(enabled > 50, "the move is missing: {enabled} enabled ticks");
+    // The stamps go on, although its ticks began anew.
+    let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
+    let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
+    let states = messages.filter(|message| message.channel.topic == "/joint_states");
+    let times: Vec<u64> = states.map(|message| message.log_time).collect();
+    assert!(times.is_sorted(), "{times:?}");
     let replayed = server.json(&["replay", log.to_str().unwrap()]);
     assert!(replayed["identical_ticks"].as_u64().unwrap() > 150, "{replayed}");
     assert_eq!(replayed["gaps"], 1, "{replayed}");

@@ -33,7 +33,7 @@ pub use impedance::{Hold, Impedance};
 pub use init::Init;
 pub use look::{Look, PictureSource};
 pub use retarget::Retarget;
-pub use view::View;
+pub use view::{Listen, View};
 
 use crate::failure::Failure;
 use crate::output;
@@ -194,9 +194,13 @@ pub enum Command {
     #[command(after_help = examples::SHARE)]
     Share {
         /// Address for the other programs: unix://PATH or tcp://HOST:PORT. One that other machines reach
-        /// needs a --key, which encrypts the connections: all who have it may command the board
+        /// needs a --key, which encrypts the connections: all who have it may command the board.
+        /// foxglove://HOST:PORT shows the board to Foxglove, which cannot command
         #[arg(default_value = "tcp://localhost:7400")]
-        listen: Address,
+        listen: Listen,
+        /// Robot folder of the board's model, with foxglove://: its URDF, and the names of its links
+        #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
+        robot: Option<PathBuf>,
     },
     /// Make a key file for --key, and so for boards that are shared with other machines; needs no board
     #[command(after_help = examples::KEY)]

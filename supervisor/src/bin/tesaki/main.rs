@@ -12,6 +12,7 @@ mod failure;
 mod feed;
 mod find_circle;
 mod follow;
+mod foxglove;
 mod glove;
 mod grasp;
 mod gravity;
@@ -24,20 +25,23 @@ mod model;
 mod motion;
 mod output;
 mod parameter;
+mod publication;
 mod reach;
 mod recording;
 mod replay;
 mod retarget;
 mod share;
 mod sight;
+mod task_report;
 mod view;
 mod watch;
+mod web_server;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
-use args::{Cli, Command, ModelCommand};
+use args::{Cli, Command, Listen, ModelCommand};
 use failure::Failure;
 
 fn main() -> ExitCode {
@@ -96,7 +100,10 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Faults { clear } => board::faults(options, *clear),
         Command::Record(args) => recording::record(options, args),
         Command::Replay { log } => replay::run(options, log),
-        Command::Share { listen } => share::share(options, listen),
+        Command::Share { listen, robot } => match listen {
+            Listen::Programs(address) => share::share(options, address),
+            Listen::Foxglove(address) => foxglove::share(options, *address, robot.as_deref()),
+        },
         Command::Key { file } => share::create_key(options, file),
         Command::Completions { shell } => args::completions(*shell),
     }

@@ -16,16 +16,15 @@ use tesaki::protocol::{
 };
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
-use tesaki_recording::{LogLevel, McapError, Recording};
+use tesaki_recording::{McapError, McapFile, Recording};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, describe, hex, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
+use crate::publication::{Publication, STREAMS};
 
-/// A control period [ns].
-const TICK: u64 = 10_000_000;
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
 /// Telemetry without entries of the log for this time: the board was reset and streams no log.
@@ -61,7 +60,9 @@ struct Recorder<'a> {
     log_path: PathBuf,
     mcap_path: PathBuf,
     log: ReplayLog,
-    viewer: Viewer,
+    viewer: Publication<McapFile>,
+    /// Faults that the board had when the last one was written.
+    faults: u32,
     /// When a line of JSON was last printed.
     reported: Instant,
     /// When the board was last heard.
@@ -99,11 +100,14 @@ impl<'a> Recorder<'a> {
             ("board".to_owned(), hex(&session.identity.board, "none")),
         ]);
         let mut recording =
-            Recording::create(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
+            Recording::create_compressed(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
-        let viewer = Viewer { recording, epoch: None, faults: session.board.faults()?.total };
+        let viewer = Publication::new(recording, robot);
+        let faults = session.board.faults()?.total;
         // Before the log starts: what comes meanwhile is dropped.
-        session.board.set_rate(Stream::Telemetry, 1)?;
+        for &(stream, every) in STREAMS {
+            session.board.set_rate(stream, every)?;
+        }
         let mut log = ReplayLog::new(log_file);
         log.begin(session).map_err(log_failure(&log_path))?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
@@ -116,6 +120,7 @@ impl<'a> Recorder<'a> {
             mcap_path,
             log,
             viewer,
+            faults,
             reported: now,
             heard: now,
             logged: now,
@@ -138,7 +143,16 @@ impl<'a> Recorder<'a> {
                 self.heard = now;
                 self.telemetry(session, &telemetry)?;
             }
-            _ => {}
+            Some(FromBoard::Tips(tips)) => {
+                self.viewer.tips(&tips).map_err(mcap_failure(&self.mcap_path))?;
+            }
+            Some(FromBoard::Task(task)) => {
+                self.viewer.task(&task).map_err(mcap_failure(&self.mcap_path))?;
+            }
+            Some(FromBoard::Status(status)) => {
+                self.viewer.status(&status).map_err(mcap_failure(&self.mcap_path))?;
+            }
+            Some(FromBoard::Reply(_)) | None => {}
         }
         if now - self.heard > GONE {
             return Err(Failure::Late(format!(
@@ -147,7 +161,7 @@ impl<'a> Recorder<'a> {
                 self.log_path.display()
             )));
         }
-        if now - self.heard > REPORT && session.reconnect(&[(Stream::Log, 1), (Stream::Telemetry, 1)])? {
+        if now - self.heard > REPORT && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())? {
             session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
@@ -165,15 +179,16 @@ impl<'a> Recorder<'a> {
     }
 
     fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
-        let Self { log, viewer, mcap_path, .. } = self;
-        if telemetry.faults != viewer.faults {
-            viewer.faults = telemetry.faults;
+        let Self { log, viewer, faults, mcap_path, .. } = self;
+        viewer.use_model(log.model.as_ref().map(|(model, checksum)| (model, *checksum)));
+        if telemetry.faults != *faults {
+            *faults = telemetry.faults;
             let fault = session.board.faults()?.faults.last().copied();
             let text = fault.map_or_else(String::new, |fault| describe(&fault, log.robot()));
-            viewer.fault(telemetry, &text).map_err(mcap_failure(mcap_path))?;
+            viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
             output::notice(self.options, &text);
         }
-        viewer.telemetry(telemetry, log.robot()).map_err(mcap_failure(mcap_path))?;
+        viewer.telemetry(telemetry).map_err(mcap_failure(mcap_path))?;
         // The board was reset, or what shares it has started again: others may have asked since.
         let last = self.last_tick.replace(telemetry.tick);
         let step = last.map_or(1, |last| telemetry.tick.wrapping_sub(last));
@@ -192,7 +207,7 @@ impl<'a> Recorder<'a> {
 
     fn finish(mut self) -> Result<(), Failure> {
         self.log.end().map_err(Failure::file(&self.log_path))?;
-        self.viewer.recording.finish().map_err(mcap_failure(&self.mcap_path))?;
+        self.viewer.publisher.finish().map_err(mcap_failure(&self.mcap_path))?;
         let ReplayLog { ticks, gaps, lost, .. } = self.log;
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
         let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": ticks, "gaps": gaps, "lost": lost });
@@ -385,43 +400,5 @@ impl ReplayLog {
         let mut frame = [0; MAX_FRAME];
         let length = encode(record, &mut frame).map_err(std::io::Error::other)?;
         self.file.write_all(&frame[..length])
-    }
-}
-
-/// The file for viewers.
-struct Viewer {
-    recording: Recording,
-    /// When tick 0 was [ns since 1970].
-    epoch: Option<u64>,
-    faults: u32,
-}
-
-impl Viewer {
-    fn time(&mut self, telemetry: &Telemetry) -> u64 {
-        let since_start = u64::from(telemetry.tick) * TICK;
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let now = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start
-    }
-
-    fn telemetry(&mut self, telemetry: &Telemetry, robot: Option<&RobotModel>) -> Result<(), McapError> {
-        let time = self.time(telemetry);
-        let joints = robot.map_or(&[][..], |robot| &robot.joints);
-        if joints.len() != telemetry.joints.len() {
-            return Ok(()); // the board's model has just changed
-        }
-        let names: Vec<String> = joints.iter().map(|joint| joint.name.to_string()).collect();
-        let list = |value: fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
-            telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
-        };
-        let (position, velocity, effort) =
-            (list(|joint| joint.position), list(|joint| joint.velocity), list(|joint| joint.torque));
-        self.recording.joint_states(time, &names, &position, &velocity, &effort)?;
-        self.recording.references(time, &names, &list(|joint| joint.reference), &[], &[])
-    }
-
-    fn fault(&mut self, telemetry: &Telemetry, text: &str) -> Result<(), McapError> {
-        let time = self.time(telemetry);
-        self.recording.log(time, LogLevel::Error, "board", text)
     }
 }

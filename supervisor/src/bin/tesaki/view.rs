@@ -4,8 +4,6 @@ mod commands;
 mod delay;
 mod message;
 mod pages;
-mod report;
-mod server;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -23,12 +21,12 @@ use crate::board_session::{BoardSession, describe, interrupted, version};
 use crate::failure::Failure;
 use crate::gravity::Load;
 use crate::output;
+use crate::task_report::{Report, report};
+use crate::web_server::{Server, Site};
 use commands::Commander;
 use delay::Delay;
-use message::{Command, FaultText, Plan, Report, State, Tip};
+use message::{Command, FaultText, Plan, State, Tip};
 use pages::{PageEvent, Pages};
-use report::report;
-use server::{File, Server};
 
 /// Ticks from one state to the next: 50 a second.
 const EVERY: u16 = 2;
@@ -50,16 +48,23 @@ const MAX_WAITING: usize = 32;
 /// Faults that the page shows.
 const MAX_FAULTS: usize = 4;
 
-const FILES: &[File] = &[
-    ("/", "text/html; charset=utf-8", LIVE_PAGE),
-    ("/viewer.js", "text/javascript; charset=utf-8", SCRIPT),
-    ("/viewer.css", "text/css; charset=utf-8", STYLE),
-];
+static SITE: Site = Site {
+    files: &[
+        ("/", "text/html; charset=utf-8", LIVE_PAGE),
+        ("/viewer.js", "text/javascript; charset=utf-8", SCRIPT),
+        ("/viewer.css", "text/css; charset=utf-8", STYLE),
+    ],
+    socket: "/live",
+    protocols: &[],
+    origins: &[],
+    name: "the page",
+    choose: ": another program listens there, perhaps another `tesaki view`; choose another with --listen",
+};
 
 pub fn run(options: &Options, arguments: &Arguments) -> Result<(), Failure> {
     let interrupted = interrupted()?;
     let folder = arguments.robot.as_deref().map(RobotFolder::load).transpose()?;
-    let server = Server::listen(arguments.listen, FILES).map_err(|error| match error.kind() {
+    let server = Server::listen(arguments.listen, &SITE).map_err(|error| match error.kind() {
         std::io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
         _ => Failure::Other(error.to_string()),
     })?;

@@ -99,7 +99,8 @@ Examples:
   tesaki --port /dev/ttyUSB0 share unix:///tmp/hand
   tesaki --port unix:///tmp/hand monitor        # in another terminal
   tesaki --key lab.key share tcp://0.0.0.0:7400 # for other machines that have lab.key
-  tesaki --key lab.key --port tcp://robot:7400 monitor   # on such a machine";
+  tesaki --key lab.key --port tcp://robot:7400 monitor   # on such a machine
+  tesaki share foxglove://localhost:8765 --robot robots/hand3   # for Foxglove";
 
 pub const KEY: &str = "\
 Examples:

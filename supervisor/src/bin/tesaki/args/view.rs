@@ -1,9 +1,11 @@
-//! Arguments of `view`.
+//! Arguments of `view`, and of who else listens for browsers.
 
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::Args;
+use tesaki_supervisor::port::{Address, AddressError};
 
 /// Arguments of `tesaki view`.
 #[derive(Args)]
@@ -14,6 +16,26 @@ pub struct View {
     /// Robot folder of the board's model: its solids are drawn, and its grasps and impedances can be enabled
     #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
     pub robot: Option<PathBuf>,
+}
+
+/// Where `tesaki share` listens, and to whom.
+#[derive(Clone)]
+pub enum Listen {
+    /// To programs that speak to the board.
+    Programs(Address),
+    /// To Foxglove, which looks.
+    Foxglove(SocketAddr),
+}
+
+impl FromStr for Listen {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.strip_prefix("foxglove://") {
+            Some(host) => address(host.trim_end_matches('/')).map(Self::Foxglove),
+            None => text.parse().map(Self::Programs).map_err(|error: AddressError| error.to_string()),
+        }
+    }
 }
 
 fn address(text: &str) -> Result<SocketAddr, String> {

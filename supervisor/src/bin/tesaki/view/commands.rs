@@ -23,9 +23,9 @@ use tesaki_supervisor::{Board, BoardError};
 
 use super::View;
 use super::message::{Command, Plan};
-use super::report::Grasped;
 use crate::failure::Failure;
 use crate::motion;
+use crate::task_report::Grasped;
 
 /// From one set-point of a task to the next, as in all other commands.
 const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;
@@ -300,7 +300,9 @@ impl View {
         (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
         self.catch_up()?;
         let after = self.telemetry.as_ref().map(|telemetry| telemetry.tick);
-        self.commander.stopping = Some(Stopping { warns: Some(Instant::now() + STOP_PATIENCE), after });
+        let now = Instant::now();
+        self.commander.stopping = Some(Stopping { warns: Some(now + STOP_PATIENCE), after });
+        self.commander.next = now + KEEP_ALIVE;
         Ok(())
     }
 
@@ -444,7 +446,7 @@ impl View {
             if stopping.warns.is_some_and(|at| now > at) {
                 stopping.warns = None;
                 let text = "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. It \
-                            is told to stop until it shows that";
+                            is told to stop until it does";
                 self.pages.keys().for_each(|&id| self.answer(id, false, text));
             }
             return Ok(());

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::task_report::Report;
+
 /// A command of a page.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
@@ -39,9 +41,6 @@ pub enum Command {
     },
 }
 
-/// Position and unit quaternion `[x, y, z, w]`.
-pub type Pose = [f32; 7];
-
 /// The board after a tick.
 #[derive(Debug, Serialize)]
 pub struct State {
@@ -66,31 +65,6 @@ pub struct Tip {
     pub position: [f32; 3],
     pub force: [f32; 3],
     pub tared: bool,
-}
-
-/// What a task says of itself.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Report {
-    pub task: String,
-    /// What it does, in words.
-    pub phase: Option<String>,
-    /// A frame that it controls.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub frame: Option<Pose>,
-    /// The set-point of that frame.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub target: Option<Pose>,
-    /// Target force of each finger on the object [N].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub forces: Option<Vec<[f32; 3]>>,
-    /// Direction of each contact, into the object.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub normals: Option<Vec<[f32; 3]>>,
-    /// Coefficient of friction.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub friction: Option<f32>,
-    /// Further numbers: name, value, unit.
-    pub values: Vec<(&'static str, f32, &'static str)>,
 }
 
 /// What changes seldom.

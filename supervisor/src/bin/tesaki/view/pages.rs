@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::message::Command;
-use super::server::{Event, Server};
+use crate::web_server::{Event, Server};
 
 /// From one look at the pages to the next.
 const TURN: Duration = Duration::from_millis(2);
@@ -76,8 +76,8 @@ fn serve(
     loop {
         match messages.recv_timeout(if server.is_idle() { IDLE } else { TURN }) {
             Ok((id, text)) => {
-                server.send(id, &text);
-                messages.try_iter().for_each(|(id, text)| server.send(id, &text));
+                server.send(id, text);
+                messages.try_iter().for_each(|(id, text)| server.send(id, text));
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,

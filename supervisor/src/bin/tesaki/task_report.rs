@@ -1,4 +1,4 @@
-//! What a task says of itself, for the page.
+//! What a task says of itself, for people, pages and recordings.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::task::TaskTelemetry;
@@ -7,8 +7,37 @@ use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::telexistence::TelexistenceTelemetry;
 use tesaki::task::visual_approach::{GripperState, HandMotion, VisualApproachTelemetry};
 
-use super::message::{Pose, Report};
+use serde::Serialize;
+
 use crate::impedance::norm;
+
+/// Position and unit quaternion `[x, y, z, w]`.
+pub type Pose = [f32; 7];
+
+/// What a task says of itself.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    pub task: String,
+    /// What it does, in words.
+    pub phase: Option<String>,
+    /// A frame that it controls.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Pose>,
+    /// The set-point of that frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<Pose>,
+    /// Target force of each finger on the object [N].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub forces: Option<Vec<[f32; 3]>>,
+    /// Direction of each contact, into the object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub normals: Option<Vec<[f32; 3]>>,
+    /// Coefficient of friction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f32>,
+    /// Further numbers: name, value, unit.
+    pub values: Vec<(&'static str, f32, &'static str)>,
+}
 
 /// The plan of a grasp that the page has begun, and the orientation of the object frame when it was first held.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,4 @@
-//! Pages in browsers: a few fixed files over HTTP, and a WebSocket for each page.
+//! What browsers look at: a few fixed files over HTTP, and a WebSocket for each page.
 //!
 //! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page makes
 //! it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of this machine
@@ -33,6 +33,20 @@ const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 /// A file that is served: its path, its type, its content.
 pub type File = (&'static str, &'static str, &'static str);
 
+/// What is served, and to whom.
+pub struct Site {
+    pub files: &'static [File],
+    /// Path of the WebSocket.
+    pub socket: &'static str,
+    /// What is spoken there, if that has a name; the first that a page knows too is chosen.
+    pub protocols: &'static [&'static str],
+    /// Origins of pages that may look beside its own; one that ends with `:` with any port.
+    pub origins: &'static [&'static str],
+    /// What it is and how another address is chosen, for messages.
+    pub name: &'static str,
+    pub choose: &'static str,
+}
+
 /// What happened since the last turn.
 pub enum Event {
     /// A page has come.
@@ -58,7 +72,7 @@ struct Visitor {
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
-    files: &'static [File],
+    site: &'static Site,
     visitors: Vec<Visitor>,
     pages: BTreeMap<u64, WebSocket<TcpStream>>,
     next: u64,
@@ -66,28 +80,25 @@ pub struct Server {
 
 impl Server {
     /// Listens at an address that only this machine reaches.
-    pub fn listen(address: SocketAddr, files: &'static [File]) -> io::Result<Self> {
+    pub fn listen(address: SocketAddr, site: &'static Site) -> io::Result<Self> {
         if !address.ip().to_canonical().is_loopback() {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
                 format!(
-                    "cannot show the page at {address}: other machines reach that address, and a browser has no key. \
+                    "cannot show {1} at {address}: other machines reach that address, and a browser has no key. \
                      Use 127.0.0.1:{0} here and, on the other machine, `ssh -L {0}:localhost:{0} THIS-MACHINE`",
-                    address.port()
+                    address.port(),
+                    site.name
                 ),
             ));
         }
         let listener = TcpListener::bind(address).map_err(|error| {
-            let hint = if error.kind() == io::ErrorKind::AddrInUse {
-                ": another program listens there, perhaps another `tesaki view`; choose another with --listen"
-            } else {
-                ""
-            };
+            let hint = if error.kind() == io::ErrorKind::AddrInUse { site.choose } else { "" };
             io::Error::new(error.kind(), format!("cannot listen at {address}: {error}{hint}"))
         })?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        Ok(Self { listener, address, files, visitors: Vec::new(), pages: BTreeMap::new(), next: 1 })
+        Ok(Self { listener, address, site, visitors: Vec::new(), pages: BTreeMap::new(), next: 1 })
     }
 
     /// Where it listens.
@@ -111,7 +122,7 @@ impl Server {
         }
         let mut events = Vec::new();
         for mut visitor in std::mem::take(&mut self.visitors) {
-            match visitor.advance(self.files, self.address) {
+            match visitor.advance(self.site, self.address) {
                 Progress::Waits if visitor.begun.elapsed() < PATIENCE => self.visitors.push(visitor),
                 Progress::Waits | Progress::Gone => {}
                 Progress::IsPage => {
@@ -140,9 +151,9 @@ impl Server {
     }
 
     /// Sends a message. A page that does not take it is closed in the next turn.
-    pub fn send(&mut self, id: u64, text: &str) {
+    pub fn send(&mut self, id: u64, message: impl Into<Message>) {
         if let Some(page) = self.pages.get_mut(&id)
-            && !survives(page.send(Message::text(text)))
+            && !survives(page.send(message.into()))
         {
             let _ = page.get_ref().shutdown(std::net::Shutdown::Both);
         }
@@ -186,7 +197,7 @@ enum Progress {
 }
 
 impl Visitor {
-    fn advance(&mut self, files: &[File], address: SocketAddr) -> Progress {
+    fn advance(&mut self, site: &Site, address: SocketAddr) -> Progress {
         if self.answer.is_none() {
             let mut buffer = [0; 1024];
             match self.stream.read(&mut buffer) {
@@ -195,7 +206,7 @@ impl Visitor {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Progress::Waits,
                 Err(_) => return Progress::Gone,
             }
-            let Some(answer) = answer(&self.head, files, address) else { return Progress::Waits };
+            let Some(answer) = answer(&self.head, site, address) else { return Progress::Waits };
             self.is_page = answer.starts_with(b"HTTP/1.1 101");
             self.answer = Some((answer, 0));
         }
@@ -212,7 +223,7 @@ impl Visitor {
 }
 
 /// The answer to a request; `None` until its head is complete.
-fn answer(head: &[u8], files: &[File], address: SocketAddr) -> Option<Vec<u8>> {
+fn answer(head: &[u8], site: &Site, address: SocketAddr) -> Option<Vec<u8>> {
     let mut headers = [httparse::EMPTY_HEADER; 64];
     let mut request = httparse::Request::new(&mut headers);
     match request.parse(head) {
@@ -235,20 +246,35 @@ fn answer(head: &[u8], files: &[File], address: SocketAddr) -> Option<Vec<u8>> {
         return Some(refuse("405 Method Not Allowed", "only GET"));
     }
     // From behind a tunnel (ssh -L) the page has the name that the browser knows.
-    if header("origin").is_some_and(|origin| origin != format!("http://{host}")) {
+    let may_look = |origin: &str| origin == format!("http://{host}") || site.admits(origin);
+    if header("origin").is_some_and(|origin| !may_look(origin)) {
         return Some(refuse("403 Forbidden", "pages of other servers may not look at this board"));
     }
     // What others put behind the address, such as `?utm_source=…`, names no other file.
     let path = request.path.unwrap_or_default().split('?').next().unwrap_or_default();
-    if path == "/live" {
+    let file = site.files.iter().find(|(name, ..)| *name == path);
+    if path == site.socket && (file.is_none() || header("upgrade").is_some()) {
+        let protocols = header("sec-websocket-protocol").unwrap_or_default();
         return Some(upgrade(
+            site,
+            protocols,
             header("upgrade"),
             header("sec-websocket-version"),
             header("sec-websocket-key"),
         ));
     }
-    let file = files.iter().find(|(name, ..)| *name == path);
     Some(file.map_or_else(|| refuse("404 Not Found", path), |(_, kind, text)| respond("200 OK", kind, text)))
+}
+
+impl Site {
+    /// Whether pages from there may look.
+    fn admits(&self, origin: &str) -> bool {
+        self.origins.iter().any(|own| {
+            origin == own.trim_end_matches(':')
+                || own.ends_with(':')
+                    && origin.strip_prefix(own).is_some_and(|port| port.parse::<u16>().is_ok())
+        })
+    }
 }
 
 /// Whether a `Host` is a name of this machine: with any port, as that of a tunnel is another one.
@@ -263,17 +289,28 @@ fn is_ours(host: &str, address: SocketAddr) -> bool {
 }
 
 /// Agrees to a WebSocket (RFC 6455, 4.2).
-fn upgrade(upgrade: Option<&str>, version: Option<&str>, key: Option<&str>) -> Vec<u8> {
+fn upgrade(
+    site: &Site,
+    protocols: &str,
+    upgrade: Option<&str>,
+    version: Option<&str>,
+    key: Option<&str>,
+) -> Vec<u8> {
     let (Some(key), Some("13")) = (key, version) else {
         return refuse("426 Upgrade Required", "this is for WebSockets of version 13");
     };
     if !upgrade.is_some_and(|kind| kind.eq_ignore_ascii_case("websocket")) {
         return refuse("426 Upgrade Required", "this is for WebSockets of version 13");
     }
+    let known = protocols.split(',').map(str::trim).find(|protocol| site.protocols.contains(protocol));
+    if known.is_none() && !site.protocols.is_empty() {
+        return refuse("400 Bad Request", &format!("spoken here: {}", site.protocols.join(", ")));
+    }
+    let protocol = known.map_or_else(String::new, |known| format!("Sec-WebSocket-Protocol: {known}\r\n"));
     let accept = accept_key(key);
     format!(
         "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
-         Sec-WebSocket-Accept: {accept}\r\n\r\n"
+         {protocol}Sec-WebSocket-Accept: {accept}\r\n\r\n"
     )
     .into_bytes()
 }
@@ -301,12 +338,55 @@ fn respond(status: &str, kind: &str, text: &str) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    const FILES: &[File] = &[("/", "text/html", "hello")];
+    static SITE: Site = Site {
+        files: &[("/", "text/html", "hello")],
+        socket: "/live",
+        protocols: &[],
+        origins: &[],
+        name: "the page",
+        choose: "",
+    };
+    static NAMED: Site = Site {
+        socket: "/",
+        protocols: &["new", "old"],
+        origins: &["https://app.example", "http://localhost:"],
+        ..SITE
+    };
+
+    fn text(site: &Site, request: &str) -> String {
+        let address = SocketAddr::from(([127, 0, 0, 1], 7480));
+        let bytes = answer(request.as_bytes(), site, address).expect("the head is complete");
+        String::from_utf8(bytes).expect("it is text")
+    }
 
     fn status(request: &str) -> String {
-        let address = SocketAddr::from(([127, 0, 0, 1], 7480));
-        let bytes = answer(request.as_bytes(), FILES, address).expect("the head is complete");
-        String::from_utf8(bytes).expect("it is text").lines().next().expect("it has a line").to_owned()
+        text(&SITE, request).lines().next().expect("it has a line").to_owned()
+    }
+
+    #[test]
+    fn a_socket_speaks_what_both_know_and_its_path_may_be_a_page_too() {
+        let get = |rest: &str| text(&NAMED, &format!("GET / HTTP/1.1\r\nHost: localhost:7480\r\n{rest}\r\n"));
+        assert!(get("").starts_with("HTTP/1.1 200 OK"));
+        let socket = "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+                      Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+        let refused = get(socket);
+        assert!(refused.starts_with("HTTP/1.1 400") && refused.contains("new, old"), "{refused}");
+        let both = get(&format!("{socket}Sec-WebSocket-Protocol: other, old,new\r\n"));
+        assert!(
+            both.starts_with("HTTP/1.1 101") && both.contains("Sec-WebSocket-Protocol: old\r\n"),
+            "{both}"
+        );
+        for (origin, may) in [
+            ("https://app.example", true),
+            ("http://localhost:8080", true),
+            ("http://localhost:x", false),
+            ("http://localhost.app.example", false),
+            ("https://app.example.org", false),
+            ("null", false),
+        ] {
+            let answer = get(&format!("{socket}Sec-WebSocket-Protocol: new\r\nOrigin: {origin}\r\n"));
+            assert_eq!(answer.starts_with("HTTP/1.1 101"), may, "{origin}");
+        }
     }
 
     #[test]
@@ -352,7 +432,7 @@ mod tests {
     fn addresses_that_others_reach_are_refused() {
         for address in ["0.0.0.0:0", "192.0.2.1:0", "[::]:0"] {
             let address: SocketAddr = address.parse().expect("it is an address");
-            let error = Server::listen(address, FILES).err().expect("it is refused").to_string();
+            let error = Server::listen(address, &SITE).err().expect("it is refused").to_string();
             assert!(error.contains("ssh -L"), "{error}");
         }
     }

@@ -1,0 +1,57 @@
+use std::collections::BTreeMap;
+
+use crate::{McapError, Sink, Topic};
+
+/// A message for who looks on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LiveMessage {
+    /// Place of its topic in [`Live::topics`].
+    pub topic: u16,
+    /// Its time [ns since 1970].
+    pub time: u64,
+    /// In CDR.
+    pub data: Vec<u8>,
+}
+
+/// Messages for who looks on: they wait here until they are taken.
+#[derive(Debug, Default)]
+pub struct Live {
+    topics: Vec<Topic>,
+    waiting: Vec<LiveMessage>,
+    /// The last message of each topic that keeps it for who comes late.
+    kept: BTreeMap<u16, LiveMessage>,
+}
+
+impl Live {
+    /// The topics so far.
+    pub fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    /// What was written since the last call.
+    pub fn take(&mut self) -> Vec<LiveMessage> {
+        std::mem::take(&mut self.waiting)
+    }
+
+    /// The last message of a topic that keeps it for who comes late.
+    pub fn kept(&self, topic: u16) -> Option<&LiveMessage> {
+        self.kept.get(&topic)
+    }
+}
+
+impl Sink for Live {
+    fn open(&mut self, topic: Topic) -> Result<u16, McapError> {
+        let number = u16::try_from(self.topics.len()).map_err(|_| McapError::TooManyTopics)?;
+        self.topics.push(topic);
+        Ok(number)
+    }
+
+    fn write(&mut self, topic: u16, _sequence: u32, time: u64, data: &[u8]) -> Result<(), McapError> {
+        let message = LiveMessage { topic, time, data: data.to_vec() };
+        if self.topics.get(usize::from(topic)).is_some_and(|topic| topic.transient_local) {
+            self.kept.insert(topic, message.clone());
+        }
+        self.waiting.push(message);
+        Ok(())
+    }
+}
