@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki::robot::Robot;
+use tesaki_output::note;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 
@@ -242,7 +243,7 @@ pub fn serve(
             requests.clear();
             hub.broadcast(&answers);
             answers.clear();
-            hub.messages().iter().for_each(|message| eprintln!("{message}"));
+            hub.messages().iter().for_each(|message| note!("{message}"));
             if Instant::now() >= next {
                 break;
             }
@@ -252,7 +253,7 @@ pub fn serve(
                 Ok(Some(SensorFault::Reset)) => board.reset()?,
                 Ok(Some(fault)) => sensor_faults.inject(fault, model.joints.len()),
                 Ok(None) => {}
-                Err(message) => eprintln!("{message}"),
+                Err(message) => note!("{message}"),
             }
         }
     }

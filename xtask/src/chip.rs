@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::Result;
+use tesaki_output::say;
 
 use crate::firmware;
 use crate::tools::{self, ArmCompiler};
@@ -22,7 +23,7 @@ pub fn run() -> Result<()> {
 pub fn check(compiler: ArmCompiler) -> Result<()> {
     tools::provide_unicorn_builder()?;
     let image = firmware::build_for_board(compiler, BOARD)?;
-    println!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(&image)?);
+    say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(&image)?);
     let target = std::path::absolute(firmware::target().join(FOLDER))?;
     let cargo = |arguments: &[&str]| {
         let mut command = Command::new("cargo");
