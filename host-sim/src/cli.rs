@@ -14,6 +14,7 @@ use sha2::{Digest, Sha256};
 use tesaki::model::RobotModel;
 use tesaki_description::approach;
 use tesaki_description::robot::RobotFolder;
+use tesaki_output::{note, say};
 use tesaki_sim::camera::CameraValues;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
@@ -24,9 +25,12 @@ use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
+const EXIT_CODES: &str = "Exit codes: 0, done, or nobody reads the output any more; 1, a limit or a rule is broken; \
+2, an error, which standard error tells";
+
 /// Runs the control core against simulated robots. Without a command, runs a short demonstration.
 #[derive(Parser)]
-#[command(version, about)]
+#[command(version, about, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -184,9 +188,9 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
     match Cli::parse().command {
         None => demonstrate(),
         Some(Command::List) => {
-            println!("Scenarios; run one with `cargo sim run NAME`:\n");
+            say!("Scenarios; run one with `cargo sim run NAME`:\n");
             for scenario in SCENARIOS {
-                println!("  {:<14} {} ({} s)", scenario.name, scenario.about, scenario.duration);
+                say!("  {:<14} {} ({} s)", scenario.name, scenario.about, scenario.duration);
             }
             Ok(true)
         }
@@ -200,7 +204,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
 }
 
 fn demonstrate() -> Result<bool, Box<dyn Error>> {
-    println!(
+    say!(
         "A simulated three-finger hand with nine joints. Friction, noise and masses differ from the controller's\n\
          model. The control core is the one that runs on the joint-controller board.\n"
     );
@@ -216,7 +220,7 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
         elf: default_image(),
     };
     let passed = run_scenario(&run)?;
-    println!(
+    say!(
         "\nTry next:\n\
          \x20 cargo sim list                                       the other scenarios\n\
          \x20 cargo sim run hand3-servo --seed 1-20                twenty different machines\n\
@@ -236,7 +240,7 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
     for seed in options.seed.clone() {
         let (summary, outcome, record) = run_seed(scenario, options, seed)?;
         if options.json {
-            println!("{}", serde_json::to_string(&summary)?);
+            say!("{}", serde_json::to_string(&summary)?);
         }
         summaries.push(summary);
         // Figures and recordings are those of the first seed; the other seeds only enter the table.
@@ -247,8 +251,8 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
         let page = save(scenario, options, &summaries, &outcome, &record)?;
         if !options.json {
             let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-            println!("{}", table(&summaries, colour));
-            println!("Report: {}", page.display());
+            say!("{}", table(&summaries, colour));
+            say!("Report: {}", page.display());
         }
     }
     Ok(passed)
@@ -264,28 +268,28 @@ fn run_faults(options: &Faults) -> Result<bool, Box<dyn Error>> {
     let mut passed = true;
     for schedule in schedules {
         let (report, trace) = faults::run_traced(&schedule, &robots, options.trace.then(Vec::new))?;
-        trace.iter().for_each(|line| println!("{line}"));
+        trace.iter().for_each(|line| say!("{line}"));
         passed &= report.violations.is_empty();
         if options.json {
-            println!("{}", serde_json::to_string(&report)?);
+            say!("{}", serde_json::to_string(&report)?);
         } else {
             let families: Vec<String> = report.families.iter().map(ToString::to_string).collect();
             let state = if report.violations.is_empty() { "safe" } else { "UNSAFE" };
             let Report { seed, scenario, ticks: [ran, planned], .. } = &report;
-            println!("seed {seed}: {scenario}: {}: {ran} of {planned} ticks: {state}", families.join(", "));
+            say!("seed {seed}: {scenario}: {}: {ran} of {planned} ticks: {state}", families.join(", "));
         }
         let [ran, planned] = report.ticks;
         if options.schedule.is_some() || (!report.violations.is_empty() || ran < planned) && !options.json {
-            report.faults.iter().for_each(|fault| println!("  log: {fault}"));
-            report.error.iter().for_each(|error| println!("  ended: {error}"));
+            report.faults.iter().for_each(|fault| say!("  log: {fault}"));
+            report.error.iter().for_each(|error| say!("  ended: {error}"));
         }
         for violation in &report.violations {
             let Violation { rule, tick, text } = violation;
-            eprintln!("seed {}, tick {tick}: {rule} is broken: {text}", schedule.seed);
+            note!("seed {}, tick {tick}: {rule} is broken: {text}", schedule.seed);
             if options.no_shrink || options.schedule.is_some() {
-                eprintln!("  repeat: {}", schedule.command());
+                note!("  repeat: {}", schedule.command());
             } else {
-                eprintln!("  repeat: {}", faults::shrink(&schedule, violation, &robots).command());
+                note!("  repeat: {}", faults::shrink(&schedule, violation, &robots).command());
             }
         }
     }
@@ -344,7 +348,7 @@ fn serve(options: &Serve) -> Result<(), Box<dyn Error>> {
         ControllerKind::Qemu => "simulated, its firmware in QEMU",
     };
     let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {kind}"))?;
-    println!(
+    say!(
         "{name}, {kind}, seed {}: a board without a model, as after power-on.\n\
          \x20 socket           {} (found by `--port auto`; can be shared by several programs)\n\
          \x20 pseudo-terminal  {} (like a serial port)\n{}\n\
@@ -498,7 +502,7 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         summary = summary.identical(identical);
     }
     if let Some((tick, board, here)) = &watched.difference {
-        eprintln!("first difference in tick {tick}:\n  board {board:?}\n  here  {here:?}");
+        note!("first difference in tick {tick}:\n  board {board:?}\n  here  {here:?}");
     }
     bar.finish_and_clear();
     Ok((summary, outcome, encode_record(&watched.into_record())?))

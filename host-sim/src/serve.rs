@@ -8,6 +8,7 @@ use rapier3d::na::Vector3;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki::robot::Robot;
+use tesaki_output::note;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 
@@ -316,7 +317,7 @@ pub fn serve(
             requests.clear();
             hub.broadcast(&answers);
             answers.clear();
-            hub.messages().iter().for_each(|message| eprintln!("{message}"));
+            hub.messages().iter().for_each(|message| note!("{message}"));
             if Instant::now() >= next {
                 break;
             }
@@ -327,11 +328,11 @@ pub fn serve(
                 Ok(Some(Command::Fault(fault))) => sensor_faults.inject(fault, model.joints.len()),
                 Ok(Some(other)) => {
                     if let Err(error) = touch(plant, other) {
-                        eprintln!("{error}");
+                        note!("{error}");
                     }
                 }
                 Ok(None) => {}
-                Err(message) => eprintln!("{message}"),
+                Err(message) => note!("{message}"),
             }
         }
     }

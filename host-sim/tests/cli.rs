@@ -24,6 +24,19 @@ fn lists_its_scenarios() {
     says(&host_sim(&["list"]), 0, &names);
 }
 
+/// As `host-sim list | head` does it, but the reader is certain to be gone.
+#[test]
+fn a_reader_that_leaves_ends_it_quietly() {
+    for arguments in [&["list"][..], &["faults", "--seeds", "2", "--json"]] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+        let output = command.args(arguments).stdout(writer).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), &*errors), (Some(0), ""), "{arguments:?}");
+    }
+}
+
 #[test]
 fn runs_the_joint_servo_within_its_limits_and_leaves_a_report() {
     let folder = tempfile::tempdir().unwrap();

@@ -10,6 +10,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use nix::sys::resource::{UsageWho, getrusage};
 use serde::{Deserialize, Serialize};
+use tesaki_output::say;
 
 use crate::firmware;
 use crate::tools::{self, ArmCompiler};
@@ -129,11 +130,11 @@ pub fn run(options: &Options) -> Result<()> {
     let last = std::fs::read_to_string(HISTORY).unwrap_or_default();
     let last: Option<Results> = last.lines().last().map(serde_json::from_str).transpose().context(HISTORY)?;
     if options.json {
-        println!("{}", serde_json::to_string(&results)?);
+        say!("{}", serde_json::to_string(&results)?);
     } else {
         print_table(&results.instructions, last.as_ref());
         let speed = results.simulated_seconds_per_cpu_second.unwrap_or(f64::NAN);
-        println!("\nhand3-servo: {speed:.1} simulated seconds per CPU second (limit: ≥ {SIMULATION_SPEED})");
+        say!("\nhand3-servo: {speed:.1} simulated seconds per CPU second (limit: ≥ {SIMULATION_SPEED})");
     }
     if options.record {
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(HISTORY)?;
@@ -143,13 +144,13 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn print_table(counts: &BTreeMap<String, f64>, last: Option<&Results>) {
-    println!("{:<28} {:>12} {:>8} {:>14}", "executed instructions", "a call", "limit", "last recorded");
+    say!("{:<28} {:>12} {:>8} {:>14}", "executed instructions", "a call", "limit", "last recorded");
     for (name, count) in counts {
         let limit = LIMITS.iter().find(|(limited, _)| limited == name);
         let limit = limit.map_or(String::from("–"), |(_, limit)| limit.to_string());
         let last = last.and_then(|last| last.instructions.get(name));
         let last = last.map_or(String::from("–"), |last| format!("{last:.1}"));
-        println!("{name:<28} {count:>12.1} {limit:>8} {last:>14}");
+        say!("{name:<28} {count:>12.1} {limit:>8} {last:>14}");
     }
 }
 

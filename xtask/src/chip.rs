@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::Result;
+use tesaki_output::say;
 
 use crate::firmware;
 use crate::tools::{self, ArmCompiler};
@@ -25,7 +26,7 @@ pub fn check(compiler: ArmCompiler) -> Result<()> {
     let images = images.map(|(name, board)| Ok((name, firmware::build_for_board(compiler, board)?)));
     let images = images.into_iter().collect::<Result<Vec<_>>>()?;
     for (_, image) in &images {
-        println!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
+        say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
     }
     let target = std::path::absolute(firmware::target().join(FOLDER))?;
     let cargo = |arguments: &[&str]| {

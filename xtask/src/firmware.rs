@@ -5,6 +5,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
+use tesaki_output::say;
 
 use crate::footprint::Footprint;
 use crate::prove;
@@ -69,12 +70,12 @@ pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
     let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
     let stack = |name: &str| summary["metrics"][name]["value"].as_f64().unwrap_or(f64::NAN);
-    println!("image    {}", image.display());
-    println!("SHA-256  {}", sha256(image)?);
-    println!("flash    {} of {} bytes", footprint.flash(), 1024 * 1024);
-    println!("RAM      {} bytes of static data", footprint.ram());
+    say!("image    {}", image.display());
+    say!("SHA-256  {}", sha256(image)?);
+    say!("flash    {} of {} bytes", footprint.flash(), 1024 * 1024);
+    say!("RAM      {} bytes of static data", footprint.ram());
     let seen = stack("stack_used");
-    println!(
+    say!(
         "stack    {seen} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
         summary["metrics"]["stack_used"]["limit"].as_f64().unwrap_or(f64::NAN),
         summary["ticks"]

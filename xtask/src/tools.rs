@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
+use tesaki_output::note;
 use wait_timeout::ChildExt;
 
 /// The microcontroller's target.
@@ -23,7 +24,7 @@ const DEBIAN_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src"];
 
 /// Runs `command`, showing it first; fails when it fails.
 pub fn run(command: &mut Command) -> Result<()> {
-    eprintln!("$ {}", shown(command));
+    note!("$ {}", shown(command));
     let status = command.status().with_context(|| format!("cannot start {}", shown(command)))?;
     ensure!(status.success(), "failed ({status}): {}", shown(command));
     Ok(())
@@ -70,14 +71,14 @@ impl ArmCompiler {
         if target_installed() {
             return Ok(Self::Toolchain);
         }
-        eprintln!(
+        note!(
             "The Rust target {TARGET} is missing: trying `rustup target add {TARGET}` (at most one minute)."
         );
         if rustup_adds_target() && target_installed() {
             return Ok(Self::Toolchain);
         }
         if !debian_rust_usable() {
-            eprintln!("rustup could not install it: trying Debian's {}.", DEBIAN_RUST.join(", "));
+            note!("rustup could not install it: trying Debian's {}.", DEBIAN_RUST.join(", "));
             install(DEBIAN_RUST)?;
         }
         ensure!(
@@ -180,7 +181,7 @@ fn linker() -> Result<PathBuf> {
 pub fn provide_qemu() -> Result<()> {
     let works = || succeeds(Command::new("qemu-system-arm").arg("--version"));
     if !works() {
-        eprintln!("qemu-system-arm is missing: trying Debian's package.");
+        note!("qemu-system-arm is missing: trying Debian's package.");
         install(&["qemu-system-arm"])?;
         ensure!(works(), "qemu-system-arm still does not run after its installation");
     }
@@ -195,7 +196,7 @@ pub fn provide_unicorn_builder() -> Result<()> {
             && succeeds(Command::new("sh").args(["-c", libclang]))
     };
     if !works() {
-        eprintln!("cmake or libclang is missing: trying Debian's packages.");
+        note!("cmake or libclang is missing: trying Debian's packages.");
         install(&["cmake", "g++", "libclang-dev"])?;
         ensure!(works(), "cmake and libclang are still missing after their installation");
     }
@@ -206,7 +207,7 @@ pub fn provide_unicorn_builder() -> Result<()> {
 pub fn provide_node() -> Result<()> {
     let works = || ["node", "npm"].iter().all(|name| succeeds(Command::new(name).arg("--version")));
     if !works() {
-        eprintln!("node or npm is missing: trying Debian's packages.");
+        note!("node or npm is missing: trying Debian's packages.");
         install(&["nodejs", "npm"])?;
         ensure!(works(), "node and npm still do not run after their installation");
     }
@@ -218,7 +219,7 @@ pub fn provide_chromium() -> Result<()> {
     let named = std::env::var_os("CHROMIUM").unwrap_or_else(|| "chromium".into());
     let works = || succeeds(Command::new(&named).arg("--version"));
     if !works() {
-        eprintln!("{} is missing: trying Debian's package chromium.", named.display());
+        note!("{} is missing: trying Debian's package chromium.", named.display());
         install(&["chromium"])?;
         ensure!(works(), "{} still does not run after the installation of chromium", named.display());
     }
@@ -241,7 +242,7 @@ pub fn provide_python(folder: &Path, packages: &[&str], imports: &str) -> Result
     let mut venv = Command::new("python3");
     venv.args(["-m", "venv", "--clear"]).arg(folder);
     if !succeeds(&mut venv) {
-        eprintln!("python3 cannot make a virtual environment: trying Debian's packages.");
+        note!("python3 cannot make a virtual environment: trying Debian's packages.");
         install(&["python3", "python3-venv"])?;
         run(&mut venv)?;
     }

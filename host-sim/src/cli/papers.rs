@@ -4,6 +4,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use tesaki_output::say;
 use tesaki_sim::papers::{self, Drawn, Paper};
 use tesaki_sim::report::write;
 
@@ -35,7 +36,7 @@ pub fn run(options: &Papers) -> Result<(), Box<dyn Error>> {
     write(&options.out, &files)?;
     write(&options.out.join("runs"), &runs)?;
     for (name, _) in files {
-        println!("{}", options.out.join(name).display());
+        say!("{}", options.out.join(name).display());
     }
     Ok(())
 }

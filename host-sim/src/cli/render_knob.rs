@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use tesaki_output::say;
 use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
 
 use super::{seeds, workspace};
@@ -141,7 +142,7 @@ impl Door<'_> {
         });
         let rose_radius = self.scene.rose.radius;
         let rendered = RenderedKnob { seed: self.seed, file, hand: (place, turn), rose_radius, truth };
-        println!("{}", serde_json::to_string(&rendered)?);
+        say!("{}", serde_json::to_string(&rendered)?);
         Ok(row.join(","))
     }
 }

@@ -338,6 +338,11 @@ impl Joint<'_> {
         let (config, state) = (self.config, &mut *self.state);
         let grown = effort - state.moving_effort;
         let moved = abs(state.last_change) >= config.moving;
+        // What the joint took beyond the model along its last motion may be friction, which then holds it against the
+        // opposite torque as well.
+        let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
+        let reverses = state.last_change * excess < 0.0;
+        let friction = if reverses { math::clamp(along, 0.0, config.max_friction) } else { 0.0 };
         let growth = if situation.presses {
             // Forces that are fed forward are balanced with an error of their own.
             if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
@@ -352,7 +357,10 @@ impl Joint<'_> {
         let limit = if situation.stops { config.stop_excess } else { config.excess };
         // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
         let is_balance = situation.accelerates && !situation.stops;
-        let moves = !is_balance && abs(grown) > growth && abs(excess) > limit && grown * excess > 0.0;
+        let moves = !is_balance
+            && abs(grown) > growth + 2.0 * friction
+            && abs(excess) > limit
+            && grown * excess > 0.0;
         // A joint that brakes to rest stays there while its effort falls to what friction bears.
         let accelerates = situation.accelerates
             && abs(grown) > config.accelerating_growth

@@ -67,6 +67,8 @@ pub struct JointConfig {
     pub(crate) least_growth: f32,
     /// The change of the angle per tick of a joint that moves [rad].
     pub(crate) moving: f32,
+    /// Friction beyond the model's that a motion may show [N·m].
+    pub(crate) max_friction: f32,
     /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle per
     /// tick of one that does [rad].
     pub(crate) deviation: f32,
@@ -81,6 +83,8 @@ const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
 /// A joint moves when its angle changes by so much per tick [counts]. Slower ones may come to rest in a grip.
 const MOVING_COUNTS: f32 = 8.0;
+/// The largest Coulomb friction that the check of dead encoders allows for, as a multiple of the model's.
+const MAX_FRICTION: f32 = 5.0;
 
 impl JointConfig {
     /// `damping` is that of the robot after a fault [N·m·s/rad].
@@ -111,6 +115,7 @@ impl JointConfig {
             accelerating_growth,
             least_growth: growth.min(accelerating_growth),
             moving: MOVING_COUNTS * radians_per_count,
+            max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }

@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
+use tesaki_output::say;
 
 use crate::results::ResultsFile;
 use crate::sweep::{self, Partition, Simulator};
@@ -99,7 +100,7 @@ fn check(simulator: &Simulator) -> Result<()> {
     let runs = run_all(simulator, CHECKED.collect(), sweep::cores(), |_| Ok(()))?;
     record.compare(&runs)?;
     let unsafe_runs = runs.iter().filter(|run| !run.violations.is_empty()).count();
-    println!("{} schedules run again: the same, {unsafe_runs} of them with a broken rule", runs.len());
+    say!("{} schedules run again: the same, {unsafe_runs} of them with a broken rule", runs.len());
     Ok(())
 }
 
@@ -114,10 +115,10 @@ fn run_seeds(options: &FaultsOptions) -> Result<()> {
     })?;
     let path = file.finish()?;
     let broken = print(&runs);
-    println!("\nAll runs: {}", path.display());
+    say!("\nAll runs: {}", path.display());
     if options.record {
         Record::new(&commit, runs)?.save(Path::new(FILE))?;
-        println!("Recorded in {FILE}.");
+        say!("Recorded in {FILE}.");
     }
     ensure!(broken == 0, "{broken} schedules break a rule; `cargo sim faults --seeds N` shrinks one");
     Ok(())
@@ -200,19 +201,23 @@ fn print(runs: &[Run]) -> usize {
         }
         for violation in &run.violations {
             *rules.entry(&violation.rule).or_default() += 1;
-            println!(
+            say!(
                 "seed {}, {}, tick {}: {} is broken: {}",
-                run.seed, run.scenario, violation.tick, violation.rule, violation.text
+                run.seed,
+                run.scenario,
+                violation.tick,
+                violation.rule,
+                violation.text
             );
         }
     }
     let broken = runs.iter().filter(|run| !run.violations.is_empty()).count();
-    println!("\n{} schedules, {broken} break a rule", runs.len());
+    say!("\n{} schedules, {broken} break a rule", runs.len());
     for (family, [all, broken]) in families {
-        println!("  {all:>6} with faults of {family}, {broken} of them break a rule");
+        say!("  {all:>6} with faults of {family}, {broken} of them break a rule");
     }
     for (rule, count) in rules {
-        println!("  {count:>6} break {rule}");
+        say!("  {count:>6} break {rule}");
     }
     broken
 }

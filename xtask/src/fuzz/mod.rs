@@ -8,15 +8,19 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use tesaki_output::say;
 
 use crate::{test, tools};
 use coverage::Share;
-use record::{FILE, Record, Run};
+use record::{FILE, Record, Run, Session};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask fuzz                           every target for a minute
   cargo xtask fuzz node --seconds 600        one for ten
   cargo xtask fuzz node --record             keep its inputs in tests/fuzz/corpus, the result in docs/fuzzing.json
+
+A recorded run goes on from what those before have kept, and its time is added to theirs: six runs of ten minutes are
+an hour.
 
 Needs a C++ compiler, for libFuzzer; the stable Rust toolchain is enough. The whole corpus of all runs stays in
 target/xtask/fuzz.";
@@ -41,7 +45,7 @@ pub struct Options {
     /// Time for each target
     #[arg(long, default_value_t = 60)]
     seconds: u32,
-    /// Keep the smallest corpus with the same edges, and the result
+    /// Keep the smallest corpus with the same edges, and add time and executions to the recorded ones
     #[arg(long)]
     record: bool,
 }
@@ -58,13 +62,13 @@ pub fn run(options: &Options) -> Result<()> {
     let mut crashed = Vec::new();
     for target in known.iter().filter(wanted) {
         let run = fuzzer.run(target, options)?;
-        println!("{}: {run}", target.name);
+        say!("{}: {run}", target.name);
         if run.crashes > 0 {
             crashed.push(target.name.as_str());
         } else if options.record {
             std::fs::copy(out(target).join("packed.bin"), corpus(target))?;
             Record::load()?.with(&target.name, run).save()?;
-            println!("kept in {} and {FILE}", corpus(target).display());
+            say!("kept in {} and {FILE}", corpus(target).display());
         }
     }
     ensure!(
@@ -150,7 +154,7 @@ impl Fuzzer {
         let before = count(&crashes)?;
         tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
         let log = out.join("log");
-        println!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
+        say!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
         let mut command = self.command(&["run", &target.name]);
         command.arg(format!("-max_total_time={}", options.seconds)).arg(format!("-timeout={TIMEOUT}"));
         command.arg(format!("-artifact_prefix={}/", crashes.display()));
@@ -170,19 +174,20 @@ impl Fuzzer {
         if !status.success() {
             let head = text.find("panicked at").or_else(|| text.find("ERROR: libFuzzer"));
             let tail = head.and_then(|head| text.get(head..)).unwrap_or(&text);
-            println!("{}", tail.lines().take(12).collect::<Vec<_>>().join("\n"));
+            say!("{}", tail.lines().take(12).collect::<Vec<_>>().join("\n"));
             if found == 0 {
                 bail!("{} ended with {status} and left no input; see {}", target.name, log.display());
             }
-            println!("its input is in {}", crashes.display());
+            say!("its input is in {}", crashes.display());
         }
-        let mut run = Run { seconds, executions: executions(&text), crashes: found, ..Run::default() };
+        let session = Session { commit: self.commit.clone(), seconds, executions: executions(&text) };
+        let mut run = Run { sessions: vec![session], crashes: found, ..Run::default() };
         if found == 0 {
             let kept = tools::output(&mut self.command(&["pack", &target.name, &out.display().to_string()]))?;
             let numbers: Vec<u64> = kept.split_whitespace().filter_map(|word| word.parse().ok()).collect();
             let [inputs, bytes] = *numbers else { bail!("{kept:?} are not two numbers") };
             let Share { edges, functions, of_target } = coverage::measure(&self.path, &out, &target.modules)?;
-            run = Run { inputs, bytes, edges, functions, of_target, commit: self.commit.clone(), ..run };
+            run = Run { inputs, bytes, edges, functions, of_target, ..run };
         }
         Ok(run)
     }

@@ -16,15 +16,23 @@ const DOCUMENT: &str = "docs/measurements.md";
 const BEGIN: &str = "<!-- fuzz:begin -->\n";
 const END: &str = "<!-- fuzz:end -->";
 
-/// What came of a target.
+/// What came of one run of a target.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Run {
+pub struct Session {
     /// What was fuzzed.
     pub commit: String,
     /// Time on one core [s].
     pub seconds: u64,
     /// Inputs that were run.
     pub executions: u64,
+}
+
+/// What came of a target: its runs, each of which began with what the ones before had kept, and what the last one
+/// covers.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Run {
+    /// The runs, the last one last; those of one commit are one.
+    pub sessions: Vec<Session>,
     /// Inputs that are kept, and their size.
     pub inputs: u64,
     pub bytes: u64,
@@ -40,8 +48,9 @@ pub struct Run {
 
 impl fmt::Display for Run {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { seconds, executions, inputs, bytes, edges, functions, of_target, crashes, .. } = self;
-        let rate = executions / (*seconds).max(1);
+        let Self { inputs, bytes, edges, functions, of_target, crashes, .. } = self;
+        let [seconds, executions] = self.totals();
+        let rate = executions / seconds.max(1);
         write!(f, "{executions} executions in {seconds} s ({rate}/s), {crashes} crashes")?;
         if *crashes > 0 {
             return Ok(());
@@ -54,6 +63,30 @@ impl fmt::Display for Run {
             part(*functions),
             part(*edges)
         )
+    }
+}
+
+impl Run {
+    /// Time [s] and executions of all sessions.
+    fn totals(&self) -> [u64; 2] {
+        self.sessions.iter().fold([0; 2], |[seconds, executions], session| {
+            [seconds + session.seconds, executions + session.executions]
+        })
+    }
+
+    /// What a run after this one leaves: the sessions of both.
+    fn followed_by(&self, next: Self) -> Self {
+        let mut sessions = self.sessions.clone();
+        for session in next.sessions {
+            match sessions.last_mut().filter(|last| last.commit == session.commit) {
+                Some(last) => {
+                    last.seconds += session.seconds;
+                    last.executions += session.executions;
+                }
+                None => sessions.push(session),
+            }
+        }
+        Self { sessions, ..next }
     }
 }
 
@@ -79,8 +112,12 @@ impl Record {
         serde_json::from_str(&text).context(FILE)
     }
 
-    /// With the run of a target in place of an earlier one.
+    /// With a further run of a target.
     pub fn with(mut self, target: &str, run: Run) -> Self {
+        let run = match self.0.get(target) {
+            Some(before) => before.followed_by(run),
+            None => run,
+        };
         self.0.insert(target.to_owned(), run);
         self
     }
@@ -109,14 +146,18 @@ impl Record {
     }
 
     fn table(&self) -> String {
-        let mut table = "\n| target | commit | time | executions | functions it is about | edges of the project | kept inputs | \
+        let mut table = "\n| target | time | of it, by commit | executions | functions it is about | edges of the project | kept inputs | \
              crashes |\n|---|---|---|---|---|---|---|---|\n"
             .to_owned();
         for (name, run) in &self.0 {
-            let Run { commit, seconds, executions, inputs, bytes, edges, of_target, crashes, .. } = run;
+            let Run { sessions, inputs, bytes, edges, of_target, crashes, .. } = run;
+            let [seconds, executions] = run.totals();
+            let commits =
+                sessions.iter().map(|Session { commit, seconds, .. }| format!("{commit} {seconds} s"));
+            let commits = commits.collect::<Vec<_>>().join(", ");
             let size = bytes.div_ceil(1000);
             table += &format!(
-                "| `{name}` | {commit} | {seconds} s | {executions} | {} | {} | {inputs}, {size} kB | {crashes} |\n",
+                "| `{name}` | {seconds} s | {commits} | {executions} | {} | {} | {inputs}, {size} kB | {crashes} |\n",
                 part(*of_target),
                 part(*edges)
             );
@@ -138,12 +179,15 @@ mod tests {
 
     #[test]
     fn a_table_by_hand() {
-        let run = Run { commit: "0123abc".into(), seconds: 60, executions: 7, bytes: 1001, ..Run::default() };
-        let record = Record::default().with("node", run);
+        let run = |commit: &str, seconds, bytes| {
+            let session = Session { commit: commit.into(), seconds, executions: 7 };
+            Run { sessions: vec![session], bytes, ..Run::default() }
+        };
+        let record = Record::default().with("node", run("0123abc", 60, 3000));
+        let record = record.with("node", run("0123abc", 30, 2000)).with("node", run("4567def", 10, 1001));
         let text = "head\n<!-- fuzz:begin -->\nold\n<!-- fuzz:end -->\ntail\n";
         let after = replace(text, &record.table()).expect("the markers are there");
-        let row =
-            "| `node` | 0123abc | 60 s | 7 | 0 of 0 | 0 of 0 | 0, 2 kB | 0 |\n\n<!-- fuzz:end -->\ntail\n";
+        let row = "| `node` | 100 s | 0123abc 90 s, 4567def 10 s | 21 | 0 of 0 | 0 of 0 | 0, 2 kB | 0 |\n\n<!-- fuzz:end -->\ntail\n";
         assert!(
             after.starts_with("head\n<!-- fuzz:begin -->\n\n| target") && after.ends_with(row),
             "{after}"

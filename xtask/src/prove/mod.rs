@@ -13,6 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
+use tesaki_output::say;
 
 use crate::firmware;
 use crate::tools::ArmCompiler;
@@ -116,8 +117,8 @@ pub fn run(options: &Options) -> Result<()> {
 /// Something does not hold.
 pub fn check(file: &Path) -> Result<u32> {
     let mut image = Image::read(file)?;
-    println!("\nproved of {}", file.display());
-    println!("{:>9} {:>7} {:>8} {:>9}  from", "functions", "panics", "dynamic", "stack");
+    say!("\nproved of {}", file.display());
+    say!("{:>9} {:>7} {:>8} {:>9}  from", "functions", "panics", "dynamic", "stack");
     let default = image.vector(INTERRUPTS)?;
     let mut problems = Vec::new();
     let mut sum = 0;
@@ -133,7 +134,7 @@ pub fn check(file: &Path) -> Result<u32> {
             _ => sum += deepest,
         }
         let panics = found.panics.len();
-        println!("{:>9} {panics:>7} {:>8} {deepest:>9}  {name}", found.functions, found.resolved);
+        say!("{:>9} {panics:>7} {:>8} {deepest:>9}  {name}", found.functions, found.resolved);
         if is_proved {
             let told = found.panics.iter().map(|&(site, caller)| {
                 format!("{name}: {} panics at {}", image.name(caller), place(&image, site))
@@ -143,7 +144,7 @@ pub fn check(file: &Path) -> Result<u32> {
         problems.extend(found.problems.into_iter().map(|problem| format!("{name}: {problem}")));
         if is_proved || index >= INTERRUPTS {
             let deepest: Vec<&str> = found.path.iter().map(|function| image.name(*function)).collect();
-            println!("{:>37}  {}", "", shortened(&deepest));
+            say!("{:>37}  {}", "", shortened(&deepest));
         }
     }
     let handled = |index: &u32| VECTORS.iter().any(|v| v.index == *index) || ENDS.contains(index);
@@ -154,9 +155,9 @@ pub fn check(file: &Path) -> Result<u32> {
                 .push(format!("vector {index} has a handler that is not looked at: {}", image.name(vector)));
         }
     }
-    println!("{:>36}  {} without a lock", "", supervisor.open);
+    say!("{:>36}  {} without a lock", "", supervisor.open);
     let stack = sum + supervisor.all.max(supervisor.open + control);
-    println!("{stack:>36}  bytes of stack at most, limit {STACK_LIMIT}");
+    say!("{stack:>36}  bytes of stack at most, limit {STACK_LIMIT}");
     if stack > STACK_LIMIT {
         problems.push(format!("{stack} bytes of stack, limit {STACK_LIMIT}"));
     }

@@ -16,6 +16,7 @@ use std::process::Command;
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
+use tesaki_output::say;
 
 use crate::results::ResultsFile;
 use crate::{test, tools};
@@ -136,13 +137,13 @@ pub fn commit() -> Result<String> {
 fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
     let (runs, empty) = merge::read(files)?;
     for told in merge::merge(Path::new(FOLDER), runs, commit)? {
-        println!("{told}");
+        say!("{told}");
     }
     if !empty.is_empty() {
         let names: Vec<String> = empty.iter().map(|file| file.display().to_string()).collect();
-        println!("{} files without a result, left out: {}", names.len(), names.join(", "));
+        say!("{} files without a result, left out: {}", names.len(), names.join(", "));
     }
-    println!("Now run `cargo xtask sweep tables`.");
+    say!("Now run `cargo xtask sweep tables`.");
     Ok(())
 }
 
@@ -159,7 +160,7 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     if options.record && !options.force {
         scenarios = changed(&simulator, scenarios, set, jobs)?;
         if scenarios.is_empty() {
-            println!("Nothing to record: all scenarios answer as recorded.");
+            say!("Nothing to record: all scenarios answer as recorded.");
             return Ok(());
         }
     }
@@ -179,14 +180,14 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     let path = file.finish()?;
     if options.record {
         for told in merge::merge(Path::new(FOLDER), results.clone(), None)? {
-            println!("{told}");
+            say!("{told}");
         }
-        println!("Now run `cargo xtask sweep tables`.");
+        say!("Now run `cargo xtask sweep tables`.");
     }
     let missed = print(&results)?;
-    println!("\nAll runs: {}", path.display());
+    say!("\nAll runs: {}", path.display());
     if !options.partition.is_whole() {
-        println!("When all parts are done: `cargo xtask sweep merge` with their files.");
+        say!("When all parts are done: `cargo xtask sweep merge` with their files.");
         // A part is done when its machines were run; what they missed is in its file.
         return Ok(());
     }
@@ -209,7 +210,7 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
     let mut same = Vec::new();
     simulator.run_all(&probes, jobs, |run| {
         if check::compare(&recorded[&run.scenario].0, &run).is_ok() {
-            println!("{} answers as recorded of commit {}", run.scenario, recorded[&run.scenario].0.commit);
+            say!("{} answers as recorded of commit {}", run.scenario, recorded[&run.scenario].0.commit);
             same.push(run.scenario);
         }
         Ok(())
@@ -245,7 +246,7 @@ fn check(simulator: &Simulator, sets: &[Set]) -> Result<()> {
     if !stale.is_empty() {
         bail!("{FOLDER} is stale:\n{}", stale.join("\n"));
     }
-    println!("{} recorded machines run again: the same", runs.len());
+    say!("{} recorded machines run again: the same", runs.len());
     Ok(())
 }
 
@@ -258,7 +259,7 @@ fn print(results: &[Run]) -> Result<Vec<String>> {
     let mut missed = Vec::new();
     for (scenario, runs) in by_scenario {
         let mut failed = false;
-        println!(
+        say!(
             "\n{scenario}, {} machines {:>38} {:>10} {:>10} {:>8}",
             runs.len(),
             "median",
@@ -270,7 +271,7 @@ fn print(results: &[Run]) -> Result<Vec<String>> {
         for run in &runs {
             if let Some(error) = &run.error {
                 failed = true;
-                println!("  seed {} failed: {error}", run.seed);
+                say!("  seed {} failed: {error}", run.seed);
             }
             for (metric, value, pass) in run.measured()? {
                 let value = value.unwrap_or(f64::INFINITY);
@@ -288,10 +289,7 @@ fn print(results: &[Run]) -> Result<Vec<String>> {
             values.sort_by(f64::total_cmp);
             let limit = metric.limit.map_or_else(|| String::from("–"), |limit| limit.to_string());
             let (median, high) = (stats::median(&values), stats::percentile_95(&values));
-            println!(
-                "  {:<44} {median:>10.4} {high:>10.4} {limit:>10} {missed:>8} {}",
-                metric.name, metric.unit
-            );
+            say!("  {:<44} {median:>10.4} {high:>10.4} {limit:>10} {missed:>8} {}", metric.name, metric.unit);
         }
         if failed {
             missed.push(scenario.to_owned());

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use tesaki_output::say;
 
 use super::check;
 use super::record::{FOLDER, Sweep};
@@ -42,7 +43,7 @@ pub fn run(check: bool) -> Result<()> {
         check_markers(document, &text)?;
         if !check {
             std::fs::write(document, text)?;
-            println!("{document}: tables written");
+            say!("{document}: tables written");
         }
     }
     Ok(())

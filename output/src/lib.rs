@@ -1,0 +1,40 @@
+//! What programs print.
+//!
+//! `std::println!` panics when the reader of a pipe leaves, as `head` does. [`say!`](crate::say) ends the program
+//! then, quietly and with exit code 0, because the reader has all that it wanted.
+
+use std::fmt::Arguments;
+use std::io::{self, ErrorKind, Write};
+use std::process;
+
+/// Prints a line to standard output, as `std::println!` does.
+#[macro_export]
+macro_rules! say {
+    () => { $crate::print(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::print(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// Prints a line to standard error, as `std::eprintln!` does. That nobody reads it is no reason to end.
+#[macro_export]
+macro_rules! note {
+    ($($text:tt)*) => { $crate::complain(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// Prints to standard output. Ends the program when nobody reads it any more, with exit code 0, or when it cannot be
+/// written, with exit code 2.
+pub fn print(text: Arguments<'_>) {
+    let mut output = io::stdout().lock();
+    match output.write_fmt(text).and_then(|()| output.flush()) {
+        Ok(()) => {}
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => process::exit(0),
+        Err(error) => {
+            complain(format_args!("standard output: {error}\n"));
+            process::exit(2)
+        }
+    }
+}
+
+/// Prints to standard error, if it can be written.
+pub fn complain(text: Arguments<'_>) {
+    let _ = io::stderr().lock().write_fmt(text);
+}
