@@ -36,6 +36,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
+    /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs nothing
+    Limits(Limits),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(Papers),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
@@ -118,6 +120,21 @@ struct Run {
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
     elf: PathBuf,
+}
+
+#[derive(Args)]
+struct Limits {
+    /// Name of the scenario, see `host-sim list`
+    scenario: String,
+    /// Seed of the machine; a range such as 1-20 is about all of them
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Print one JSON object per seed: the metrics, each with the reason
+    #[arg(long)]
+    json: bool,
+    /// Robot folder; default: that of the scenario
+    #[arg(long)]
+    robot: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -228,6 +245,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
+        Some(Command::Limits(options)) => tell_limits(&options).map(|()| true),
         Some(Command::Papers(options)) => draw_papers(&options).map(|()| true),
         Some(Command::Faults(options)) => run_faults(&options),
         Some(Command::RenderKnob(options)) => render_knob(&options).map(|()| true),
@@ -263,11 +281,33 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
     Ok(passed)
 }
 
-fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
-    let scenario = Scenario::find(&options.scenario).ok_or_else(|| {
+fn find_scenario(name: &str) -> Result<&'static Scenario, String> {
+    Scenario::find(name).ok_or_else(|| {
         let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
-        format!("no scenario {:?}; the scenarios are: {}", options.scenario, known.join(", "))
-    })?;
+        format!("no scenario {name:?}; the scenarios are: {}", known.join(", "))
+    })
+}
+
+fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
+    let scenario = find_scenario(&options.scenario)?;
+    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    for seed in options.seed.clone() {
+        let impossible = scenario.impossible(&robot, seed)?;
+        if options.json {
+            let metrics: serde_json::Map<_, serde_json::Value> =
+                impossible.into_iter().map(|limit| (limit.metric, limit.why.into())).collect();
+            println!("{}", serde_json::json!({ "seed": seed, "impossible": metrics }));
+        } else if impossible.is_empty() {
+            println!("seed {seed}: there is room for every limit");
+        } else {
+            impossible.iter().for_each(|limit| println!("seed {seed}: {}: {}", limit.metric, limit.why));
+        }
+    }
+    Ok(())
+}
+
+fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
+    let scenario = find_scenario(&options.scenario)?;
     let mut summaries = Vec::new();
     let mut written = None;
     for seed in options.seed.clone() {
