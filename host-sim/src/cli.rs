@@ -42,6 +42,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(Run),
+    /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs nothing
+    Limits(Limits),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
@@ -127,6 +129,63 @@ struct Run {
 }
 
 #[derive(Args)]
+<<<<<<< HEAD
+=======
+struct Limits {
+    /// Name of the scenario, see `host-sim list`
+    scenario: String,
+    /// Seed of the machine; a range such as 1-20 is about all of them
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Print one JSON object per seed: the metrics, each with the reason
+    #[arg(long)]
+    json: bool,
+    /// Robot folder; default: that of the scenario
+    #[arg(long)]
+    robot: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Papers {
+    /// Papers; default: all
+    #[arg(value_enum)]
+    papers: Vec<Paper>,
+    /// Seed of the machine's deviations and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the figures, and for what was measured in the runs that they show
+    #[arg(long, default_value_os_t = workspace().join("docs/papers"))]
+    out: PathBuf,
+}
+
+#[derive(Args)]
+struct RenderKnob {
+    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of them
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Folder for the pictures
+    #[arg(long, default_value_os_t = PathBuf::from("out/render-knob"))]
+    out: PathBuf,
+    /// Robot folder with camera.toml
+    #[arg(long, default_value_os_t = workspace().join("robots/knob-arm"))]
+    robot: PathBuf,
+    /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
+    #[arg(long)]
+    distance: Option<f64>,
+    /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also writes
+    /// knob-SEED.csv with the pose of the hand in the frame of the door
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    views: Option<u32>,
+    /// In place of knob and rose a black disc on white paper, 40 mm in radius
+    #[arg(long)]
+    disc: bool,
+    /// Without blur, noise and vignetting
+    #[arg(long)]
+    ideal: bool,
+}
+
+#[derive(Args)]
+>>>>>>> arm
 struct Faults {
     /// Seed of a schedule; a range such as 1-200 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds, conflicts_with = "schedule")]
@@ -195,7 +254,12 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
+<<<<<<< HEAD
         Some(Command::Papers(options)) => papers::run(&options).map(|()| true),
+=======
+        Some(Command::Limits(options)) => tell_limits(&options).map(|()| true),
+        Some(Command::Papers(options)) => draw_papers(&options).map(|()| true),
+>>>>>>> arm
         Some(Command::Faults(options)) => run_faults(&options),
         Some(Command::RenderKnob(options)) => render_knob::run(&options).map(|()| true),
         #[cfg(unix)]
@@ -230,11 +294,33 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
     Ok(passed)
 }
 
-fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
-    let scenario = Scenario::find(&options.scenario).ok_or_else(|| {
+fn find_scenario(name: &str) -> Result<&'static Scenario, String> {
+    Scenario::find(name).ok_or_else(|| {
         let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
-        format!("no scenario {:?}; the scenarios are: {}", options.scenario, known.join(", "))
-    })?;
+        format!("no scenario {name:?}; the scenarios are: {}", known.join(", "))
+    })
+}
+
+fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
+    let scenario = find_scenario(&options.scenario)?;
+    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    for seed in options.seed.clone() {
+        let impossible = scenario.impossible(&robot, seed)?;
+        if options.json {
+            let metrics: serde_json::Map<_, serde_json::Value> =
+                impossible.into_iter().map(|limit| (limit.metric, limit.why.into())).collect();
+            say!("{}", serde_json::json!({ "seed": seed, "impossible": metrics }));
+        } else if impossible.is_empty() {
+            say!("seed {seed}: there is room for every limit");
+        } else {
+            impossible.iter().for_each(|limit| say!("seed {seed}: {}: {}", limit.metric, limit.why));
+        }
+    }
+    Ok(())
+}
+
+fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
+    let scenario = find_scenario(&options.scenario)?;
     let mut summaries = Vec::new();
     let mut written = None;
     for seed in options.seed.clone() {

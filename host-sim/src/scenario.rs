@@ -28,9 +28,11 @@ mod hand5_reach;
 mod hand5_teleop;
 mod knob_find;
 mod knob_grasp;
+mod possible;
 mod unilateral;
 
 pub use grasping::scene;
+pub use possible::Impossible;
 
 use std::path::Path;
 
@@ -223,7 +225,19 @@ impl Scenario {
     /// # Errors
     /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
     pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-        (self.run)(setting)
+        let mut outcome = (self.run)(setting)?;
+        for impossible in self.impossible(setting.robot, setting.seed)? {
+            outcome.summary.waive(&impossible.metric, &impossible.why);
+        }
+        Ok(outcome)
+    }
+
+    /// The limits for which the machine of this seed leaves a controller no room, by the plant's truth alone: nothing is run.
+    ///
+    /// # Errors
+    /// The robot's folder.
+    pub fn impossible(&self, robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
+        possible::impossible(self.name, robot, seed)
     }
 }
 

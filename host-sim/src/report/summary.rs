@@ -220,6 +220,14 @@ impl Summary {
         }
     }
 
+    /// Demands no limit of a metric, and says why in a note. Nothing happens where there is no such metric.
+    pub fn waive(&mut self, name: &str, why: &str) {
+        if let Some((_, metric)) = self.metrics.iter_mut().find(|(known, _)| known == name) {
+            metric.limit = None;
+            metric.note = Some(format!("no limit: {why}"));
+        }
+    }
+
     /// The metric of that name.
     pub fn get(&self, name: &str) -> Option<&Metric> {
         self.metrics().find_map(|(n, metric)| (n == name).then_some(metric))

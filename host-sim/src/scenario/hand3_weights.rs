@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use rapier3d::na::{Vector3, Vector6};
+use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
 use super::common::require_duration;
@@ -38,9 +38,9 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// The weights [kg].
-const WEIGHTS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
+pub(super) const WEIGHTS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
 /// Point where the weights act: the middle of the top, in the box's frame [m].
-const TOP: [f64; 3] = [0.0, 0.0, 0.03];
+pub(super) const TOP: [f64; 3] = [0.0, 0.0, 0.03];
 /// Time in which a weight is added or removed [s].
 const RAMP: f64 = 0.3;
 /// Time from one weight to the next [s].
@@ -48,7 +48,7 @@ const STEP: f64 = 2.0;
 /// Time from when a weight is on until the grip is evaluated [s].
 const GRIP_AFTER: f64 = 1.0;
 /// Force of the push from the side [N], and its duration [s].
-const PUSH: f64 = 0.3;
+pub(super) const PUSH: f64 = 0.3;
 const PUSH_TIME: f64 = 1.5;
 /// Limits of each part: motion [mm], sliding [mm] and grip ratio.
 const MAX_MOTION: f64 = 0.5;
@@ -71,8 +71,6 @@ struct AddedWeight {
     mass: f64,
     /// The grip one second later, if the box was still held.
     grip: Option<GripRatio>,
-    /// Whether any forces within the limit could hold it.
-    possible: bool,
 }
 
 struct Record {
@@ -90,14 +88,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let gravity = Vector3::from(rig.values.gravity);
     let model = rig.robot.model.clone();
     let limit = f64::from(rig.grasp("box")?.plan.force_limit);
-    let grip = |log: &GraspLog, added: f64| {
-        let sample = log.samples.last()?;
-        let force = gravity * -added;
-        let position = sample.position() + sample.orientation() * Vector3::from(TOP);
-        let moment = position.cross(&force);
-        let load = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-        grip_ratio(&model, sample, &load, limit)
-    };
+    let grip = |log: &GraspLog| grip_ratio(&model, log.samples.last()?, limit);
     // The box stands lower by the lift, so that it has the paper's position after it.
     let down = gravity * (LIFT / gravity.norm());
     let change = |grasp: &mut PlacedGrasp| {
@@ -109,7 +100,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let held = GraspedObject { change: &change, ..GraspedObject::new("weights", "box") };
     let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
     grasp_trial.lift()?;
-    let empty = grip(&grasp_trial.log, 0.0);
+    let empty = grip(&grasp_trial.log);
     let mut record = Record { parts: Vec::new(), weights: Vec::new(), empty, events: Vec::new() };
     for (name, label, cumulative) in [("single", "One at a time", false), ("cumulative", "Cumulative", true)]
     {
@@ -134,18 +125,17 @@ fn add_weights(
     record: &mut Record,
     part: &'static str,
     cumulative: bool,
-    grip: &impl Fn(&GraspLog, f64) -> Option<GripRatio>,
+    grip: &impl Fn(&GraspLog) -> Option<GripRatio>,
 ) -> Result<(), ScenarioError> {
     let mut total = 0.0;
     for mass in WEIGHTS {
-        let possible = grip(&grasp_trial.log, mass).is_some_and(|grip| grip.possible);
         total = if cumulative { total + mass } else { mass };
         grasp_trial.note(&format!("{:.0} g on", 1e3 * total));
         record.events.push((grasp_trial.log.now(), format!("{:.0} g", 1e3 * total)));
         grasp_trial.plant.load(Load { mass, point: TOP, ramp: RAMP })?;
         grasp_trial.wait(RAMP + GRIP_AFTER)?;
-        let evaluated = if grasp_trial.log.lost.is_none() { grip(&grasp_trial.log, 0.0) } else { None };
-        record.weights.push(AddedWeight { part, mass: total, grip: evaluated, possible });
+        let evaluated = if grasp_trial.log.lost.is_none() { grip(&grasp_trial.log) } else { None };
+        record.weights.push(AddedWeight { part, mass: total, grip: evaluated });
         grasp_trial.wait(STEP - RAMP - GRIP_AFTER)?;
         if !cumulative {
             record.events.push((grasp_trial.log.now(), "off".to_owned()));
@@ -180,30 +170,16 @@ fn remove_weights(grasp_trial: &mut GraspTrial<'_, '_>) -> Result<(), ScenarioEr
 
 fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     let lost = log.lost.as_ref().map(|lost| format!("the box was lost {lost}"));
-    let impossible =
-        |part: &str| record.weights.iter().find(|weight| weight.part == part && !weight.possible);
-    let metric = |part: &str, text: String, value: f64, max: f64, unit: &str| {
+    let metric = |text: String, value: f64, max: f64, unit: &str| {
         let mut metric = Metric::at_most(text, value, max, unit);
         metric.note.clone_from(&lost);
-        if let Some(weight) = impossible(part) {
-            metric.limit = None;
-            metric.note = Some(format!(
-                "no limit: with the true friction of {:.2}, no grip within the force limit can hold {:.0} g",
-                log.samples.last().map_or(f64::NAN, |sample| sample.object.friction),
-                1e3 * weight.mass
-            ));
-        }
         metric
     };
     for Part { name, label, span, .. } in &record.parts {
         let text = format!("{label}: largest motion of the box");
-        summary
-            .insert(format!("{name}_motion"), metric(name, text, 1e3 * log.motion(span), MAX_MOTION, "mm"));
+        summary.insert(format!("{name}_motion"), metric(text, 1e3 * log.motion(span), MAX_MOTION, "mm"));
         let text = format!("{label}: largest sliding of a fingertip");
-        summary.insert(
-            format!("{name}_sliding"),
-            metric(name, text, 1e3 * log.sliding(span), MAX_SLIDING, "mm"),
-        );
+        summary.insert(format!("{name}_sliding"), metric(text, 1e3 * log.sliding(span), MAX_SLIDING, "mm"));
     }
     for part in record.parts.iter().filter(|part| part.name != "push") {
         let weights = || record.weights.iter().filter(|weight| weight.part == part.name);
@@ -213,7 +189,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
         };
         let text = format!("{}: largest grip ratio", part.label);
         let key = format!("{}_grip_ratio", part.name);
-        summary.insert(key, metric(part.name, text, all(|grip| grip.ratio), MAX_GRIP_RATIO, ""));
+        summary.insert(key, metric(text, all(|grip| grip.ratio), MAX_GRIP_RATIO, ""));
         for weight in weights() {
             let text = format!("{}: grip ratio with {:.0} g", part.label, 1e3 * weight.mass);
             let ratio = weight.grip.map_or(f64::NAN, |grip| grip.ratio);

@@ -120,7 +120,7 @@ pub use matched::MatchedImpedance;
 pub use motion_limits::MotionLimits;
 pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;
-pub use passivity::{PowerPort, PowerPortLimits};
+pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{
     InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetField, RetargetReport,
     RetargetSettings, RetargetState, Retargeting,

@@ -1,3 +1,5 @@
+use core::fmt;
+
 use nalgebra::Vector3;
 
 use crate::TICK;
@@ -49,6 +51,86 @@ pub struct PowerPortLimits {
     pub max_damping: f32,
     /// Energy that may leave before any entered [J]: lets the slave begin to compress a spring.
     pub energy_reserve: f32,
+}
+
+/// Why the passivity controller is not good for a link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum UnsuitableLink {
+    /// The damping would destabilise the handle [N·s/m].
+    Damping {
+        /// Maximum damping.
+        value: f32,
+        /// It must stay below this.
+        limit: f32,
+    },
+    /// The link takes too long there and back [s].
+    Delay {
+        /// Delay of both directions together.
+        round_trip: f32,
+        /// The largest that the damping is good for.
+        limit: f32,
+        /// The largest stiffness that the damping is good for with this delay [N/m].
+        stiffness: f32,
+    },
+    /// A value is negative, zero where it must not be, or not finite.
+    Invalid,
+}
+
+impl core::error::Error for UnsuitableLink {}
+
+impl fmt::Display for UnsuitableLink {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Damping { value, limit } => write!(
+                f,
+                "a damping of {value} N·s/m destabilises the handle: below {limit} N·s/m, its mass over the control period"
+            ),
+            Self::Delay { round_trip, limit, .. } if *limit <= 0.0 => write!(
+                f,
+                "the damping cannot dissipate what a link of this stiffness makes even without delay, and it takes \
+                 {round_trip} s there and back: less stiffness or more damping"
+            ),
+            Self::Delay { round_trip, limit, stiffness } => write!(
+                f,
+                "the link takes {round_trip} s there and back, and the damping is good for {limit} s: a shorter delay, or a \
+                 stiffness of at most {stiffness} N/m"
+            ),
+            Self::Invalid => f.write_str(
+                "mass, stiffness and maximum damping must be positive and finite, the delay finite and not negative",
+            ),
+        }
+    }
+}
+
+impl PowerPortLimits {
+    /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's `mass`
+    /// [kg], a slave whose set-point pulls with `stiffness` K [N/m], and a delay of both directions together of
+    /// `round_trip` τ [s].
+    ///
+    /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold. With the
+    /// damping b its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no frequency makes negative when
+    /// `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port still counts what it cannot
+    /// dissipate, but the handle may oscillate.
+    ///
+    /// # Errors
+    /// The value that is out of bounds, and the one that would do.
+    pub fn check_link(&self, mass: f32, stiffness: f32, round_trip: f32) -> Result<(), UnsuitableLink> {
+        let positive = |value: f32| value.is_finite() && value > 0.0;
+        let delay_is_valid = round_trip.is_finite() && round_trip >= 0.0;
+        if !(positive(mass) && positive(stiffness) && positive(self.max_damping) && delay_is_valid) {
+            return Err(UnsuitableLink::Invalid);
+        }
+        let limit = mass / TICK;
+        if self.max_damping >= limit {
+            return Err(UnsuitableLink::Damping { value: self.max_damping, limit });
+        }
+        let limit = self.max_damping / stiffness - 0.5 * TICK;
+        if round_trip > limit {
+            let stiffness = self.max_damping / (round_trip + 0.5 * TICK);
+            return Err(UnsuitableLink::Delay { round_trip, limit, stiffness });
+        }
+        Ok(())
+    }
 }
 
 impl PowerPort {
@@ -201,6 +283,56 @@ mod tests {
         let (without, with) = (amplitude(false), amplitude(true));
         assert!(without > 1.0, "{without}");
         assert!(with < 0.03, "{with}");
+    }
+
+    /// Whether a handle of 100 kg on a spring of 1500 N/m, felt `round_trip` [s] later and held for a control period, comes
+    /// to rest under a damping of 100 N·s/m: the true motion in steps of 0.1 ms. A heavy handle swings slowly, where the
+    /// condition is sharp.
+    fn comes_to_rest(round_trip: f64) -> bool {
+        const STEP: f64 = 1e-4;
+        let (mass, stiffness, damping) = (100.0, 1500.0, 100.0);
+        let (mut positions, mut velocity, mut force) = (vec![0.01_f64], 0.0, 0.0);
+        for step in 0..600_000_usize {
+            if step % 100 == 0 {
+                let late = (round_trip / STEP).round() as usize;
+                force = -stiffness * positions[step.saturating_sub(late)];
+            }
+            velocity += STEP * (force - damping * velocity) / mass;
+            positions.push(positions[step] + STEP * velocity);
+        }
+        let amplitude = |range: &[f64]| range.iter().fold(0.0_f64, |max, value| max.max(value.abs()));
+        amplitude(&positions[500_000..]) < amplitude(&positions[..100_000])
+    }
+
+    #[test]
+    fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_that_would_do() {
+        let limits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
+        // 100/300 s less 5 ms: both directions of 160 ms, and not of 170.
+        assert_eq!(limits.check_link(1.5, 300.0, 0.32), Ok(()));
+        let UnsuitableLink::Delay { limit, stiffness, .. } = limits.check_link(1.5, 300.0, 0.34).unwrap_err()
+        else {
+            panic!("not the delay");
+        };
+        assert!(
+            (limit - 0.328_333).abs() < 1e-5 && (stiffness - 289.855).abs() < 1e-2,
+            "{limit} {stiffness}"
+        );
+        assert_eq!(limits.check_link(1.5, stiffness * 0.9999, 0.34), Ok(()));
+        let told = limits.check_link(1.5, 300.0, 0.34).unwrap_err().to_string();
+        assert!(told.contains("takes 0.34 s there and back") && told.contains("at most 289."), "{told}");
+        let heavy = limits.check_link(1.0, 300.0, 0.0).unwrap_err();
+        assert_eq!(heavy, UnsuitableLink::Damping { value: 100.0, limit: 100.0 });
+        for (mass, stiffness, delay) in [(0.0, 1.0, 0.0), (1.5, f32::NAN, 0.0), (1.5, 1.0, -0.1)] {
+            assert_eq!(limits.check_link(mass, stiffness, delay), Err(UnsuitableLink::Invalid));
+        }
+        let stiff = limits.check_link(1.5, 30_000.0, 0.0).unwrap_err().to_string();
+        assert!(stiff.contains("even without delay"), "{stiff}");
+    }
+
+    #[test]
+    fn the_condition_separates_handles_that_rest_from_those_that_swing() {
+        // 100/1500 s less 5 ms: 61.7 ms.
+        assert!(comes_to_rest(0.055) && !comes_to_rest(0.068));
     }
 
     #[test]

@@ -86,6 +86,8 @@ enum Task {
     },
     /// Run two recorded machines of every scenario again; fail when they differ from docs/sweeps
     Check,
+    /// Count machines apart in docs/sweeps that cannot meet a limit, by their physics; nothing is run
+    Limits,
     /// Write the tables of the documents from docs/sweeps
     Tables {
         /// Write nothing; fail when a table differs
@@ -100,6 +102,7 @@ pub fn run(options: Options) -> Result<()> {
         None => sweep(&options.sweep),
         Some(Task::Merge { files, commit }) => merge_files(&files, commit.as_deref()),
         Some(Task::Check) => check(&Simulator::build()?, &Set::ALL),
+        Some(Task::Limits) => limits(&Simulator::build()?),
         Some(Task::Tables { check }) => tables::run(check),
     }
 }
@@ -216,6 +219,25 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
         Ok(())
     })?;
     Ok(scenarios.into_iter().filter(|scenario| !same.contains(scenario)).collect())
+}
+
+/// Takes the limits off the recorded machines that cannot meet them.
+fn limits(simulator: &Simulator) -> Result<()> {
+    for scenario in simulator.scenarios()? {
+        for set in Set::ALL {
+            let Some(mut sweep) = Sweep::load(Path::new(FOLDER), &scenario, set)? else { continue };
+            let seeds: Vec<u64> = sweep.machines.iter().map(|machine| machine.seed).collect();
+            let mut changed = 0;
+            for (seed, impossible) in simulator.impossible(&scenario, &seeds)? {
+                changed += usize::from(sweep.exempt(seed, &impossible)?);
+            }
+            if changed > 0 {
+                println!("{}: {changed} machines", sweep.save(Path::new(FOLDER))?.display());
+            }
+        }
+    }
+    println!("Now run `cargo xtask sweep tables`.");
+    Ok(())
 }
 
 /// Runs a development and an evaluation machine of every scenario again, and compares with what is recorded.

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::merge::Run;
@@ -15,6 +16,13 @@ use crate::{firmware, tools};
 /// The program that runs scenarios.
 pub struct Simulator {
     path: PathBuf,
+}
+
+/// A line of `host-sim limits --json`.
+#[derive(Deserialize)]
+struct Told {
+    seed: u64,
+    impossible: serde_json::Map<String, Value>,
 }
 
 impl Simulator {
@@ -50,6 +58,22 @@ impl Simulator {
             lines.filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
         ensure!(!names.is_empty(), "the simulator lists no scenarios:\n{text}");
         Ok(names)
+    }
+
+    /// The metrics of a scenario whose limits the machine of each seed cannot meet, by its physics.
+    ///
+    /// # Errors
+    /// When it cannot be told.
+    pub fn impossible(&self, scenario: &str, seeds: &[u64]) -> Result<Vec<(u64, Vec<String>)>> {
+        let (Some(first), Some(last)) = (seeds.first(), seeds.last()) else { return Ok(Vec::new()) };
+        let mut command = Command::new(&self.path);
+        command.args(["limits", scenario, "--json", "--seed", &format!("{first}-{last}")]);
+        let text = tools::output(&mut command)?;
+        let told = |line: &str| -> Result<(u64, Vec<String>)> {
+            let Told { seed, impossible } = serde_json::from_str(line).with_context(|| line.to_owned())?;
+            Ok((seed, impossible.into_iter().map(|(metric, _)| metric).collect()))
+        };
+        text.lines().map(told).collect()
     }
 
     /// One machine. Also a run that fails is a result.

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
 use super::set::Set;
@@ -35,7 +35,7 @@ pub struct Machine {
     pub frames_sha256: String,
     /// Metrics that miss their limit or are not numbers.
     pub missed: Vec<String>,
-    /// Metrics whose limit the scenario does not demand of this machine, because nothing could keep it.
+    /// Metrics whose limit is not demanded of this machine, because it leaves a controller no room for them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exempt: Vec<String>,
     /// In the order of [`Sweep::metrics`], to six digits; none where the run came to no such value.
@@ -114,6 +114,34 @@ impl Sweep {
         Ok(text)
     }
 
+    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed anything. A metric
+    /// that has no limit, or that the sweep does not have, is none of it.
+    ///
+    /// # Errors
+    /// When the machine was recorded without a limit that is possible: then it is not known whether it met it.
+    pub fn exempt(&mut self, seed: u64, impossible: &[String]) -> Result<bool> {
+        let limited = self.metrics.iter().filter(|metric| metric.limit.is_some());
+        let names = limited.map(|metric| metric.name.clone()).filter(|name| impossible.contains(name));
+        let exempt: Vec<String> = names.collect();
+        let Some(machine) = self.machines.iter_mut().find(|machine| machine.seed == seed) else {
+            return Ok(false);
+        };
+        if machine.error.is_some() || machine.exempt == exempt {
+            return Ok(false);
+        }
+        if let Some(name) = machine.exempt.iter().find(|name| !exempt.contains(name)) {
+            bail!("{}, seed {seed}: {name} is possible now; record the scenario anew", self.scenario);
+        }
+        let is_number = |name: &String| {
+            let place = self.metrics.iter().position(|metric| metric.name == *name);
+            place.and_then(|place| machine.values.get(place).copied().flatten()).is_some()
+        };
+        let missed = machine.missed.iter().filter(|name| !(exempt.contains(name) && is_number(name)));
+        machine.missed = missed.cloned().collect();
+        machine.exempt = exempt;
+        Ok(true)
+    }
+
     /// The place of a metric's values, and what it is.
     ///
     /// # Errors
@@ -174,6 +202,25 @@ mod tests {
 }
 "#;
         assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn a_limit_that_is_impossible_is_neither_met_nor_missed() {
+        let mut kept = sweep(Some(1.0), &[Some(2.0), None, Some(0.5)]);
+        let impossible = ["error".to_owned(), "speed".to_owned()];
+        for seed in 1001..=1003 {
+            assert!(kept.exempt(seed, &impossible).unwrap());
+            assert!(!kept.exempt(seed, &impossible).unwrap(), "twice");
+        }
+        // A value that is missing is missed, whatever the limit.
+        let missed: Vec<usize> = kept.machines.iter().map(|machine| machine.missed.len()).collect();
+        assert_eq!(missed, [0, 1, 0]);
+        assert!(kept.machines.iter().all(|machine| machine.exempt == ["error"]));
+        assert!(!kept.exempt(1004, &impossible).unwrap());
+        let told = kept.exempt(1001, &[]).unwrap_err().to_string();
+        assert!(told.contains("seed 1001: error is possible now"), "{told}");
+        // Metrics without a limit demand nothing.
+        assert!(!sweep(None, &[Some(2.0)]).exempt(1001, &impossible).unwrap());
     }
 
     #[test]

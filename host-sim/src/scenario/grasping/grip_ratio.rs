@@ -1,7 +1,7 @@
 //! The grip ratio: normal forces of a grip over those of the least grip, which is the solution of the grip
 //! optimisation with the true load and the true friction.
 
-use rapier3d::na::{Vector3, Vector6};
+use rapier3d::na::Vector3;
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFingers};
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
@@ -12,24 +12,17 @@ use crate::plant::ContactTruth;
 /// A grip compared with the least grip for the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripRatio {
-    /// Sum of the normal forces, divided by that of the least grip.
+    /// Sum of the normal forces, divided by that of the least grip; NaN where no forces within the limit hold the load.
     pub ratio: f64,
-    /// Largest joint torque of the least grip, without the weight of the fingers [N·m].
+    /// Largest joint torque of the least grip, without the weight of the fingers [N·m]; NaN where there is none.
     pub torque: f64,
-    /// Whether any forces within the limit hold the load; if not, `ratio` and `torque` are NaN.
-    pub possible: bool,
 }
 
-/// The grip ratio of a sample, for its own load plus the wrench `added` [N; N·m about the origin of the base
-/// frame]. The normal force of a contact is at most `limit` [N]. `None` unless all fingers touch the object.
-pub fn grip_ratio(
-    model: &RobotModel,
-    sample: &GraspSample,
-    added: &Vector6<f64>,
-    limit: f64,
-) -> Option<GripRatio> {
+/// The grip ratio of a sample for its load. The normal force of a contact is at most `limit` [N]. `None` unless all fingers
+/// touch the object.
+pub fn grip_ratio(model: &RobotModel, sample: &GraspSample, limit: f64) -> Option<GripRatio> {
     let map = grasp_map(sample, limit)?;
-    let load = map.wrench(&forces(sample)) + added.map(|part| part as f32);
+    let load = map.wrench(&forces(sample));
     let grip = LeastGrip::try_new(0.0, 0.0).ok()?;
     match grip.solve(&map, &load, &mut GripState::default()) {
         Ok(grip) => {
@@ -37,11 +30,9 @@ pub fn grip_ratio(
             let least: f32 = contacts.map(|(force, contact)| force.dot(contact.normal())).sum();
             let sum: f64 = sample.contacts.iter().map(ContactTruth::normal_force).sum();
             let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
-            Some(GripRatio { ratio: sum / f64::from(least), torque, possible: true })
+            Some(GripRatio { ratio: sum / f64::from(least), torque })
         }
-        Err(GripError::CannotHold(_)) => {
-            Some(GripRatio { ratio: f64::NAN, torque: f64::NAN, possible: false })
-        }
+        Err(GripError::CannotHold(_)) => Some(GripRatio { ratio: f64::NAN, torque: f64::NAN }),
         Err(_) => None,
     }
 }

@@ -1,5 +1,7 @@
 //! A hand with open fingers around an object near its nominal position.
 
+use std::path::Path;
+
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
@@ -52,11 +54,19 @@ pub struct GraspRig {
 impl GraspRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
-        let robot = RobotFolder::load(setting.robot)?;
+        Self::of_machine(setting.robot, setting.seed, setting.intervention.clone())
+    }
+
+    /// Reads the folder of a robot, whose machine the seed decides.
+    pub fn of_machine(
+        folder: &Path,
+        seed: u64,
+        intervention: Option<SharedIntervention>,
+    ) -> Result<Self, ScenarioError> {
+        let robot = RobotFolder::load(folder)?;
         let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
         let drives = robot.model.joints.iter().map(Drive::from).collect();
-        let (seed, intervention) = (setting.seed, setting.intervention.clone());
-        Ok(Self { values: PlantValues::load(setting.robot)?, robot, drives, motion, seed, intervention })
+        Ok(Self { values: PlantValues::load(folder)?, robot, drives, motion, seed, intervention })
     }
 
     /// Name of the base link.

@@ -20,10 +20,12 @@ pub enum SceneError {
     #[error("{0} is not a hand for grasping: three fingers of three joints each are needed")]
     NotAHand(String),
     /// A finger does not reach its position.
-    #[error("{finger} cannot stand {} mm in front of its contact: {why}", 1e3 * OPENING)]
+    #[error("{finger} cannot stand {} mm in front of its contact: {why}", 1e3 * distance)]
     OutOfReach {
         /// Its tip's name.
         finger: String,
+        /// How far from the contact [m].
+        distance: f32,
         /// Why it cannot.
         why: String,
     },
@@ -34,6 +36,19 @@ pub enum SceneError {
 /// # Errors
 /// A finger does not reach its initial position.
 pub fn open_posture(model: &RobotModel, plan: &GraspPlan) -> Result<Vec<f64>, SceneError> {
+    posture(model, plan, OPENING)
+}
+
+/// Joint angles with each fingertip at its contact [rad].
+///
+/// # Errors
+/// A finger does not reach its contact.
+pub fn closed_posture(model: &RobotModel, plan: &GraspPlan) -> Result<Vec<f64>, SceneError> {
+    posture(model, plan, 0.0)
+}
+
+/// Joint angles with each fingertip at a distance from its contact [m].
+fn posture(model: &RobotModel, plan: &GraspPlan, distance: f32) -> Result<Vec<f64>, SceneError> {
     let not_a_hand = || SceneError::NotAHand(model.name.to_string());
     if model.chains.len() != plan.contacts.len() {
         return Err(not_a_hand());
@@ -47,11 +62,11 @@ pub fn open_posture(model: &RobotModel, plan: &GraspPlan) -> Result<Vec<f64>, Sc
         let shape = Chain::new(joints, &chain.tip);
         let finger = Finger::try_new(&shape, limits).map_err(|_| not_a_hand())?;
         let normal = Vector3::from(contact.normal).normalize();
-        let position = Vector3::from(contact.position) - normal * (chain.tip_radius + OPENING);
+        let position = Vector3::from(contact.position) - normal * (chain.tip_radius + distance);
         // Starts from a bent finger: a straight finger can bend in both directions.
         let position: [f32; 3] = position.into();
         let angles = finger.nearest(&position.into(), &[0.0, 0.3, 0.7]).map_err(|error| {
-            SceneError::OutOfReach { finger: chain.name.to_string(), why: format!("{error:?}") }
+            SceneError::OutOfReach { finger: chain.name.to_string(), distance, why: format!("{error:?}") }
         })?;
         posture.extend(angles.map(f64::from));
     }

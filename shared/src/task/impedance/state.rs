@@ -108,8 +108,11 @@ impl ImpedanceState {
     /// The first invalid setting; the state is unchanged then.
     pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
         settings.validate(arm.chain.len())?;
-        let axes = settings.impedance.axes;
-        settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, axes))?;
+        let [old, new] = [&self.settings.impedance, &settings.impedance];
+        // A mass that was accepted stays so: near a singular posture the arm's own grows beyond every one.
+        if (old.axes, old.mass) != (new.axes, new.mass) {
+            settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, new.axes))?;
+        }
         let before = core::mem::replace(&mut self.settings, *settings);
         if before.law != settings.law {
             // The direct law estimates no disturbance, so an earlier estimate is out of date.

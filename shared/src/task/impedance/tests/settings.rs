@@ -8,7 +8,7 @@ use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, t
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::redundancy::Joints;
 use crate::task::impedance::{
-    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidSettings, Law, Redundancy,
+    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
 };
 
 #[test]
@@ -125,4 +125,20 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     assert!(own > 1.0, "{own}");
     light.impedance.mass[0] = 1.01 * limit;
     assert_eq!(state.configure(&fixture.arm(), &light), Ok(()));
+}
+
+/// A straight arm hangs down: along z nothing moves its tool, so that its own mass there is five times the mean.
+#[test]
+fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
+    let (fixture, straight) = (ArmFixture::new(), [0.0; MAX_CHAIN_JOINTS]);
+    let arm = fixture.arm();
+    let own = own_mass(arm.chain, arm.joints, &straight, SOFT.impedance.axes);
+    assert!(SOFT.check_mass(&own).is_err(), "{own:?}");
+    let mut state = fixture.state(&SOFT, &straight);
+    let mut stiffer = SOFT;
+    stiffer.impedance.stiffness[2] = 400.0;
+    assert_eq!(state.configure(&arm, &stiffer), Ok(()));
+    // Another mass, also a larger one, is checked against the arm as it stands.
+    stiffer.impedance.mass[0] = 1.01 * SOFT.impedance.mass[0];
+    assert!(matches!(state.configure(&arm, &stiffer), Err(InvalidSettings::MassInContact { axis: 2, .. })));
 }
