@@ -113,7 +113,7 @@ fn model(name: &str) -> RobotModel {
         .into_iter()
         .collect(),
         joints: [joint].into_iter().collect(),
-        mimics: Default::default(),
+        mimics: heapless::Vec::new(),
         safety: Safety {
             command_timeout: 10.0,
             reaction: Reaction::Hold,

@@ -62,7 +62,7 @@ impl RobotModel {
         for (index, chain) in self.chains.iter().enumerate() {
             let joints = f32::from(chain.joints);
             robot.at_least(Field::Chains, joints, 1.0)?;
-            #[expect(clippy::cast_precision_loss, reason = "at most 12")]
+            #[expect(clippy::cast_precision_loss, reason = "at most 10")]
             let mimics = self.mimics_of(index).count() as f32;
             #[expect(clippy::cast_precision_loss, reason = "a small constant")]
             robot.at_most(Field::Chains, joints + mimics, MAX_CHAIN_JOINTS as f32)?;

@@ -61,7 +61,7 @@ pub fn hand() -> RobotModel {
         gravity: [-6.9367, 0.0, -6.9367],
         chains: ["tip0", "tip1", "tip2"].into_iter().map(finger).collect(),
         joints: (0..9).map(joint).collect(),
-        mimics: heapless::Vec::new(),
+        mimics: Vec::new(),
         safety: Safety {
             command_timeout: 10.0,
             reaction: Reaction::Hold,
