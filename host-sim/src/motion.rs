@@ -202,8 +202,8 @@ impl Motion {
     }
 
     /// Writes all as MCAP for ROS 2: `/robot_description`, `/tf_static`, each tick `/joint_states`,
-    /// `/tesaki/reference` and `/tf` with all links that move, and the bodies on `/tesaki/objects`. Simulated time: tick `n` is at `n` times 10 ms. The same motion gives the
-    /// same bytes.
+    /// `/tesaki/reference` and `/tf` with all links that move, and the bodies on `/tesaki/objects`. Simulated
+    /// time: tick `n` is at `n` times 10 ms. The same motion gives the same bytes.
     ///
     /// # Errors
     /// The text of the URDF is none, or the file cannot be written.
@@ -211,7 +211,9 @@ impl Motion {
         let frames = Frames::of_urdf(&urdf_rs::read_from_string(urdf)?, &self.names);
         let mut recording = Recording::create(path, Some(urdf))?;
         let fixed: Vec<Transform> = frames.fixed().iter().map(transform).collect();
-        recording.tf_static(0, &fixed)?;
+        if !fixed.is_empty() {
+            recording.tf_static(0, &fixed)?;
+        }
         let mut objects = self.objects.iter().peekable();
         for (sample, number) in self.samples.iter().zip(1..) {
             let time = number * PERIOD;
@@ -226,8 +228,10 @@ impl Motion {
             // As in a replay, the objects of a time are those that came last.
             let since = objects.peek().map(|object| object.since);
             let mut markers = Vec::new();
+            // What came after tick n is there from tick n + 1 on.
+            let now = (number as f64 - 0.5) * SECONDS;
             while let Some(object) =
-                objects.next_if(|object| Some(object.since) == since && object.since * 1e9 <= time as f64)
+                objects.next_if(|object| Some(object.since) == since && object.since < now)
             {
                 let id = i32::try_from(markers.len()).unwrap_or(i32::MAX);
                 markers.push(marker(id, object, frames.base()));

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tungstenite::protocol::{Role, WebSocket};
 use tungstenite::{Error, Message};
 
-use super::server::{Server, hand3, signal};
+use super::server::{Server, arm7, hand3, signal};
 
 struct Share {
     child: Child,
@@ -194,4 +194,12 @@ fn foxglove_sees_the_robot_and_cannot_command_it() {
     server.fails(&["share", "foxglove://0.0.0.0:0"], 2, &["ssh -L", "Foxglove"]);
     server.fails(&["share", &format!("foxglove://{}", share.host)], 1, &["another program listens there"]);
     server.fails(&["share", "foxglove://localhost"], 2, &["HOST:PORT"]);
+    // Its URDF would be drawn at the angles of another robot.
+    let other = arm7();
+    let robot = ["--robot", other.to_str().unwrap()];
+    let told = ["the board is hand3", "the folder of arm7"];
+    server.fails(&[&["share", "foxglove://localhost:0"], &robot[..]].concat(), 2, &told);
+    let name = server.folder.path().join("none");
+    server.fails(&[&["record", name.to_str().unwrap()], &robot[..]].concat(), 2, &told);
+    assert!(!name.with_extension("mcap").exists());
 }

@@ -93,6 +93,8 @@ await run(async () => {
   await first.close();
   await until("the robot is stopped", () => tesaki("--json", "info").includes("Fault"));
   check(true, "the robot is stopped when the page that commands it goes away");
+  await second.locator(".tv-faults details:not([open])").waitFor();
+  check((await second.locator(".tv-faults > article").count()) === 1, "the last fault stands there, the one before is folded away");
   await second.getByRole("button", { name: "Take command" }).waitFor();
   check(true, "then the other page may take command");
 

@@ -23,11 +23,13 @@ use crate::args::Options;
 use crate::board_session::{BoardSession, describe, interrupted};
 use crate::failure::Failure;
 use crate::output;
-use crate::publication::{Publication, STREAMS};
+use crate::publication::{Publication, STREAMS, require_own};
 use crate::web_server::{Event, Server, Site};
 
 /// How long the board is listened to before the clients are served, and the other way round.
 const TURN: Duration = Duration::from_millis(5);
+/// Without clients.
+const IDLE: Duration = Duration::from_millis(20);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 /// A message of a channel, in front of subscription, time and data.
@@ -98,7 +100,13 @@ pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Res
         std::io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
         _ => Failure::Other(error.to_string()),
     })?;
-    let session = BoardSession::open(options)?;
+    let mut session = BoardSession::open(options)?;
+    match session.model() {
+        Ok(model) => require_own(folder.as_ref(), &model)?,
+        // One may be pushed later.
+        Err(Failure::NoModel) => {}
+        Err(failure) => return Err(failure),
+    }
     let url = format!("ws://{}", server.address());
     let publisher = Publisher::new(Live::default(), urdf.as_deref());
     let mut share = Share {
@@ -128,7 +136,7 @@ impl Share {
         if self.streams == self.clients.is_empty() {
             self.want_streams(!self.streams)?;
         }
-        let deadline = Instant::now() + TURN;
+        let deadline = Instant::now() + if self.clients.is_empty() { IDLE } else { TURN };
         while let Some(event) = self.session.board.next_event(deadline)? {
             self.take(event)?;
         }

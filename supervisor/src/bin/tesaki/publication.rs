@@ -8,16 +8,28 @@ use tesaki_description::frames::{Frames, Placed};
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink, Transform};
 
+use crate::failure::Failure;
 use crate::task_report::{Pose, Report, report};
 
 /// A control period [ns].
 const TICK: u64 = 10_000_000;
-/// A tick that is so much older than the one before comes from a board that was reset [ticks].
+/// From one tick to the next, if the board was reset in between: this or less [ticks].
 const RESET: i32 = -100;
 
 /// What it is made of.
 pub const STREAMS: &[(Stream, u16)] =
     &[(Stream::Telemetry, 1), (Stream::Tips, 1), (Stream::Task, 2), (Stream::Status, 20)];
+
+/// Refuses the folder of another robot: its URDF and the board's angles do not belong together.
+pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), Failure> {
+    match folder.filter(|folder| folder.model.name != model.name) {
+        Some(other) => Err(Failure::Usage(format!(
+            "the board is {}, and --robot is the folder of {}: give the folder of {0}, or none",
+            model.name, other.model.name
+        ))),
+        None => Ok(()),
+    }
+}
 
 /// Makes messages of what a board sends.
 pub struct Publication<S> {
@@ -26,7 +38,7 @@ pub struct Publication<S> {
     /// Checksum of the model that names and frames are of.
     checksum: Option<u32>,
     names: Vec<String>,
-    /// The tips that have a force sensor, by name.
+    /// The tips by name, and whether each has a force sensor.
     tips: Vec<(String, bool)>,
     frames: Frames,
     /// Whether the frames that do not move are still to be told.

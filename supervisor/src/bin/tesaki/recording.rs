@@ -23,7 +23,7 @@ use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, describe, hex, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
-use crate::publication::{Publication, STREAMS};
+use crate::publication::{Publication, STREAMS, require_own};
 
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);
@@ -80,6 +80,7 @@ impl<'a> Recorder<'a> {
     fn create(options: &'a Options, args: &Record, session: &mut BoardSession) -> Result<Self, Failure> {
         let model = session.model()?;
         let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
+        require_own(robot.as_ref(), &model)?;
         let urdf = robot.as_ref().map(|robot| read_text(&robot.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
         let [log_path, mcap_path] = ["log", "mcap"].map(|extension| with_extension(&args.name, extension));
