@@ -156,6 +156,24 @@ def test_an_object_is_moved():
     np.testing.assert_allclose(moved, up, atol=1.5e-3)
 
 
+KINDS = {"hand3-servo": "joints", "hand3-reach": "tips", "hand3-paper-motion": "joints", "knob-grasp": "hand"}
+STEPPED = [scenario["name"] for scenario in sim.scenarios() if scenario["name"] not in ("knob-find", "hand5-calibrate")]
+
+
+@pytest.mark.parametrize("scenario", STEPPED)
+def test_every_scenario_that_commands_a_board_is_an_environment(scenario):
+    env = sim.make(scenario)
+    expected = {"hand3": "object", "arm7-": "tool", "hand5": "fingertips"}.get(scenario[:5])
+    assert env.kind == KINDS.get(scenario, expected)
+    observation, info = env.reset(seed=1)
+    for _ in range(3):
+        assert observation in env.observation_space
+        assert info["trial"] == 1 and info["fault"] is None and info["truth"] is not None
+        observation, reward, terminated, truncated, info = env.step(None)
+        assert np.isfinite(reward) and not (terminated or truncated)
+    env.close()
+
+
 def test_what_is_wrong_is_said():
     with pytest.raises(ValueError, match="^no scenario \"hand4\"; the scenarios are: hand3-servo, "):
         sim.run("hand4")
@@ -163,6 +181,8 @@ def test_what_is_wrong_is_said():
         sim.make("hand3-servo", kind="toes")
     with pytest.raises(ValueError, match="^trial is 9, but hand3-servo has 4$"):
         sim.make("hand3-servo", trial=9)
+    with pytest.raises(tesaki.SimulationError, match="^hand5-calibrate enables no board that could be commanded: run it$"):
+        sim.make("hand5-calibrate")
     with pytest.raises(tesaki.FileError, match="a robot folder holds"):
         sim.run("hand3-servo", robot="/nowhere")
 
