@@ -93,6 +93,7 @@ pub enum SteppedError {
 }
 
 /// What is commanded in a control period.
+#[expect(clippy::large_enum_variant, reason = "one at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Turn {
     /// What the scenario commands.
