@@ -12,7 +12,7 @@
 //! nothing depends on when the system wakes them.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
@@ -93,6 +93,7 @@ pub enum SteppedError {
 }
 
 /// What is commanded in a control period.
+#[expect(clippy::large_enum_variant, reason = "one at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Turn {
     /// What the scenario commands.
@@ -154,7 +155,7 @@ impl Drop for Stepped {
 
 fn run(
     scenario: &Scenario,
-    robot: &PathBuf,
+    robot: &Path,
     seed: u64,
     halts: SyncSender<Halt>,
     turns: Receiver<Turn>,

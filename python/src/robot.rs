@@ -18,6 +18,9 @@ use crate::error::{FileError, file};
 /// How far a quaternion's length may be from 1.
 const LENGTH_TOLERANCE: f32 = 1e-2;
 
+/// Poses and Jacobians.
+type Forward<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
+
 /// Angles found, and for each target whether it was reached, its distance [m] and its angle [rad].
 type Found<'py> = (
     Bound<'py, PyArray2<f32>>,
@@ -252,7 +255,7 @@ impl Robot {
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         tip: Option<&str>,
-    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>)> {
+    ) -> PyResult<Forward<'py>> {
         let tip = self.tip(tip)?;
         let q = tip.input(q, "q", "angles")?;
         let values = q.values();

@@ -242,7 +242,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
 
     def _observation(self, state: dict[str, Any]) -> dict[str, np.ndarray]:
         names = ["position", "velocity", "reference", "torque", "tip_position", "tip_force", "tip_torque"]
-        return {**{name: state[name] for name in names}, "target": self._target}
+        return {**{name: state[name] for name in names}, "target": self._target.copy()}
 
     def _told(self, state: dict[str, Any]):
         """Observation and info."""

@@ -21,7 +21,7 @@ const SOURCE: &str = "python";
 /// second time. The selection of all other builds here gives the same library in seconds.
 pub fn check() -> Result<()> {
     let python = tools::provide_python(&out("python"), PACKAGES, "numpy, gymnasium, mcap, pytest")?;
-    tools::run(test::cargo(&["build"]).args(test::HOST).arg("--lib"))?;
+    tools::run(test::cargo(&["build"]).args(test::HOST).args(["--lib", "--bin", "host-sim"]))?;
     let release = firmware::target().join("release");
     let package = out("python-package");
     assemble(&release.join("lib_tesaki.so"), &package.join("tesaki"))?;
