@@ -68,7 +68,7 @@ struct Serve {
     #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
     controller: ControllerKind,
     /// Address for clients: unix://PATH or tcp://HOST:PORT; default: a new Unix socket
-    #[arg(long)]
+    #[arg(long, value_parser = tesaki_supervisor::port::Address::socket)]
     listen: Option<tesaki_supervisor::port::Address>,
     /// Key file for a TCP address that other machines reach; `tesaki key FILE` makes one
     #[arg(long, env = "TESAKI_KEY", value_name = "FILE")]
@@ -87,11 +87,13 @@ struct Serve {
     #[arg(long, value_name = "SEED", conflicts_with = "grasp")]
     door: Option<u64>,
     /// Radius of the rose of that door [m]; default: 0.035 to 0.045, by the seed
-    #[arg(long, value_name = "RADIUS", requires = "door")]
+    #[arg(long, value_name = "RADIUS", requires = "door", allow_negative_numbers = true)]
     rose: Option<f64>,
     /// Address for programs that want the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
     /// socket
-    #[arg(long, value_name = "ADDRESS", requires = "door")]
+    #[arg(
+        long, value_name = "ADDRESS", requires = "door", value_parser = tesaki_supervisor::port::Address::socket
+    )]
     camera: Option<tesaki_supervisor::port::Address>,
     /// Firmware image for `--controller qemu`
     #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
@@ -471,6 +473,14 @@ fn served_door(
     plant: &tesaki_sim::plant::Plant,
 ) -> Result<Option<ServedDoor>, Box<dyn Error>> {
     let Some(seed) = options.door else { return Ok(None) };
+    if let (Some(listen), Some(camera)) = (&options.listen, &options.camera)
+        && listen == camera
+    {
+        return Err(format!(
+            "--listen and --camera are both {camera}: the pictures need an address of their own"
+        )
+        .into());
+    }
     let (camera, files) = (CameraValues::load(&options.robot)?, approach::load(&options.robot, model)?);
     let [hand, gripper] = hand_joints(model, &files.task, plant);
     let mut door = KnobDoor::draw(seed, &hand_pose(plant, hand, gripper));

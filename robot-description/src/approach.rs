@@ -72,7 +72,11 @@ pub struct ApproachFile {
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ApproachFileError {
     /// It cannot be read.
-    #[error("cannot read {}: {reason}", path.display())]
+    #[error(
+        "cannot read {}: {reason}; a robot that approaches door knobs has an approach.toml in its folder \
+         (robots/knob-arm/approach.toml is an example)",
+        path.display()
+    )]
     Read {
         /// The file.
         path: PathBuf,

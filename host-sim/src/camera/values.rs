@@ -25,7 +25,11 @@ pub struct CameraValues {
 #[derive(Debug, thiserror::Error)]
 pub enum CameraFileError {
     /// It cannot be read.
-    #[error("cannot read {}: {source}; a robot with a hand-eye camera has a camera.toml in its folder", path.display())]
+    #[error(
+        "cannot read {}: {source}; a robot with a hand-eye camera has a camera.toml in its folder, such as \
+         `--robot robots/knob-arm`",
+        path.display()
+    )]
     Read {
         /// The file.
         path: PathBuf,

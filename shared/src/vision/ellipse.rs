@@ -31,6 +31,12 @@ impl Ellipse {
         self.radius * math::sqrt(square)
     }
 
+    /// How far apart two are in centre and radius [px].
+    pub fn distance(&self, other: &Self) -> f32 {
+        let [dx, dy] = [0, 1].map(|axis| self.center[axis] - other.center[axis]);
+        math::sqrt(dx * dx + dy * dy) + math::abs(self.radius - other.radius)
+    }
+
     /// Semi-axes, the larger first, and the angle of the larger one from x towards y [rad].
     pub fn axes(&self) -> ([f32; 2], f32) {
         let [p, q] = self.flattening;
@@ -48,6 +54,9 @@ impl Ellipse {
         let scale = 1.0 / self.radius;
         let mut total = 0.0;
         for ([x, y], weight) in points {
+            if weight <= 0.0 {
+                continue;
+            }
             let (u, v) = ((x - self.center[0]) * scale, (y - self.center[1]) * scale);
             let row = SVector::<f32, 5>::from([1.0, u, v, v * v - u * u, -2.0 * u * v]);
             let value = u * u + v * v;

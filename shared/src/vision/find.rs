@@ -4,7 +4,7 @@ use super::error::VisionError;
 use super::hough::{Candidate, accumulator_len, maxima, radii_about, vote};
 use super::image::Image;
 use super::knob::{behind_knob, uncover};
-use super::refit::{Fit, noise, refit};
+use super::refit::{Fit, Rims, noise};
 use super::starts::{MAX_CANDIDATES, Start, Starts};
 use crate::math;
 
@@ -191,9 +191,9 @@ pub fn find_circle(
     }
     let noise = noise(image);
     let mut fits = [None::<Fit>; MAX_CANDIDATES];
-    for (fit, start) in fits.iter_mut().zip(starts.list.iter().flatten()) {
-        let band = if start.side > 4.0 { (6, 0.25 * start.side) } else { (start.side as usize + 2, 1.0) };
-        *fit = refit(image, &start.ellipse, band, noise, None);
+    let rims = Rims { image, noise, front: None };
+    for (fit, found) in fits.iter_mut().zip(rims.fit_all(&starts.list)) {
+        *fit = Some(found);
     }
     let rose = search.axis.and_then(|axis| behind_knob(image, search, &axis, noise, &fits));
     let found = rose.or_else(|| {

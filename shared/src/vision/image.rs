@@ -41,18 +41,22 @@ impl<'a> Image<'a> {
         self.pixels.get(y * self.width..(y + 1) * self.width).unwrap_or_default()
     }
 
-    /// Bilinear interpolation at a point at least one pixel inside the image, see [`Image::contains`].
+    /// Bilinear interpolation at a point at least one pixel inside the image, see [`Image::contains`], in 65 536ths of a
+    /// pixel. The grey level has 16 bits of fraction.
+    #[inline(always)]
+    pub(super) fn at(&self, x: i32, y: i32) -> i32 {
+        let start = (y >> 16) as usize * self.width + (x >> 16) as usize;
+        let Some(block) = self.pixels.get(start..start + self.width + 2) else { return 0 };
+        let [a, b, c, d] = [block[0], block[1], block[self.width], block[self.width + 1]].map(i32::from);
+        let (fx, fy) = (x >> 8 & 0xFF, y >> 8 & 0xFF);
+        let (top, bottom) = (256 * a + fx * (b - a), 256 * c + fx * (d - c));
+        256 * top + fy * (bottom - top)
+    }
+
+    /// A coordinate in 65 536ths of a pixel.
     #[inline]
-    pub(super) fn at(&self, x: f32, y: f32) -> f32 {
-        let (column, row) = (x as usize, y as usize);
-        let (fx, fy) = (x - column as f32, y - row as f32);
-        let start = row * self.width + column;
-        let upper = self.pixels.get(start..start + 2);
-        let lower = self.pixels.get(start + self.width..start + self.width + 2);
-        let (Some(&[a, b]), Some(&[c, d])) = (upper, lower) else { return 0.0 };
-        let [a, b, c, d] = [a, b, c, d].map(f32::from);
-        let (top, bottom) = (a + fx * (b - a), c + fx * (d - c));
-        top + fy * (bottom - top)
+    pub(super) fn fixed(coordinate: f32) -> i32 {
+        (coordinate * 65536.0) as i32
     }
 
     /// Whether the point and its neighbours within `margin` are inside.

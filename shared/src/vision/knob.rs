@@ -3,7 +3,7 @@
 use super::ellipse::Ellipse;
 use super::find::{CircleSearch, SAME_RIM, Window};
 use super::image::Image;
-use super::refit::{Fit, glance, refit};
+use super::refit::{Fit, Rims, glance};
 use super::starts::{MAX_CANDIDATES, Start, Starts};
 use crate::math;
 
@@ -51,16 +51,16 @@ pub(super) fn behind_knob(
         }
         let Some(place) = knobs.iter_mut().find(|place| place.is_none()) else { break };
         *place = Some(knob);
-        for start in candidates(image, search, axis, noise, &knob.ellipse).list.iter().flatten() {
-            let fit = refit(image, &start.ellipse, BAND, noise, Some(&knob.ellipse));
-            let is_rose = |fit: &Fit| {
-                search.allows(&fit.ellipse)
-                    && fit.open().count_ones() >= MIN_RAYS
-                    && fit.ellipse.radius > 0.9 * knob.ellipse.radius
-                    && fit.distance(knob) > SAME_RIM * fit.ellipse.radius
-                    && fit.evidence() > ROSE_EVIDENCE
-            };
-            let Some(rose) = fit.filter(is_rose) else { continue };
+        let starts = candidates(image, search, axis, noise, &knob.ellipse);
+        let rims = Rims { image, noise, front: Some(&knob.ellipse) };
+        let is_rose = |fit: &Fit| {
+            search.allows(&fit.ellipse)
+                && fit.open().count_ones() >= MIN_RAYS
+                && fit.ellipse.radius > 0.9 * knob.ellipse.radius
+                && fit.distance(knob) > SAME_RIM * fit.ellipse.radius
+                && fit.evidence() > ROSE_EVIDENCE
+        };
+        for rose in rims.fit_all(&starts.list).filter(is_rose) {
             let evidence = rose.evidence() + 0.5 * knob.evidence();
             if evidence > best.as_ref().map_or(PAIR_EVIDENCE, |(_, evidence)| *evidence) {
                 best = Some((rose, evidence));
@@ -112,7 +112,7 @@ pub(super) fn uncover(image: &Image<'_>, noise: f32, fits: &mut [Option<Fit>; MA
             if !is_in_front(front, fit) || fit.hidden_by(&front.ellipse) & fit.visible == 0 {
                 continue;
             }
-            let open = refit(image, &fit.ellipse, BAND, noise, Some(&front.ellipse));
+            let open = Rims { image, noise, front: Some(&front.ellipse) }.refit(&fit.ellipse, BAND);
             if let Some(open) = open
                 && open.open().count_ones() >= MIN_RAYS
                 && open.evidence() > fit.evidence() - LOSS

@@ -1,5 +1,6 @@
 use super::ellipse::Ellipse;
 use super::image::Image;
+use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
 
 /// Rays from the centre.
@@ -14,8 +15,12 @@ const MAX_BAND: usize = 8;
 const SAMPLES: usize = 2 * MAX_BAND + 5;
 /// Distance between the three parallel profiles of a ray [px].
 const ACROSS: f32 = 1.5;
+/// What is free around a profile, with the rounding of its places [px].
+const MARGIN: f32 = ACROSS + 0.01;
 /// Standard deviation of the derivative along a ray, over that of the pixels.
 const DERIVATIVE_NOISE: f32 = 0.5;
+/// Contrast of an edge with a blur of 1 px that steps of half a pixel see, over that of whole steps.
+const HALF_STEPS: f32 = 0.6;
 /// Least contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 4.0;
 /// A flattening that halves the strength of the evidence: that of a circle seen at 25°.
@@ -24,6 +29,8 @@ const FLATTENING: f32 = 0.1;
 const MANY_RAYS: f32 = 40.0;
 /// Open rays, of every second, without which a circle gets no glance.
 const FEWEST_RAYS: u8 = 10;
+/// Candidates that are as near to each other after the first step lead to the same rim [px].
+const SAME_START: f32 = 0.8;
 /// Bounds of the residual in Tukey's weights, fit by fit, over the band that was searched.
 const TUKEY: [f32; 4] = [1.0, 0.75, 0.5, 0.4];
 
@@ -72,8 +79,7 @@ impl Fit {
 
     /// How far apart two circles are [px].
     pub fn distance(&self, other: &Self) -> f32 {
-        let [dx, dy] = [0, 1].map(|axis| self.ellipse.center[axis] - other.ellipse.center[axis]);
-        math::sqrt(dx * dx + dy * dy) + math::abs(self.ellipse.radius - other.ellipse.radius)
+        self.ellipse.distance(&other.ellipse)
     }
 }
 
@@ -93,8 +99,11 @@ pub(super) fn glance(image: &Image<'_>, circle: &Ellipse, front: &Ellipse, noise
         let point = at(circle.radius);
         let mut here = 0.0;
         if image.contains(point[0], point[1], 2.0 * ACROSS) && !hides(front, point) {
-            let ([x, y], [outer_x, outer_y]) = (at(circle.radius - ACROSS), at(circle.radius + ACROSS));
-            here = math::clamp(image.at(outer_x, outer_y) - image.at(x, y), -most, most);
+            let [inner, outer] = [-ACROSS, ACROSS].map(|offset| {
+                let [x, y] = at(circle.radius + offset).map(Image::fixed);
+                image.at(x, y)
+            });
+            here = math::clamp((outer - inner) as f32 * (1.0 / 65536.0), -most, most);
             open += 1;
         }
         sum += 0.5 * (math::abs(here + before) - math::abs(here - before));
@@ -127,6 +136,8 @@ pub(super) fn noise(image: &Image<'_>) -> f32 {
 /// Grey levels along a ray, from inside to outside.
 struct Profile {
     length: usize,
+    /// Distance of the samples, where it is less than a pixel [px].
+    unit: f32,
     grey: [f32; SAMPLES],
     /// Differences of the parallel profiles.
     across: [f32; SAMPLES],
@@ -145,19 +156,20 @@ impl Profile {
         let half = band.min(MAX_BAND) + 2;
         let (reach, side) = (ellipse.reach(direction), half as f32 * unit);
         let [cx, cy] = ellipse.center;
-        let is_inside = |reach: f32| image.contains(cx + reach * u, cy + reach * v, ACROSS);
+        let is_inside = |reach: f32| image.contains(cx + reach * u, cy + reach * v, MARGIN);
         if !is_inside(reach + side) || !is_inside(reach - side) {
             return None;
         }
-        let mut profile = Self { length: 2 * half + 1, grey: [0.0; SAMPLES], across: [0.0; SAMPLES] };
-        let (mut x, mut y) = (cx + (reach - side) * u, cy + (reach - side) * v);
-        let (dx, dy) = (-ACROSS * v, ACROSS * u);
+        let mut profile =
+            Self { length: 2 * half + 1, unit: unit.min(1.0), grey: [0.0; SAMPLES], across: [0.0; SAMPLES] };
+        let [mut x, mut y] = [cx + (reach - side) * u, cy + (reach - side) * v].map(Image::fixed);
+        let [dx, dy, along_x, along_y] = [-ACROSS * v, ACROSS * u, unit * u, unit * v].map(Image::fixed);
         for (grey, across) in profile.grey.iter_mut().zip(&mut profile.across).take(profile.length) {
             let (left, right) = (image.at(x - dx, y - dy), image.at(x + dx, y + dy));
-            *grey = (left + image.at(x, y) + right) * (1.0 / 3.0);
-            *across = right - left;
-            x += unit * u;
-            y += unit * v;
+            *grey = (left + image.at(x, y) + right) as f32 * (1.0 / (3.0 * 65536.0));
+            *across = (right - left) as f32 * (1.0 / 65536.0);
+            x += along_x;
+            y += along_y;
         }
         Some(profile)
     }
@@ -184,12 +196,13 @@ impl Profile {
             }
         }
         let contrast = math::abs(self.contrast(at));
+        let least = if self.unit < 1.0 { HALF_STEPS * least } else { least };
         if contrast < least || at < 3 || at + 4 > self.length {
             return None;
         }
         // A slope of 1 is a contrast of 8/3 along, and of 2 · 1.5 across.
         let across = self.across[at - 1] + self.across[at] + self.across[at + 1];
-        if math::abs(across) * (8.0 / 27.0) > 0.6 * contrast + 0.3 * least {
+        if math::abs(across) * (8.0 / 27.0) * self.unit > 0.6 * contrast + 0.3 * least {
             return None;
         }
         let (before, after) = (math::abs(self.contrast(at - 1)), math::abs(self.contrast(at + 1)));
@@ -208,23 +221,62 @@ fn directions() -> impl Iterator<Item = [f32; 2]> {
     .take(RAYS)
 }
 
-/// Fits an ellipse to the edge within `band` steps of `unit` px of a candidate, then nearer and nearer; where `front`
-/// hides it, no edge counts. Returns None without a common ellipse.
-pub(super) fn refit(
-    image: &Image<'_>,
-    start: &Ellipse,
-    (band, unit): (usize, f32),
-    noise: f32,
-    front: Option<&Ellipse>,
-) -> Option<Fit> {
-    let mut ellipse = *start;
-    // A circle at first: a mixture of two rims would be a fine ellipse.
-    let middle = math::clamp(0.5 * unit, 1.0, unit);
-    for (band, unit, step, flattening) in [(band, unit, 2, 0.003), (4, middle, 1, 0.006), (2, 1.0, 1, 0.02)] {
-        let seen = edge_points(image, &ellipse, (band, unit), step, noise, front)?;
-        ellipse = approach(&ellipse, &seen, unit * band as f32, flattening)?;
+/// A picture in which rims are looked for; where `front` hides them, no edge counts.
+pub(super) struct Rims<'a> {
+    pub image: &'a Image<'a>,
+    pub noise: f32,
+    pub front: Option<&'a Ellipse>,
+}
+
+impl Rims<'_> {
+    /// Fits to each of the candidates, the best first, an ellipse. Where several lead to one rim, the first of them.
+    pub fn fit_all<'a>(
+        &'a self,
+        starts: &'a [Option<Start>; MAX_CANDIDATES],
+    ) -> impl Iterator<Item = Fit> + 'a {
+        let mut known = [None::<Ellipse>; MAX_CANDIDATES];
+        starts.iter().flatten().zip(0..).filter_map(move |(start, index)| {
+            let near = self.approach(&start.ellipse, start.band())?;
+            let is_known = |other: &Ellipse| other.distance(&near) < SAME_START;
+            if known.iter().flatten().any(is_known) {
+                return None;
+            }
+            *known.get_mut(index)? = Some(near);
+            self.fit(&near, start.band().1)
+        })
     }
-    judge(image, &ellipse, noise, front)
+
+    /// A first step from a candidate towards the edge within `band` steps of `unit` px: a circle, as a mixture of two
+    /// rims would be a fine ellipse.
+    fn approach(&self, start: &Ellipse, (band, unit): (usize, f32)) -> Option<Ellipse> {
+        self.step(start, (band, unit), 2, 0.003)
+    }
+
+    /// Fits an ellipse to the edge nearer and nearer to a first step of `unit` px. Returns None without a common ellipse.
+    fn fit(&self, near: &Ellipse, unit: f32) -> Option<Fit> {
+        let middle = math::clamp(0.5 * unit, 1.0, unit);
+        let ellipse = self.step(near, (4, middle), 1, 0.006)?;
+        let ellipse = self.step(&ellipse, (2, 1.0), 1, 0.02)?;
+        // At last in steps of half a pixel, so that the shadow beside the rim counts less.
+        let ellipse = self.step(&ellipse, (3, 0.5), 1, 0.02)?;
+        judge(self.image, &ellipse, self.noise, self.front)
+    }
+
+    /// [`Rims::approach`] and [`Rims::fit`].
+    pub fn refit(&self, start: &Ellipse, (band, unit): (usize, f32)) -> Option<Fit> {
+        self.fit(&self.approach(start, (band, unit))?, unit)
+    }
+
+    fn step(
+        &self,
+        ellipse: &Ellipse,
+        (band, unit): (usize, f32),
+        every: usize,
+        flattening: f32,
+    ) -> Option<Ellipse> {
+        let seen = edge_points(self.image, ellipse, (band, unit), every, self.noise, self.front)?;
+        approach(ellipse, &seen, unit * band as f32, flattening)
+    }
 }
 
 /// Least contrast of an edge point.
@@ -280,14 +332,12 @@ fn approach(
     Some(ellipse)
 }
 
-/// Distance of a point from the ellipse, outwards from the centre [px].
+/// Distance of a point from the ellipse, outwards from the centre, to first order in it and in the squared flattening [px].
 fn distance(ellipse: &Ellipse, [x, y]: [f32; 2]) -> f32 {
-    let (dx, dy) = (x - ellipse.center[0], y - ellipse.center[1]);
-    let length = math::sqrt(dx * dx + dy * dy);
-    if length < 1.0 {
-        return -ellipse.radius;
-    }
-    length - ellipse.reach([dx / length, dy / length])
+    let (u, v) = (x - ellipse.center[0], y - ellipse.center[1]);
+    let [p, q] = ellipse.flattening;
+    let square = (u * u + v * v + p * (u * u - v * v) + 2.0 * q * u * v) * (1.0 + 0.5 * (p * p + q * q));
+    0.5 * (square / ellipse.radius - ellipse.radius)
 }
 
 /// The evidence for an ellipse.

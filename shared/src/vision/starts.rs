@@ -13,6 +13,13 @@ pub(super) struct Start {
     pub side: f32,
 }
 
+impl Start {
+    /// Where the edge is looked for: steps to both sides, each of so many pixels.
+    pub fn band(&self) -> (usize, f32) {
+        if self.side > 4.0 { (6, 0.25 * self.side) } else { (self.side as usize + 2, 1.0) }
+    }
+}
+
 /// The best candidates, the best first.
 pub(super) struct Starts {
     pub list: [Option<Start>; MAX_CANDIDATES],

@@ -33,6 +33,9 @@ pub enum AddressError {
     /// Neither a path nor a known scheme.
     #[error("\"{0}\" is not a port{hint}: use one such as {EXAMPLES}", hint = guess(.0))]
     Unknown(String),
+    /// Where a socket is needed, something else.
+    #[error("\"{text}\" is no socket{hint}: use one such as unix:///run/hand.sock or tcp://localhost:7400", text = .0, hint = guess_socket(.0))]
+    NotSocket(String),
     /// `unix:` without a path.
     #[error("\"{0}\" names no socket file: write it like unix:///run/hand.sock")]
     NoSocket(String),
@@ -57,6 +60,12 @@ fn guess(text: &str) -> String {
     }
 }
 
+/// The socket that was probably meant.
+fn guess_socket(text: &str) -> String {
+    let scheme = if is_host_and_port(text) { "tcp" } else { "unix" };
+    if text.contains("://") { String::new() } else { format!(" (did you mean {scheme}://{text}?)") }
+}
+
 fn is_host_and_port(text: &str) -> bool {
     text.rsplit_once(':').is_some_and(|(host, port)| {
         let bracketed = host.starts_with('[') && host.ends_with(']') && host.len() > 2;
@@ -69,6 +78,21 @@ fn is_com_port(text: &str) -> bool {
     text.split_at_checked(3).is_some_and(|(com, number)| {
         com.eq_ignore_ascii_case("COM") && number.parse::<u16>().is_ok_and(|number| number > 0)
     })
+}
+
+impl Address {
+    /// The address of a socket.
+    ///
+    /// # Errors
+    /// When the text is no address, or that of something else.
+    pub fn socket(text: &str) -> Result<Self, AddressError> {
+        match text.parse() {
+            Ok(Self::Auto | Self::Path(_)) | Err(AddressError::Unknown(_)) => {
+                Err(AddressError::NotSocket(text.trim().to_owned()))
+            }
+            parsed => parsed,
+        }
+    }
 }
 
 impl FromStr for Address {
@@ -150,6 +174,14 @@ mod tests {
         for unknown in ["http://host:1", "COM", "COM0", "board"] {
             assert!(matches!(error(unknown), AddressError::Unknown(_)), "{unknown}");
         }
+        for (text, guess) in
+            [("foo", "unix://foo"), ("./foo", "unix://./foo"), ("localhost:1", "tcp://localhost:1")]
+        {
+            let error = Address::socket(text).unwrap_err().to_string();
+            assert!(error.contains(&format!("did you mean {guess}?")), "{error}");
+        }
+        assert_eq!(Address::socket("unix:"), Err(AddressError::NoSocket("unix:".into())));
+        assert_eq!(Address::socket("tcp://[::1]:7400"), Ok(Address::Tcp("[::1]:7400".into())));
         for socket in ["unix:", "unix://", "unix:///run/"] {
             assert!(matches!(error(socket), AddressError::NoSocket(_)), "{socket}");
         }

@@ -10,6 +10,7 @@ use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 use tesaki_sim::door::KNOB;
 
+use super::asking::Asked;
 use super::server::{Server, finish, said, signal};
 
 /// Least force of each finger on a knob that is gripped [N].
@@ -267,6 +268,38 @@ fn circles_that_jump_lead_the_arm_nowhere() {
     let mut rest = String::new();
     let _ = reader.read_line(&mut rest);
     assert_eq!(rest, "");
+}
+
+#[test]
+fn circles_that_come_before_the_arm_may_move_are_of_no_use() {
+    let scene = Scene::new();
+    let robot = impatient(scene.server.folder.path());
+    let robot = robot.to_str().unwrap();
+    let detector = scene.circles.clone();
+    let sent = std::thread::spawn(move || {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let path = detector.trim_start_matches("unix://").to_owned();
+        let mut stream = loop {
+            match UnixStream::connect(&path) {
+                Ok(stream) => break stream,
+                Err(error) => assert!(Instant::now() < deadline, "{error}"),
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        // More than the program and the socket keep, if nobody reads them.
+        stream.set_write_timeout(Some(Duration::from_secs(5))).unwrap();
+        let circle = "{\"picture\": 1, \"age\": 0, \"circle\": {\"center\": [127, 140], \"radius\": 22}}\n";
+        let written = (0..6000).take_while(|_| stream.write_all(circle.as_bytes()).is_ok()).count();
+        (written, stream)
+    });
+    let asked =
+        Asked::start(&scene.server, &["approach", "--robot", robot, "--from", &scene.circles, "--no-hold"]);
+    let (written, stream) = sent.join().unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    let (code, text) = said(&finish(asked.answer("y")));
+    assert_eq!(written, 6000);
+    assert!(code == 8 && text.contains("no pictures") && text.contains(" 0 pictures"), "{code}: {text}");
+    drop(stream);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::process::{Child, Stdio};
 use super::server::{Server, finish, said, signal};
 
 /// A command at a terminal that has asked its question.
-struct Asked {
+pub(super) struct Asked {
     child: Child,
     terminal: File,
     /// What it has said until then.
@@ -15,7 +15,7 @@ struct Asked {
 }
 
 impl Asked {
-    fn start(server: &Server, arguments: &[&str]) -> Self {
+    pub(super) fn start(server: &Server, arguments: &[&str]) -> Self {
         let nix::pty::OpenptyResult { master, slave } = nix::pty::openpty(None, None).unwrap();
         let mut terminal = File::from(master);
         let end = || Stdio::from(slave.try_clone().unwrap());
@@ -31,7 +31,7 @@ impl Asked {
         Self { child, terminal, said }
     }
 
-    fn answer(mut self, answer: &str) -> Child {
+    pub(super) fn answer(mut self, answer: &str) -> Child {
         writeln!(self.terminal, "{answer}").unwrap();
         // It must not wait for a reader.
         std::thread::spawn(move || std::io::copy(&mut self.terminal, &mut std::io::sink()));

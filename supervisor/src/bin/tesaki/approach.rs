@@ -39,11 +39,11 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
     if !sees {
         return Ok(());
     }
-    output::confirm(
-        options,
-        &format!("The hand of {} will go to a door knob and grip it. Continue?", motion.model.name),
-    )?;
+    let question = format!("The hand of {} will go to a door knob and grip it. Continue?", motion.model.name);
+    vision.greet_during(initial, size, || output::confirm(options, &question))?;
     motion.enable(TaskConfig::VisualApproach(task))?;
+    // What was seen before is of no use. A vision that has ended meanwhile is one that stops.
+    let _ = vision.greet(initial, size);
     motion.announce_ctrl_c(motion.load().as_ref());
     let poses = Poses::new(hand(&motion.model, &task));
     let leader = RefCell::new(Leader {

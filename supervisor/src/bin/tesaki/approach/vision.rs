@@ -3,6 +3,7 @@
 use std::io::{BufReader, Write as _};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use tesaki_supervisor::port::LocalListener;
@@ -10,6 +11,7 @@ use tesaki_supervisor::port::LocalListener;
 use crate::args::SightSource;
 use crate::failure::Failure;
 use crate::feed::{self, Feed, Inlet};
+use crate::motion::PERIOD;
 use crate::sight::{Answer, Search, Sight};
 
 /// A connection is waited for so long at a time.
@@ -109,6 +111,26 @@ impl Vision {
             Some(ending) if !is_there => Err(ending.before_enabling("")),
             _ => Ok(is_there),
         }
+    }
+
+    /// Greets while a person is asked. Else lines that wait beyond what is kept would seem to come after the answer.
+    pub fn greet_during(
+        &mut self,
+        initial: Search,
+        size: Option<[usize; 2]>,
+        ask: impl FnOnce() -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let is_answered = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_answered.load(Ordering::Relaxed) && self.greet(initial, size).is_ok() {
+                    std::thread::sleep(PERIOD);
+                }
+            });
+            let answer = ask();
+            is_answered.store(true, Ordering::Relaxed);
+            answer
+        })
     }
 
     /// A line told of a picture.

@@ -32,7 +32,7 @@ pub struct Look {
     pub from: PictureSource,
     /// Address of `tesaki approach`, which says what to look for and gets the circles: unix://PATH or
     /// tcp://HOST:PORT; without it they are printed
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = Address::socket)]
     pub to: Option<Address>,
     /// Time from the middle of the exposure to the arrival of a picture that does not tell its age [s]
     #[arg(long, value_name = "S", default_value = "0", value_parser = delay, allow_negative_numbers = true)]

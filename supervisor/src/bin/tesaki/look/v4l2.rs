@@ -20,7 +20,9 @@ pub struct Camera {
     stream: ReadStream,
     width: usize,
     height: usize,
+    /// Bytes of a pixel, and of a row with its padding.
     bytes: usize,
+    stride: usize,
 }
 
 impl fmt::Display for Camera {
@@ -32,7 +34,16 @@ impl fmt::Display for Camera {
 impl Camera {
     /// Starts a camera; it may choose another size than the wanted one.
     pub fn open(device: &Path, size: [u32; 2]) -> std::result::Result<Self, Failure> {
-        Self::start(device, size).map_err(Failure::file(device))
+        Self::start(device, size).map_err(|error| {
+            // What a file that is no V4L2 device answers.
+            let is_other = error.raw_os_error() == Some(nix::errno::Errno::ENOTTY as i32);
+            let error = if is_other {
+                Error::new(ErrorKind::InvalidInput, "it is no camera; `v4l2-ctl --list-devices` lists them")
+            } else {
+                error
+            };
+            Failure::file(device)(error)
+        })
     }
 
     fn start(path: &Path, [width, height]: [u32; 2]) -> Result<Self> {
@@ -45,6 +56,8 @@ impl Camera {
             let camera = device.video_capture(PixFormat::new(width, height, wanted))?;
             let got = camera.format();
             let [width, height] = [got.width() as usize, got.height() as usize];
+            // Some drivers leave it 0 where there is no padding.
+            let stride = (got.bytes_per_line() as usize).max(width * bytes);
             if got.pixel_format() == wanted {
                 return Ok(Self {
                     device: path.to_owned(),
@@ -52,6 +65,7 @@ impl Camera {
                     width,
                     height,
                     bytes,
+                    stride,
                 });
             }
         }
@@ -64,23 +78,48 @@ impl Camera {
 
     /// The next picture.
     pub fn next(&mut self) -> Result<Picture> {
-        let Self { width, height, bytes, .. } = *self;
+        let Self { width, height, bytes, stride, .. } = *self;
         loop {
             // One that the driver calls damaged is left out.
             let picture = self.stream.dequeue(|view| {
-                let count = width * height * bytes;
                 if view.is_error() {
                     return Ok(None);
                 }
-                let pixels = view.get(..count).ok_or_else(|| {
-                    let text = format!("a picture of {} bytes in place of {count}", view.len());
-                    Error::new(ErrorKind::InvalidData, text)
-                })?;
-                Ok(Some(Picture { width, height, pixels: pixels.iter().step_by(bytes).copied().collect() }))
+                let pixels = brightness(&view, [width, height], bytes, stride)?;
+                Ok(Some(Picture { width, height, pixels }))
             })?;
             if let Some(picture) = picture {
                 return Ok(picture);
             }
         }
+    }
+}
+
+/// The brightness of each pixel of a picture whose rows may be padded.
+fn brightness(picture: &[u8], [width, height]: [usize; 2], bytes: usize, stride: usize) -> Result<Vec<u8>> {
+    // The last row may come without its padding.
+    let count = stride * (height - 1) + width * bytes;
+    let rows = picture.get(..count).ok_or_else(|| {
+        let text = format!("a picture of {} bytes in place of {count}", picture.len());
+        Error::new(ErrorKind::InvalidData, text)
+    })?;
+    let row = |row: &[u8]| row.iter().step_by(bytes).take(width).copied().collect::<Vec<_>>();
+    Ok(rows.chunks(stride).flat_map(row).collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn padding_of_rows_is_no_part_of_the_picture() {
+        // Two rows of two pixels YUYV, padded to six bytes; and without padding.
+        let padded = [1, 0, 2, 0, 99, 99, 3, 0, 4, 0, 99, 99];
+        assert_eq!(brightness(&padded, [2, 2], 2, 6).unwrap(), [1, 2, 3, 4]);
+        assert_eq!(brightness(&padded[..10], [2, 2], 2, 6).unwrap(), [1, 2, 3, 4]);
+        assert_eq!(brightness(&[1, 2, 3, 4, 5, 6], [3, 2], 1, 3).unwrap(), [1, 2, 3, 4, 5, 6]);
+        let error = brightness(&padded[..9], [2, 2], 2, 6).unwrap_err();
+        assert_eq!(error.to_string(), "a picture of 9 bytes in place of 10");
     }
 }
