@@ -4,7 +4,8 @@
 //! control period, the current loop, the timer and the UARTs leads to a panic; no function calls itself; every call leads to
 //! known functions. The stack is the sum of the deepest paths of the idle loop and of all interrupts, each with what the
 //! processor pushes, because each of them is active once at most; but while the supervisor's task holds a lock the control
-//! period waits, so of these two it is the deeper: the first with its lock, or both without.
+//! period waits, so of these two it is the deeper: the first with its lock, or both without. What a panic itself needs, or a crystal
+//! that stops, is not in the sum: the 4 KiB that remain are for it.
 
 mod graph;
 mod thumb;

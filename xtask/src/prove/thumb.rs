@@ -73,6 +73,7 @@ pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
         push: 0,
         conditional: Conditional::default(),
         new_stack: false,
+        lock: None,
     };
     if first >> 11 < 0b11101 {
         narrow(address, first, &mut result)?;
