@@ -131,8 +131,6 @@ struct Run {
 }
 
 #[derive(Args)]
-<<<<<<< HEAD
-=======
 struct Limits {
     /// Name of the scenario, see `host-sim list`
     scenario: String,
@@ -148,46 +146,6 @@ struct Limits {
 }
 
 #[derive(Args)]
-struct Papers {
-    /// Papers; default: all
-    #[arg(value_enum)]
-    papers: Vec<Paper>,
-    /// Seed of the machine's deviations and noise
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Folder for the figures, and for what was measured in the runs that they show
-    #[arg(long, default_value_os_t = workspace().join("docs/papers"))]
-    out: PathBuf,
-}
-
-#[derive(Args)]
-struct RenderKnob {
-    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of them
-    #[arg(long, default_value = "1", value_parser = seeds)]
-    seed: RangeInclusive<u64>,
-    /// Folder for the pictures
-    #[arg(long, default_value_os_t = PathBuf::from("out/render-knob"))]
-    out: PathBuf,
-    /// Robot folder with camera.toml
-    #[arg(long, default_value_os_t = workspace().join("robots/knob-arm"))]
-    robot: PathBuf,
-    /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
-    #[arg(long)]
-    distance: Option<f64>,
-    /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also writes
-    /// knob-SEED.csv with the pose of the hand in the frame of the door
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    views: Option<u32>,
-    /// In place of knob and rose a black disc on white paper, 40 mm in radius
-    #[arg(long)]
-    disc: bool,
-    /// Without blur, noise and vignetting
-    #[arg(long)]
-    ideal: bool,
-}
-
-#[derive(Args)]
->>>>>>> arm
 struct Faults {
     /// Seed of a schedule; a range such as 1-200 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds, conflicts_with = "schedule")]
@@ -256,12 +214,8 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             Ok(true)
         }
         Some(Command::Run(options)) => run_scenario(&options),
-<<<<<<< HEAD
         Some(Command::Papers(options)) => papers::run(&options).map(|()| true),
-=======
         Some(Command::Limits(options)) => tell_limits(&options).map(|()| true),
-        Some(Command::Papers(options)) => draw_papers(&options).map(|()| true),
->>>>>>> arm
         Some(Command::Faults(options)) => run_faults(&options),
         Some(Command::RenderKnob(options)) => render_knob::run(&options).map(|()| true),
         #[cfg(unix)]

@@ -130,7 +130,7 @@ mod tests {
     /// Each object has a reachable open posture, and stands clear of the open fingers.
     #[test]
     fn the_open_hand_touches_nothing() {
-        let robot = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+        let robot = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
         for object in ["box", "cylinder", "wedge"] {
             for seed in 1..=20 {
                 let mut native = Native::default();
