@@ -8,8 +8,8 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods as _, PyUntypedArrayMet
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tesaki::kinematics::{Chain, InverseKinematics, InverseKinematicsError, Posture, Target};
-use tesaki::model::MAX_CHAIN_JOINTS;
-use tesaki::robot::{ChainConfig, Robot as CoreRobot};
+use tesaki::model::{ChainJoint, MAX_CHAIN_JOINTS};
+use tesaki::robot::Robot as CoreRobot;
 use tesaki_description::robot::RobotFolder;
 
 use crate::arrays::{Input, Length, contiguous, output, same_rows};
@@ -49,13 +49,29 @@ pub struct Robot {
     chains: Vec<Chain>,
 }
 
-/// A tip's chain with the joints that Python counts: the joint that its mimic joint follows comes first.
+/// A tip's chain with the joints that Python counts: those with a motor that move it. Mimic joints follow them.
 struct Tip<'a> {
-    config: &'a ChainConfig,
     chain: &'a Chain,
     name: &'a str,
-    /// Names and limits [rad] of its joints.
+    /// Names and limits [rad] of the joints that Python counts.
     joints: Vec<(&'a str, (f32, f32))>,
+    /// What each joint of the chain follows, base to tip.
+    laws: Vec<Law>,
+}
+
+/// Angle of a joint of a chain = `multiplier` · angle of the joint `column` that Python counts + `offset`.
+#[derive(Clone, Copy)]
+struct Law {
+    column: usize,
+    multiplier: f32,
+    /// [rad].
+    offset: f32,
+}
+
+impl Law {
+    fn angle(self, followed: f32) -> f32 {
+        self.multiplier * followed + self.offset
+    }
 }
 
 impl Tip<'_> {
@@ -77,48 +93,43 @@ impl Tip<'_> {
         Input::new(value, name, &self.shape(), &self.meaning(quantity))
     }
 
-    /// The angles of the chain: that of a mimic joint from the one of its leader.
+    /// The angles of the chain.
     fn angles(&self, q: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
-        let mut angles = fixed(q);
-        if let (Some(mimic), [first, ..]) = (&self.config.mimic, &mut angles) {
-            *first = mimic.angle(*first);
-        }
-        angles
+        self.of_chain(|law| law.angle(q.get(law.column).copied().unwrap_or(0.0)))
     }
 
-    /// Rates of the chain, or torques of its leaders: both go with the ratio of a mimic joint.
+    /// The velocities or accelerations of the chain.
     fn rates(&self, values: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
-        let mut rates = fixed(values);
-        rates[0] *= self.ratio();
-        rates
+        self.of_chain(|law| law.multiplier * values.get(law.column).copied().unwrap_or(0.0))
     }
 
-    /// Ratio of its first joint to what it follows.
-    fn ratio(&self) -> f32 {
-        self.config.mimic.as_ref().map_or(1.0, |mimic| mimic.multiplier)
+    fn of_chain(&self, value: impl Fn(Law) -> f32) -> [f32; MAX_CHAIN_JOINTS] {
+        let mut values = [0.0; MAX_CHAIN_JOINTS];
+        values.iter_mut().zip(&self.laws).for_each(|(place, law)| *place = value(*law));
+        values
     }
 
-    /// The ratio of each joint.
-    fn ratios(&self) -> [f32; MAX_CHAIN_JOINTS] {
-        self.rates(&[1.0; MAX_CHAIN_JOINTS])
+    fn chain_joints(&self) -> usize {
+        self.laws.len()
     }
 
     /// Poses into `poses`, 7 a posture, and Jacobians into `jacobians`, 6 k a posture; an empty slice is left out.
     fn forward(&self, q: &[f32], poses: &mut [f32], jacobians: &mut [f32]) {
-        let (count, ratios) = (self.count(), self.ratios());
+        let count = self.count();
         let mut posture = Posture::default();
         let mut poses = poses.chunks_exact_mut(7);
         let mut jacobians = jacobians.chunks_exact_mut(6 * count);
         for q in q.chunks_exact(count) {
-            self.chain.update_posture(&self.angles(q)[..count], &mut posture);
+            self.chain.update_posture(&self.angles(q)[..self.chain_joints()], &mut posture);
             if let Some(pose) = poses.next() {
                 pose.copy_from_slice(&flat(&posture));
             }
             if let Some(place) = jacobians.next() {
                 let jacobian = posture.jacobian();
                 for (row, place) in place.chunks_exact_mut(count).enumerate() {
-                    for (column, (value, ratio)) in place.iter_mut().zip(&ratios).enumerate() {
-                        *value = jacobian[(row, column)] * ratio;
+                    place.fill(0.0);
+                    for (joint, law) in self.laws.iter().enumerate() {
+                        place[law.column] += jacobian[(row, joint)] * law.multiplier;
                     }
                 }
             }
@@ -127,13 +138,37 @@ impl Tip<'_> {
 
     /// The solver of the inverse kinematics, within the joints' limits.
     fn solver(&self) -> PyResult<InverseKinematics> {
-        let mut limits: Vec<(f32, f32)> = self.joints.iter().map(|(_, limits)| *limits).collect();
-        if let (Some(mimic), Some(first)) = (&self.config.mimic, limits.first_mut()) {
-            let ends = [first.0, first.1].map(|angle| mimic.angle(angle));
-            *first = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let limits = self.laws.iter().map(|law| {
+            let (_, (lower, upper)) = self.joints[law.column];
+            let ends = [lower, upper].map(|angle| law.angle(angle));
+            (ends[0].min(ends[1]), ends[0].max(ends[1]))
+        });
+        let limits: Vec<_> = limits.collect();
+        let mut solver = InverseKinematics::try_new(&limits).map_err(|error| self.unsolvable(&error))?;
+        let leaders: Vec<usize> = (0..self.count()).map(|column| self.leader(column)).collect();
+        for (joint, law) in self.laws.iter().enumerate() {
+            let leader = leaders[law.column];
+            if joint != leader {
+                let led = self.laws[leader];
+                let multiplier = law.multiplier / led.multiplier;
+                solver = solver
+                    .with_mimic(joint, leader, multiplier, law.offset - multiplier * led.offset)
+                    .map_err(|error| self.unsolvable(&error))?;
+            }
         }
-        InverseKinematics::try_new(&limits)
-            .map_err(|error| PyValueError::new_err(format!("the joints of {}: {error:?}", self.name)))
+        Ok(solver)
+    }
+
+    /// The joint of the chain that stands for `column`: the one with the motor, or the first that follows it.
+    fn leader(&self, column: usize) -> usize {
+        let follows = |(_, law): &(usize, &Law)| law.column == column;
+        let all = || self.laws.iter().enumerate().filter(follows);
+        let own = all().find(|(_, law)| law.multiplier == 1.0 && law.offset == 0.0);
+        own.or_else(|| all().next()).map_or(0, |(joint, _)| joint)
+    }
+
+    fn unsolvable(&self, error: &dyn std::fmt::Debug) -> PyErr {
+        PyValueError::new_err(format!("the joints of {}: {error:?}", self.name))
     }
 }
 
@@ -159,12 +194,13 @@ impl Robot {
         let folder = RobotFolder::load(&folder).map_err(file)?;
         let mut core = Box::new(CoreRobot::NONE);
         core.configure(&folder.model).map_err(|error| FileError::new_err(error.to_string()))?;
-        let chains = core.chains().iter().map(|config| {
+        let chains = core.chains().iter().enumerate().map(|(index, config)| {
             // A mimic joint has no motor.
-            let mimic = config.mimic.as_ref().map(|_| 0.0);
-            let own = folder.model.joints.get(config.joints()).unwrap_or_default();
-            let rotors = own.iter().map(|joint| joint.motor.rotor_inertia);
-            config.chain.clone().with_rotor_inertia(mimic.into_iter().chain(rotors))
+            let rotors = folder.model.joints_of(index).map(|joint| match joint {
+                ChainJoint::Driven(_, joint) => joint.motor.rotor_inertia,
+                ChainJoint::Mimic(_) => 0.0,
+            });
+            config.chain.clone().with_rotor_inertia(rotors)
         });
         Ok(Self { chains: chains.collect(), folder, core })
     }
@@ -198,8 +234,8 @@ impl Robot {
         })
     }
 
-    /// Names of the joints that move a tip: the columns of ``q``. Where the first joint of a finger follows another
-    /// finger's (a mimic joint), the joint that it follows comes first.
+    /// Names of the joints with a motor that move a tip, base to tip: the columns of ``q``. A joint without motor (a
+    /// mimic joint) is no column; where only the joint that it follows moves it, that one stands in its place.
     ///
     /// Args:
     ///     tip: name of the tip; needed where there are several.
@@ -304,10 +340,10 @@ impl Robot {
         let (mut reached, mut distances, mut turns) = (Vec::new(), Vec::new(), Vec::new());
         let mut invalid = None;
         let angles = output(py, [aims.len(), tip.count()], |values| {
-            let count = tip.count();
+            let (count, chain_joints) = (tip.count(), tip.chain_joints());
             let mut q = tip.angles(&start);
             for (row, (place, aim)) in values.chunks_exact_mut(count).zip(&aims).enumerate() {
-                let (found, report) = match solver.solve(tip.chain, aim, &mut q[..count]) {
+                let (found, report) = match solver.solve(tip.chain, aim, &mut q[..chain_joints]) {
                     Ok(report) => (true, report),
                     Err(InverseKinematicsError::NotReached(report)) => (false, report),
                     Err(InverseKinematicsError::NotFinite | InverseKinematicsError::Joints) => {
@@ -318,9 +354,10 @@ impl Robot {
                 reached.push(found);
                 distances.push(report.position_error);
                 turns.push(report.rotation_error);
-                place.copy_from_slice(&q[..count]);
-                if let (Some(mimic), Some(first)) = (&tip.config.mimic, place.first_mut()) {
-                    *first = (*first - mimic.offset) / mimic.multiplier;
+                for (column, angle) in place.iter_mut().enumerate() {
+                    let leader = tip.leader(column);
+                    let law = tip.laws[leader];
+                    *angle = (q[leader] - law.offset) / law.multiplier;
                 }
             }
         })?;
@@ -382,15 +419,20 @@ impl Robot {
                 let wrench = Vector6::from_column_slice(&part(wrench, 6)[..6]);
                 let [q, qd, qdd] =
                     [tip.angles(&part(q, count)), tip.rates(&part(qd, count)), tip.rates(&part(qdd, count))];
+                let joints = ..tip.chain_joints();
+                let mut of_chain = [0.0; MAX_CHAIN_JOINTS];
                 tip.chain.inverse_dynamics_with_wrench(
                     &gravity,
                     &wrench,
-                    &q[..count],
-                    &qd[..count],
-                    &qdd[..count],
-                    place,
+                    &q[joints],
+                    &qd[joints],
+                    &qdd[joints],
+                    &mut of_chain[joints],
                 );
-                place.copy_from_slice(&tip.rates(place)[..count]);
+                place.fill(0.0);
+                for (torque, law) in of_chain.iter().zip(&tip.laws) {
+                    place[law.column] += law.multiplier * torque;
+                }
             }
         })
     }
@@ -409,13 +451,16 @@ impl Robot {
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let tip = self.tip(tip)?;
         let q = tip.input(q, "q", "angles")?;
-        let (count, ratios, values) = (tip.count(), tip.ratios(), q.values());
+        let (count, values) = (tip.count(), q.values());
         output(py, [q.rows(), count, count], |matrices| {
             for (q, place) in values.chunks_exact(count).zip(matrices.chunks_exact_mut(count * count)) {
-                let matrix = tip.chain.mass_matrix(&tip.angles(q)[..count]);
-                for (index, value) in place.iter_mut().enumerate() {
-                    let (row, column) = (index / count, index % count);
-                    *value = ratios[row] * ratios[column] * matrix[(row, column)];
+                let matrix = tip.chain.mass_matrix(&tip.angles(q)[..tip.chain_joints()]);
+                place.fill(0.0);
+                for (row, left) in tip.laws.iter().enumerate() {
+                    for (column, right) in tip.laws.iter().enumerate() {
+                        let part = left.multiplier * right.multiplier * matrix[(row, column)];
+                        place[left.column * count + right.column] += part;
+                    }
                 }
             }
         })
@@ -460,18 +505,29 @@ impl Robot {
             None => None,
             Some(name) => model.chains.iter().position(|chain| chain.name == name),
         };
-        let found = index.and_then(|index| {
-            Some((self.core.chains().get(index)?, self.chains.get(index)?, model.chains.get(index)?))
-        });
-        let (config, chain, described) = found.ok_or_else(|| {
+        let found = index.and_then(|index| Some((index, self.chains.get(index)?, model.chains.get(index)?)));
+        let (index, chain, described) = found.ok_or_else(|| {
             let asked =
                 name.map_or_else(|| "tip is missing".to_owned(), |name| format!("tip {name:?} is none"));
             PyValueError::new_err(format!("{asked}: {} has the tips {}", model.name, self.tips().join(", ")))
         })?;
-        let leader = config.mimic.as_ref().map(|mimic| mimic.joint);
-        let joints = leader.into_iter().chain(config.joints()).filter_map(|joint| model.joints.get(joint));
+        let mut columns = Vec::new();
+        let laws = model.joints_of(index).map(|joint| {
+            let (followed, multiplier, offset) = match joint {
+                ChainJoint::Driven(joint, _) => (joint, 1.0, 0.0),
+                ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier, mimic.offset),
+            };
+            let known = columns.iter().position(|column| *column == followed);
+            let column = known.unwrap_or_else(|| {
+                columns.push(followed);
+                columns.len() - 1
+            });
+            Law { column, multiplier, offset }
+        });
+        let laws = laws.collect();
+        let joints = columns.iter().filter_map(|joint| model.joints.get(*joint));
         let joints = joints.map(|joint| (joint.name.as_str(), (joint.limits.lower, joint.limits.upper)));
-        Ok(Tip { config, chain, name: &described.name, joints: joints.collect() })
+        Ok(Tip { chain, name: &described.name, joints: joints.collect(), laws })
     }
 }
 
