@@ -159,12 +159,9 @@ impl Tip<'_> {
         Ok(solver)
     }
 
-    /// The joint of the chain that stands for `column`: the one with the motor, or the first that follows it.
+    /// The first joint of the chain that `column` moves.
     fn leader(&self, column: usize) -> usize {
-        let follows = |(_, law): &(usize, &Law)| law.column == column;
-        let all = || self.laws.iter().enumerate().filter(follows);
-        let own = all().find(|(_, law)| law.multiplier == 1.0 && law.offset == 0.0);
-        own.or_else(|| all().next()).map_or(0, |(joint, _)| joint)
+        self.laws.iter().position(|law| law.column == column).unwrap_or(0)
     }
 
     fn unsolvable(&self, error: &dyn std::fmt::Debug) -> PyErr {

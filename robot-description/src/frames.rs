@@ -119,8 +119,7 @@ impl Frames {
                 }
                 None => continue,
             };
-            let single = |moved: &Moved| moved.mimic.map(|mimic| mimic.map(|value| value as f32));
-            let is_last = |moved: &&Moved| (moved.joint, single(moved)) == last;
+            let is_last = |moved: &&Moved| moved.joint == last.0 && same(moved.mimic, last.1);
             let parent = self.moved.iter().rev().find(is_last).map(|moved| moved.origin.child.clone());
             let child = chain.name.to_string();
             if let Some(parent) = parent.filter(|_| self.placed().all(|placed| placed.child != child)) {
@@ -164,6 +163,16 @@ impl Frames {
 
 /// The base of a robot without URDF.
 const BASE: &str = "base";
+
+/// Whether two laws of a mimic joint are the same; one has been through single precision.
+fn same(law: Option<[f64; 2]>, single: Option<[f32; 2]>) -> bool {
+    match (law, single) {
+        (Some(law), Some(single)) => {
+            law.iter().zip(single).all(|(a, b)| (a - f64::from(b)).abs() <= 1e-6 * (1.0 + a.abs()))
+        }
+        (law, single) => law.is_none() && single.is_none(),
+    }
+}
 
 /// Whose value a joint takes, with factor and offset if it mimics that one.
 fn leader<S: AsRef<str>>(joint: &Joint, names: &[S]) -> Option<(usize, Option<[f64; 2]>)> {

@@ -231,6 +231,7 @@ const fn split(energy: f32) -> (i64, f32) {
     clippy::cast_precision_loss,
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
+    clippy::unwrap_used,
     reason = "tests"
 )]
 mod tests {
