@@ -307,24 +307,59 @@ impl Joint<'_> {
     pub fn check_control(&self) -> Option<(FaultCause, f32, f32)> {
         let error = self.reference.position - *self.position;
         let limit = self.config.limits.following_error;
-        if abs(error) > limit {
-            return Some((FaultCause::FollowingError, error, limit));
+        if abs(error) <= limit {
+            return None;
         }
-        None
+        Some(if self.goes_astray() {
+            (FaultCause::Runaway, self.state.effort, self.config.breakaway)
+        } else {
+            (FaultCause::FollowingError, error, limit)
+        })
+    }
+
+    /// Whether the joint moves against both its effort and the motion of its reference: a servo that is only too weak,
+    /// or hindered, falls behind; one whose encoder or drive is reversed goes the other way.
+    #[cold]
+    fn goes_astray(&self) -> bool {
+        let velocity = *self.velocity;
+        let astray = abs(velocity) * TICK > self.config.moving && self.reference.velocity * velocity < 0.0;
+        astray && self.is_opposed()
     }
 
     /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or an
     /// error of the model, may balance an effort, but not its growth: what it presses on yields by some counts.
     #[inline]
     pub fn resists(&mut self) -> bool {
-        let (config, state) = (self.config, &mut *self.state);
-        if state.change != 0.0 {
-            (state.last_change, state.moving_effort) = (state.change, state.effort);
-        } else if abs(state.effort - state.moving_effort) > config.least_growth {
+        let effort = self.state.effort;
+        if self.moves() {
+            self.state.moving_effort = effort;
+        } else if self.has_resisted() {
             return true;
         }
-        state.unchanged = 0;
+        self.state.unchanged = 0;
         false
+    }
+
+    /// What [`resists`](Self::resists) found in this tick.
+    #[inline]
+    pub fn has_resisted(&self) -> bool {
+        abs(self.state.effort - self.state.moving_effort) > self.config.least_growth
+    }
+
+    /// Whether the angle has changed. A count that comes and goes is no motion: a dead encoder may flicker.
+    #[inline]
+    fn moves(&mut self) -> bool {
+        let (flicker, state) = (self.config.flicker, &mut *self.state);
+        let change = state.change;
+        if abs(change) > flicker {
+            state.last_change = change;
+            return true;
+        }
+        if change == 0.0 {
+            return false;
+        }
+        let before = core::mem::replace(&mut state.last_change, change);
+        abs(change + before) > 0.5 * flicker
     }
 
     /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was `excess` beyond
@@ -378,9 +413,8 @@ impl Joint<'_> {
 
     /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
     pub fn check_damped_encoder(&mut self, excess: f32) -> Option<(FaultCause, f32, f32)> {
-        let state = &mut *self.state;
-        if state.change != 0.0 {
-            (state.last_change, state.moving_effort, state.unchanged) = (state.change, excess, 0);
+        if self.moves() {
+            (self.state.moving_effort, self.state.unchanged) = (excess, 0);
             return None;
         }
         self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })

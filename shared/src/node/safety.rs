@@ -317,7 +317,7 @@ fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
     for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
         let presses = pressing >> index & 1 != 0;
         let situation = Situation { stops, accelerates, presses };
-        if joint.resists()
+        if joint.has_resisted()
             && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)
             && let Some((cause, value, limit)) = joint.check_encoder(effort, excess, situation)
         {

@@ -65,8 +65,10 @@ pub struct JointConfig {
     pub(crate) accelerating_growth: f32,
     /// The least of them.
     pub(crate) least_growth: f32,
-    /// The change of the angle per tick of a joint that moves [rad].
+    /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that may flicker
+    /// by a count [rad].
     pub(crate) moving: f32,
+    pub(crate) flicker: f32,
     /// Friction beyond the model's that a motion may show [N·m].
     pub(crate) max_friction: f32,
     /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle per
@@ -81,8 +83,12 @@ pub struct JointConfig {
 const EXCESS_SHARE: f32 = 0.08;
 const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
-/// A joint moves when its angle changes by so much per tick [counts]. Slower ones may come to rest in a grip.
-const MOVING_COUNTS: f32 = 8.0;
+/// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder does not
+/// tell. Slower ones may come to rest in a grip.
+const MOVING_SPEED: f32 = 0.0767;
+const MOVING_COUNTS: f32 = 2.0;
+/// The largest change of a dead encoder in a tick [counts].
+const FLICKER_COUNTS: f32 = 1.5;
 /// The largest Coulomb friction that the check of dead encoders allows for, as a multiple of the model's.
 const MAX_FRICTION: f32 = 5.0;
 
@@ -114,7 +120,8 @@ impl JointConfig {
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
             least_growth: growth.min(accelerating_growth),
-            moving: MOVING_COUNTS * radians_per_count,
+            moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
+            flicker: FLICKER_COUNTS * radians_per_count,
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,

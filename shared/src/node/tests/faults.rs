@@ -1,10 +1,12 @@
 //! Faults and reactions.
 
-use super::rig::{Rig, model, refusal};
+use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
+use crate::control::ServoMode;
 use crate::fault::FaultCause;
 use crate::model::Reaction;
 use crate::node::Node;
 use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags, SensorFrame};
+use crate::task::TaskConfig;
 
 #[test]
 fn an_encoder_jump_switches_the_outputs_off() {
@@ -151,12 +153,12 @@ fn disable_switches_the_outputs_off_but_keeps_the_fault() {
 fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder() {
     let mut rig = Rig::enabled(&model());
     let breakaway = rig.node.robot().unwrap().joints()[2].breakaway;
-    // The servo learns a torque beyond that of the model, while the angle changes by a count.
+    // The servo learns a torque beyond that of the model, while the angle creeps.
     let mut ticks = 0;
     while rig.node.telemetry().joints[2].torque < 2.5 * breakaway {
         rig.goal([0.0, 0.0, 0.15]);
         rig.tick();
-        rig.sensors.encoders[2] ^= 1;
+        rig.sensors.encoders[2] += 1;
         ticks += 1;
         assert!(ticks < 400 && rig.node.mode() != Mode::Fault, "{:?}", rig.node.faults());
     }
@@ -166,8 +168,85 @@ fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder()
         rig.tick();
         assert_ne!(rig.node.mode(), Mode::Fault, "{tick}: {:?}", rig.node.faults());
         if tick < 100 {
-            rig.sensors.encoders[2] ^= 1;
+            rig.sensors.encoders[2] -= 1;
         }
     }
     assert!(rig.node.telemetry().joints[2].torque > breakaway);
+}
+
+/// A joint of 0.02 kg·m² with Coulomb friction, without weight.
+struct Rubbing {
+    friction: f32,
+    position: f32,
+    velocity: f32,
+}
+
+impl Rubbing {
+    /// Goes on for a period under the torque of the last tick.
+    fn step(&mut self, rig: &mut Rig) {
+        const INERTIA: f32 = 0.02;
+        let torque = rig.node.telemetry().joints[2].torque;
+        let free = self.velocity + torque / INERTIA * 0.01;
+        let lost = self.friction / INERTIA * 0.01;
+        self.velocity = free - free.clamp(-lost, lost);
+        self.position += self.velocity * 0.01;
+        rig.sensors.encoders[2] = libm::roundf(self.position * COUNTS_PER_RADIAN) as i32;
+    }
+}
+
+#[test]
+fn a_dead_encoder_that_flickers_by_a_count_is_found() {
+    for every in [1, 3] {
+        let mut rig = Rig::enabled(&model());
+        rig.tick();
+        for tick in 0..400 {
+            rig.goal([0.0, 0.0, 0.19]);
+            rig.tick();
+            if tick % every == 0 {
+                rig.sensors.encoders[2] ^= 1;
+            }
+            if rig.node.mode() == Mode::Fault {
+                break;
+            }
+        }
+        let fault = rig.node.faults().faults.last().expect("a fault");
+        assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(2)), "{every}");
+        assert!(fault.value.abs() < 1.2 * fault.limit, "{every}: {fault:?}");
+    }
+}
+
+#[test]
+fn moving_means_the_same_speed_for_a_fine_and_a_coarse_encoder() {
+    let moving = |counts_per_turn: f32| {
+        let mut model = model();
+        model.joints[2].encoder.counts_per_turn = counts_per_turn;
+        Rig::ready(&model).node.robot().unwrap().joints()[2].moving
+    };
+    assert_eq!((moving(65_536.0), moving(262_144.0)), (7.67e-4, 7.67e-4));
+    // 2 of 4096 counts.
+    assert!((moving(4096.0) - 3.067_96e-3).abs() < 1e-7);
+}
+
+/// A reversed encoder turns the servo into one that drives the joint away.
+#[test]
+fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        let mut joint = Rubbing { friction: 0.02, position: 0.0, velocity: 0.0 };
+        let mut ticks = 0;
+        while rig.node.mode() != Mode::Fault {
+            rig.goal([0.0, 0.0, 0.5]);
+            rig.tick();
+            joint.step(&mut rig);
+            rig.sensors.encoders[2] = -rig.sensors.encoders[2];
+            ticks += 1;
+            assert!(ticks < 40, "{mode:?}");
+        }
+        let faults = rig.node.faults();
+        assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
+        assert!(!rig.tick().enabled && joint.position < 0.15, "{mode:?}: {} rad", joint.position);
+    }
 }
