@@ -32,6 +32,10 @@ const EXCUSED: &[(&str, &str)] = &[
         "it takes a port of the machine; cli/view.rs opens the page at another",
     ),
     ("cargo tesaki view --robot robots/hand3", "likewise"),
+    (
+        "tesaki share foxglove://localhost:8765 --robot robots/hand3",
+        "it takes a port of the machine; cli/foxglove.rs connects at another",
+    ),
     ("scp -p lab.key robot:", "it needs another machine"),
     ("tesaki --key lab.key --port /dev/ttyUSB0 share tcp://0.0.0.0:7400", "likewise"),
     ("tesaki --key lab.key --port tcp://robot:7400 monitor", "likewise"),
