@@ -83,19 +83,20 @@ impl Board {
         assert_eq!(self.task(VisualApproachCommand::Move { position, speed }), Reply::Done);
     }
 
-    /// A tick with the joints at their angles; what is held changes by a count, as a living encoder does.
+    /// A tick with the joints at their angles.
     fn sense(&mut self) {
-        let alive = ((self.rig.tick() + 1) % 2).cast_signed();
         let counts: Vec<i32> = (self.angles.iter().enumerate())
-            .map(|(joint, angle)| {
-                let turn = if joint == 6 { 65_536.0 } else { 262_144.0 };
-                let held = if joint == 6 { self.gripper_held } else { self.held };
-                (f64::from(*angle) * turn / std::f64::consts::TAU).round() as i32
-                    + if held { alive } else { 0 }
-            })
+            .map(|(joint, angle)| (f64::from(*angle) / Self::count(joint)).round() as i32)
             .collect();
         self.rig.sense(counts.into_iter());
     }
+
+    /// The angle of a count of a joint's encoder [rad].
+    fn count(joint: usize) -> f64 {
+        std::f64::consts::TAU / if joint == 6 { 65_536.0 } else { 262_144.0 }
+    }
+
+    /// A control period. What holds a joint yields by a count every other one: its encoder lives.
 
     fn step(&mut self) {
         assert_eq!(self.ask(Request::Keep), Reply::Done);
@@ -103,7 +104,9 @@ impl Board {
         self.rig.assert_enabled();
         for (joint, now) in self.rig.node.telemetry().joints.iter().enumerate() {
             let held = if joint == 6 { self.gripper_held } else { self.held };
-            if !held {
+            if held {
+                self.angles[joint] += (self.rig.tick() % 2) as f32 * Self::count(joint) as f32;
+            } else {
                 // Where the reference will be in the next tick.
                 self.angles[joint] = 2.0 * now.reference - self.references[joint] - self.lag[joint];
             }

