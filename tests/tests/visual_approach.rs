@@ -97,7 +97,6 @@ impl Board {
     }
 
     /// A control period. What holds a joint yields by a count every other one: its encoder lives.
-
     fn step(&mut self) {
         assert_eq!(self.ask(Request::Keep), Reply::Done);
         self.sense();
