@@ -46,8 +46,9 @@ const LIMITS: &[(&str, f64)] = &[
     // 100 ms at 168 MHz and 1.5 cycles each are 11 200 000 instructions: the window takes twice as many.
     ("find_circle", 41_000_000.0),
     ("find_circle_window", 21_500_000.0),
-    ("node_tick_9_pid", 6000.0),
-    ("node_tick_9_observer", 6000.0),
+    // 5977 before encoders were found dead that flicker by a count.
+    ("node_tick_9_pid", 6100.0),
+    ("node_tick_9_observer", 6100.0),
 ];
 
 /// Least simulated seconds per second of CPU time.

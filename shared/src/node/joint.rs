@@ -347,19 +347,14 @@ impl Joint<'_> {
     }
 
     /// Whether the angle has changed. A count that comes and goes is no motion: a dead encoder may flicker.
-    #[inline]
+    #[inline(always)]
     fn moves(&mut self) -> bool {
-        let (flicker, state) = (self.config.flicker, &mut *self.state);
-        let change = state.change;
-        if abs(change) > flicker {
-            state.last_change = change;
-            return true;
-        }
+        let (change, before) = (self.state.change, self.state.last_change);
         if change == 0.0 {
             return false;
         }
-        let before = core::mem::replace(&mut state.last_change, change);
-        abs(change + before) > 0.5 * flicker
+        self.state.last_change = change;
+        abs(change) > self.config.flicker || abs(change + before) > 0.5 * self.config.flicker
     }
 
     /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was `excess` beyond
