@@ -121,13 +121,14 @@ def rotors(folder, robot, tip):
     for name in robot.joints_of(tip):
         own = settings.get("joints", {}).get(name, {}).get("motor", {})
         values.append({**settings.get("joint", {}).get("motor", {}), **own}["rotor_inertia"])
-    if any(joint.find("mimic") is not None for joint in Urdf(folder).path(tip)):
-        values[0] = 0.0
+        if all(joint.get("name") != name for joint in Urdf(folder).path(tip)):
+            # Another finger's motor, which a mimic joint follows.
+            values[-1] = 0.0
     return np.diag(values)
 
 
 def cases():
-    for name in ["hand3", "arm7", "hand5", "knob-arm"]:
+    for name in ["hand3", "arm7", "hand5", "knob-arm", "inspire"]:
         for tip in tesaki.Robot(tesaki.robots() / name).tips:
             yield name, tip
 
