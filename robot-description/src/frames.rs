@@ -66,7 +66,7 @@ impl Frames {
             };
             if joint.joint_type == JointType::Fixed {
                 frames.fixed.push(origin);
-            } else if let Some((leader, mimic)) = leader(joint, names) {
+            } else if let Some((leader, mimic)) = leader(robot, joint, names) {
                 let axis = Vector3::from(joint.axis.xyz.0);
                 let axis = Unit::try_new(axis, 1e-9).unwrap_or_else(Vector3::x_axis);
                 let slides = joint.joint_type == JointType::Prismatic;
@@ -152,12 +152,19 @@ impl Frames {
 
     /// Where a frame is in the base, at these values of the joints.
     pub fn in_base(&self, frame: &str, positions: &[f64]) -> Isometry3<f64> {
-        let moved = self.moved.iter().find(|moved| moved.origin.child == frame);
-        let placed = moved
-            .and_then(|moved| moved.at(positions))
-            .or_else(|| self.fixed.iter().find(|placed| placed.child == frame).cloned());
-        placed
-            .map_or_else(Isometry3::identity, |placed| self.in_base(&placed.parent, positions) * placed.pose)
+        let placed = |frame: &str| {
+            let moved = self.moved.iter().find(|moved| moved.origin.child == frame);
+            moved
+                .and_then(|moved| moved.at(positions))
+                .or_else(|| self.fixed.iter().find(|placed| placed.child == frame).cloned())
+        };
+        let (mut pose, mut frame) = (Isometry3::identity(), frame.to_owned());
+        // A joint may be called as the base is: the way down ends all the same.
+        for _ in 0..self.moved.len() + self.fixed.len() {
+            let Some(placed) = placed(&frame) else { break };
+            (pose, frame) = (placed.pose * pose, placed.parent);
+        }
+        pose
     }
 }
 
@@ -174,13 +181,21 @@ fn same(law: Option<[f64; 2]>, single: Option<[f32; 2]>) -> bool {
     }
 }
 
-/// Whose value a joint takes, with factor and offset if it mimics that one.
-fn leader<S: AsRef<str>>(joint: &Joint, names: &[S]) -> Option<(usize, Option<[f64; 2]>)> {
+/// Whose value a joint takes, with factor and offset if it mimics that one, be it through other mimic joints.
+fn leader<S: AsRef<str>>(robot: &Robot, joint: &Joint, names: &[S]) -> Option<(usize, Option<[f64; 2]>)> {
     let index = |name: &str| names.iter().position(|other| other.as_ref() == name);
-    index(&joint.name).map(|own| (own, None)).or_else(|| {
+    let (mut joint, mut law) = (joint, None);
+    for _ in 0..=robot.joints.len() {
+        if let Some(own) = index(&joint.name) {
+            return Some((own, law));
+        }
         let mimic = joint.mimic.as_ref()?;
-        Some((index(&mimic.joint)?, Some([mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0)])))
-    })
+        let [multiplier, offset] = law.unwrap_or([1.0, 0.0]);
+        let (of, shift) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+        law = Some([multiplier * of, multiplier * shift + offset]);
+        joint = robot.joints.iter().find(|other| other.name == mimic.joint)?;
+    }
+    None
 }
 
 fn wide(pose: &Pose) -> Isometry3<f64> {
@@ -198,7 +213,7 @@ mod tests {
     #[test]
     fn links_turn_about_their_axes() {
         let urdf = r#"<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="e"/>
-            <link name="f"/>
+            <link name="f"/><link name="g"/>
             <joint name="turn" type="revolute"><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/><parent link="a"/>
             <child link="b"/><axis xyz="0 0 2"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>
             <joint name="slide" type="prismatic"><origin xyz="0 0 1"/><parent link="b"/><child link="c"/>
@@ -206,12 +221,18 @@ mod tests {
             <joint name="free" type="continuous"><parent link="c"/><child link="d"/></joint>
             <joint name="follows" type="prismatic"><parent link="b"/><child link="e"/><axis xyz="0 0 1"/>
             <limit lower="0" upper="1" effort="1" velocity="1"/><mimic joint="slide" multiplier="-2" offset="3"/></joint>
+            <joint name="third" type="prismatic"><parent link="f"/><child link="g"/><axis xyz="1 0 0"/>
+            <limit lower="0" upper="9" effort="1" velocity="1"/><mimic joint="follows" multiplier="2" offset="1"/></joint>
             <joint name="glued" type="fixed"><origin xyz="0 0 7"/><parent link="e"/><child link="f"/></joint></robot>"#;
         let robot = urdf_rs::read_from_string(urdf).expect("it is a URDF");
         let frames = Frames::of_urdf(&robot, &["slide", "turn"]);
         let links = frames.moving(&[0.5, 0.5]);
         let names: Vec<(&str, &str)> = links.iter().map(|l| (l.parent.as_str(), l.child.as_str())).collect();
-        assert_eq!(names, [("a", "b"), ("b", "c"), ("b", "e")], "nothing is known of the third joint");
+        assert_eq!(
+            names,
+            [("a", "b"), ("b", "c"), ("b", "e"), ("f", "g")],
+            "nothing is known of the third joint"
+        );
         let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-15);
         let half = 0.5 * (0.5 + std::f64::consts::FRAC_PI_2);
         let place = |index: usize| -> [f64; 3] { links[index].pose.translation.vector.into() };
@@ -221,14 +242,26 @@ mod tests {
         assert!(near(&place(1), &[0.0, 0.5, 1.0]) && near(&turn(1), &[0.0, 0.0, 0.0, 1.0]));
         // −2 · 0.5 + 3.
         assert!(near(&place(2), &[0.0, 0.0, 2.0]));
+        // It follows a joint that follows: 2 · 2 + 1.
+        assert!(near(&place(3), &[5.0, 0.0, 0.0]));
         assert_eq!((frames.base(), frames.fixed().len()), ("a", 1));
         let end: [f64; 3] = frames.in_base("f", &[0.5, 0.5]).translation.vector.into();
         assert!(near(&end, &[1.0, 2.0, 3.0 + 2.0 + 7.0]), "{end:?}");
     }
 
     #[test]
+    fn a_joint_that_is_called_as_the_base_ends_the_way_down() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7");
+        let mut model = RobotFolder::load(&folder).expect("it is a robot folder of this project").model;
+        model.joints[0].name = "base".try_into().expect("short");
+        let frames = Frames::of_model(&model).with_tips(&model);
+        let place = frames.in_base("hand", &[0.1; 7]).translation.vector;
+        assert!(place.iter().all(|value| value.is_finite()));
+    }
+
+    #[test]
     fn urdf_and_model_agree_about_the_tips() {
-        for name in ["hand3", "arm7", "hand5", "knob-arm"] {
+        for name in ["hand3", "arm7", "hand5", "knob-arm", "inspire"] {
             let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(name);
             let robot = RobotFolder::load(&folder).expect("it is a robot folder of this project");
             let model = &robot.model;

@@ -158,6 +158,19 @@ fn findings_of_hand5(from: &str, to: &str) -> String {
 }
 
 #[test]
+fn a_mimic_joint_beyond_what_a_chain_can_have_is_refused() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7");
+    let (urdf, settings) = RobotFolder::read(&path).unwrap();
+    let fixed = "<joint name=\"force_sensor\" type=\"fixed\">";
+    let follows = "<joint name=\"force_sensor\" type=\"revolute\"><axis xyz=\"0 1 0\"/><mimic joint=\"elbow\"/>\
+                   <limit lower=\"-3\" upper=\"3\" effort=\"1\" velocity=\"1\"/>";
+    assert!(urdf.contains(fixed) && urdf.contains("<joint name=\"elbow\""));
+    let (_, findings) = RobotFolder::check(&path, &urdf.replacen(fixed, follows, 1), &settings);
+    let said: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
+    assert!(said.contains("8 joints"), "{said}");
+}
+
+#[test]
 fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
     let model = RobotFolder::load(&path).unwrap().model;

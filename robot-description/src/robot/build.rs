@@ -67,17 +67,17 @@ fn mimic_joint(mimic: &SerialMimic, chain: usize, chains: &[SerialChain]) -> Opt
 }
 
 /// The torques of all joints of a chain for 1 rad/s² at the one of them at `place`, all joints with a motor in the middle
-/// of their ranges: a column of the mass matrix.
-fn inertia_column(model: &RobotModel, chain: usize, place: usize) -> Vec<f32> {
+/// of their ranges: a column of the mass matrix. `None` where the chain has more joints than the control core knows.
+fn inertia_column(model: &RobotModel, chain: usize, place: usize) -> Option<Vec<f32>> {
     let middle = |joint: &JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
     let middle: Vec<f32> = model.joints.iter().map(middle).collect();
     let angles = model.chain_angles(chain, &middle);
     let (rest, mut torques) = (vec![0.0; angles.len()], vec![0.0; angles.len()]);
     let mut acceleration = rest.clone();
-    acceleration[place] = 1.0;
+    *acceleration.get_mut(place)? = 1.0;
     let gravity = nalgebra::Vector3::zeros();
     Chain::of_model(model, chain).inverse_dynamics(&gravity, &angles, &rest, &acceleration, &mut torques);
-    torques
+    Some(torques)
 }
 
 /// Adds the friction and the inertia of mimic joints to the joints that drive them.
@@ -85,7 +85,7 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
     for (index, serial) in chains.iter().enumerate() {
         for of in &serial.mimics {
             let place = of.place;
-            let column = inertia_column(model, index, place);
+            let Some(column) = inertia_column(model, index, place) else { continue };
             let ratios = model.joints_of(index).map(|joint| match joint {
                 ChainJoint::Driven(joint, _) => (joint, 1.0, true),
                 ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier, false),
@@ -252,7 +252,9 @@ fn complete_gains(model: &mut RobotModel, settings: &Settings) {
     for chain in 0..model.chains.len() {
         for (place, joint) in model.joints_of(chain).enumerate() {
             if let ChainJoint::Driven(index, _) = joint {
-                inertias.push((index, inertia_column(model, chain, place)[place]));
+                let inertia =
+                    inertia_column(model, chain, place).and_then(|column| column.get(place).copied());
+                inertias.extend(inertia.map(|inertia| (index, inertia)));
             }
         }
     }

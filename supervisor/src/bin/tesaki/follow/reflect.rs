@@ -294,6 +294,8 @@ impl Handle {
         let limits = PowerPortLimits { max_damping: self.limits.max_damping.max(withheld), ..self.limits };
         self.damping = self.port.damping_force(&limits, exchange.slave_energy, &self.force, &velocity);
         let force = (self.force + self.damping).cap_magnitude(max_force);
+        // What is accounted for is what is commanded.
+        self.damping = force - self.force;
         exchange.felt.force = force.norm();
         exchange.felt.largest = exchange.felt.largest.max(force.norm());
         drop(exchange);
