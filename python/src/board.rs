@@ -577,7 +577,15 @@ impl Board {
             }
             match refused {
                 None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
-                Some(refusal) => return Err(board(Failure::refused("move", refusal))),
+                Some(refusal) => {
+                    // `wait` and `record` keep enabled, or read.
+                    let action = match request {
+                        Request::Keep => "stay enabled",
+                        Request::ReadStatus => "tell its state",
+                        _ => "move",
+                    };
+                    return Err(board(Failure::refused(action, refusal)));
+                }
             }
             if heard.elapsed() > self.timeout {
                 return Err(BoardError::new_err(format!(

@@ -158,6 +158,15 @@ fn findings_of_hand5(from: &str, to: &str) -> String {
 }
 
 #[test]
+fn a_urdf_that_is_cut_in_half_is_one_finding() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/inspire");
+    let (urdf, settings) = RobotFolder::read(&path).unwrap();
+    let (_, findings) = RobotFolder::check(&path, &urdf[..urdf.len() / 2], &settings);
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert!(said.len() == 1 && said[0].contains("malformed XML"), "{said:?}");
+}
+
+#[test]
 fn a_mimic_joint_beyond_what_a_chain_can_have_is_refused() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7");
     let (urdf, settings) = RobotFolder::read(&path).unwrap();

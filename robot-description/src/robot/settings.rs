@@ -203,7 +203,9 @@ impl From<SafetySettings> for Safety {
 fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTreeMap<String, JointSettings> {
     let table = |key: &str| file.get(key).and_then(Value::as_table).cloned().unwrap_or_default();
     let (common, own) = (table("joint"), table("joints"));
-    for stranger in own.keys().filter(|name| !names.contains(&name.as_str())) {
+    // Of a URDF without joints, or that cannot be read, its own finding says enough.
+    let is_stranger = |name: &&String| !names.is_empty() && !names.contains(&name.as_str());
+    for stranger in own.keys().filter(is_stranger) {
         let message = format!("[joints.{stranger}]: the URDF has no such joint");
         let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
         report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);

@@ -229,7 +229,7 @@ impl Node {
         }
     }
 
-    /// Stops the robot. Also with the outputs off this is a fault: whoever is about to enable them does not know of it.
+    /// Stops the robot. Also with the outputs off this is a fault: a client that is about to enable them does not know of it.
     fn stop(&mut self) {
         let tick = self.state.tick;
         let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
