@@ -8,7 +8,7 @@ use tesaki::model::Pose;
 use tesaki::protocol::Telemetry;
 
 /// So long poses are kept.
-const MEMORY: Duration = Duration::from_millis(1200);
+pub const MEMORY: Duration = Duration::from_millis(1200);
 /// A picture that is exposed after the last telemetry, by this at most, is taken from there.
 const AHEAD: Duration = Duration::from_millis(60);
 /// Telemetries of which the soonest one tells when a tick of the board was.
