@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{DirectLaw, Law, Redundancy};
-use tesaki_description::law::arm::{Setpoint, load};
+use tesaki_description::law::arm::{ArmLaw, PushExperiment, Setpoint, check, load};
 use tesaki_description::robot::RobotFolder;
 
 const PAPER: &str = include_str!("../../robots/arm7/laws/paper.toml");
@@ -48,9 +48,11 @@ fn the_shipped_laws_are_read() {
     for law in [&paper, &ours] {
         let impedance = law.with_damping(7.5).impedance;
         assert_eq!((impedance.mass[0], impedance.damping[1], impedance.stiffness[2]), (1.5, 7.5, 300.0));
-        assert_eq!((law.release.displacement, &law.release.damping[..]), (0.03, &[7.5, 30.0][..]));
+        let release = law.release.as_ref().unwrap();
+        assert_eq!((release.displacement, &release.damping[..]), (0.03, &[7.5, 30.0][..]));
     }
-    assert_eq!((paper.follow.setpoint, ours.follow.setpoint), (Setpoint::Sample, Setpoint::Predicted));
+    let setpoint = |law: &ArmLaw| law.follow.as_ref().unwrap().setpoint;
+    assert_eq!((setpoint(&paper), setpoint(&ours)), (Setpoint::Sample, Setpoint::Predicted));
     // The other laws differ from the paper's in what their names say.
     let options = |name| match law(name).settings.law {
         Law::Direct(options) => options,
@@ -89,6 +91,111 @@ fn what_is_wrong_is_said_with_line_and_key() {
     let said = complaint("setpoint = \"sample\"", "setpoint = \"last\"");
     assert!(
         said.starts_with(&format!("{}: ", line("[follow]", "setpoint"))) && said.contains("sample"),
+        "{said}"
+    );
+}
+
+#[test]
+fn experiments_have_the_values_that_the_paper_does_not_state_unless_the_law_does() {
+    let law = |text: &str| check(Path::new("own.toml"), text, &model()).0.unwrap();
+    let paper = law(PAPER);
+    assert_eq!(paper.push, PushExperiment::default());
+    // 6 N in eight directions.
+    assert_eq!(paper.push.forces.len(), 8);
+    assert!(paper.push.forces.iter().all(|[x, y, z]| (x.hypot(*y) - 6.0).abs() < 1e-12 && z.abs() < 1e-12));
+    let own = PAPER
+        .replacen("delays = [0.0, 0.02, 0.05]", "delays = [0.1]\nwall = { stiffness = 500.0 }", 1)
+        .replacen("[elbow]", "[push]\nforces = [[0.0, 0.0, 3.0]]\n\n[elbow]\nrest = 2.0", 1)
+        .replacen("tremor = ", "duration = 4.0\ntremor = ", 1);
+    let own = law(&own);
+    let (follow, bilateral) = (own.follow.unwrap(), own.bilateral.unwrap());
+    assert_eq!((follow.duration, follow.rest, own.elbow.unwrap().rest), (4.0, 2.0, 2.0));
+    assert_eq!((bilateral.wall.stiffness, bilateral.wall.clearance), (500.0, 0.02));
+    assert_eq!((bilateral.stroke.turn, own.push.forces), (0.15, vec![[0.0, 0.0, 3.0]]));
+}
+
+#[test]
+fn what_is_wrong_with_an_experiment_is_said_with_line_and_key() {
+    for (from, to, section, key, said) in [
+        (
+            "delays = [0.0,",
+            "wall = { stiffness = 1.0 }\ndelays = [0.0,",
+            "[bilateral]",
+            "wall",
+            "bilateral.wall.stiffness is 1 N/m; the range is 10 to 100000 N/m",
+        ),
+        (
+            "delays = [0.0,",
+            "push = { point = [0.0, 0.0, inf] }\ndelays = [0.0,",
+            "[bilateral]",
+            "push",
+            "bilateral.push.point is inf m; the range is -0.5 to 0.5 m",
+        ),
+        (
+            "tremor = ",
+            "rest = -1.0\ntremor = ",
+            "[follow]",
+            "rest",
+            "follow.rest is -1 s; the range is 0.1 to 60 s",
+        ),
+        (
+            "[elbow]",
+            "[push]\nforces = [[0.0, nan, 0.0]]\n[elbow]",
+            "[push]",
+            "forces",
+            "push.forces is NaN N; the range is -30 to 30 N",
+        ),
+        (
+            "[elbow]",
+            "[push]\nforces = []\n[elbow]",
+            "[push]",
+            "forces",
+            "push.forces has 0 values; possible are 1 to 16",
+        ),
+    ] {
+        let text = PAPER.replacen(from, to, 1);
+        let (law, findings) = check(Path::new("own.toml"), &text, &model());
+        let lines = || (1..).zip(text.lines());
+        let (start, _) = lines().find(|(_, line)| line.starts_with(section)).unwrap();
+        let line = lines().find(|(number, line)| *number > start && line.starts_with(key)).unwrap().0;
+        let told: Vec<String> = findings.iter().map(ToString::to_string).collect();
+        assert!(law.is_none() && told.len() == 1, "{to}: {told:?}");
+        assert!(told[0].starts_with(&format!("own.toml:{line}: {said}")), "{to}: {told:?}");
+    }
+}
+
+#[test]
+fn matrices_that_are_not_symmetric_or_not_positive_definite_are_named() {
+    let text = std::fs::read_to_string(arm7().join("laws/coupled.toml")).unwrap();
+    for (from, to, key, said) in [
+        ("[2.5, -0.5,", "[2.5, 0.5,", "mass", "the mass matrix is not symmetric: row 2, column 1 is -0.5"),
+        (
+            "-300.0",
+            "-600.0",
+            "stiffness",
+            "the stiffness matrix is not positive semi-definite: its pivot along y",
+        ),
+    ] {
+        let changed = if key == "mass" { text.replacen(from, to, 1) } else { text.replace(from, to) };
+        assert_ne!(text, changed);
+        let (law, findings) = check(Path::new("own.toml"), &changed, &model());
+        let line = 1 + changed.lines().position(|line| line.starts_with(key)).unwrap();
+        let told: Vec<String> = findings.iter().map(ToString::to_string).collect();
+        assert!(law.is_none() && told[0].starts_with(&format!("own.toml:{line}: {said}")), "{to}: {told:?}");
+    }
+    // It has none of the experiments of the figures.
+    let law = check(Path::new("own.toml"), &text, &model()).0.unwrap();
+    assert!(law.release.is_none() && law.follow.is_none() && law.elbow.is_none() && law.bilateral.is_none());
+}
+
+#[test]
+fn a_law_of_an_arm_is_none_of_a_hand() {
+    let hand = RobotFolder::load(&arm7().join("../hand3")).unwrap().model;
+    let said = load(&arm7().join("laws/paper.toml"), &hand).unwrap_err().to_string();
+    assert!(
+        said.ends_with(
+            "laws/paper.toml: a law of an arm; the robot has 3 chain(s): run it with a robot that it is for"
+        ),
         "{said}"
     );
 }

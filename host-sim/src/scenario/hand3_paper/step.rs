@@ -11,8 +11,6 @@ use crate::scenario::grasping::GraspRig;
 
 /// Ticks between two commands, without which the controller stops.
 const COMMAND_EVERY: u32 = 5;
-/// Time before the end of each half that counts as rest [s].
-const AT_REST: f64 = 0.5;
 
 /// All joints step to an angle and back, under each law.
 pub(super) fn run(
@@ -40,7 +38,7 @@ pub(super) fn run(
             summary.insert(format!("{}_{key}", law.key), metric);
         };
         add("step_error_peak", "step of the joints: largest error", errors(0.0));
-        let end = 2.0 * law.law.servo.duration - AT_REST;
+        let end = 2.0 * law.law.servo.duration - law.law.servo.evaluated;
         add("step_error_rest", "step of the joints: largest error at rest", errors(end));
         let mut angles = Panel::new(format!("{}: joint 2", law.name), "angle", "rad");
         angles = angles.line(Line::solid("true", 0, log.time.clone(), log.angle));

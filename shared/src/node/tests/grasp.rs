@@ -268,30 +268,20 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     assert_eq!(seen(&mut bench).phase, Phase::Open);
 }
 
-/// Center of a tip by the angles of its finger, from its root [mm] (Hand3 section 3.2, in closed form).
-#[allow(clippy::disallowed_methods, reason = "the independent formula")]
-fn center([swing, bend, curl]: [f32; 3]) -> [f32; 3] {
-    let r = 46.0 * bend.sin() + 51.78 * (bend + curl).sin();
-    [r * swing.cos(), r * swing.sin(), 39.0 + 46.0 * bend.cos() + 51.78 * (bend + curl).cos()]
-}
+/// Joint angles before a motion of the object, and their changes after it, from `tests/oracles/accumulated_targets.py`
+/// (SciPy: the integral of equation (25) with `D_F`, `J_F` and `D_o` by difference quotients).
+#[allow(clippy::excessive_precision, reason = "written by a script")]
+const ACCUMULATED: [[f32; 9]; 2] = include!("../../../../tests/oracles/data/accumulated_targets.in");
 
-/// The sum of the joints' changes moves the tips, which are points here, as far as the object: 2, 1 and 3 mm.
+/// The sum of the joints' changes moves the points of contact, 8 mm from the centers of the tips, with an object that is
+/// shifted and turned.
 #[test]
 #[allow(clippy::disallowed_methods, reason = "the independent formula")]
-fn accumulated_joint_targets_move_the_tips_with_the_object() {
-    let mut model = hand();
-    model.chains.iter_mut().for_each(|chain| chain.tip_radius = 0.0);
-    let mut bench = untared_hand();
-    assert_eq!(bench.push(&model), Reply::Done);
-    bench.tick();
-    assert_eq!(bench.ask(Request::Tare), Reply::Done);
+fn accumulated_joint_targets_move_the_contacts_with_the_object() {
+    let mut bench = tared_hand();
     assert_eq!(bench.ask(GRASP), Reply::Done);
     bench.tick();
-    // Without the 8 mm of the tips.
-    let mut contacts = in_front().contacts;
-    contacts.iter_mut().for_each(|contact| contact.position[0] -= 0.008 * contact.normal[0]);
     let plan = GraspPlan {
-        contacts,
         internal: InternalForce::Normal { strength: 1.0 },
         feedback: false,
         object_frame: ObjectFrame::Triangle,
@@ -327,19 +317,18 @@ fn accumulated_joint_targets_move_the_tips_with_the_object() {
         }
     }
     assert_eq!(seen(&mut bench).phase, Phase::Hold);
-    let fingers = |bench: &Bench| {
-        let angle = |joint: usize| bench.node.state.references[joint].position;
-        [0, 3, 6].map(|first| center([angle(first), angle(first + 1), angle(first + 2)]))
-    };
-    let before = fingers(&bench);
-    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0; 3]);
+    let angles =
+        |bench: &Bench| [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|joint| bench.node.state.references[joint].position);
+    let before = angles(&bench);
+    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.06, 0.03]);
     assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
     run(&mut bench, 110);
-    for (before, after) in before.into_iter().zip(fingers(&bench)) {
-        for axis in 0..3 {
-            let moved = after[axis] - before[axis];
-            assert!((moved - 1e3 * translation[axis]).abs() < 0.03, "{axis}: {moved} mm");
-        }
+    let [start, changes] = ACCUMULATED;
+    for (joint, (before, after)) in before.into_iter().zip(angles(&bench)).enumerate() {
+        assert!((before - start[joint]).abs() < 2e-3, "{joint}: begins at {before}, not {}", start[joint]);
+        let moved = after - before;
+        // Tips that were points, or closed-form targets, would be off by up to 0.15 rad.
+        assert!((moved - changes[joint]).abs() < 3e-3, "{joint}: {moved}, not {}", changes[joint]);
     }
 }
 
