@@ -259,7 +259,8 @@ mod tests {
                 let trace = follow(setting, &mut rig, Machine::Matched, law, Path::Direct, damping).unwrap();
                 let errors = Errors::of(&trace, &experiment);
                 let found = errors.reversals;
-                assert!((found - expected).abs() < 0.8, "B {damping}: {found} mm, not {expected}");
+                // 1 mm of the hand's 100: friction, and what sampling and estimation of the velocity delay.
+                assert!((found - expected).abs() < 1.0, "B {damping}: {found} mm, not {expected}");
                 // The friction of the machine, 0.1 N at the tool over 300 N/m, and the master's errors.
                 assert!(errors.rest < 0.7, "B {damping}: {} mm at rest", errors.rest);
             }

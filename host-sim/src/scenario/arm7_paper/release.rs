@@ -132,7 +132,7 @@ mod tests {
     const PRINTED: &[[f64; 3]] = include!("../../../../tests/oracles/data/printed_arm.in");
 
     /// With little friction the printed law overshoots as a held acceleration does, which is more than the impedance would:
-    /// 17.06 mm at B 7.5, which is 30 mm·exp(−πζ/√(1 − ζ²)) with ζ = 0.1768.
+    /// at B 7.5 exp(−πζ/√(1 − ζ²)) = 0.5688 of the displacement, with ζ = 0.1768.
     #[test]
     fn the_printed_law_overshoots_by_what_holding_its_acceleration_adds() {
         with_setting("arm7", 3, &["paper"], |setting| {
@@ -149,12 +149,16 @@ mod tests {
                     observed: 1.0,
                 };
                 let release = release(setting, &mut rig, &trial, 0).unwrap();
+                // What holds the tool yields a little.
+                let start = 1e3 * release.curves()[1][0];
+                let expected = expected * start / 30.0;
+                assert!((start - 30.0).abs() < 1.0, "{start}");
                 let releases = Releases { law: &laws[0], damping, releases: vec![release] };
                 let [overshoot, theory] = releases.overshoot().unwrap();
-                // Friction of 0.1 N at the tool takes 0.2 to 0.4 mm.
-                assert!((overshoot - expected).abs() < 0.6, "B {damping}: {overshoot} mm, not {expected}");
+                // Friction of 0.1 N at the tool is 0.3 mm.
+                assert!((overshoot - expected).abs() < 0.5, "B {damping}: {overshoot} mm, not {expected}");
                 if damping > 7.0 {
-                    assert!((theory - 17.06).abs() < 0.1, "{theory}");
+                    assert!((theory - 0.5688 * start).abs() < 0.05, "{theory}");
                 }
             }
         });

@@ -45,8 +45,12 @@ pub(super) fn run(
         angles = angles.line(Line::dashed("reference", Line::INK, log.time.clone(), log.reference));
         let mut panel = Panel::new(format!("{}: errors", law.name), "error", "mrad");
         for (joint, values) in log.errors.into_iter().enumerate() {
-            panel =
-                panel.line(Line::solid(format!("joint {}", joint + 1), joint % 3, log.time.clone(), values));
+            // A colour for the same joint of all fingers.
+            let name = match joint {
+                0..3 => format!("joints {}, {}, {}", joint + 1, joint + 4, joint + 7),
+                _ => String::new(),
+            };
+            panel = panel.line(Line::solid(name, joint % 3, log.time.clone(), values));
         }
         figure = figure.panel(angles).panel(panel);
     }
