@@ -121,7 +121,7 @@ fn experiments_have_the_values_that_the_paper_does_not_state_unless_the_law_does
         (bilateral.delays, bilateral.wall.stiffness, bilateral.wall.damping),
         (vec![0.1], 500.0, 20.0)
     );
-    assert_eq!(own.push.forces[2], [0.0, 0.0, 3.0]);
+    assert_eq!(own.push.forces.get(2), Some(&[0.0, 0.0, 3.0]));
 }
 
 #[test]
@@ -133,6 +133,13 @@ fn what_is_wrong_with_an_experiment_is_said_with_line_and_key() {
             "[bilateral]",
             "wall",
             "bilateral.wall.stiffness is 1 N/m; the range is 10 to 100000 N/m",
+        ),
+        (
+            "force = [0.0, 2.0,",
+            "force = [0.0, nan,",
+            "[bilateral]",
+            "push",
+            "bilateral.push.force is NaN N; the range is -30 to 30 N",
         ),
         (
             "point = [0.1,",

@@ -103,7 +103,7 @@ fn a_curve_over_a_gain_needs_the_control_that_has_it() {
     let ObjectControl::Wrench(gains) = paper.motion.law.with_integral(500.0).unwrap().control else {
         panic!()
     };
-    assert_eq!(gains.position, [1000.0, 500.0]);
+    assert_eq!((gains.position, gains.damping), ([1000.0, 500.0], 0.05));
 }
 
 #[test]

@@ -377,8 +377,7 @@ impl PushExperiment {
             let message = format!("push.forces has {count} values; possible are 1 to {MAX_VALUES}");
             return Some(Wrong::new("push.forces", message));
         }
-        let mut parts = self.forces.iter().flatten();
-        parts.find_map(|&part| Wrong::outside("push.forces", part, [-MAX_FORCE, MAX_FORCE], "N"))
+        Wrong::any_outside("push.forces", self.forces.iter().flatten(), [-MAX_FORCE, MAX_FORCE], "N")
     }
 }
 
@@ -455,7 +454,6 @@ impl ArmLaw {
             return Some(Wrong::new("bilateral.coupling", message));
         }
         let BilateralExperiment { delays, stroke, wall, push, noise, .. } = experiment;
-        let [x, y, z] = push.force;
         let ranges = [
             ("bilateral.stroke.shift", stroke.shift, [1e-3, 0.12], "m"),
             ("bilateral.stroke.turn", stroke.turn.abs(), [0.0, 0.5], "rad"),
@@ -464,20 +462,17 @@ impl ArmLaw {
             ("bilateral.wall.clearance", wall.clearance, [0.0, 0.2], "m"),
             ("bilateral.wall.stiffness", wall.stiffness, [10.0, 1e5], "N/m"),
             ("bilateral.wall.damping", wall.damping, [0.0, 1e3], "N·s/m"),
-            ("bilateral.push.force", x.abs().max(y.abs()).max(z.abs()), [0.0, MAX_FORCE], "N"),
             ("bilateral.push.ramp", push.ramp, [0.0, MAX_TIME], "s"),
             ("bilateral.push.time", push.time, [0.5, MAX_TIME], "s"),
             ("bilateral.noise.force", noise.force, [0.0, 10.0], "N"),
             ("bilateral.noise.torque", noise.torque, [0.0, 1.0], "N·m"),
         ];
-        let mut outside = ranges
-            .into_iter()
-            .filter_map(|(key, value, range, unit)| Wrong::outside(key, value, range, unit));
-        if let Some(wrong) = outside.next() {
+        let outside =
+            ranges.into_iter().find_map(|(key, value, range, unit)| Wrong::outside(key, value, range, unit));
+        let force = || Wrong::any_outside("bilateral.push.force", &push.force, [-MAX_FORCE, MAX_FORCE], "N");
+        let point = || Wrong::any_outside("bilateral.push.point", &push.point, [-0.5, 0.5], "m");
+        if let Some(wrong) = outside.or_else(force).or_else(point) {
             return Some(wrong);
-        }
-        if let Some(part) = push.point.iter().find(|part| !(part.abs() <= 0.5)) {
-            return Wrong::outside("bilateral.push.point", *part, [-0.5, 0.5], "m");
         }
         let is_possible = (1..=MAX_VALUES).contains(&delays.len())
             && delays.iter().all(|delay| (0.0..=0.1).contains(delay));
