@@ -195,6 +195,12 @@ fn matrices_that_are_not_symmetric_or_not_positive_definite_are_named() {
         let told: Vec<String> = findings.iter().map(ToString::to_string).collect();
         assert!(law.is_none() && told[0].starts_with(&format!("own.toml:{line}: {said}")), "{to}: {told:?}");
     }
+    let released = format!("{text}\n[release]\ndisplacement = 0.03\ndamping = [50.0]\n");
+    let (law, findings) = check(Path::new("own.toml"), &released, &model());
+    let line = 1 + released.lines().position(|line| line == "[release]").unwrap();
+    let told: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    let expected = format!("own.toml:{line}: release: its theory is that of a single axis");
+    assert!(law.is_none() && told[0].starts_with(&expected), "{told:?}");
     // It has none of the experiments of the figures.
     let law = check(Path::new("own.toml"), &text, &model()).0.unwrap();
     assert!(law.release.is_none() && law.follow.is_none() && law.elbow.is_none() && law.bilateral.is_none());

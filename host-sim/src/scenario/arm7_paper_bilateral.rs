@@ -33,9 +33,9 @@ pub(super) const SCENARIO: Scenario = Scenario {
          sum of the measured wrenches of operator and environment. The paper's \
          slave runs as printed; the same impedances with our slave run beside it. Ours reflects the force of the slave's \
          spring, without torques, and keeps the link passive.",
-        "The operator moves the handle by 5 cm within 0.8 s and intends to stay; under the matched law the hand also \
-         turns by 0.15 rad about z. A wall of 2000 N/m stands in the way after 2 cm. Then a push acts on the slave's tool \
-         10 cm beside its origin. M 3.5 kg, B 60 N·s/m, K 300 N/m; the slave differs from the controller's model by up to \
+        "In robots/arm7/laws the operator moves the handle by 5 cm within 0.8 s and intends to stay; under the matched \
+         law the hand also turns by 0.15 rad about z. A wall of 2000 N/m stands in the way after 2 cm. Then a push acts \
+         on the slave's tool 10 cm beside its origin. M 3.5 kg, B 60 N·s/m, K 300 N/m; the slave differs from the controller's model by up to \
          20 %; the link delays each direction by 0, 20 or 50 ms. The handle's force sensor has a noise of 0.1 N and 5 \
          mN·m.",
     ],

@@ -52,6 +52,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
+use tesaki::control::{Impedance, ImpedanceAxes};
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::MatchedImpedance;
@@ -436,7 +437,23 @@ impl ArmLaw {
             .filter_map(|(key, value, range, unit)| Wrong::outside(key, value, range, unit));
         let dampings =
             dampings.into_iter().filter_map(|(key, values)| self.wrong_damping(key, values, model));
-        ranges.chain(dampings).chain(push.wrong_forces()).chain(self.wrong_bilateral(model)).collect()
+        ranges
+            .chain(dampings)
+            .chain(self.wrong_release())
+            .chain(push.wrong_forces())
+            .chain(self.wrong_bilateral(model))
+            .collect()
+    }
+
+    /// That the release is none of this impedance, if it is.
+    fn wrong_release(&self) -> Option<Wrong> {
+        let Impedance { axes, coupling, .. } = self.settings.impedance;
+        let is_simple = axes == ImpedanceAxes::Base && coupling.is_none();
+        (self.release.is_some() && !is_simple).then(|| {
+            let message = "release: its theory is that of a single axis: leave it out, or give matrices in the axes of the \
+                           base without coupling";
+            Wrong::new("release", message)
+        })
     }
 
     /// What is wrong with the bilateral experiment, if there is one.
