@@ -3,6 +3,7 @@ use tesaki_rng::Rng;
 
 use crate::kinematics::tests::chain_of;
 use crate::kinematics::{FingertipTarget, FingertipTargets, HandOptions};
+use crate::model::Coupling;
 use crate::test_support::{HAND5_LIMITS, hand5};
 
 type Posture5 = ([f64; 16], [[f64; 3]; 5]);
