@@ -79,7 +79,7 @@ pub struct HandOptions {
 
 impl Default for HandOptions {
     fn default() -> Self {
-        Self { tolerance: 1e-5, iterations: 12, restarts: 30, evaluations: u16::MAX }
+        Self { tolerance: 1e-5, iterations: 12, restarts: 120, evaluations: u16::MAX }
     }
 }
 
