@@ -17,9 +17,18 @@ def tip(row, finger):
     return [float(value) for value in values] if all(values) else None
 
 
-begin = time.monotonic()
-with open(sys.argv[1]) as table:
-    for row in csv.DictReader(table):
-        seconds = float(row["time"])
-        time.sleep(max(0.0, begin + seconds - time.monotonic()))
-        print(json.dumps({"time": seconds, "tips": {finger: tip(row, finger) for finger in FINGERS}}), flush=True)
+def main():
+    begin = time.monotonic()
+    with open(sys.argv[1]) as table:
+        for row in csv.DictReader(table):
+            seconds = float(row["time"])
+            time.sleep(max(0.0, begin + seconds - time.monotonic()))
+            frame = {"time": seconds, "tips": {finger: tip(row, finger) for finger in FINGERS}}
+            print(json.dumps(frame), flush=True)
+
+
+try:
+    main()
+except (BrokenPipeError, KeyboardInterrupt):
+    # Who listened has gone: nothing is left to be flushed.
+    sys.stdout = None
