@@ -244,9 +244,9 @@ mod tests {
     #[test]
     fn all_combinations_of_limits_are_looked_at() {
         let corners = |joints: usize| {
-            let limits = vec![(0.0, 1.0); joints];
+            let limits = vec![(-1.0, 1.0); joints];
             let mut corners: Vec<_> = postures(&limits)
-                .filter(|q| q.iter().all(|q| *q == 0.0 || *q == 1.0))
+                .filter(|q| q.iter().all(|q| q.abs() >= 1.0))
                 .map(|q| format!("{q:?}"))
                 .collect();
             corners.sort();

@@ -269,36 +269,50 @@ impl Urdf {
                     format!("{other:?}").to_lowercase()
                 ))),
             },
-            Err(Some((last, unknown))) => {
-                Err(refused(format!("joint {last} mimics {unknown:?}, which does not exist")))
+            Err(NoLeader::Unknown { joint, mimicked }) => {
+                Err(refused(format!("joint {joint} mimics {mimicked:?}, which does not exist")))
             }
-            Err(None) => Err(refused(format!("joint {} mimics itself", joint.name))),
+            Err(NoLeader::NotFound) => Err(refused(format!("joint {} mimics itself", joint.name))),
         }
     }
+}
+
+/// Why a joint follows no leader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoLeader<'a> {
+    /// A joint on the way mimics one that does not exist.
+    Unknown {
+        /// The joint.
+        joint: &'a str,
+        /// The name of what it mimics.
+        mimicked: &'a str,
+    },
+    /// None is on the way, which may be a circle.
+    NotFound,
 }
 
 /// The first of `joint`, the joint that it mimics, the one that this mimics, and so on, that `is_leader`; the angle of
 /// `joint` is the returned factor times the leader's plus the returned offset.
 ///
 /// # Errors
-/// There is none: the last joint, and the name of one that does not exist which it mimics; or `None`.
+/// There is none.
 pub fn followed<'a>(
     robot: &'a urdf_rs::Robot,
     joint: &'a Joint,
     is_leader: impl Fn(&Joint) -> bool,
-) -> Result<(&'a Joint, f64, f64), Option<(&'a str, &'a str)>> {
+) -> Result<(&'a Joint, f64, f64), NoLeader<'a>> {
     let (mut here, mut multiplier, mut offset) = (joint, 1.0, 0.0);
     for _ in &robot.joints {
         if is_leader(here) {
             return Ok((here, multiplier, offset));
         }
-        let mimic = here.mimic.as_ref().ok_or(None)?;
+        let mimic = here.mimic.as_ref().ok_or(NoLeader::NotFound)?;
         offset += multiplier * mimic.offset.unwrap_or(0.0);
         multiplier *= mimic.multiplier.unwrap_or(1.0);
         let next = robot.joints.iter().find(|known| known.name == mimic.joint);
-        here = next.ok_or(Some((here.name.as_str(), mimic.joint.as_str())))?;
+        here = next.ok_or(NoLeader::Unknown { joint: &here.name, mimicked: &mimic.joint })?;
     }
-    Err(None)
+    Err(NoLeader::NotFound)
 }
 
 fn limits(joint: &Joint) -> Option<(f32, f32)> {
