@@ -195,7 +195,8 @@ const GLOVE: &[Row] = &[
         "five fingers: index finger, mean error of the length",
     ),
     row("hand5-teleop", "all_index_length_deviation", "its standard deviation"),
-    row("hand5-teleop", "all_speed", "largest speed of a joint, of its limit"),
+    row("hand5-teleop", "two_speed", "thumb and index finger: largest speed of a joint, of its limit"),
+    row("hand5-teleop", "all_speed", "five fingers, the same"),
 ];
 
 const README: &[Row] = &[
