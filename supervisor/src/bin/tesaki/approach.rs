@@ -22,7 +22,7 @@ use crate::failure::Failure;
 use crate::motion::{End, Motion, News, PERIOD};
 use crate::output;
 use crate::sight::{Answer, Search, Sight};
-use poses::{MEMORY, Poses};
+use poses::Poses;
 use vision::{Line, Vision};
 
 /// Period of the decisions.
@@ -154,9 +154,6 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
                     self.approach.look(&pose, circle.as_ref());
                 }
             }
-            (Some(_), None) if sight.age > MEMORY.as_secs_f64() => self
-                .vision
-                .reject(line, format!("age {} s: where the hand was then is not known any more", sight.age)),
             // Before the first telemetry, or while it is late, a picture is of no use; it is none that is wrong.
             (Some(_), None) => {}
         }
