@@ -182,8 +182,11 @@ fn grips_although_vision_is_killed_on_the_way(door: u64) -> bool {
     std::thread::sleep(Duration::from_millis(400));
     let mut look = scene.look();
     let Some(outcome) = approach.grips() else {
-        let _ = look.kill();
-        let _ = (look.wait(), approach.finish());
+        // It goes on holding where it is.
+        for program in [&mut look, &mut approach.child] {
+            let _ = program.kill();
+            let _ = program.wait();
+        }
         return false;
     };
     assert!(outcome["bad"] == 0, "{outcome}");
@@ -237,12 +240,11 @@ fn the_next_one_grips(door: u64) -> bool {
     let is_gripped = second.grips().is_some();
     let _ = look.kill();
     let _ = look.wait();
-    if !is_gripped {
-        let _ = second.finish();
-        return false;
-    }
     let _ = second.child.kill();
     let _ = second.child.wait();
+    if !is_gripped {
+        return false;
+    }
     scene.assert_gripped();
     true
 }
