@@ -13,7 +13,7 @@ use super::common::{T, capitalized, clear_faults, require_duration};
 use super::unilateral::{Operator, Slave};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::LinkValues;
-use crate::report::{Line, Metric, Summary};
+use crate::report::{Figure, Line, Metric, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-paper",
@@ -128,6 +128,43 @@ impl NamedLaw {
     }
 }
 
+/// Runs `trial` under every law on every machine; `figures` draws those on one machine.
+pub(super) fn compare<'a, T>(
+    setting: &mut Setting<'_, '_>,
+    scenario: &Scenario,
+    mut rig: ArmRig,
+    laws: &'a [NamedLaw],
+    trial: impl Fn(
+        &mut Setting<'_, '_>,
+        &mut ArmRig,
+        &'a NamedLaw,
+        Machine,
+        &str,
+    ) -> Result<Recorded<T>, ScenarioError>,
+    add_metrics: impl Fn(&mut Summary, &T, &str, &str),
+    draw: impl Fn(&[T], &str) -> Vec<Figure>,
+) -> Result<Outcome, ScenarioError> {
+    let mut summary = Summary::new(scenario.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for (key, name, machine) in MACHINES {
+        let mut traces = Vec::new();
+        for law in laws {
+            let trial = trial(setting, &mut rig, law, machine, name);
+            let Some((trace, table)) = law.survives(setting, trial)? else { continue };
+            add_metrics(&mut summary, &trace, key, name);
+            tables.push((format!("{key}_{}.csv", law.key), table));
+            traces.push(trace);
+        }
+        figures.extend(draw(&traces, name));
+    }
+    laws.iter().for_each(|law| law.add_faults(&mut summary));
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
+}
+
+/// What a trial leaves, and its table as CSV.
+pub(super) type Recorded<T> = (T, String);
+
 /// A link as a law says.
 pub(super) const fn link(table: &LinkTable) -> LinkValues {
     let LinkTable { delay, jitter, loss } = *table;
@@ -138,6 +175,11 @@ pub(super) const fn link(table: &LinkTable) -> LinkValues {
 fn damping_key(damping: f32) -> String {
     format!("b{damping}").replace('.', "_")
 }
+
+/// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py`: a mass with the
+/// acceleration of step 3, held for a period, released, and after the samples of a master.
+#[cfg(test)]
+const PRINTED: &[[f64; 3]] = include!("../../../tests/oracles/data/printed_arm.in");
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
