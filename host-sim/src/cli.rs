@@ -89,7 +89,7 @@ struct Serve {
     /// Radius of the rose of that door [m]; default: 0.035 to 0.045, by the seed
     #[arg(long, value_name = "RADIUS", requires = "door", allow_negative_numbers = true)]
     rose: Option<f64>,
-    /// Address for programs that want the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
+    /// Address for programs that receive the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
     /// socket
     #[arg(
         long, value_name = "ADDRESS", requires = "door", value_parser = tesaki_supervisor::port::Address::socket
