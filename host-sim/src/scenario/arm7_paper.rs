@@ -12,6 +12,7 @@ use super::arm::{ArmRig, ArmTrial, Machine};
 use super::common::{T, capitalized, clear_faults, require_duration};
 use super::unilateral::{Operator, Slave};
 use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::law::tell_apart;
 use crate::operator::LinkValues;
 use crate::report::{Figure, Line, Metric, Summary};
 
@@ -66,7 +67,10 @@ impl NamedLaw {
             let (key, colour) = (file.name.replace('-', "_"), colour % Line::INK);
             Ok(Self { key, colour, law, faults: Cell::new(0) })
         });
-        laws.collect()
+        let mut laws = laws.collect::<Result<Vec<Self>, ScenarioError>>()?;
+        let titles = laws.iter_mut().map(|law| &mut law.law.title);
+        tell_apart(setting.laws.iter().map(|file| file.name.as_str()).zip(titles));
+        Ok(laws)
     }
 
     /// A section of the law, which this scenario runs.
