@@ -9,7 +9,7 @@ use super::rig::{Rig, distance, natives};
 /// Ticks from the one in which a contact begins to slide under a sudden weight to the ones in which the
 /// requested grip and the true one are a tenth firmer, and how far contacts slid [m].
 fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
-    // What rubbing would find without any error.
+    // What the friction probe would find without any error.
     rig.plan.friction = Some(rig.box_now().friction as f32);
     rig.grasp();
     rig.go(0.01, 0.0);
